@@ -1,15 +1,23 @@
 #!/usr/bin/env bash
-# What nobody could measure without a card: the tests that need one, then bonsai_30k trained by both models beside the
-# official run, and a table of it. About 40 minutes; $SPLATWIRE_DATA has the photos and the official figures.
+# Measurements that need a GPU: its tests, the speed of an iteration, then bonsai_30k trained by both models beside the
+# official run, and a table of it. About 45 minutes; $SPLATWIRE_DATA has the photos and the official figures.
 #
-#     pip install -e '.[gpu]' --group dev      # torch must be a CUDA build
-#     benchmarks/gpu.sh [FOLDER]               # logs and results; out_gpu if absent
-#     benchmarks/gpu.sh --dry-run [FOLDER]     # every part on the CPU, at a size that takes two minutes
+#     pip install -e '.[gpu]' --group dev           # torch must be a CUDA build
+#     benchmarks/gpu.sh [FOLDER]                    # logs and results; out_gpu if absent
+#     benchmarks/gpu.sh --short [FOLDER]            # about 12 minutes: speed, and the causal model as long as fits
+#     benchmarks/gpu.sh --dry-run [--short] [FOLDER]   # every part on the CPU, at a size that takes minutes
 set -euo pipefail
 
-device=cuda run=bonsai_30k more=() minutes=17
+device=cuda run=bonsai_30k scene=bonsai more=() minutes=17 models=(hacpp causal)
+speed=(--anchors 270000)
 if [ "${1:-}" = --dry-run ]; then
-    device=cpu run=snowmiku_small_2400 more=(--iterations 200 --threads 1) minutes=30
+    device=cpu run=snowmiku_small_2400 scene=snowmiku_small more=(--iterations 200 --threads 1) minutes=30
+    speed=(--anchors 3000 --warm 2 --iterations 4 --profile 2)
+    shift
+fi
+if [ "${1:-}" = --short ]; then
+    models=(causal) minutes=8
+    [ "$device" = cpu ] || more=(--fit 7 --threads 8)
     shift
 fi
 folder=$(realpath -m "${1:-out_gpu}")
@@ -21,11 +29,16 @@ mkdir -p "$folder"
 passed=0
 python -m pytest -q -rs tests/parity/test_gsplat.py tests/render/test_gsplat_backend.py tests/train/test_gpu.py \
     2>&1 | tee "$folder/tests.log" || passed=$?
-for model in hacpp causal; do
+python benchmarks/gpu_speed.py --data "${SPLATWIRE_DATA:-../shared/data}" --scene "$scene" --device "$device" \
+    "${speed[@]}" --code --json "$folder/speed.json" >"$folder/speed.log"
+results=()
+for model in "${models[@]}"; do
     python benchmarks/train.py --run "$run" --device "$device" --model "$model" --minutes "$minutes" "${more[@]}" \
-        --output "$folder/$model.scene" --json "$folder/$model.json" >"$folder/$model.log"
+        --speed "$folder/speed.json" --output "$folder/$model.scene" --json "$folder/$model.json" >"$folder/$model.log"
+    results+=("$folder/$model.json")
 done
 echo
 tail -n 1 "$folder/tests.log"
-python benchmarks/train.py --table "$folder/hacpp.json" "$folder/causal.json"
+grep -E '"(anchors|its_per_s|launches|host_copies)"' "$folder/speed.json"
+python benchmarks/train.py --table "${results[@]}"
 exit "$passed"

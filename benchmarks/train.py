@@ -12,6 +12,7 @@ all of it, `--table` shows what it left:
 
     python benchmarks/train.py --run bonsai_30k --device cuda --until 12000
     python benchmarks/train.py --run bonsai_30k --device cuda --model causal --minutes 16
+    python benchmarks/train.py --run bonsai_30k --device cuda --model causal --fit 7 --speed speed.json
     python benchmarks/train.py --table FOLDER/*.json
 """
 
@@ -31,6 +32,7 @@ from splatwire.cli.train import check_device
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.data import Dataset, open_dataset
 from splatwire.model.scene_file import save_scene
+from splatwire.packets import SceneStream, stream_to_bytes
 from splatwire.train import Listener, Progress, RunOptions, TrainResult, create_config, train_scene
 from splatwire.train.presets import HACPP, MODELS
 from splatwire.train.quality import assess_scene
@@ -126,7 +128,9 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--until", type=int, help="stop after so many iterations of the schedule: the speed alone")
     parser.add_argument("--model", choices=MODELS, default="hacpp")
     parser.add_argument("--minutes", type=float, help="stop after so many minutes, however far the schedule is")
-    parser.add_argument("--output", type=Path, help="scene file to write")
+    parser.add_argument("--fit", type=float, help="shorten the run so that it takes about so many minutes")
+    parser.add_argument("--speed", type=Path, help="result of gpu_speed.py, which --fit is computed from")
+    parser.add_argument("--output", type=Path, help="scene file or stream (.swz), written even if the run is stopped")
     parser.add_argument("--json", type=Path, help="file for the summary as well")
     parser.add_argument("--table", type=Path, nargs="+", help="such files: print them as a table, train nothing")
     return parser.parse_args()
@@ -143,6 +147,8 @@ def main() -> None:
     scene_name, iterations, voxel_size = RUNS[arguments.run]
     official = json.loads((arguments.data / "hacpp" / arguments.run / "metrics.json").read_text())
     length = arguments.iterations or iterations
+    if arguments.fit:
+        length = min(length, fitting(json.loads(arguments.speed.read_text())["its_per_s"], arguments.fit))
     aim: dict[str, Any] = {"lmbda": 0.004} if arguments.model == HACPP else {"size": official[TOTAL] // 2}
     config = create_config(model=arguments.model, iterations=length, voxel_size=voxel_size, **aim)
     folder = arguments.data / "scenes" / scene_name
@@ -162,23 +168,37 @@ def main() -> None:
         "official_gpu": official.get("gpu"), "speed": speed(marks.rows, official["marks"]), "marks": marks.rows,
         "official_marks": official["marks"],
     }  # fmt: skip
-    if not result.stopped:
-        if arguments.output:
+    summary |= {"stopped": result.stopped, "iterations_done": result.state.iteration}
+    write(summary, arguments.json)
+    if arguments.output or not result.stopped:
+        stream = encode_scene(result.scene)
+        if arguments.output and arguments.output.suffix == ".swz":
+            arguments.output.write_bytes(stream_to_bytes(stream))
+        elif arguments.output:
             save_scene(result.scene, arguments.output)
-        summary |= quality(result, test, official)
-    text = json.dumps(summary, indent=1)
-    print(text)
-    if arguments.json:
-        arguments.json.write_text(text + "\n")
+        summary |= quality(result, stream, test, official, "cpu" if arguments.device == "cpu" else "gsplat")
+        write(summary, arguments.json)
+    print(json.dumps(summary, indent=1))
 
 
-def quality(result: TrainResult, test: Dataset, official: dict[str, Any]) -> dict[str, Any]:
-    """PSNR and bytes of a finished run, beside the official ones."""
-    stream = encode_scene(result.scene)
-    decoded = assess_scene(decode_stream(stream).scene, test, test.num_views, result.state.iteration)
-    assert result.test is not None
+def fitting(its_per_s: float, minutes: float) -> int:
+    """Iterations of a run that takes some minutes, if all were as slow as those with all anchors and entropy terms."""
+    return round(60 * minutes * its_per_s)
+
+
+def write(summary: dict[str, Any], path: Path | None) -> None:
+    """Writes what is known so far."""
+    if path:
+        path.write_text(json.dumps(summary, indent=1) + "\n")
+
+
+def quality(
+    result: TrainResult, stream: SceneStream, test: Dataset, official: dict[str, Any], renderer: str
+) -> dict[str, Any]:
+    """PSNR and bytes of what a run left, beside the official ones; decoded pictures are drawn by `renderer`."""
+    decoded = assess_scene(decode_stream(stream).scene, test, test.num_views, result.state.iteration, renderer)
     return {
-        "test_psnr": result.test.psnr,
+        "test_psnr": result.test.psnr if result.test else None,
         "decoded_psnr": decoded.psnr,
         "decoded_ssim": decoded.ssim,
         "official_psnr": official["test_after_psnr"],

@@ -26,12 +26,16 @@ def rasterization(
     packed: bool,
     backgrounds: torch.Tensor,
 ) -> tuple[torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
-    """Pictures, nothing for their alpha, and 2D centres: pixels whose centres are at a half, part of the graph."""
+    """Pictures, nothing for their alpha, and 2D centres: pixels whose centres are at a half, part of the graph.
+
+    As gsplat does, normalises quaternions.
+    """
     assert (near_plane, eps2d, tile_size, packed) == (NEAR_DEPTH, DILATION, TILE, False)
     assert len({t.device for t in (means, quats, scales, opacities, colors, viewmats, Ks, backgrounds)}) == 1
     assert all(t.dtype == torch.float32 for t in (means, quats, scales, opacities, colors, viewmats, Ks, backgrounds))
     assert means.shape[0] > 0
     cameras = Cameras(viewmats, Ks, width, height, tuple(str(view) for view in range(len(viewmats))))
+    quats = torch.nn.functional.normalize(quats, dim=1)
     flat = [project(means, scales, rotation_matrices(quats), cameras, view) for view in range(len(viewmats))]
     centers = torch.stack([view.means2d + 0.5 for view in flat])
     images = [

@@ -7,6 +7,7 @@ import torch
 
 from conceal.gaps import changed
 from paper.smooth_field import smooth_field
+from pretend_device import DEVICE, pretend_device
 from scenes import tiny_cameras, tiny_scene
 from splatwire.calibrate.pseudo_loss import calibration_data, pseudo_loss
 from splatwire.codec import decode_stream, encode_scene
@@ -71,6 +72,24 @@ def test_a_network_sees_nothing_of_what_is_lost(data) -> None:
     partial = data.complete.without(known)
     assert not partial.scene.anchors.features[~known].any()
     assert bool(known[build_graph(partial, SETTINGS).index].all())
+
+
+def test_a_device_meets_no_tensor_of_the_cpu(data) -> None:
+    with pretend_device():
+        result = calibrate(data, CONFIG, device=str(DEVICE))
+    expected = calibrate(data, CONFIG)
+    assert result.iterations == CONFIG.iterations
+    for name, value in expected.weights.network.state_dict().items():
+        found = result.weights.network.state_dict()[name]
+        assert found.device.type == "cpu"
+        torch.testing.assert_close(found, value, atol=1e-4, rtol=1e-3)
+    assert result.errors == pytest.approx(expected.errors, rel=1e-3)
+
+
+def test_pictures_are_compared_on_the_cpu_only(data) -> None:
+    config = dataclasses.replace(CONFIG, losses=LossWeights(render=0.1))
+    with pytest.raises(InvalidValueError, match="rendering loss is computed on the CPU, not on cuda"):
+        calibrate(data, config, device="cuda")
 
 
 def test_calibration_is_repeatable_and_resumable(data, tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ def test_agrees_with_torch(magnitude: float) -> None:
     memory = [Moments(torch.zeros_like(start), torch.zeros_like(start)) for _ in range(2)]
     for _ in range(5):
         gradient = torch.randn(start.shape, generator=rng) * magnitude
-        adam_update(own, gradient, memory[0], 0.01)
-        adam_update_plain(reference, gradient, memory[1], 0.01)
+        adam_update([(own, gradient, memory[0], 0.01)])
+        adam_update_plain([(reference, gradient, memory[1], 0.01)])
         theirs.grad = gradient
         optimizer.step()
     torch.testing.assert_close(own, theirs.detach(), atol=2e-6, rtol=1e-5)

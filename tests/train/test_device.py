@@ -9,12 +9,13 @@ import torch
 
 import fake_gsplat
 from pretend_device import DEVICE, PretendTensor, pretend_device
+from scenes import SMALL_CAUSAL
 from splatwire.data import Dataset
 from splatwire.render.gsplat_backend import GsplatRenderer
 from splatwire.train import Listener, Progress, RunOptions, load_checkpoint, train_scene
 from splatwire.train.config import Marks, TrainConfig
 from splatwire.train.initial import initial_state
-from splatwire.train.kernels import COMPILED, Kernels, plain_kernels, uniform_from_host
+from splatwire.train.kernels import COMPILED, HOST_RANDOMNESS, Kernels, plain_kernels
 from splatwire.train.losses import prepare_photo
 from splatwire.train.photos import PhotoStore
 from splatwire.train.plain import prepare_photo_plain
@@ -33,7 +34,7 @@ def gsplat(monkeypatch: pytest.MonkeyPatch) -> GsplatRenderer:
 @pytest.fixture
 def plain(gsplat: GsplatRenderer) -> Kernels:
     """What a GPU uses, with the noise of the CPU so that runs can be compared."""
-    return plain_kernels(gsplat.draw, uniform_from_host)
+    return plain_kernels(gsplat.draw, HOST_RANDOMNESS)
 
 
 def _run(state: TrainState, dataset: Dataset, config: TrainConfig, kernels: Kernels, count: int) -> list[StepReport]:
@@ -71,9 +72,11 @@ def _gradients(state: TrainState) -> dict[str, torch.Tensor]:
 
 
 @pytest.mark.parametrize("iterations", [3, 25, 45])  # pictures only; fixed noise; adaptive noise and rate
+@pytest.mark.parametrize("model", ["hacpp", "causal"])
 def test_an_iteration_is_that_of_the_compiled_kernels(
-    iterations: int, dataset: Dataset, config: TrainConfig, plain: Kernels
+    model: str, iterations: int, dataset: Dataset, config: TrainConfig, plain: Kernels
 ) -> None:
+    config = config if model == "hacpp" else dataclasses.replace(config, model=SMALL_CAUSAL, mask_threshold=0.1)
     state = initial_state(dataset, config)
     _run(state, dataset, config, COMPILED, iterations)
     other = _copy(state)
@@ -109,7 +112,7 @@ def test_anchors_grow_as_with_the_compiled_kernels(dataset: Dataset, config: Tra
 def test_a_whole_run_never_meets_a_tensor_of_the_cpu(
     dataset: Dataset, config: TrainConfig, gsplat: GsplatRenderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kernels, config = plain_kernels(gsplat.draw, uniform_from_host), _short(config)
+    kernels, config = plain_kernels(gsplat.draw, HOST_RANDOMNESS), _short(config)
     options = RunOptions(tmp_path / "run.checkpoint", checkpoint_interval=10, test_interval=12)
     test = dataset.select([2])
     reference = train_scene(dataset, test, config)

@@ -11,7 +11,7 @@ from splatwire.data import Dataset
 from splatwire.train import RunOptions, export_scene, load_checkpoint, train_scene
 from splatwire.train.config import TrainConfig
 from splatwire.train.initial import initial_state
-from splatwire.train.kernels import choose_kernels, uniform_from_host
+from splatwire.train.kernels import HOST_RANDOMNESS, choose_kernels
 from splatwire.train.losses import prepare_photo
 from splatwire.train.photos import PhotoStore
 from splatwire.train.quality import assess_scene
@@ -26,7 +26,7 @@ def _next(state: TrainState, dataset: Dataset, config: TrainConfig) -> tuple[Ste
     found: dict[str, torch.Tensor] = {}
     for name, value in state.parameters.items():
         value.register_hook(lambda gradient, name=name: found.__setitem__(name, gradient.cpu()))
-    kernels = dataclasses.replace(choose_kernels(state.device), uniform=uniform_from_host)
+    kernels = dataclasses.replace(choose_kernels(state.device), random=HOST_RANDOMNESS)
     photo = PhotoStore(dataset, state.device, kernels.prepare_photo).photo(1)
     cameras = dataset.cameras
     cameras = dataclasses.replace(cameras, viewmats=cameras.viewmats.to(state.device), Ks=cameras.Ks.to(state.device))

@@ -84,7 +84,7 @@ def test_adam() -> None:
     for _ in range(5):
         gradient = torch.randn(start.shape, generator=rng)
         for update, value, moments in zip((adam_update, adam_update_plain), values, memory, strict=True):
-            update(value, gradient, moments, 0.01)
+            update([(value, gradient, moments, 0.01)])
     torch.testing.assert_close(values[0], values[1], atol=2e-6, rtol=1e-5)
     assert memory[0].steps == memory[1].steps == 5
 

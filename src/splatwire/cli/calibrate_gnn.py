@@ -12,7 +12,7 @@ from splatwire.cli._calibration import complete_stream, write_with_section
 from splatwire.cli._files import prepared_output
 from splatwire.cli._output import JsonFlag, Reporter, print_json, progress_bars
 from splatwire.cli._scenes import BackgroundOption, chosen_background
-from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.errors import BackendUnavailableError, InvalidValueError, UnknownNameError
 
 if TYPE_CHECKING:
     from splatwire.calibrate.pseudo_loss import CalibrationData
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from splatwire.paper.calibration.run import CalibrationResult
 
 _RENDER_WIDTH = 200
+_DEVICES = ("cpu", "cuda")
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,8 @@ class CalibrateGnn:
     """RGB from 0 to 1 behind everything; what the scene was trained in front of where absent."""
     precision: str | None = None
     """Of the weights in a file: float16 (where absent) or float32."""
+    device: str = "cpu"
+    """Where to train: cpu, or cuda (without the rendering loss)."""
     seed: int = 0
     """Seed of everything random."""
     resume: bool = False
@@ -71,7 +74,7 @@ class CalibrateGnn:
         with progress_bars() as show:
             stream, data = self._data(show)
             result = calibrate(
-                data, config, checkpoint=checkpoint, resume=self.resume,
+                data, config, checkpoint=checkpoint, resume=self.resume, device=self.device,
                 progress=lambda step, loss: show("calibrating", step / config.iterations),
             )  # fmt: skip
         if self._embeds and not result.weights.improves:
@@ -94,6 +97,15 @@ class CalibrateGnn:
             raise UnknownNameError("precision", self.precision, PRECISIONS)
         if self.precision is not None and self._embeds:
             raise InvalidValueError("--precision is for a file of weights: in a stream --bits says how exact they are")
+        if self.device not in _DEVICES:
+            raise UnknownNameError("device", self.device, _DEVICES)
+        if self.device == "cuda":
+            import torch
+
+            if not torch.cuda.is_available():
+                raise BackendUnavailableError("cuda", "torch finds no CUDA device; install its CUDA build, or use cpu")
+            if self.render_weight:
+                raise InvalidValueError("--render-weight is for --device cpu: that loss is drawn on the CPU")
         if not 0 <= self.render_weight < math.inf:
             raise InvalidValueError(f"--render-weight is 0 or more, not {self.render_weight:g}")
         if not self.render_weight:

@@ -183,8 +183,12 @@ class Partial(Generic[S]):
 
     def to_cpu(self) -> "Partial[S]":
         """The same in main memory, where neighbour search and kernels work; networks stay where they are."""
-        scene = self.scene.with_elements(moved(self.scene.elements, "cpu"), moved(self.scene.hints, "cpu"))
-        return replace(self, scene=scene, erasures=moved(self.erasures, "cpu"), said=moved(self.said, "cpu"))
+        return self.to("cpu")
+
+    def to(self, device: torch.device | str) -> "Partial[S]":
+        """The same on a device; networks stay where they are."""
+        scene = self.scene.with_elements(moved(self.scene.elements, device), moved(self.scene.hints, device))
+        return replace(self, scene=scene, erasures=moved(self.erasures, device), said=moved(self.said, device))
 
 
 def moved(value: Moved, device: torch.device | str) -> Moved:

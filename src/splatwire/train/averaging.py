@@ -34,11 +34,12 @@ def gather_mean(state: TrainState, config: TrainConfig) -> None:
     count = state.iteration - start_of_mean(config, state.iteration)
     if count < 1 or not config.averaged:
         return
-    for name, value in state.parameters.items():
-        if name in state.means:
-            state.means[name].lerp_(value, 1 / min(count, config.averaged))
-        else:
-            state.means[name] = value.detach().clone()
+    known = [name for name in state.parameters if name in state.means]
+    if known:
+        means, values = ([source[name] for name in known] for source in (state.means, state.parameters))
+        torch._foreach_lerp_(means, values, 1 / min(count, config.averaged))
+    for name in state.parameters.keys() - state.means.keys():
+        state.means[name] = state.parameters[name].detach().clone()
 
 
 def averaged(state: TrainState) -> TrainState:

@@ -21,6 +21,8 @@ RATE_UNIT = 8e6
 """Lambda is per megabyte of the whole scene."""
 POSITION_BITS = 16.0
 """What the place of an anchor costs, about: anchors that draw little are to know it."""
+SPREADS = (-6.0, 13.0)
+"""Bounds of the binary logarithms of spreads, in steps."""
 NARROW = 0.5
 """Spreads, in steps, that training starts from are at least this."""
 
@@ -35,7 +37,7 @@ class TrainedCausal:
     """
 
     def __init__(self, config: TrainConfig, kernels: Kernels, cache: AnchorCache) -> None:
-        self._config, self._uniform, self._cache = config, kernels.uniform, cache
+        self._config, self._random, self._cache = config, kernels.random, cache
         self._model = config.causal
         self._key: Tensor | None = None
         self._inputs: Tensor | None = None
@@ -62,12 +64,12 @@ class TrainedCausal:
         steps = channel_steps(state.parameters["steps"], self._model)
         if phase is Phase.NOISE:
             steps = (steps[0].detach(), steps[1].detach(), steps[2].detach())
-        feature, logs, offsets = noisy_numbers(state, visible, steps, self._uniform)
+        feature, logs, offsets = noisy_numbers(state, visible, steps, self._random.uniform)
         drawn = feature, expanded_scalings(logs.exp()), offsets
         if phase is Phase.NOISE:  # what an offset is worth shows only beside what it costs
             return (drawn, masks.detach()), None
-        luck = torch.rand(state.num_anchors, generator=state.generator)
-        sample = (luck <= config.weights.sample_share).nonzero()[:, 0].to(state.device)
+        share = config.weights.sample_share
+        sample = self._random.sample(state.num_anchors, share, state.generator, state.device)
         return (drawn, masks), self._rate(state, sample, steps)
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
@@ -88,7 +90,7 @@ class TrainedCausal:
 
     def _rate(self, state: TrainState, sample: Int64[Tensor, "M"], steps: tuple[Tensor, Tensor, Tensor]) -> SampleRate:
         masks = straight_through_masks(state, self._config, sample)
-        values = noisy_numbers(state, sample, steps, self._uniform)
+        values = noisy_numbers(state, sample, steps, self._random.uniform)
         total = anchor_bits(state, self._model, self.place(state)[sample], values, steps, masks)
         return SampleRate(total.sum(), len(sample))
 
@@ -190,7 +192,7 @@ def number_bits(
     values: Float[Tensor, "M D"], mean: Float[Tensor, "M D"], spread: Float[Tensor, "M D"]
 ) -> Float[Tensor, "M D"]:
     """Bits of numbers in steps under normals whose spreads are powers of two."""
-    inverse = torch.exp2(-spread.clamp(-6, 13))
+    inverse = torch.exp2(-spread.clamp(*SPREADS))
     # both bounds on the lower side of the mean: there differences of tiny probabilities keep their digits
     distance = (values - mean).abs()
     return bits(torch.special.ndtr((0.5 - distance) * inverse) - torch.special.ndtr((-0.5 - distance) * inverse))

@@ -50,7 +50,7 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
         "voxel_size": state.voxel_size.hex(),
         "camera_extent": state.camera_extent.hex(),
         "queue": state.queue,
-        "steering": [state.steering.log_rate, state.steering.miss],
+        "steering": _steering_values(state.steering),
         "steps": {name: moments.steps for name, moments in state.moments.items()},
         "means": sorted(state.means),
         "config": dataclasses.asdict(config),
@@ -104,11 +104,20 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
     return state, config
 
 
+def _steering_values(steering: Steering) -> list[float | None]:
+    """The numbers of a steering; the ratio, which runs on the CPU do not have, only if there is one."""
+    values = [steering.log_rate, steering.miss]
+    return values if steering.ratio is None else [*values, steering.ratio]
+
+
 def _steering(value: list[float | None]) -> Steering:
-    log_rate, miss = value
+    log_rate, miss, *rest = value
+    (ratio,) = rest or [None]
     if log_rate is None or not all(part is None or math.isfinite(part) for part in value):
         raise ValueError("the steering of lambda is not finite")
-    return Steering(float(log_rate), None if miss is None else float(miss))
+    if ratio is not None and ratio <= 0:
+        raise ValueError("the ratio of a stream's size to its estimate is not positive")
+    return Steering(*(None if part is None else float(part) for part in (log_rate, miss, ratio)))  # type: ignore[arg-type]
 
 
 def _expect(

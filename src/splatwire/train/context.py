@@ -104,12 +104,12 @@ class TrainedContext:
             return None, None
         if phase is Phase.NOISE:
             return config.hacpp.base_steps, None
-        luck = torch.rand(state.num_anchors, generator=state.generator)
-        sample = (luck <= config.weights.sample_share).nonzero()[:, 0].to(state.device)
+        random, share = self._kernels.random, config.weights.sample_share
+        sample = random.sample(state.num_anchors, share, state.generator, state.device)
         features = grid_features(state, self._cache, torch.cat([visible, sample]), self._kernels)
         logits = step_columns(state.networks.context_prior)(features[: len(visible)])
         masks = straight_through_masks(state, config, sample)
-        rate = sample_rate(state, config, features[len(visible) :], sample, masks, self._kernels.uniform)
+        rate = sample_rate(state, config, features[len(visible) :], sample, masks, self._kernels.random.uniform)
         return adaptive_steps(logits, config.hacpp).split(1, dim=1), rate
 
     def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleRate | None]:
@@ -118,7 +118,7 @@ class TrainedContext:
         drawn = (
             state.attributes(visible)
             if steps is None
-            else noisy_attributes(state, visible, steps, self._kernels.uniform)
+            else noisy_attributes(state, visible, steps, self._kernels.random.uniform)
         )
         return (drawn, straight_through_masks(state, self._config, visible)[0]), rate
 
@@ -147,8 +147,13 @@ def straight_through_masks(
     state: TrainState, config: TrainConfig, index: Int64[Tensor, "M"]
 ) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M"]]:
     """Masks of offsets and of anchors, 0 or 1, with the gradient of the sigmoid and of its mean (HAC++)."""
-    share = torch.sigmoid(state.parameters["mask_logits"][index])
-    hard = (share > config.mask_threshold).to(share)
+    return straight_through(state.parameters["mask_logits"][index], config.mask_threshold)
+
+
+def straight_through(logits: Float[Tensor, "M K"], threshold: float) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M"]]:
+    """Masks of offsets and of anchors as of `straight_through_masks`, from the logits of the offsets."""
+    share = torch.sigmoid(logits)
+    hard = (share > threshold).to(share)
     offsets = share + (hard - share).detach()
     mean, any_hard = share.mean(dim=1), hard.amax(dim=1)
     return offsets, mean + (any_hard - mean).detach()

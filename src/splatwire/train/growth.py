@@ -8,6 +8,7 @@ from splatwire.errors import DivergedError
 from splatwire.model.projection import DILATION, NEAR_DEPTH
 from splatwire.scene import Cameras, Gaussians
 from splatwire.train.config import TrainConfig
+from splatwire.train.kernels import Uniform, uniform_from_host
 from splatwire.train.state import MAX_TRAINED_INDEX, TrainState, append_anchors, keep_anchors
 
 _KEY_BITS = 21
@@ -60,12 +61,13 @@ def on_image(gaussians: Gaussians, cameras: Cameras, view: int) -> Bool[Tensor, 
 
 
 @torch.no_grad()
-def adjust_anchors(state: TrainState, config: TrainConfig) -> tuple[int, int]:
+def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = uniform_from_host) -> tuple[int, int]:
     """Adds anchors where the picture pulls at Gaussians, and removes those that stay transparent.
 
     Args:
         state: Changed in place, with everything that has a row per anchor.
         config: The recipe.
+        uniform: Draws the numbers that decide which candidates are tried.
 
     Returns:
         How many were added and removed.
@@ -78,7 +80,7 @@ def adjust_anchors(state: TrainState, config: TrainConfig) -> tuple[int, int]:
     judged = statistics.gradient_count > wanted * 0.5
     gradients = statistics.gradient_sum / statistics.gradient_count.clamp(min=1)
     before = state.num_anchors
-    _grow(state, config, torch.where(judged, gradients, -1.0))
+    _grow(state, config, torch.where(judged, gradients, -1.0), uniform)
     statistics = state.statistics
     old = slice(0, before)
     statistics.gradient_sum[old][judged] = 0
@@ -99,7 +101,7 @@ def adjust_anchors(state: TrainState, config: TrainConfig) -> tuple[int, int]:
     return added, int((~keep).sum())
 
 
-def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"]) -> None:
+def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"], uniform: Uniform) -> None:
     """Tries the cell sizes from the coarsest on; `gradients` is negative where an offset was seen too seldom."""
     rules, first = config.growth, state.num_anchors
     for level in range(rules.levels):
@@ -107,7 +109,7 @@ def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"
         if cell < 1 or (level > 0 and state.num_anchors == first):
             break
         chosen = gradients >= rules.gradient_threshold * 2**level
-        luck = torch.rand(gradients.shape, generator=state.generator).to(gradients.device)
+        luck = uniform(gradients.shape, state.generator, gradients.device)
         chosen &= luck > 0.5 ** (level + 1)
         _add_level(state, config, chosen, cell)
 

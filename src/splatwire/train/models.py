@@ -7,6 +7,7 @@ from torch import Tensor
 
 from splatwire.model.causal import CausalConfig
 from splatwire.train.causal import TrainedCausal
+from splatwire.train.causal_device import DeviceCausal
 from splatwire.train.config import TrainConfig
 from splatwire.train.context import AnchorCache, SampleRate, Seen, TrainedContext
 from splatwire.train.kernels import Kernels
@@ -32,5 +33,6 @@ class TrainedModel(Protocol):
 
 def trained_model(config: TrainConfig, kernels: Kernels, cache: AnchorCache) -> TrainedModel:
     """The model of a recipe."""
-    kind = TrainedCausal if isinstance(config.model, CausalConfig) else TrainedContext
-    return kind(config, kernels, cache)
+    if not isinstance(config.model, CausalConfig):
+        return TrainedContext(config, kernels, cache)
+    return (DeviceCausal if kernels.asynchronous else TrainedCausal)(config, kernels, cache)

@@ -10,8 +10,9 @@ from splatwire.data import Dataset
 from splatwire.errors import DatasetError
 from splatwire.train.losses import Photo, prepare_photo
 
-PREPARED_BYTES = 1 << 30
-"""Photos stay prepared for the loss as long as they fit in this; the others are prepared again each time."""
+PREPARED_BYTES, PREPARED_DEVICE_BYTES = 1 << 30, 4 << 30
+"""Photos stay prepared for the loss as long as they fit in this, on the CPU and on a device; the others are prepared
+again each time."""
 DEVICE_BYTES = 4 << 30
 """Photos stay on the device as long as they fit in this; the others come from the host each time."""
 
@@ -48,7 +49,8 @@ class PhotoStore:
         if blank:
             raise DatasetError(f"the mask of view '{blank[0]}' leaves nothing of its photo: remove the view")
         self._prepared: dict[int, Photo] = {}
-        self._room = PREPARED_BYTES // (3 * pixels * 3 * 4)
+        room = PREPARED_BYTES if device.type == "cpu" else PREPARED_DEVICE_BYTES
+        self._room = room // (3 * pixels * 3 * 4)
 
     def photo(self, view: int) -> Photo:
         """Returns the photo of a view."""

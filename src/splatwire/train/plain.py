@@ -1,21 +1,23 @@
 """The heavy parts of an iteration in torch operations alone, for any device: twins of the compiled ones.
 
-They are written for a GPU: nothing waits for a number from the device, sorts, or is rounded to TensorFloat.
+They are written for a GPU: few operations, none of which waits for a number from the device, sorts, or is rounded to
+TensorFloat.
 """
 
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import Any
 
 import torch
 from jaxtyping import Bool, Float, Int32, Int64
 from torch import Tensor
-from torch.nn.functional import pad
+from torch.nn.functional import conv2d
 
 from splatwire.metrics.ssim import WINDOW
-from splatwire.train.adam import BETA1, BETA2, EPSILON, count_update
+from splatwire.train.adam import BETA1, BETA2, EPSILON, AdamUpdate
 from splatwire.train.grid import GridCorners, hard_sign
 from splatwire.train.losses import C1, C2, Photo, window_taps
-from splatwire.train.state import Moments
 
 
 def interpolate_signs_plain(
@@ -70,22 +72,31 @@ def _levels(
 
 def prepare_photo_plain(image: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | None = None) -> Photo:
     """Computes what the loss needs of a photo, where the photo is."""
-    return Photo(image, None if mask is not None else blur(torch.stack([image, image * image])), mask)
+    if mask is not None:
+        return Photo(image, None, mask)
+    planes = image.permute(2, 0, 1)
+    moments = blur(torch.cat([planes, planes * planes]))
+    return Photo(image, moments.unflatten(0, (2, 3)).permute(0, 2, 3, 1))
 
 
-def blur(images: Float[Tensor, "P H W 3"]) -> Float[Tensor, "P H W 3"]:
-    """Blurs with the window of SSIM, zeros beyond the border.
+def blur(planes: Float[Tensor, "P H W"]) -> Float[Tensor, "P H W"]:
+    """Blurs with the window of SSIM, zeros beyond the border; two passes over all planes.
 
-    A weighted sum of shifted pictures: a convolution would be rounded to TensorFloat on some GPUs, and the variances of
-    SSIM, differences of nearly equal numbers, do not stand that.
+    cuDNN stays out: it rounds to TensorFloat on some GPUs, and the variances of SSIM, differences of nearly equal
+    numbers, do not stand that. Torch's own kernel for one plane per group has the precision of float32.
     """
-    half, taps = WINDOW // 2, window_taps().tolist()
-    for axis, border in ((1, (0, 0, 0, 0, half, half)), (2, (0, 0, half, half))):
-        wide, size = pad(images, border), images.shape[axis]
-        images = wide.narrow(axis, 0, size) * taps[0]
-        for shift in range(1, WINDOW):
-            images.add_(wide.narrow(axis, shift, size), alpha=taps[shift])
-    return images
+    count, half = len(planes), WINDOW // 2
+    down, across = _windows(count, planes.device)
+    with torch.backends.cudnn.flags(enabled=False):
+        blurred = conv2d(planes[None], down, padding=(half, 0), groups=count)
+        return conv2d(blurred, across, padding=(0, half), groups=count)[0]
+
+
+@lru_cache(maxsize=8)
+def _windows(count: int, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Weights of the window along columns and rows, for a number of planes."""
+    taps = torch.from_numpy(window_taps()).to(device).repeat(count, 1)
+    return taps[:, None, :, None], taps[:, None, None, :]
 
 
 def photometric_loss_plain(
@@ -99,21 +110,22 @@ def photometric_loss_plain(
 
 
 class _PhotometricLoss(torch.autograd.Function):
-    """Computes the gradient together with the value: two blurs of three pictures instead of autograd's many passes."""
+    """Computes the gradient together with the value: two blurs of nine planes instead of autograd's many passes."""
 
     @staticmethod
     def forward(ctx: Any, image: Tensor, photo: Photo, dssim: float) -> tuple[Tensor, Tensor]:
         assert photo.moments is not None
-        x, y = image.detach(), photo.image
-        blurred = blur(torch.stack([x, x * x, x * y]))
-        structure, d_moments = _similarity(blurred, photo.moments)
-        along, squared, crossed = blur(d_moments)
-        slope = along + 2 * x * squared + y * crossed
-        gradient = ((1 - dssim) * torch.sign(x - y) - dssim * slope) / x.numel()
-        error = (x - y).abs().mean()
-        ctx.save_for_backward(gradient)
+        x, y = image.detach().permute(2, 0, 1), photo.image.permute(2, 0, 1)
+        blurred = blur(torch.cat([x, x * x, x * y])).unflatten(0, (3, 3))
+        structure, d_moments = _similarity(blurred, photo.moments.permute(0, 3, 1, 2))
+        slope, squared, crossed = blur(d_moments.flatten(0, 1)).unflatten(0, (3, 3))
+        difference, count = x - y, x.numel()
+        gradient = slope.addcmul_(x, squared, value=2).addcmul_(y, crossed).mul_(-dssim / count)
+        gradient.add_(difference.sign(), alpha=(1 - dssim) / count)
+        error = difference.abs_().mean()
+        ctx.save_for_backward(gradient.permute(1, 2, 0))
         ctx.mark_non_differentiable(error)
-        return (1 - dssim) * error + dssim * (1 - structure), error
+        return ((1 - dssim) * error).add_(structure, alpha=-dssim).add_(dssim), error
 
     @staticmethod
     def backward(ctx: Any, *upstream: Tensor) -> tuple[Any, ...]:
@@ -122,25 +134,39 @@ class _PhotometricLoss(torch.autograd.Function):
 
 
 def _similarity(
-    own: Float[Tensor, "3 H W 3"], other: Float[Tensor, "2 H W 3"]
-) -> tuple[Float[Tensor, ""], Float[Tensor, "3 H W 3"]]:
+    own: Float[Tensor, "3 3 H W"], other: Float[Tensor, "2 3 H W"]
+) -> tuple[Float[Tensor, ""], Float[Tensor, "3 3 H W"]]:
     """Mean SSIM, and the gradient of its sum in the blurred picture, its square and its product with the photo."""
     (mean_x, xx, xy), (mean_y, yy) = own, other
-    over_means = 1 / (mean_x * mean_x + mean_y * mean_y + C1)
-    over_spreads = 1 / ((xx - mean_x * mean_x) + (yy - mean_y * mean_y) + C2)
-    luminance = (2 * mean_x * mean_y + C1) * over_means
-    contrast = (2 * (xy - mean_x * mean_y) + C2) * over_spreads
+    square_x, square_y, product = mean_x * mean_x, mean_y * mean_y, mean_x * mean_y
+    over_spreads = (xx - square_x).add_(yy - square_y).add_(C2).reciprocal_()
+    over_means = square_x.add_(square_y).add_(C1).reciprocal_()
+    contrast = (xy - product).mul_(2).add_(C2).mul_(over_spreads)
+    luminance = product.mul_(2).add_(C1).mul_(over_means)
     value = luminance * contrast
-    d_squared, d_crossed = -value * over_spreads, 2 * luminance * over_spreads
-    d_mean = 2 * (mean_y * contrast - value * mean_x) * over_means - mean_y * d_crossed - 2 * mean_x * d_squared
-    return value.mean(), torch.stack([d_mean, d_squared, d_crossed])
+    gradients = torch.empty_like(own)
+    d_mean, d_squared, d_crossed = gradients
+    torch.mul(value, over_spreads, out=d_squared).neg_()
+    torch.mul(luminance, over_spreads, out=d_crossed).mul_(2)
+    torch.mul(mean_y, contrast, out=d_mean).addcmul_(value, mean_x, value=-1).mul_(over_means).mul_(2)
+    d_mean.addcmul_(mean_y, d_crossed, value=-1).addcmul_(mean_x, d_squared, value=-2)
+    return value.mean(), gradients
 
 
 @torch.no_grad()
-def adam_update_plain(parameter: Tensor, gradient: Tensor, moments: Moments, rate: float) -> None:
-    """Updates `parameter` and `moments` in place; arguments as in `splatwire.train.adam.adam_update`."""
-    step_size, root = count_update(moments, rate)
-    moments.first.lerp_(gradient, 1 - BETA1)
-    moments.second.mul_(BETA2).addcmul_(gradient, gradient, value=1 - BETA2)
-    denominator = (moments.second.sqrt() / root).add_(EPSILON)
-    parameter.addcdiv_(moments.first, denominator, value=-step_size)
+def adam_update_plain(updates: Sequence[AdamUpdate]) -> None:
+    """Updates parameters and moments in place; arguments as in `splatwire.train.adam.adam_update`.
+
+    Torch's fused Adam takes all tensors that share a learning rate and a number of updates in one launch.
+    """
+    groups: dict[tuple[float, int], list[tuple[Tensor, ...]]] = defaultdict(list)
+    for parameter, gradient, moments, rate in updates:
+        moments.steps += 1
+        groups[rate, moments.steps].append((parameter.detach(), gradient.contiguous(), moments.first, moments.second))
+    counts = {steps: torch.full((), float(steps), device=updates[0][0].device) for steps in {key[1] for key in groups}}
+    for (rate, steps), members in groups.items():
+        parameters, gradients, firsts, seconds = (list(column) for column in zip(*members, strict=True))
+        torch._fused_adam_(
+            parameters, gradients, firsts, seconds, [], [counts[steps]] * len(parameters), lr=rate, beta1=BETA1,
+            beta2=BETA2, weight_decay=0.0, eps=EPSILON, amsgrad=False, maximize=False,
+        )  # fmt: skip

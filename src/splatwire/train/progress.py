@@ -71,18 +71,30 @@ class Listener:
 
 @dataclass
 class RunningMeans:
-    """Running means of what the iterations of a run found."""
+    """Running means of what the iterations of a run found.
+
+    Attributes:
+        config: The recipe.
+        interval: Iterations between two readings of reports; in between the last means stand.
+        means: By name.
+        recent: Seconds of the last iterations.
+        unread: Reports since the last reading.
+        size: Estimated bytes at the last reading; None before the context phase.
+    """
 
     config: TrainConfig
+    interval: int = 1
     means: dict[str, float] = field(default_factory=dict)
     recent: deque[float] = field(default_factory=lambda: deque(maxlen=_RECENT))
+    unread: list[StepReport] = field(default_factory=list)
+    size: int | None = None
 
     def after(self, state: TrainState, report: StepReport, elapsed: float, seconds: float) -> Progress:
         """Returns how a run is doing, whose last iteration took `elapsed` and all that were its part `seconds`."""
-        bits, means = report.bits_per_anchor, self.means
-        for name, value in (("loss", report.loss), ("l1", report.l1), ("bits", bits)):
-            if value is not None:
-                means[name] = _MEMORY * means.get(name, value) + (1 - _MEMORY) * value
+        self.unread.append(report)
+        if not self.means or state.iteration % self.interval == 0 or state.iteration == self.config.marks.iterations:
+            self._read(state)
+        means = self.means
         self.recent.append(elapsed)
         told = len(self.recent) >= _FEWEST
         return Progress(
@@ -91,10 +103,27 @@ class RunningMeans:
             loss=means["loss"],
             l1=means["l1"],
             num_anchors=state.num_anchors,
-            estimated_bytes=None if bits is None else estimate_bytes(state, means["bits"], self.config.mask_threshold),
+            estimated_bytes=self.size,
             seconds=seconds,
             iterations_per_second=1 / max(median(self.recent), 1e-9) if told else None,
         )
+
+    def _read(self, state: TrainState) -> None:
+        """Reads all reports in one copy from the device."""
+        columns = torch.stack([
+            torch.stack([r.total, r.absolute_error, r.total if r.sample_bits is None else r.sample_bits]).double()
+            for r in self.unread
+        ]).cpu().tolist()  # fmt: skip
+        means = self.means
+        for report, (loss, l1, bits) in zip(self.unread, columns, strict=True):
+            found = {"loss": loss, "l1": l1}
+            if report.sample_bits is not None:
+                found["bits"] = bits / max(report.num_sampled, 1)
+            for name, value in found.items():
+                means[name] = _MEMORY * means.get(name, value) + (1 - _MEMORY) * value
+        last, self.unread = self.unread[-1], []
+        threshold = self.config.mask_threshold
+        self.size = None if last.sample_bits is None else estimate_bytes(state, means["bits"], threshold)
 
 
 @torch.no_grad()

@@ -103,10 +103,12 @@ class Steering:
     Attributes:
         log_rate: Logarithm of what lambda is multiplied with.
         miss: Logarithm of the size over the wanted one when it was measured last; None before.
+        ratio: Bytes of the last real stream over those estimated for it; None where sizes are not estimated.
     """
 
     log_rate: float = 0.0
     miss: float | None = None
+    ratio: float | None = None
 
 
 @dataclass

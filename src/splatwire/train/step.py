@@ -1,7 +1,8 @@
 """One iteration: draw a training view, compare it with its photo, improve everything a little."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float, Int64
@@ -12,9 +13,12 @@ from splatwire.model.gaussian_heads import SpawnedGaussians, spawn_gaussians
 from splatwire.model.projection import project
 from splatwire.render.base import Drawing
 from splatwire.scene import Anchors, Cameras, Gaussians
+from splatwire.train import device_view
 from splatwire.train.averaging import gather_mean
+from splatwire.train.causal_device import DeviceCausal
 from splatwire.train.config import TrainConfig
 from splatwire.train.context import AnchorCache, Attributes, SampleRate
+from splatwire.train.device_view import AllGaussians
 from splatwire.train.growth import adjust_anchors, gather_statistics
 from splatwire.train.kernels import COMPILED, Kernels
 from splatwire.train.losses import Photo
@@ -25,21 +29,43 @@ from splatwire.train.state import Moments, TrainState, group_of
 from splatwire.train.tuning import settle
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StepReport:
-    """What an iteration found.
+    """What an iteration found; each number that is read makes the host wait for the device.
 
     Attributes:
-        loss: The whole loss.
-        l1: Mean absolute error of the picture.
-        bits_per_anchor: Estimated bits of an anchor's features, scalings and offsets; None before the context phase.
-        num_gaussians: Gaussians drawn.
+        total: The whole loss.
+        absolute_error: Mean absolute error of the picture.
+        sample_bits: Estimated bits of a sample's features, scalings and offsets; None before the context phase.
+        num_sampled: Anchors of the sample.
+        drawn: Number of Gaussians drawn.
     """
 
-    loss: float
-    l1: float
-    bits_per_anchor: float | None
-    num_gaussians: int
+    total: Float[Tensor, ""]
+    absolute_error: Float[Tensor, ""]
+    sample_bits: Float[Tensor, ""] | None
+    num_sampled: int
+    drawn: Int64[Tensor, ""]
+
+    @property
+    def loss(self) -> float:
+        """The whole loss."""
+        return float(self.total)
+
+    @property
+    def l1(self) -> float:
+        """Mean absolute error of the picture."""
+        return float(self.absolute_error)
+
+    @property
+    def bits_per_anchor(self) -> float | None:
+        """Estimated bits of an anchor's features, scalings and offsets; None before the context phase."""
+        return None if self.sample_bits is None else float(self.sample_bits) / max(self.num_sampled, 1)
+
+    @property
+    def num_gaussians(self) -> int:
+        """Gaussians drawn."""
+        return int(self.drawn)
 
 
 class TrainingStep:
@@ -56,6 +82,8 @@ class TrainingStep:
         self._cache = AnchorCache(config)
         self._model = trained_model(config, kernels, self._cache)
         self._losses = PacketLosses(config, self._model, self._cache)
+        self._views = device_view.ViewConstants.of(cameras) if kernels.asynchronous else None
+        self._centers, self._background = cameras.centers, cameras.Ks.new_tensor(config.background)
 
     def __call__(self, state: TrainState, view: int, photo: Photo) -> StepReport:
         """Learns from one view.
@@ -66,7 +94,7 @@ class TrainingStep:
             photo: Its photo.
 
         Raises:
-            DivergedError: If the loss is not finite.
+            DivergedError: If the loss is not finite; on a device, up to `Kernels.report_interval` iterations later.
         """
         config = self._config
         state.iteration += 1
@@ -84,26 +112,42 @@ class TrainingStep:
         spawned = self._spawn(state, anchors, weight, view, size_gain)
         drawing = self._draw(spawned.gaussians, view, watched)
         loss, l1 = self._kernels.photometric_loss(drawing.image, photo, config.weights.dssim)
-        loss = self._whole_loss(loss, state, spawned, rate)
-        value = float(loss.detach())
-        if not math.isfinite(value):
-            raise DivergedError(state.iteration)
+        if isinstance(spawned, SpawnedGaussians):
+            drawn = torch.tensor(spawned.gaussians.num_gaussians)
+        else:
+            drawn = spawned.num_existing
+        loss = self._whole_loss(loss, state, spawned, drawn, rate)
+        self._check(state, loss)
         if loss.requires_grad:
             loss.backward()
         if watched and (d_centers := drawing.d_centers) is not None:
-            place = (spawned.gaussians, visible[spawned.anchor_index], spawned.offset_index)
-            gather_statistics(state, visible, place, d_centers, self._cameras, view)
+            self._gather(state, visible, spawned, d_centers, view)
         if changes_anchors(config.marks, state.iteration):
-            adjust_anchors(state, config)
+            adjust_anchors(state, config, self._kernels.random.uniform)
         self._update(state)
         gather_mean(state, config)
-        bits_per_anchor = float(rate.bits.detach()) / max(rate.num_anchors, 1) if rate is not None else None
-        return StepReport(value, float(l1), bits_per_anchor, spawned.gaussians.num_gaussians)
+        bits = None if rate is None else rate.bits.detach()
+        return StepReport(loss.detach(), l1, bits, 0 if rate is None else rate.num_anchors, drawn)
+
+    @property
+    def size_estimate(self) -> Callable[[TrainState], float] | None:
+        """Estimates the bytes of a state's stream, up to a factor that changes slowly; None where nothing does."""
+        return self._model.estimate_bytes if isinstance(self._model, DeviceCausal) else None
+
+    def _check(self, state: TrainState, loss: Float[Tensor, ""]) -> None:
+        last = state.iteration == self._config.marks.iterations
+        if (last or state.iteration % self._kernels.report_interval == 0) and not math.isfinite(float(loss.detach())):
+            raise DivergedError(state.iteration)
 
     @torch.no_grad()
     def _visible(self, state: TrainState, view: int) -> Int64[Tensor, "M"]:
         """The anchors that a view may see (HAC++, decoding of a view)."""
-        projected = project(self._cache.positions(state), state.scalings()[:, :3], None, self._cameras, view)
+        positions = self._cache.positions(state)
+        if self._views is not None:
+            logs = state.parameters["log_scalings"]
+            sizes = logs[:, : 3 if logs.shape[1] == 6 else 1].exp()
+            return device_view.visible_anchors(self._views, view, positions, sizes).nonzero()[:, 0]
+        projected = project(positions, state.scalings()[:, :3], None, self._cameras, view)
         return projected.touches_image(self._cameras.width, self._cameras.height).nonzero()[:, 0]
 
     def _seen(
@@ -122,34 +166,62 @@ class TrainingStep:
         weight: Float[Tensor, "M K"],
         view: int,
         size_gain: Float[Tensor, "M"] | None,
-    ) -> SpawnedGaussians:
+    ) -> SpawnedGaussians | AllGaussians:
+        heads, center = state.networks.heads, self._centers[view].to(anchors.positions)
+        if self._kernels.asynchronous:
+            return device_view.spawn_all(anchors, heads, center, weight, size_gain)
         everything = torch.ones(anchors.num_anchors, dtype=torch.bool, device=state.device)
-        center = self._cameras.centers[view].to(anchors.positions)
-        heads = state.networks.heads
         return spawn_gaussians(anchors, heads, center, everything, size_gain=size_gain, mask_weight=weight)
 
     def _draw(self, gaussians: Gaussians, view: int, watched: bool) -> Drawing:
-        background = gaussians.means.new_tensor(self._config.background)
-        return self._kernels.draw(gaussians, self._cameras.select([view]), background=background, watched=watched)
+        cameras, one = self._cameras, slice(view, view + 1)
+        camera = replace(cameras, viewmats=cameras.viewmats[one], Ks=cameras.Ks[one], names=cameras.names[one])
+        background = self._background.to(gaussians.means)
+        return self._kernels.draw(gaussians, camera, background=background, watched=watched)
 
     def _whole_loss(
-        self, picture: Float[Tensor, ""], state: TrainState, spawned: SpawnedGaussians, rate: SampleRate | None
+        self,
+        picture: Float[Tensor, ""],
+        state: TrainState,
+        spawned: SpawnedGaussians | AllGaussians,
+        drawn: Int64[Tensor, ""],
+        rate: SampleRate | None,
     ) -> Float[Tensor, ""]:
         """The loss of the picture, the Gaussians' volumes and the bits (HAC++, training)."""
         weights, scales, loss = self._config.weights, spawned.gaussians.scales, picture
-        if len(scales):
+        if len(scales) and isinstance(spawned, SpawnedGaussians):
             loss = loss + weights.volume * scales.prod(dim=1).mean()
+        elif isinstance(spawned, AllGaussians):  # the gradient of a product over a dimension counts zeros on the host
+            x, y, z = scales.unbind(dim=1)
+            loss = loss + weights.volume * torch.dot(x * y * z, spawned.exists.to(scales)) / drawn.clamp(min=1)
         if rate is not None:
             loss = loss + self._model.rate_loss(state, rate)
         return loss
 
+    def _gather(
+        self,
+        state: TrainState,
+        visible: Int64[Tensor, "M"],
+        spawned: SpawnedGaussians | AllGaussians,
+        d_centers: Float[Tensor, "G 2"],
+        view: int,
+    ) -> None:
+        if self._views is not None and isinstance(spawned, AllGaussians):
+            device_view.gather_statistics(state, visible, spawned, d_centers, self._views, view)
+            return
+        assert isinstance(spawned, SpawnedGaussians)
+        place = (spawned.gaussians, visible[spawned.anchor_index], spawned.offset_index)
+        gather_statistics(state, visible, place, d_centers, self._cameras, view)
+
     def _update(self, state: TrainState) -> None:
         """Applies Adam to every parameter that has a gradient; new anchors wait for the next iteration."""
         rates = learning_rates(self._config, state.iteration, state.camera_extent)
+        updates = []
         for name, parameter in state.parameters.items():
             if parameter.grad is None:
                 continue
             if name not in state.moments:
                 state.moments[name] = Moments(torch.zeros_like(parameter), torch.zeros_like(parameter))
-            self._kernels.adam_update(parameter, parameter.grad, state.moments[name], rates[group_of(name)])
+            updates.append((parameter, parameter.grad, state.moments[name], rates[group_of(name)]))
             parameter.grad = None
+        self._kernels.adam_update(updates)

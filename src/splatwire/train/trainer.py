@@ -127,14 +127,17 @@ class _Run:
 
     def loop(self, state: TrainState, photos: PhotoStore) -> bool:
         """Trains to the end; returns True if it was stopped before."""
-        step, means = TrainingStep(self.config, self._cameras(), self.kernels), RunningMeans(self.config)
+        step, means = (
+            TrainingStep(self.config, self._cameras(), self.kernels),
+            RunningMeans(self.config, self.kernels.report_interval),
+        )
         while state.iteration < self.config.marks.iterations:
             started = time.perf_counter()
             if not state.queue:
                 state.queue = torch.randperm(self.train.num_views, generator=state.generator).tolist()
             view = state.queue.pop()
             report = step(state, view, photos.photo(view))
-            steer(state, self.config)
+            steer(state, self.config, step.size_estimate)
             elapsed = time.perf_counter() - started
             self.seconds += elapsed
             self.listener.progress(means.after(state, report, elapsed, self.seconds))

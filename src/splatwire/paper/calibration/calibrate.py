@@ -19,6 +19,7 @@ def calibrate(
     resume: bool = False,
     progress: Callable[[int, float], None] | None = None,
     graphs: Sequence[RepairGraph] | None = None,
+    device: str = "cpu",
 ) -> CalibrationResult:
     """Calibrates a network on a scene.
 
@@ -29,19 +30,23 @@ def calibrate(
         resume: Whether to go on from it; the configuration must be the same.
         progress: Called after every step with its number and its loss.
         graphs: `pseudo_graphs` of this run, for runs that share them; None to build them.
+        device: Where steps are computed; results of devices differ in their last bits.
 
     Returns:
         The network, and what it does on held-out losses.
 
     Raises:
         DivergedError: If the loss is not finite.
-        InvalidValueError: If a rendering loss has no cameras, or the checkpoint is of another run.
+        InvalidValueError: If a rendering loss has no cameras or is not computed on the CPU, or the checkpoint is of
+            another run.
         BitstreamError: If the checkpoint is damaged.
     """
     if config.losses.render and data.cameras is None:
         raise InvalidValueError("a rendering loss needs cameras")
+    if config.losses.render and device != "cpu":
+        raise InvalidValueError(f"a rendering loss is computed on the CPU, not on {device}")
     started = time.perf_counter()
-    run = CalibrationRun(data, config, graphs)
+    run = CalibrationRun(data, config, graphs, device)
     if resume and checkpoint is not None:
         restore_checkpoint(run, checkpoint)
     while not run.finished():

@@ -114,7 +114,9 @@ def parameter_losses(
 
 def query_edges(positions: Float[Tensor, "B 3"], neighbors: int) -> tuple[Int64[Tensor, "B k"], Float[Tensor, "B k"]]:
     """The nearest other queries of each query of a batch, and their distances."""
-    return nearest_others(NeighborTree(positions), positions, torch.arange(len(positions)), neighbors)
+    return nearest_others(
+        NeighborTree(positions), positions, torch.arange(len(positions), device=positions.device), neighbors
+    )
 
 
 def _smoothness(values: list[Tensor], positions: Float[Tensor, "B 3"], weights: LossWeights) -> Float[Tensor, ""]:

@@ -15,6 +15,7 @@ from splatwire.calibrate.pseudo_loss import CalibrationData
 from splatwire.errors import MALFORMED, BitstreamError, DivergedError, InvalidValueError
 from splatwire.model import Partial, Prior
 from splatwire.model.gaussian_heads import generate_gaussians
+from splatwire.model.partial import moved
 from splatwire.model.tensor_file import load_tensors, read_tensors, write_tensors
 from splatwire.paper.calibration.config import CalibrationConfig
 from splatwire.paper.calibration.losses import channel_spread, normalized_errors, parameter_losses, weighted_sum
@@ -71,10 +72,15 @@ class CalibrationRun:
         data: The scene.
         config: The run.
         graphs: `pseudo_graphs` of it, if they are there already.
+        device: Where steps are computed.
     """
 
     def __init__(
-        self, data: CalibrationData, config: CalibrationConfig, graphs: Sequence[RepairGraph] | None = None
+        self,
+        data: CalibrationData,
+        config: CalibrationConfig,
+        graphs: Sequence[RepairGraph] | None = None,
+        device: str = "cpu",
     ) -> None:
         self.data, self.config = data, config
         context = data.complete
@@ -84,14 +90,21 @@ class CalibrationRun:
             InputSizes(context[AnchorLayout], context[Prior].context.shape[1]), config.settings, config.seed
         )
         _standardise(self.network, context, self.train[0])
+        self.place_on(device)
         self.optimiser = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate)
         self.rng = torch.Generator().manual_seed(config.seed)
-        self.spread = channel_spread(context.scene.anchors)
         self.reference = self._mean_errors([graph.interpolated for graph in self.held_out])
         self.iteration, self.stale = 0, 0
         self.best_errors = self.validate()
         self.best = self._copy()
         self._pictures: dict[int, Tensor] = {}
+
+    def place_on(self, device: str) -> None:
+        """Moves scene, graphs and network; the generator stays on the CPU."""
+        self.context = self.data.complete.to(device)
+        self.train, self.held_out = (list(moved(tuple(part), device)) for part in (self.train, self.held_out))
+        self.spread = channel_spread(self.context.scene.anchors)
+        self.network.to(device)
 
     @property
     def rounding(self) -> bool:
@@ -114,7 +127,7 @@ class CalibrationRun:
         for group in self.optimiser.param_groups:
             group["lr"] = config.learning_rate * half_cosine(share)
         graph = self.train[int(torch.randint(len(self.train), (), generator=self.rng))]
-        part = graph.select(_batch(len(graph.queries), config.batch, self.rng))
+        part = graph.select(_batch(len(graph.queries), config.batch, self.rng).to(graph.queries.device))
         self.optimiser.zero_grad()
         with self._as_sent():
             loss = self._loss(part)
@@ -129,7 +142,7 @@ class CalibrationRun:
 
     def _loss(self, part: RepairGraph) -> Float[Tensor, ""]:
         """The loss of a batch; the rendering term counts once a query, as the sums of the others do."""
-        config, context = self.config, self.data.complete
+        config, context = self.config, self.context
         used, place = part.index.unique(return_inverse=True)
         sources = self.network.encode_sources(source_inputs(context, used))
         raw = self.network(query_inputs(context, part), sources, place)
@@ -170,10 +183,10 @@ class CalibrationRun:
     def validate(self) -> dict[str, float]:
         """Errors on the held-out losses, exactly as a receiver would conceal them."""
         with self._as_sent():
-            return self._mean_errors([repair(self.data.complete, graph, self.network) for graph in self.held_out])
+            return self._mean_errors([repair(self.context, graph, self.network) for graph in self.held_out])
 
     def _mean_errors(self, repaired: list[Anchors]) -> dict[str, float]:
-        truth = self.data.complete.scene.anchors
+        truth = self.context.scene.anchors
         pairs = zip(repaired, self.held_out, strict=True)
         each = [normalized_errors(anchors, truth, self.spread, graph.queries) for anchors, graph in pairs]
         return {name: sum(errors[name] for errors in each) / len(each) for name in each[0]}
@@ -196,6 +209,7 @@ class CalibrationRun:
 
     def result(self, seconds: float) -> CalibrationResult:
         """What comes out; attributes that are not trained, or not to be trusted, are left to the interpolation."""
+        self.place_on("cpu")
         config, settings, kept = self.config, self.network.settings, dict[str, Any]()
         if config.selected:
             self.network.load_state_dict(self.best)
@@ -209,7 +223,7 @@ class CalibrationRun:
         if self.config.bits and weights.improves:
             weights = rounded_weights(weights, self.data.complete, self.config.bits)
             self.network = weights.network
-        repaired = [repair(self.data.complete, graph, self.network) for graph in self.held_out]
+        repaired = [repair(self.context, graph, self.network) for graph in self.held_out]
         errors = self._mean_errors(repaired)
         record = {f"{name}_error": value for name, value in errors.items()}
         record |= {f"{name}_reference": value for name, value in self.reference.items()}

@@ -92,12 +92,13 @@ def repair(context: Partial, graph: RepairGraph, network: InpaintingNetwork) -> 
         The queries.
     """
     used = graph.index.unique()
-    place = torch.full((context.scene.anchors.num_anchors,), -1, dtype=torch.int64)
-    place[used] = torch.arange(len(used))
+    device = used.device
+    place = torch.full((context.scene.anchors.num_anchors,), -1, dtype=torch.int64, device=device)
+    place[used] = torch.arange(len(used), device=device)
     encoded = [network.encode_sources(source_inputs(context, rows)) for rows in used.split(_SOURCE_CHUNK)]
     sources = tuple(torch.cat(layer) for layer in zip(*encoded, strict=True))
     pieces = []
-    for rows in torch.arange(len(graph.queries)).split(_CHUNK):
+    for rows in torch.arange(len(graph.queries), device=device).split(_CHUNK):
         part = graph.select(rows)
         raw = network(query_inputs(context, part), sources, place[part.index])
         fused = branches(raw, prior_rows(context[Prior], part.queries), part.interpolated, network.settings)

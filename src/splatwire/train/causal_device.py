@@ -1,0 +1,202 @@
+"""The causal model in training on a device: the same numbers as `splatwire.train.causal`, in few operations.
+
+What is drawn and what is sampled are gathered, made noisy and masked together, and all networks are evaluated as one:
+in training every network knows its inputs from the start.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import accumulate
+from typing import Any
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from splatwire.entropy.rate import MIN_LIKELIHOOD
+from splatwire.model import Mlp
+from splatwire.model.causal import FORM, INPUT_UNIT, CausalConfig
+from splatwire.train.causal import POSITION_BITS, RATE_UNIT, SPREADS, TrainedCausal, causal_networks
+from splatwire.train.context import SampleRate, Seen, straight_through
+from splatwire.train.packed import pack_networks
+from splatwire.train.schedule import Phase, phase_of
+from splatwire.train.state import CHANNEL_SLOPE, TrainState, expanded_scalings
+
+_CHUNK = 1 << 16
+"""Anchors whose bits are estimated at a time."""
+
+
+class DeviceCausal(TrainedCausal):
+    """The causal model as an iteration on a device meets it; arguments as of `TrainedCausal`."""
+
+    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleRate | None]:
+        """Returns what is drawn of the visible anchors, and the rate of a sample of all as far as the phase has one."""
+        config, phase, layout = self._config, phase_of(self._config.marks, state.iteration), self._model.layout
+        widths = (layout.feature_dim, FORM, 3 * layout.num_offsets)
+        index = visible
+        if phase is Phase.CONTEXT:
+            noise = self._random.noise(len(visible), widths, state.generator, state.device)
+            share = config.weights.sample_share
+            sample = self._random.sample(state.num_anchors, share, state.generator, state.device)
+            more = self._random.noise(len(sample), widths, state.generator, state.device)
+            index, noise = torch.cat([visible, sample]), torch.cat([noise, more])
+        elif phase is Phase.NOISE:
+            noise = self._random.noise(len(visible), widths, state.generator, state.device)
+        features, logs, offsets, logits = (
+            state.parameters[name].index_select(0, index)
+            for name in ("features", "log_scalings", "offsets", "mask_logits")
+        )
+        offsets = offsets.flatten(1)
+        masks, any_mask = straight_through(logits, config.mask_threshold)
+        if phase is Phase.PLAIN:
+            return ((features, expanded_scalings(logs.exp()), offsets), masks.detach()), None
+        steps = column_steps(state.parameters["steps"], self._model)
+        moved = noise.sub_(0.5) * (steps.detach() if phase is Phase.NOISE else steps)
+        scale_moved, _ = moved.split([layout.feature_dim, 1, FORM - 1 + 3 * layout.num_offsets], dim=1)[1:]
+        parts = moved.split(list(widths), dim=1)
+        numbers = features + parts[0], logs + parts[1], torch.addcmul(parts[2], offsets, (-scale_moved).exp())
+        if phase is Phase.NOISE:
+            return ((numbers[0], expanded_scalings(numbers[1].exp()), numbers[2]), masks.detach()), None
+        counts = [len(visible), len(sample)]
+        (feature, own), (log, logs), (offset, offsets) = (number.split(counts) for number in numbers)
+        (drawn_masks, masks), (_, any_mask) = masks.split(counts), any_mask.split(counts)
+        total = self._bits(state, sample, (own, logs, offsets), steps, (masks, any_mask))
+        return ((feature, expanded_scalings(log.exp()), offset), drawn_masks), SampleRate(total, len(sample))
+
+    def _bits(
+        self,
+        state: TrainState,
+        index: Int64[Tensor, "M"],
+        numbers: tuple[Tensor, Tensor, Tensor],
+        steps: Float[Tensor, "D"],
+        masks: tuple[Tensor, Tensor],
+    ) -> Float[Tensor, ""]:
+        """Bits of anchors, from their noisy numbers and the masks of their offsets and of the anchors themselves."""
+        (feature, logs, offsets), (offset_mask, anchor_mask) = numbers, masks
+        values = torch.cat([feature, logs - state.parameters["centres"].detach(), offsets], dim=1) / steps
+        place = self.place(state).index_select(0, index)
+        networks = causal_networks(state.parameters, self._model)
+        return (sample_bits(networks, self._model, place, values, offset_mask) * anchor_mask).sum()
+
+    @torch.no_grad()
+    def estimate_bytes(self, state: TrainState) -> float:
+        """Bytes of all anchors, estimated with noise in place of rounding that is the same each time."""
+        generator, config, parameters = torch.Generator().manual_seed(0), self._config, state.parameters
+        steps, total = column_steps(parameters["steps"], self._model), list[Tensor]()
+        widths = (self._model.layout.feature_dim, FORM, 3 * self._model.layout.num_offsets)
+        for index in torch.arange(state.num_anchors, device=state.device).split(_CHUNK):
+            moved = (self._random.noise(len(index), widths, generator, state.device) - 0.5) * steps
+            feature, logs, offsets = moved.split(list(widths), dim=1)
+            numbers = (
+                parameters["features"][index] + feature, parameters["log_scalings"][index] + logs,
+                parameters["offsets"][index].flatten(1) * (-logs[:, :1]).exp() + offsets,
+            )  # fmt: skip
+            masks = straight_through(parameters["mask_logits"][index], config.mask_threshold)
+            total.append(self._bits(state, index, numbers, steps, masks))
+        return float(torch.stack(total).sum()) / 8
+
+    def rate_loss(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
+        """Lambda times the megabytes of the scene, estimated from a sample."""
+        share = state.num_anchors / max(rate.num_anchors, 1)
+        return rate.bits * (state.rate(self._config.weights) * share / RATE_UNIT)
+
+
+def column_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> Float[Tensor, "D"]:
+    """Steps of an anchor's feature channels, of the logarithms of its form, and of its offsets, side by side."""
+    return logs.exp().index_select(0, _step_of_column(config, logs.device))
+
+
+@lru_cache(maxsize=8)
+def _step_of_column(config: CausalConfig, device: torch.device) -> Int64[Tensor, "D"]:
+    groups = config.layout.feature_groups
+    counts = torch.tensor([*groups, 1, FORM - 1, 3 * config.layout.num_offsets])
+    return torch.arange(len(groups) + 3).repeat_interleave(counts).to(device)
+
+
+def sample_bits(
+    networks: dict[str, Mlp],
+    config: CausalConfig,
+    place: Float[Tensor, "M P"],
+    values: Float[Tensor, "M D"],
+    offset_mask: Float[Tensor, "M K"],
+) -> Float[Tensor, "M"]:
+    """Bits of anchors: their numbers, which offsets exist, and about what their places cost.
+
+    Args:
+        networks: By name.
+        config: Shapes.
+        place: Inputs of the position network.
+        values: Features, logarithms and offsets, in steps, with noise in place of rounding.
+        offset_mask: Which offsets exist.
+    """
+    layout, order = config.layout, _output_order(config)
+    own = layout.feature_dim + FORM
+    position, *others = (networks[name] for name in config.shapes())
+    packed = pack_networks(others, order.outputs)
+    inputs, _ = values.split([own, 3 * layout.num_offsets], dim=1)
+    known = torch.cat([position(place), inputs * INPUT_UNIT], dim=1)
+    found = packed(known, CHANNEL_SLOPE)
+    mean, spread, exists = found.split([order.numbers, order.numbers, layout.num_offsets], dim=1)
+    first, offsets = _NumberBits.apply(values, mean, spread).split([own, 3 * layout.num_offsets], dim=1)
+    # an offset that exists costs softplus(-x), one that does not softplus(x), and these differ by x
+    mask_bits = torch.nn.functional.softplus(exists).mul(1 / math.log(2))
+    each = offsets.view(len(place), -1, 3).sum(dim=2).add(exists, alpha=-1 / math.log(2))
+    return first.sum(dim=1) + (offset_mask * each + mask_bits).sum(dim=1) + POSITION_BITS
+
+
+class _NumberBits(torch.autograd.Function):
+    """Bits as of `splatwire.train.causal.number_bits`, with the gradient computed together with the value.
+
+    With `a` and `b` the lower bounds of both tails in units of the root of two spreads, the probability of a number is
+    half of `erfc(a) - erfc(b)`.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, mean: Tensor, spread: Tensor) -> Tensor:
+        bounded, difference = spread.clamp(*SPREADS), values - mean
+        inverse = torch.rsub(bounded, -0.5).exp2_()
+        a = difference.abs().sub_(0.5).mul_(inverse)
+        b = a + inverse
+        share = torch.erfc(a).sub_(torch.erfc(b)).mul_(0.5)
+        bounded_share = share.clamp(min=MIN_LIKELIHOOD)
+        weight = (share >= MIN_LIKELIHOOD) / bounded_share
+        near, far = (a * a).neg_().exp_(), (b * b).neg_().exp_()
+        d_spread = (far * b).addcmul_(near, a, value=-1).mul_(weight).mul_(spread == bounded)
+        d_value = near.sub_(far).mul_(inverse).mul_(weight).mul_(difference.sign_())
+        ctx.save_for_backward(d_value, d_spread)
+        return bounded_share.log2_().neg_()
+
+    @staticmethod
+    def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        d_value, d_spread = ctx.saved_tensors
+        value = (upstream[0] * d_value).mul_(1 / (math.sqrt(math.pi) * math.log(2)))
+        return value, -value, (upstream[0] * d_spread).mul_(1 / math.sqrt(math.pi))
+
+
+@dataclass(frozen=True)
+class _OutputOrder:
+    """Outputs of the packed networks: all means, all spreads, then the logits of the offsets' existence.
+
+    Attributes:
+        outputs: Places among the outputs of all networks but the position's, one network after another.
+        numbers: Numbers of an anchor.
+    """
+
+    outputs: tuple[int, ...]
+    numbers: int
+
+
+@lru_cache(maxsize=8)
+def _output_order(config: CausalConfig) -> _OutputOrder:
+    names = [name for name in config.shapes() if name != "position"]
+    sizes = [config.shapes()[name][1] for name in names]
+    first = dict(zip(names, accumulate([0, *sizes[:-1]]), strict=True))
+    means, spreads, exists = list[int](), list[int](), list[int]()
+    for name, size in zip(names, sizes, strict=True):
+        outputs = list(range(first[name], first[name] + size))
+        if name == "form":
+            exists, outputs = outputs[:-2], outputs[-2:]
+        half = len(outputs) // 2
+        means, spreads = means + outputs[:half], spreads + outputs[half:]
+    return _OutputOrder(tuple(means + spreads + exists), len(means))
