@@ -34,7 +34,7 @@ from splatwire.data import Dataset, open_dataset
 from splatwire.model.scene_file import save_scene
 from splatwire.packets import SceneStream, stream_to_bytes
 from splatwire.train import Listener, Progress, RunOptions, TrainResult, create_config, train_scene
-from splatwire.train.presets import HACPP, MODELS
+from splatwire.train.presets import HACPP, MIN_ITERATIONS, MODELS
 from splatwire.train.quality import assess_scene
 
 RUNS = {"snowmiku_small_2400": ("snowmiku_small", 2400, 0.01), "snowmiku_15k": ("snowmiku", 15_000, 0.001),
@@ -183,7 +183,7 @@ def main() -> None:
 
 def fitting(its_per_s: float, minutes: float) -> int:
     """Iterations of a run that takes some minutes, if all were as slow as those with all anchors and entropy terms."""
-    return round(60 * minutes * its_per_s)
+    return max(round(60 * minutes * its_per_s), MIN_ITERATIONS)
 
 
 def write(summary: dict[str, Any], path: Path | None) -> None:

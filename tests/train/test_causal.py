@@ -17,6 +17,7 @@ from splatwire.model.voxels import voxel_indices
 from splatwire.ops.morton import morton_encode
 from splatwire.train import create_config, train_scene
 from splatwire.train.causal import TrainedCausal, anchor_bits, calibrate_causal, channel_steps, noisy_numbers, place_of
+from splatwire.train.causal_device import DeviceCausal
 from splatwire.train.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.train.config import RefineConfig, TrainConfig
 from splatwire.train.context import AnchorCache
@@ -26,6 +27,7 @@ from splatwire.train.initial import initial_state
 from splatwire.train.kernels import COMPILED, uniform_from_host
 from splatwire.train.refine import refine_context
 from splatwire.train.size import (
+    CODED,
     FURTHEST,
     HEADROOM,
     INTEGRAL,
@@ -156,5 +158,37 @@ def test_a_run_is_steered_and_goes_on_steered(dataset: Dataset, recipe: TrainCon
     assert load_checkpoint(tmp_path / "a.checkpoint")[0].steering == state.steering
     steer(state, recipe)
     assert state.steering.miss == missing
+
+
+def test_sizes_are_estimated_between_two_that_are_coded(
+    dataset: Dataset, recipe: TrainConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wanted = dataclasses.replace(recipe, weights=dataclasses.replace(recipe.weights, size=20_000))
+    state, sizes = initial_state(dataset, wanted), iter([9000, 9900])
+    monkeypatch.setattr("splatwire.train.size.stream_bytes", lambda scene: next(sizes))
+    times = [i for i in range(1, wanted.marks.iterations + 1) if is_time(wanted.marks, i)]
+    ratios = []
+    for iteration in times[: CODED + 1]:
+        state.iteration = iteration
+        steer(state, wanted, lambda state: 3000.0)
+        aim = 20_000 * (1 + headroom(wanted.marks, iteration))
+        assert state.steering.ratio is not None
+        assert state.steering.miss == pytest.approx(math.log(3000 * state.steering.ratio / aim))
+        ratios.append(state.steering.ratio)
+    assert ratios == pytest.approx([3.0] * (CODED - 1) + [3.3] * 2)
+    save_checkpoint(state, wanted, tmp_path / "a.checkpoint")
+    assert load_checkpoint(tmp_path / "a.checkpoint")[0].steering == state.steering
+
+
+def test_a_device_estimates_what_the_rate_is_made_of(dataset: Dataset, recipe: TrainConfig) -> None:
+    state = _scattered(dataset, recipe)
+    calibrate_causal(state, recipe, place_of(state))
+    model = DeviceCausal(recipe, dataclasses.replace(COMPILED, asynchronous=True), AnchorCache(recipe))
+    expected = (_estimate(state, recipe) + 16 * state.num_anchors) / 8
+    assert model.estimate_bytes(state) == pytest.approx(expected, rel=0.005)
+    assert model.estimate_bytes(state) == model.estimate_bytes(state)
+
+
+def test_a_size_needs_a_lambda() -> None:
     with pytest.raises(InvalidValueError, match="lambda above 0"):
         create_config(lmbda=0.0, size=1000)

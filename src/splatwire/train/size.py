@@ -48,7 +48,7 @@ def _measured(
 ) -> tuple[float, float | None]:
     """Bytes of a state's stream, and their ratio to the estimate."""
     if estimate is None:
-        return stream_bytes(export_scene(state, config)), None
+        return float(stream_bytes(export_scene(state, config))), None
     estimated, ratio = estimate(state), state.steering.ratio
     if ratio is None or measurements(config.marks, state.iteration) % CODED == 0:
         ratio = stream_bytes(export_scene(state, config)) / estimated
