@@ -52,6 +52,7 @@ def test_mistakes(run, journey, tmp_path):
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--preset", "magic"), "magic"),
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--render-weight", 1), "cameras"),
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--precision", "int1"), "int1"),
+        ((journey / "tiny.swz", "-o", tmp_path / "w", "--device", "tape"), "tape"),
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--resume"), "no such file"),
         ((journey / "tiny.swz", "-o", tmp_path / "w.swz", "--bits", 9), "from 2 to 6"),
         ((journey / "tiny.swz", "-o", tmp_path), "is a folder"),
@@ -133,6 +134,15 @@ def test_a_calibration_has_no_option_of_another(run, journey, tmp_path, method, 
         assert outcome.status == 2
         assert option in outcome.err
     assert not (tmp_path / "a.swz").exists()
+
+
+@pytest.mark.parametrize(("present", "told"), [(False, "torch finds no CUDA device"), (True, "--device cpu")])
+def test_a_gpu_has_to_be_there_and_draws_no_rendering_loss(run, journey, tmp_path, monkeypatch, present, told):
+    monkeypatch.setattr("torch.cuda.is_available", lambda: present)
+    words = ("--device", "cuda", "--render-weight", 1, "--cameras", "cameras.json")
+    outcome = run("calibrate", "gnn", journey / "tiny.swz", "-o", tmp_path / "w", *words)
+    assert outcome.status != 0
+    assert told in outcome.err
 
 
 @pytest.mark.parametrize(
