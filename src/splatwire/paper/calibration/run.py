@@ -77,11 +77,9 @@ class CalibrationRun:
 
     def __init__(
         self,
-        data: CalibrationData,
-        config: CalibrationConfig,
-        graphs: Sequence[RepairGraph] | None = None,
+        data: CalibrationData, config: CalibrationConfig, graphs: Sequence[RepairGraph] | None = None,
         device: str = "cpu",
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.data, self.config = data, config
         context = data.complete
         graphs = list(pseudo_graphs(data, config)) if graphs is None else graphs
@@ -108,7 +106,7 @@ class CalibrationRun:
 
     @property
     def rounding(self) -> bool:
-        """Whether the run has come to its rounded steps."""
+        """True in rounded steps."""
         return self.config.bits > 0 and self.iteration >= self.config.rounded_from
 
     def _as_sent(self) -> AbstractContextManager[None]:
