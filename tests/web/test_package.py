@@ -3,18 +3,27 @@
 import asyncio
 import json
 import re
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 import splatwire
+from codec.gaussians.test_gaussians import some_splats
 from explicit import encode_splats
+from moving_clips import moving_frames
+from splatwire.clips import ClipOptions, encode_clip
+from splatwire.clips.decoding import decode_frames
 from splatwire.codec import add_concealment, decode_stream
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.packets import SceneStream, stream_to_bytes
+from splatwire.levels import encode_levels
+from splatwire.model import SplatScene
+from splatwire.model.level_scene import Levels
+from splatwire.packets import Packetization, SceneStream, stream_to_bytes
 from transport.chromium import Browser, browser, executable
 from web.host import hosting
 from web.installed import called, install, package
@@ -47,6 +56,16 @@ told.lost = 0;
 for await (const { gaussians, packets, instead } of receive(url, { lost: () => told.lost++ }))
   told.arrived.push([gaussians.count, packets, instead]);
 console.log(JSON.stringify(told));
+"""
+
+FRAMES = """
+import { readFileSync } from "node:fs";
+import { decode, decodeClip } from "splatwire/decoder";
+const [levels, clip] = process.argv.slice(2).map((path) => new Uint8Array(readFileSync(path)));
+const whole = await decodeClip(clip), frames = [];
+for (let n = 0; n < whole.clip.numFrames; n++) frames.push([...whole.frame(n).centres]);
+const { gaussians, verified } = await decode(levels, { concealer: "grow" });
+console.log(JSON.stringify({ finest: [...gaussians.centres], verified, frames, clip: whole.clip }));
 """
 
 
@@ -140,6 +159,31 @@ def test_the_decoder_in_node_gives_pythons_gaussians(project: Path, stream: Scen
     assert told["arrived"][-1][1] == len(stream.packets)
     assert [instead for _, _, instead in told["arrived"]] == [True] + [False] * (len(told["arrived"]) - 1)
     assert told["lost"] >= 1
+
+
+def test_the_decoder_in_node_gives_levels_and_frames_as_python_does(project: Path, tmp_path: Path) -> None:
+    splats = some_splats(5000)
+    levels = encode_levels(SplatScene(splats), Packetization(block_size=400, lanes=2))
+    clip, _ = encode_clip(moving_frames(200, 7), ClipOptions(Fraction(8), 3))
+    paths = [str(tmp_path / f"{name}.swz") for name in ("levels", "clip")]
+    for path, stream in zip(paths, (levels, clip), strict=True):
+        Path(path).write_bytes(stream_to_bytes(stream))
+    (project / "frames.mjs").write_text(FRAMES)
+    told = json.loads(called(["node", "frames.mjs", *paths], project))
+    partial = decode_stream(levels)
+    finest = partial.scene.splats.means[partial[Levels].of == 0]
+    assert told["verified"] is True
+    assert len(finest) == len(splats.means)
+    check_centres(told["finest"], finest)
+    assert told["clip"] == {"rate": 8, "numFrames": 7}
+    for theirs, frame in zip(told["frames"], decode_frames(decode_stream(clip).scene), strict=True):
+        check_centres(theirs, frame.scene.splats.means)
+
+
+def check_centres(theirs: list[float], ours: torch.Tensor) -> None:
+    """The same places, in any order."""
+    found = np.asarray(theirs, dtype=np.float32).reshape(-1, 3)
+    assert np.allclose(np.sort(found, axis=0), np.sort(ours.numpy(), axis=0), rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")

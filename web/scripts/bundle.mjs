@@ -136,7 +136,9 @@ const DOORS = { playcanvas: "src/doors/playcanvas.ts", three: "src/doors/three.t
 export async function modules() {
   const found = [];
   const make = async (entryPoints, more) => {
-    const made = await build({ ...common, entryPoints, outdir: ".", sourcemap: true, banner, ...more });
+    // node prints the line of an error that nobody catches
+    const files = { sourcemap: true, lineLimit: 1000 };
+    const made = await build({ ...common, entryPoints, outdir: ".", ...files, banner, ...more });
     for (const { path, contents } of made.outputFiles)
       if (!basename(path).startsWith(LOWER)) found.push([basename(path), contents]);
   };

@@ -1,7 +1,9 @@
 // Little-endian bytes, bounds checked: the twin of `splatwire.byte_io`.
 
 /** Bytes that cannot be what the format promises. */
-export class BitstreamError extends Error {}
+export class BitstreamError extends Error {
+  override readonly name = "BitstreamError";
+}
 
 export class ByteReader {
   #at = 0;

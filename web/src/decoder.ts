@@ -1,6 +1,9 @@
 // `splatwire/decoder`: Gaussians out of streams, without a document: in node, in a worker or in a page.
 
+import { BitstreamError } from "./bytes.ts";
 import type { Viewpoint } from "./codec/decoder.ts";
+import type { Tiling } from "./codec/levels/tiling.ts";
+import type { Schema } from "./codec/schema.ts";
 import type { Splats } from "./codec/splats.ts";
 import type { Camera } from "./model/camera.ts";
 import { ContainerReader, type Head } from "./packets/container.ts";
@@ -9,11 +12,11 @@ import type { Arrived as ArrivedPacket } from "./transport/events.ts";
 import { Held } from "./transport/held.ts";
 import { Received } from "./transport/received.ts";
 import type { Session } from "./transport/webtransport.ts";
-import { nextTurn, pausing } from "./turns.ts";
+import { nextTurn, type Pause, pausing } from "./turns.ts";
 
-export { BitstreamError } from "./bytes.ts";
 export { Refused } from "./transport/refused.ts";
 export type { Camera, Session, Viewpoint };
+export { BitstreamError };
 
 /** Explicit Gaussians, one after another in typed arrays. */
 export interface Gaussians {
@@ -37,10 +40,23 @@ export interface Gaussians {
 }
 
 export interface Options {
-  /** What hides losses (`grow`, `scene_free`, `sketch`); without one, what arrived is given as it is. */
+  /**
+   * Hides losses: `grow` for every stream; `scene_free` and `sketch` where the stream has them; `motion`, `hold` and
+   * `drop` for clips, where `grow` is `motion`. Without one, elements that arrived are given as they are. In streams
+   * with levels coarser Gaussians always stand in for finer ones that were lost.
+   */
   readonly concealer?: string;
-  /** Where neural anchors are seen from: their Gaussians depend on it. Explicit Gaussians need none. */
+  /** View for neural anchors: their Gaussians depend on it. Explicit Gaussians need none. */
   readonly camera?: Camera;
+  /** Frame of a clip, from 0. Clips need it, other streams have none. */
+  readonly frame?: number;
+}
+
+/** Timing of a clip. */
+export interface Clip {
+  /** Frames per second. */
+  readonly rate: number;
+  readonly numFrames: number;
 }
 
 export interface ReceiveOptions extends Options {
@@ -60,6 +76,8 @@ export interface Progress {
   readonly background: readonly [number, number, number];
   /** Where the scene is looked at first, if the stream says it. */
   readonly viewpoint: Viewpoint | null;
+  /** Null where nothing moves. */
+  readonly clip: Clip | null;
 }
 
 /** Gaussians in addition to those before or, with `instead`, in their place. */
@@ -68,38 +86,82 @@ export interface Arrived extends Progress {
   readonly instead: boolean;
 }
 
-export interface Scene extends Progress {
-  readonly gaussians: Gaussians;
-  /** Whether every packet is there. */
+/** Facts about a whole file. */
+export interface Decoded extends Progress {
+  /** True if every packet is there. */
   readonly complete: boolean;
-  /** Whether all decoded integers are those that were encoded; false where packets are lacking. */
+  /** True if all decoded integers are those that were encoded; false where packets are missing. */
   readonly verified: boolean;
   /** SHA-256 of all decoded integers, hexadecimal. */
   readonly digest: string;
 }
 
-/** Decodes the bytes of a `.swz` file. Throws `BitstreamError` where they are none. */
+export interface Scene extends Decoded {
+  /** All Gaussians of the scene, of levels the finest ones; of a clip those of one frame. */
+  readonly gaussians: Gaussians;
+}
+
+export interface DecodedClip extends Decoded {
+  readonly clip: Clip;
+  /** Gaussians of a frame, from 0. Throws `RangeError` where the clip has no such frame. */
+  frame(number: number): Gaussians;
+}
+
+/**
+ * Decodes the bytes of a `.swz` file. Throws `BitstreamError` where they are none, and `RangeError` for a clip without
+ * the option `frame`.
+ */
 export async function decode(bytes: Uint8Array, options: Options = {}): Promise<Scene> {
+  const received = await read(bytes);
+  checkOptions(received, options);
+  const gaussians = await everything(received, options);
+  return { ...(await checked(received)), gaussians };
+}
+
+/** Decodes the bytes of a clip once, for any of its frames. Throws `BitstreamError` where they are none. */
+export async function decodeClip(bytes: Uint8Array, options: Pick<Options, "concealer"> = {}): Promise<DecodedClip> {
+  const received = await read(bytes),
+    { moving } = received.decoder.schema;
+  if (!moving) throw new Error("the stream is not a clip: `decode` gives its Gaussians");
+  checkOptions(received, { ...options, frame: 0 });
+  const facts = await checked(received),
+    frame = (number: number): Gaussians => {
+      checkOptions(received, { ...options, frame: number });
+      return frameOf(received, { ...options, frame: number });
+    };
+  return { ...facts, clip: facts.clip!, frame };
+}
+
+/** Takes all packets of a file. */
+async function read(bytes: Uint8Array): Promise<Received> {
   const container = new ContainerReader(),
     packets = container.feed(bytes),
     pause = pausing();
-  if (!container.head) throw new Error("the file ends before its side information does");
+  if (!container.head) throw new BitstreamError("the file ends before its side information does");
   const received = new Received(container.head);
   for (const packet of packets) {
     received.take(packet);
     await pause();
   }
+  return received;
+}
+
+/** Compares all integers with the digest of the manifest. */
+async function checked(received: Received): Promise<Decoded> {
   const { decoder } = received,
     { complete } = decoder.intake,
-    gaussians = await everything(received, options),
-    digest = await decoder.digest(pause),
+    digest = await decoder.digest(pausing()),
     verified = complete && digest === decoder.head.manifest.symbolsDigest;
-  return { ...progressOf(received), gaussians, complete, verified, digest };
+  return { ...progressOf(received), complete, verified, digest };
 }
+
+/** How much more has to arrive of levels or a clip until all that is drawn is given anew. */
+const GROWTH = 1.5;
 
 /**
  * Receives a stream: Gaussians as they arrive. With a concealer the last of what it gives has everything, concealed,
- * instead of what came before. A link that drops is tried again, and what is missing asked for.
+ * instead of what came before. Of levels and clips each result replaces the one before. A link that drops is tried
+ * again, and what is missing asked for. A live clip is refused: it has no last packet.
  */
 export async function* receive(url: string | URL, options: ReceiveOptions = {}): AsyncGenerator<Arrived, void> {
   const transfer = new Transfer(options);
@@ -132,6 +194,8 @@ class Transfer {
   error: unknown = null;
   #received: Received | null = null;
   #given = false;
+  /** Packets of which the last result was made, of streams whose results replace each other. */
+  #shown = 0;
   #waiting: ArrivedPacket[] = [];
   #wake: () => void = () => undefined;
   #stopped = false;
@@ -156,17 +220,30 @@ class Transfer {
       received.take(bytes);
       await this.#pause();
     }
+    if (replaces(received)) return yield* this.#replaced(received);
     if (!received.hasNew) return;
-    const seen = await received.seen(cameraOf(received, this.options), false, this.#pause);
+    const seen = await received.seen(cameraOf(this.options), false, this.#pause);
     if (!seen) return;
-    const gaussians = joined(seen.parts, received.decoder.antialiased);
+    const gaussians = joined(seen.parts, received.decoder.antialiased, received.decoder.schema.degree);
     yield { ...progressOf(received), gaussians, instead: !this.#given };
     this.#given = true;
   }
 
+  /** Everything anew, where enough more arrived or nothing more will. */
+  async *#replaced(received: Received): AsyncGenerator<Arrived, void> {
+    const { size } = received.decoder.intake;
+    if (this.#given && size === this.#shown) return;
+    if (!this.ended && size < GROWTH * this.#shown) return;
+    const gaussians = await everything(received, this.options);
+    this.#shown = size;
+    if (!gaussians.count && !this.ended) return;
+    this.#given = true;
+    yield { ...progressOf(received), gaussians, instead: true };
+  }
+
   async *concealed(): AsyncGenerator<Arrived, void> {
     const received = this.#received;
-    if (!received || !this.options.concealer) return;
+    if (!received || !this.options.concealer || replaces(received)) return;
     yield { ...progressOf(received), gaussians: await everything(received, this.options), instead: true };
   }
 
@@ -175,6 +252,7 @@ class Transfer {
   }
 
   end(error: unknown): void {
+    if (this.ended) return;
     this.ended = true;
     this.error = error;
     this.#wake();
@@ -182,14 +260,22 @@ class Transfer {
 
   preview(): void {}
 
-  head(head: Head, file: Uint8Array): void {
+  head(head: Head, file: Uint8Array, _keep: boolean, live = false): void {
     const known = this.#received?.decoder.head.manifest.streamId === head.manifest.streamId,
       received = known ? this.#received : new Received(head);
     if (!known || !this.held.begun) this.held.begin(file, head);
     if (known) return;
+    try {
+      if (live) throw new Error("the stream is a live clip, which only the element `<splat-wire>` plays");
+      checkOptions(received!, this.options);
+    } catch (error) {
+      this.end(error);
+      return this.stop(); // trying again would not help
+    }
     this.#received = received;
     this.#waiting = [];
     this.#given = false;
+    this.#shown = 0;
   }
 
   packets(packets: readonly ArrivedPacket[]): void {
@@ -210,36 +296,77 @@ class Transfer {
   }
 }
 
+/** True for streams of which Gaussians that arrive take the place of others: levels and clips. */
+const replaces = ({ decoder: { schema } }: Received): boolean => schema.tiling !== null || schema.moving !== null;
+
+/** Throws where a stream cannot be decoded with these options. */
+function checkOptions({ decoder: { schema } }: Received, { concealer, camera, frame }: Options): void {
+  const { moving, tiling, concealers, viewDependent } = schema,
+    levels = ["grow", "drop"],
+    known = moving ? ["grow", ...moving.concealers] : tiling ? levels : ["drop", ...Object.keys(concealers)];
+  if (concealer && !known.includes(concealer))
+    throw new Error(`the stream has no concealer '${concealer}', only ${[...new Set(known)].join(", ")}`);
+  if (moving) {
+    const { numFrames } = moving.times,
+      range = `0 to ${numFrames - 1}`;
+    if (frame === undefined)
+      throw new RangeError(`the stream is a clip: choose one of its frames, ${range}, with \`frame\``);
+    if (!(Number.isInteger(frame) && frame >= 0 && frame < numFrames))
+      throw new RangeError(`there is no frame ${frame}: the clip has frames ${range}`);
+  } else if (frame !== undefined) throw new RangeError(`there is no frame ${frame}: the stream is not a clip`);
+  if (viewDependent && !tiling && !camera)
+    throw new Error("the stream has neural anchors, whose Gaussians depend on the view: pass a `camera`");
+}
+
 /** All that is there, concealed if that is wanted. */
 async function everything(received: Received, options: Options): Promise<Gaussians> {
   const pause = pausing(),
     { concealer } = options,
-    { concealers } = received.decoder.schema,
-    camera = cameraOf(received, options),
+    { antialiased, schema } = received.decoder,
     choice = { concealer: concealer ?? "drop", dropped: 0, burst: 1, seed: 0, sent: 1 };
-  if (concealer && !(concealer in concealers))
-    throw new Error(`the stream has no concealer '${concealer}', only ${Object.keys(concealers).join(", ")}`);
+  if (schema.moving) return frameOf(received, options);
+  if (schema.tiling) return joined(await finest(schema.tiling, pause), antialiased, schema.degree);
   await received.prepare(choice, pause);
-  const seen = await received.seen(camera, true, pause),
-    all = joined(seen!.parts, received.decoder.antialiased);
+  const seen = await received.seen(cameraOf(options), true, pause),
+    all = joined(seen!.parts, antialiased, schema.degree);
   if (!concealer) return all;
   await received.conceal(choice, pause);
   return gained(all, received.gains!);
 }
 
-function cameraOf({ decoder }: Received, { camera }: Options): Camera {
-  if (camera) return camera;
-  if (decoder.schema.viewDependent)
-    throw new Error("the stream has neural anchors: say with `camera` who looks at them");
-  return { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
+/** The finest tiles that are there, coarser ones in place of those that are not. */
+async function finest(tiling: Tiling, pause: Pause): Promise<Splats[]> {
+  const parts: Splats[] = [];
+  tiling.look(null, Infinity);
+  for (const piece of tiling.drawn) {
+    await pause();
+    parts.push(...tiling.splatsOf(piece));
+  }
+  return parts;
 }
+
+const ALL_SHOWN = (): boolean => true;
+
+function frameOf({ decoder }: Received, { frame, concealer = "drop" }: Options): Gaussians {
+  const name = concealer === "grow" ? "motion" : concealer,
+    { splats } = decoder.schema.moving!.frame(frame!, ALL_SHOWN, name);
+  return joined([splats], decoder.antialiased, decoder.schema.degree);
+}
+
+/** Explicit Gaussians look the same to every camera. */
+const cameraOf = ({ camera }: Options): Camera => camera ?? { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
 
 const progressOf = ({ decoder }: Received): Progress => ({
   packets: decoder.intake.size,
   expected: decoder.head.manifest.numPackets,
   background: decoder.background,
   viewpoint: decoder.viewpoint,
+  clip: clipOf(decoder.schema),
 });
+
+function clipOf({ moving }: Schema): Clip | null {
+  return moving && { rate: moving.times.rate, numFrames: moving.times.numFrames };
+}
 
 /** Gaussians with gains of size and opacity in turn; those of size 0 are left out. */
 function gained(all: Gaussians, gains: Float32Array): Gaussians {
@@ -263,7 +390,7 @@ function gained(all: Gaussians, gains: Float32Array): Gaussians {
   };
 }
 
-function joined(parts: readonly Splats[], antialiased: boolean): Gaussians {
+function joined(parts: readonly Splats[], antialiased: boolean, degree: number): Gaussians {
   const all = (arrays: readonly Float32Array[]): Float32Array => {
     const found = new Float32Array(arrays.reduce((sum, array) => sum + array.length, 0));
     let at = 0;
@@ -275,7 +402,7 @@ function joined(parts: readonly Splats[], antialiased: boolean): Gaussians {
   };
   return {
     count: parts.reduce((sum, part) => sum + part.count, 0),
-    degree: parts[0]?.degree ?? 0,
+    degree,
     centres: all(parts.map(({ means }) => means)),
     rotations: all(parts.map(({ quats }) => quats)),
     scales: all(parts.map(({ scales }) => scales)),

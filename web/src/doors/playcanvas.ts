@@ -2,8 +2,9 @@
 
 import { type AppBase, type Asset, type GraphicsDevice, GSplatData, GSplatResource } from "playcanvas";
 
-import { decode, type Gaussians, type Options, receive } from "../decoder.ts";
+import { type Arrived, decode, type Gaussians, type Options, receive } from "../decoder.ts";
 import { plyColumns } from "./columns.ts";
+import { warnOfLosses } from "./losses.ts";
 
 type Told = (error: string | null, resource?: GSplatResource | null) => void;
 
@@ -14,7 +15,7 @@ type Told = (error: string | null, resource?: GSplatResource | null) => void;
 export class SwzParser {
   constructor(
     readonly app: AppBase,
-    /** What hides losses: `grow` if nothing is said. */
+    /** The concealer is `grow` by default; clips need `frame`. */
     readonly options: Options = {},
   ) {}
 
@@ -47,19 +48,23 @@ export class SwzParser {
       const view = ArrayBuffer.isView(bytes)
         ? new Uint8Array(bytes.buffer, bytes.byteOffset, bytes.byteLength)
         : new Uint8Array(bytes);
-      const { gaussians } = await decode(view, options);
-      return gone() ? null : gaussians;
+      const scene = await decode(view, options);
+      if (gone()) return null;
+      warnOfLosses(scene, url);
+      return scene.gaussians;
     }
-    let last: Gaussians | null = null;
+    let last: Arrived | null = null;
     try {
-      for await (const { gaussians, packets, expected } of receive(url, { ...options, signal: stop.signal })) {
-        last = gaussians;
-        asset?.fire("progress", packets, expected);
+      for await (const arrived of receive(url, { ...options, signal: stop.signal })) {
+        last = arrived;
+        asset?.fire("progress", arrived.packets, arrived.expected);
       }
     } catch (error) {
       if (!stop.signal.aborted) throw error;
     }
-    return gone() ? null : last;
+    if (gone()) return null;
+    if (!last) throw new Error("nothing arrived");
+    return last.gaussians;
   }
 }
 

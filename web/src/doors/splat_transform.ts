@@ -5,6 +5,7 @@ import { readFile } from "node:fs/promises";
 
 import { decode, type Gaussians } from "../decoder.ts";
 import { type Columns, plyColumns } from "./columns.ts";
+import { warnOfLosses } from "./losses.ts";
 
 interface Parameters {
   readonly name: string;
@@ -24,13 +25,19 @@ export class Generator {
     this.#columns = columns;
   }
 
-  /** Parameters: `file`, the stream; `concealer`, what hides losses, `grow` if nothing is said. */
+  /** Parameters: `file`, the stream; `concealer`, which hides losses, `grow` by default; `frame`, of a clip. */
   static async create(given: readonly Parameters[]): Promise<Generator> {
-    const { file, concealer = "grow", ...unknown } = Object.fromEntries(given.map(({ name, value }) => [name, value]));
+    const fields = Object.fromEntries(given.map(({ name, value }) => [name, value])),
+      { file, concealer = "grow", frame, ...unknown } = fields;
     const [other] = Object.keys(unknown);
-    if (other !== undefined) throw new Error(`there is no parameter '${other}', only file and concealer`);
-    if (!file) throw new Error("say which stream: -p file=scene.swz");
-    const { gaussians } = await decode(new Uint8Array(await readFile(file)), { concealer });
+    if (other !== undefined) throw new Error(`there is no parameter '${other}', only file, concealer and frame`);
+    if (!file) throw new Error("the stream is missing: -p file=scene.swz");
+    const scene = await decode(new Uint8Array(await readFile(file)), {
+      concealer,
+      ...(frame === undefined ? {} : { frame: Number(frame || Number.NaN) }),
+    });
+    warnOfLosses(scene, file);
+    const { gaussians } = scene;
     return new Generator(gaussians.count, plyColumns(turned(gaussians)));
   }
 

@@ -41,7 +41,7 @@ export function fileHead(manifest: Uint8Array, sideInfo: Uint8Array): Uint8Array
 export class ContainerReader {
   head: Head | null;
   /** The file up to its first packet, once that is there. */
-  headBytes = new Uint8Array();
+  headBytes: Uint8Array = new Uint8Array();
   /** Whether the rest cannot be read. */
   broken = false;
   #manifest: Manifest | null = null;

@@ -72,8 +72,8 @@ function worth(tiles: Tiles, tile: number, look: Look | null, eye: readonly numb
 const length = ([x, y, z]: readonly number[]): number => Math.sqrt(x * x + y * y + z * z);
 
 /**
- * Takes what is most useful for a byte, until the budget is spent or the error is small everywhere. Tiles can be drawn
- * before all of them is there.
+ * Takes what is most useful for a byte, until the budget is spent or the error is small everywhere. An infinite budget
+ * takes every tile. Tiles can be drawn before all of them is there.
  */
 export function cutOf(
   tiles: Tiles,
@@ -100,6 +100,7 @@ export function cutOf(
 
 /** Tiles that are shown or wanted, the most useful first: no tile before what stands for it. */
 function chosenTiles(tiles: Tiles, look: Look | null, budget: number): number[] {
+  if (budget === Infinity) return Array.from({ length: tiles.count }, (_, tile) => tile);
   const { count, parents, gaussians } = tiles,
     eye = look ? eyeOf(look) : [],
     least = look ? FINE_ENOUGH : 0,

@@ -151,12 +151,12 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
     return children[tile].filter((child) => this.#drawn.has(child));
   }
 
-  look(camera: Camera | null): boolean {
+  look(camera: Camera | null, budget = BUDGET): boolean {
     const { packets, parents } = this.tiles,
       came = this.#came,
       there = (tile: number): boolean => came[tile] === packets[tile],
       most = (tile: number): boolean => came[tile] >= (parents[tile] < 0 ? 1 : MOST * packets[tile]);
-    this.#cut = cutOf(this.tiles, there, camera, BUDGET, most);
+    this.#cut = cutOf(this.tiles, there, camera, budget, most);
     const drawn = this.pieces.drawn(this.#cut),
       same = drawn.length === this.#drawn.size && drawn.every((piece) => this.#drawn.has(piece));
     if (!same) this.#drawn = new Set(drawn);

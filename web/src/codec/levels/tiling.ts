@@ -15,8 +15,8 @@ export interface Tiling {
   readonly pieces: Pieces;
   /** Pieces that are drawn. */
   readonly drawn: readonly number[];
-  /** Looks again; whether other pieces are drawn than before. */
-  look(camera: Camera | null): boolean;
+  /** Looks again, for so many Gaussians at most; true if other pieces are drawn than before. */
+  look(camera: Camera | null, budget?: number): boolean;
   /** How many packets of the tile of a piece came. */
   packetsOf(piece: number): number;
   /** Those packets, and which of their Gaussians are those of the piece. */

@@ -1,0 +1,128 @@
+// `splatwire/decoder`: all Gaussians of levels, any frame of a clip, and one clear error where an option does not fit.
+
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { createServer } from "node:http";
+import type { AddressInfo } from "node:net";
+import { test } from "node:test";
+
+import { type Arrived, BitstreamError, decode, decodeClip, type Gaussians, receive } from "../src/decoder.ts";
+import { Generator } from "../src/doors/splat_transform.ts";
+import { ContainerReader } from "../src/packets/container.ts";
+
+const path = (name: string): string => `../tests/golden/${name}.swz`,
+  bytesOf = (name: string): Uint8Array => new Uint8Array(readFileSync(path(name)));
+const levels = bytesOf("tiny_levels"),
+  clip = bytesOf("tiny_clip"),
+  anchors = bytesOf("tiny_causal");
+
+/** Elements of the finest level of a stream with levels. */
+function finestCount(file: Uint8Array): number {
+  const container = new ContainerReader();
+  container.feed(file);
+  const { tiers, count } = container.head!.manifest;
+  return tiers.at(-1)?.count ?? count;
+}
+
+/** A file of the same head with some of its packets. */
+function partOf(file: Uint8Array, keep: (n: number) => boolean): Uint8Array {
+  const container = new ContainerReader(),
+    packets = container.feed(file).filter((_, n) => keep(n)),
+    sized = packets.flatMap((packet) => [new Uint8Array(Uint32Array.of(packet.length).buffer), packet]);
+  return new Uint8Array(Buffer.concat([container.headBytes, ...sized]));
+}
+
+async function received(file: Uint8Array, options: Parameters<typeof receive>[1]): Promise<Arrived[]> {
+  const server = createServer((request, response) => response.end(request.url === "/s.swz" ? file : undefined)),
+    found: Arrived[] = [];
+  await new Promise<void>((resolve) => server.listen(0, "127.0.0.1", resolve));
+  try {
+    const { port } = server.address() as AddressInfo;
+    for await (const arrived of receive(`http://127.0.0.1:${port}/s.swz`, options)) found.push(arrived);
+  } finally {
+    server.closeAllConnections();
+    server.close();
+  }
+  return found;
+}
+
+for (const concealer of [undefined, "grow"]) {
+  test(`all Gaussians of the finest level are given, with concealer ${concealer}`, async () => {
+    const scene = await decode(levels, concealer ? { concealer } : {});
+    assert.equal(scene.gaussians.count, finestCount(levels));
+    assert.equal(scene.gaussians.centres.length, 3 * scene.gaussians.count);
+    assert.deepEqual([scene.complete, scene.verified, scene.clip], [true, true, null]);
+  });
+}
+
+test("coarser Gaussians stand in for a finer tile that was lost", async () => {
+  const some = await decode(partOf(levels, (n) => n < 4));
+  assert.ok(some.gaussians.count > 0 && some.gaussians.count < finestCount(levels));
+  assert.deepEqual([some.complete, some.verified], [false, false]);
+});
+
+test("the last result of receiving levels is every Gaussian of the finest one", async () => {
+  const found = await received(levels, {});
+  assert.equal(found.at(-1)!.gaussians.count, finestCount(levels));
+  assert.ok(found.every(({ instead }) => instead));
+});
+
+test("frames of a clip are given by number, and are those of decodeClip", async () => {
+  const whole = await decodeClip(clip),
+    { numFrames, rate } = whole.clip,
+    last = numFrames - 1;
+  assert.ok(numFrames > 1 && rate > 0 && whole.verified);
+  const frames = Array.from({ length: numFrames }, (_, n) => whole.frame(n));
+  assert.ok(frames.every(({ count }) => count > 0));
+  const moved = (one: Gaussians, other: Gaussians): boolean =>
+    !Buffer.from(one.centres.buffer).equals(Buffer.from(other.centres.buffer));
+  assert.ok(moved(frames[0], frames[last]), "nothing moves");
+  for (const frame of [0, last]) {
+    const scene = await decode(clip, { frame, concealer: "grow" });
+    assert.deepEqual(scene.gaussians, frames[frame]);
+    assert.deepEqual(scene.clip, whole.clip);
+    assert.deepEqual((await received(clip, { frame })).at(-1)!.gaussians, frames[frame]);
+  }
+  assert.deepEqual(whole.frame(last), frames[last]);
+});
+
+test("a clip without a frame, or with one that it does not have, is refused", async () => {
+  const { numFrames } = (await decodeClip(clip)).clip;
+  await assert.rejects(decode(clip), { name: "RangeError", message: /clip: choose one of its frames, 0 to / });
+  for (const frame of [-1, numFrames, 0.5, Number.NaN]) {
+    await assert.rejects(decode(clip, { frame }), { name: "RangeError", message: /there is no frame / });
+    await assert.rejects(async () => (await decodeClip(clip)).frame(frame), RangeError);
+  }
+  await assert.rejects(decode(levels, { frame: 0 }), /not a clip/);
+  await assert.rejects(decodeClip(levels), /not a clip/);
+  await assert.rejects(received(clip, {}), /choose one of its frames/);
+});
+
+test("a concealer that a stream lacks is refused with the names of those that it has", async () => {
+  await assert.rejects(decode(levels, { concealer: "scene_free" }), /no concealer 'scene_free', only grow, drop$/);
+  await assert.rejects(decode(clip, { frame: 0, concealer: "sketch" }), /only grow, motion, hold, drop$/);
+  await assert.rejects(received(levels, { concealer: "sketch" }), /no concealer 'sketch'/);
+});
+
+test("anchors need a camera, and the error says so", async () => {
+  await assert.rejects(decode(anchors), /neural anchors.*pass a `camera`/);
+  await assert.rejects(received(anchors, {}), /neural anchors.*pass a `camera`/);
+});
+
+test("an error of the format has its name, and a cut file is one", async () => {
+  for (const file of [levels.subarray(0, 40), new Uint8Array(50)]) {
+    const error = await decode(file).catch((error: unknown) => error);
+    assert.ok(error instanceof BitstreamError);
+    assert.equal(error.name, "BitstreamError");
+  }
+});
+
+test("splat-transform gets every row of levels, and a chosen frame of a clip", async () => {
+  const given = (fields: Record<string, string>) => Object.entries(fields).map(([name, value]) => ({ name, value }));
+  const generator = await Generator.create(given({ file: path("tiny_levels") }));
+  assert.equal(generator.count, finestCount(levels));
+  const { count } = (await decodeClip(clip)).frame(1);
+  assert.equal((await Generator.create(given({ file: path("tiny_clip"), frame: "1" }))).count, count);
+  await assert.rejects(Generator.create(given({ file: path("tiny_clip") })), /choose one of its frames/);
+  await assert.rejects(Generator.create(given({ file: path("tiny_clip"), frame: "one" })), /there is no frame/);
+});
