@@ -1,7 +1,7 @@
 // node scripts/package.mjs FOLDER: writes the npm package `splatwire`.
 
 import { spawnSync } from "node:child_process";
-import { copyFileSync, mkdirSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { appendFileSync, copyFileSync, mkdirSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 
@@ -29,16 +29,25 @@ const reach = (name) => {
   for (const [, , target] of text.matchAll(IMPORT)) reach(join(dirname(name), `${target}.d.ts`));
   writeFileSync(path, text.replace(IMPORT, '$1$2.js"'));
 };
-for (const name of ["index.d.ts", "decoder.d.ts", "doors/playcanvas.d.ts", "doors/three.d.ts"]) reach(name);
+// What frameworks know of the element, by hand: it refers to packages that are not installed here.
+copyFileSync(join(root, "types", "frameworks.d.ts"), join(out, "types", "frameworks.d.ts"));
+appendFileSync(join(out, "types", "index.d.ts"), 'import "./frameworks.js";\n');
+for (const name of ["index.d.ts", "frameworks.d.ts", "decoder.d.ts", "doors/playcanvas.d.ts", "doors/three.d.ts"])
+  reach(name);
 for (const name of readdirSync(join(out, "types"), { recursive: true }))
   if (name.endsWith(".d.ts") && !reached.has(name)) rmSync(join(out, "types", name));
 
+const DOORS = { playcanvas: "^2.21.0", three: ">=0.180.0", "@sparkjsdev/spark": "^2.2.0" },
+  FRAMEWORKS = ["@types/react", "preact", "solid-js", "svelte", "vue"],
+  PEERS = { ...DOORS, ...Object.fromEntries(FRAMEWORKS.map((name) => [name, "*"])) };
 const packaged = {
   name: "splatwire",
   version,
   description: "3D Gaussian splats across lossy networks: a viewer element, and a decoder",
   license: "Apache-2.0",
   type: "module",
+  main: "./index.js",
+  types: "./types/index.d.ts",
   exports: {
     ".": { types: "./types/index.d.ts", default: "./index.js" },
     "./strict": { types: "./types/index.d.ts", default: "./strict.js" },
@@ -48,11 +57,10 @@ const packaged = {
     "./splat-transform.mjs": "./splat-transform.mjs",
     "./package.json": "./package.json",
   },
-  // what the doors of other programs need of them; whoever uses the element or the decoder installs none
-  peerDependencies: { playcanvas: "^2.21.0", three: ">=0.180.0", "@sparkjsdev/spark": "^2.2.0" },
-  peerDependenciesMeta: Object.fromEntries(
-    ["playcanvas", "three", "@sparkjsdev/spark"].map((name) => [name, { optional: true }]),
-  ),
+  // what the doors of other programs need of them, and whose types know the element; the element and the decoder need
+  // none
+  peerDependencies: PEERS,
+  peerDependenciesMeta: Object.fromEntries(Object.keys(PEERS).map((name) => [name, { optional: true }])),
   sideEffects: ["./index.js", "./strict.js"],
   keywords: ["gaussian-splatting", "3dgs", "streaming", "webtransport", "web-component", "codec"],
 };

@@ -2,7 +2,8 @@
 
 import { SplatWire } from "./page/element.ts";
 
-if (!customElements.get("splat-wire")) customElements.define("splat-wire", SplatWire);
+// a server that renders pages has none
+if (globalThis.customElements && !customElements.get("splat-wire")) customElements.define("splat-wire", SplatWire);
 
-export type { Details, SplatWireEvents, Status } from "./page/events.ts";
+export type { Details, SplatWireEventMap, SplatWireEvents, Status } from "./page/events.ts";
 export { SplatWire };

@@ -3,21 +3,29 @@
 import type { FixedCamera } from "../model/camera.ts";
 import type { View } from "../render/view.ts";
 import { Controller } from "./controller.ts";
-import { newStatus, type SplatWireEvents, type Status } from "./events.ts";
+import { dress } from "./dress.ts";
+import { newStatus, type SplatWireEventMap, type Status } from "./events.ts";
 import type { Panel } from "./panel.ts";
-import { STYLE } from "./style.ts";
 
 /** Attributes that say which stream it is; of the others each is followed at once. */
 const SOURCES: readonly string[] = ["src", "session", "fingerprint", "data"];
 
-export class SplatWire extends HTMLElement {
-  static readonly observedAttributes = [...SOURCES, "concealer", "viewpoint", "up", "panel"];
+/** Stands for `HTMLElement` where there is no document: a server that renders pages can import the module. */
+const Base: typeof HTMLElement = globalThis.HTMLElement ?? class {};
+
+export class SplatWire extends Base {
+  static readonly observedAttributes = [...SOURCES, "concealer", "viewpoint", "up", "panel", "gestures"];
   #controller: Controller | null = null;
   #status = newStatus();
   #stale = false;
 
   connectedCallback(): void {
     if (!this.#controller) this.#begin();
+  }
+
+  /** Style sheets belong to a document: a move to another one takes them away. */
+  adoptedCallback(): void {
+    if (this.shadowRoot) dress(this.shadowRoot);
   }
 
   /** An element that is moved is connected again in the same task. */
@@ -42,10 +50,8 @@ export class SplatWire extends HTMLElement {
   }
 
   #begin(): void {
-    const root = this.shadowRoot ?? this.attachShadow({ mode: "open" }),
-      style = new CSSStyleSheet();
-    style.replaceSync(STYLE);
-    root.adoptedStyleSheets = [style];
+    const root = this.shadowRoot ?? this.attachShadow({ mode: "open" });
+    dress(root);
     this.#controller = new Controller(this, root, (name, detail) =>
       this.dispatchEvent(new CustomEvent(name, { detail })),
     );
@@ -102,6 +108,15 @@ export class SplatWire extends HTMLElement {
     this.setAttribute("viewpoint", value);
   }
 
+  /** `cooperative` leaves the wheel and one finger to the page; "" takes them for the scene. */
+  get gestures(): string {
+    return this.getAttribute("gestures") ?? "";
+  }
+
+  set gestures(value: string) {
+    this.setAttribute("gestures", value);
+  }
+
   get status(): Readonly<Status> {
     return this.#status;
   }
@@ -131,9 +146,9 @@ export class SplatWire extends HTMLElement {
     return this.#controller;
   }
 
-  override addEventListener<Name extends keyof SplatWireEvents>(
+  override addEventListener<Name extends keyof SplatWireEventMap>(
     type: Name,
-    listener: (this: SplatWire, event: SplatWireEvents[Name]) => unknown,
+    listener: (this: SplatWire, event: SplatWireEventMap[Name]) => unknown,
     options?: boolean | AddEventListenerOptions,
   ): void;
   override addEventListener(
@@ -143,6 +158,20 @@ export class SplatWire extends HTMLElement {
   ): void;
   override addEventListener(type: string, listener: unknown, options?: boolean | AddEventListenerOptions): void {
     super.addEventListener(type, listener as EventListener, options);
+  }
+
+  override removeEventListener<Name extends keyof SplatWireEventMap>(
+    type: Name,
+    listener: (this: SplatWire, event: SplatWireEventMap[Name]) => unknown,
+    options?: boolean | EventListenerOptions,
+  ): void;
+  override removeEventListener(
+    type: string,
+    listener: EventListenerOrEventListenerObject | null,
+    options?: boolean | EventListenerOptions,
+  ): void;
+  override removeEventListener(type: string, listener: unknown, options?: boolean | EventListenerOptions): void {
+    super.removeEventListener(type, listener as EventListener, options);
   }
 }
 

@@ -55,4 +55,7 @@ export interface Details {
 /** The events of the element by name. */
 export type SplatWireEvents = { [Name in keyof Details]: CustomEvent<Details[Name]> };
 
+/** Those and the standard events of an element; `load`, `error` and `progress` have the details above. */
+export type SplatWireEventMap = Omit<HTMLElementEventMap, keyof SplatWireEvents> & SplatWireEvents;
+
 export type Tell = <Name extends keyof Details>(name: Name, detail: Details[Name]) => void;

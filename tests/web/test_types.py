@@ -1,0 +1,108 @@
+"""Types of the npm package: in old compilers, in templates of frameworks, and imported where there is no document."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from web.installed import called, install, package
+
+OTHERS = {
+    "typescript": "5.9.3", "oldest": "npm:typescript@4.7.4", "old": "npm:typescript@5.0.4",
+    "@types/react": "19.3.0", "react18": "npm:@types/react@18.3.32", "preact": "10.29.8", "solid-js": "1.9.19",
+    "svelte": "5.57.3", "vue": "3.5.45",
+}  # fmt: skip
+ELEMENT = """
+import "splatwire";
+import type { SplatWire } from "splatwire";
+import { BitstreamError, decode, decodeClip, receive } from "splatwire/decoder";
+
+const element: SplatWire = document.querySelector("splat-wire")!;
+const loaded = ({ detail }: CustomEvent<{ complete: boolean; verified: boolean }>) => console.log(detail.verified);
+element.addEventListener("load", loaded);
+element.removeEventListener("load", loaded);
+element.addEventListener("click", function (event) { console.log(event.clientX, this.src); });
+element.addEventListener("lost", (event) => console.log(event.detail.retryMs), { once: true });
+element.addEventListener("their-own", { handleEvent: (event: Event) => console.log(event.type) });
+// @ts-expect-error: an event without this detail
+element.addEventListener("error", ({ detail }) => console.log(detail.retryMs));
+export const shown = decode(new Uint8Array(), { frame: 3 }).then(({ gaussians }) => gaussians.centres);
+export const frames = decodeClip(new Uint8Array()).then((clip) => clip.frame(0).count * clip.clip.rate);
+export const failed = (error: unknown): boolean => error instanceof BitstreamError;
+for await (const { gaussians, clip } of receive("/scene.swz")) console.log(gaussians.count, clip?.numFrames);
+"""
+REACT = """
+import "splatwire";
+import type { SplatWire } from "splatwire";
+import * as React from "react";
+
+export function Scene() {
+  const ref = React.useRef<SplatWire>(null);
+  return <splat-wire ref={ref} src="/scene.swz" panel="none" style={{ height: 9 }} onload={(e) => e.detail.verified} />;
+}
+// @ts-expect-error: a typo
+export const typo = <splat-wire scr="/scene.swz" />;
+"""
+JSX = """
+import "splatwire";
+export const scene = <splat-wire src="/scene.swz" panel="none" class="large" style={{ height: "9rem" }} />;
+// @ts-expect-error: a typo
+export const typo = <splat-wire scr="/scene.swz" />;
+"""
+TEMPLATES = """
+import "splatwire";
+import type { SvelteHTMLElements } from "svelte/elements";
+import type { GlobalComponents } from "vue";
+type Svelte = SvelteHTMLElements["splat-wire"];
+export const svelte: Svelte = { src: "/scene.swz", class: "x", onload: (e) => e.detail.complete };
+type Props = InstanceType<GlobalComponents["splat-wire"]>["$props"];
+export const vue: Props = { src: "/scene.swz", class: "x" };
+// @ts-expect-error: a wrong value
+export const wrong: Props = { panel: 3 };
+"""
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("typed")
+    install(folder, package(tmp_path_factory.mktemp("package")), OTHERS)
+    return folder
+
+
+def compiled(project: Path, compiler: str, name: str, code: str, **options: object) -> None:
+    """Type-checks one file with a compiler by the name of its folder, the declarations of the package, too."""
+    (project / name).write_text(code)
+    given = json.loads((project / "tsconfig.json").read_text())["compilerOptions"] | options
+    config = project / f"tsconfig.{compiler}.{name}.json"
+    config.write_text(json.dumps({"compilerOptions": given, "files": [name]}))
+    called(["node", f"node_modules/{compiler}/bin/tsc", "-p", config.name], project)
+
+
+@pytest.mark.parametrize(
+    ("compiler", "resolution"), [("oldest", "node16"), ("old", "bundler"), ("typescript", "bundler")]
+)
+def test_the_oldest_promised_compiler_takes_the_declarations(project: Path, compiler: str, resolution: str) -> None:
+    module = "node16" if resolution == "node16" else "esnext"
+    compiled(project, compiler, "element.ts", ELEMENT, module=module, moduleResolution=resolution)
+
+
+@pytest.mark.parametrize("react", ["react", "react18"])
+def test_react_knows_the_element_and_its_attributes(project: Path, react: str) -> None:
+    paths = {} if react == "react" else {"react": ["./node_modules/react18"], "react/*": ["./node_modules/react18/*"]}
+    for jsx in ("react-jsx", "react"):
+        compiled(project, "typescript", f"{react}.tsx", REACT, jsx=jsx, paths=paths)
+
+
+@pytest.mark.parametrize("source", ["preact", "solid-js"])
+def test_preact_and_solid_know_the_element(project: Path, source: str) -> None:
+    compiled(project, "typescript", f"{source}.tsx", JSX, jsx="react-jsx", jsxImportSource=source)
+
+
+def test_svelte_and_vue_know_the_element(project: Path) -> None:
+    compiled(project, "typescript", "templates.ts", TEMPLATES)
+
+
+@pytest.mark.parametrize("entry", ["splatwire", "splatwire/strict"])
+def test_a_server_without_a_document_imports_the_element(project: Path, entry: str) -> None:
+    told = called(["node", "-e", f"import('{entry}').then(({{SplatWire}}) => console.log(typeof SplatWire))"], project)
+    assert told.strip() == "function"

@@ -1,0 +1,72 @@
+// <splat-wire> in the templates of React, Preact, Solid, Svelte and Vue. None of them has to be installed.
+
+import type { SplatWireEvents } from "./page/events.js";
+import type { SplatWire } from "./page/element.js";
+
+/** Attributes of the element; `docs/browser.md` describes them. */
+export interface SplatWireAttributes {
+  src?: string | undefined;
+  session?: string | undefined;
+  fingerprint?: string | undefined;
+  concealer?: string | undefined;
+  /** Nine numbers: eye, the point that it looks at, up. */
+  viewpoint?: string | undefined;
+  up?: "x" | "-x" | "y" | "-y" | "z" | "-z" | undefined;
+  panel?: "none" | "open" | undefined;
+  gestures?: "cooperative" | undefined;
+}
+
+/** Listeners as attributes, in frameworks that add one for each attribute that begins with `on`. */
+export type SplatWireListeners = {
+  [Name in keyof SplatWireEvents as `on${Name}`]?: ((event: SplatWireEvents[Name]) => void) | undefined;
+};
+
+type Override<Known, Own> = Omit<Known, keyof Own> & Own;
+type ReactProps = SplatWireProps & { class?: string | undefined };
+type SplatWireProps = SplatWireAttributes & SplatWireListeners;
+
+// @ts-ignore: React is not installed
+declare module "react" {
+  namespace JSX {
+    interface IntrinsicElements {
+      // @ts-ignore: React is not installed
+      "splat-wire": Override<DetailedHTMLProps<HTMLAttributes<SplatWire>, SplatWire>, ReactProps>;
+    }
+  }
+}
+
+// @ts-ignore: Preact is not installed
+declare module "preact" {
+  namespace JSX {
+    interface IntrinsicElements {
+      // @ts-ignore: Preact is not installed
+      "splat-wire": Override<HTMLAttributes<SplatWire>, SplatWireProps>;
+    }
+  }
+}
+
+// @ts-ignore: Solid is not installed
+declare module "solid-js/jsx-runtime" {
+  namespace JSX {
+    interface IntrinsicElements {
+      // @ts-ignore: Solid is not installed
+      "splat-wire": Override<HTMLAttributes<SplatWire>, SplatWireAttributes>;
+    }
+  }
+}
+
+// @ts-ignore: Svelte is not installed
+declare module "svelte/elements" {
+  interface SvelteHTMLElements {
+    // @ts-ignore: Svelte is not installed
+    "splat-wire": Override<HTMLAttributes<SplatWire>, SplatWireProps>;
+  }
+}
+
+// @ts-ignore: Vue is not installed
+declare module "vue" {
+  interface GlobalComponents {
+    // @ts-ignore: Vue is not installed
+    "splat-wire": new () => { $props: Override<HTMLAttributes, SplatWireAttributes> };
+  }
+}
