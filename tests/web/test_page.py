@@ -90,6 +90,23 @@ def opened(page: Browser, url: str) -> str:
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_redundant_copies_are_neither_counted_nor_a_loss(stream: SceneStream, tmp_path: Path) -> None:
+    """A whole stream shows no loss and its own number of Gaussians; the picture to compare with has no copies."""
+    packed = tmp_path / "packed.html"
+    packed.write_bytes(pack_stream(with_copies(stream), "a ball with copies"))
+    rows = f"[...{ELEMENT}.shadowRoot.querySelectorAll('dt')]"
+    told = f"{rows}.find((dt) => dt.textContent === 'PSNR')?.nextSibling.textContent"
+    with browser() as page:
+        assert opened(page, packed.as_uri()) == "complete"
+        page.wait_for(f"{ELEMENT}.view && {ELEMENT}.panel.settings.concealer === 'sketch'")
+        assert page.wait_for(told, 60) == "no loss"
+        assert status(page, "gaussians") == stream.manifest.num_elements
+        check_pictures(page, stream, 40, "sketch")
+        page.evaluate(f"{ELEMENT}.panel.set({{show: 'lossless'}})")
+        check_pictures(page, stream, 40)
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
 def test_a_browser_receives_decodes_and_draws(
     stream: SceneStream, programs: dict[str, Program], tmp_path: Path
 ) -> None:

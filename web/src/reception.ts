@@ -25,6 +25,9 @@ const ANYWHERE: Camera = { viewmat: [], focal: 1, width: 1, height: 1, margin: 0
 export const say = (message: FromWorker, hand: ArrayBuffer[] = []): void =>
   self.postMessage(message, { transfer: hand });
 
+const buffersOfGains = (...arrays: (Float32Array | null)[]): ArrayBuffer[] =>
+  arrays.flatMap((gains) => (gains ? [gains.buffer as ArrayBuffer] : []));
+
 export class Reception implements Receiver {
   /** What of the file is there. */
   readonly held = new Held();
@@ -286,12 +289,13 @@ export class Reception implements Receiver {
         shown = await received.seen(this.#camera, this.#looked !== ask, pausing());
       if (!shown || received !== this.#received) return;
       this.#looked = ask;
-      const { parts, instead, fresh, elements } = shown,
+      const { parts, instead, fresh, elements, copies } = shown,
         gains = instead ? received.gains : null,
+        lossless = instead ? received.gainsWithoutCopies : null,
         { degree, size } = schema;
       const packed = pack(parts, degree, size),
-        hand = [...buffersOf(packed), ...(gains ? [gains.buffer as ArrayBuffer] : [])];
-      say({ kind: "splats", packed, instead, fresh, elements, gains, ask }, hand);
+        hand = [...buffersOf(packed), ...buffersOfGains(gains, lossless)];
+      say({ kind: "splats", packed, instead, fresh, elements, copies, gains, lossless, ask }, hand);
     }
   }
 
@@ -345,7 +349,9 @@ export class Reception implements Receiver {
     const shownPackets = await received.conceal(choice, pause),
       pieces = [...this.#pieces.keys()].sort((a, b) => a - b),
       gains = received.decoder.schema.tiling ? received.gainsOfPieces(pieces) : received.gains;
-    if (shownPackets !== null && gains) say({ kind: "gains", gains, shownPackets, ask }, [gains.buffer as ArrayBuffer]);
+    if (shownPackets === null || !gains) return;
+    const lossless = received.gainsWithoutCopies;
+    say({ kind: "gains", gains, lossless, shownPackets, ask }, buffersOfGains(gains, lossless));
   }
 
   /** Whether every packet is there and decoded. */

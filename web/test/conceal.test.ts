@@ -177,3 +177,28 @@ for (const path of STREAMS) {
     assert.ok(received.gains!.every((gain) => gain === 1));
   });
 }
+
+/** Streams that have redundant copies for the concealer `sketch`. */
+const COPIED = STREAMS.filter((path) => "sketch" in new StreamDecoder(readStream(path).head).schema.concealers);
+
+test("copies are hidden and not counted where all is there", {
+  skip: !COPIED.length && "STREAMS names none",
+}, async () => {
+  const choice = { ...GROW, concealer: "sketch" },
+    countOf = (parts: readonly { count: number }[]): number => parts.reduce((sum, { count }) => sum + count, 0);
+  for (const path of COPIED) {
+    const { head, packets } = readStream(path),
+      received = new Received(head);
+    for (const bytes of packets) received.take(bytes);
+    const plain = (await received.seen(CAMERA, true, always))!;
+    assert.equal(plain.copies, 0);
+    assert.equal(received.gainsWithoutCopies, null);
+    await received.prepare(choice, always);
+    const copied = (await received.seen(CAMERA, false, always))!,
+      again = (await received.seen(CAMERA, true, always))!;
+    assert.equal(copied.copies, countOf(copied.parts));
+    assert.equal(countOf(again.parts) - again.copies, countOf(plain.parts));
+    await received.conceal(choice, always);
+    assert.deepEqual(received.gains, received.gainsWithoutCopies);
+  }
+});

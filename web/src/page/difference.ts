@@ -11,6 +11,8 @@ export class Comparison {
   /** Lies over the picture. */
   readonly canvas = document.createElement("canvas");
   #gains: Float32Array | null = null;
+  /** Gains of the picture to compare with; null draws every Gaussian as it is. */
+  #lossless: Float32Array | null = null;
   #still = 0;
   #comparing = Promise.resolve();
 
@@ -22,8 +24,10 @@ export class Comparison {
     this.canvas.className = "over";
   }
 
-  show(gains: Float32Array): void {
+  /** `lossless`: gains of the picture to compare with, which has no redundant Gaussians. */
+  show(gains: Float32Array, lossless: Float32Array | null): void {
     this.#gains = gains;
+    this.#lossless = lossless;
     this.#apply();
     this.moved();
   }
@@ -52,24 +56,25 @@ export class Comparison {
   }
 
   #apply(): void {
-    this.stage.draw((view) => void view.setGains(this.wanted() === "lossless" ? null : this.#gains));
+    this.stage.draw((view) => void view.setGains(this.wanted() === "lossless" ? this.#lossless : this.#gains));
   }
 
   async #compare(): Promise<void> {
     const { view } = this.stage;
     await view?.steady();
     const gains = this.#gains,
+      lossless = this.#lossless,
       still = this.#still;
     if (!view) return;
-    if (gains?.every((gain) => gain === 1)) return this.tell(null);
-    await view.setGains(null);
+    if (gains?.every((gain, n) => gain === (lossless?.[n] ?? 1))) return this.tell(null);
+    await view.setGains(lossless);
     await view.frame();
     if (still !== this.#still) return this.#apply();
-    const lossless = pixelsOf(view.canvas);
+    const reference = pixelsOf(view.canvas);
     await view.setGains(gains);
     await view.frame();
     const pause = pausing(() => still === this.#still),
-      difference = await differenceOf(pixelsOf(view.canvas), lossless, pause);
+      difference = await differenceOf(pixelsOf(view.canvas), reference, pause);
     if (!difference) return;
     const { picture, psnr } = difference;
     this.canvas.width = picture.width;

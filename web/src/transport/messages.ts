@@ -45,8 +45,9 @@ export type FromWorker =
   | { kind: "facts"; facts: Facts }
   /**
    * Gaussians in addition to those that are there or, with their gains, instead of them; whether some of packets that
-   * were not shown are among them; of how many elements there are some now; `ask` is that of the look that they are
-   * for.
+   * were not shown are among them; of how many elements there are some now; how many redundant Gaussians are among all
+   * that were handed over; `lossless`: gains that hide those, null where there are none; `ask` is that of the look that
+   * they are for.
    */
   | {
       kind: "splats";
@@ -54,7 +55,9 @@ export type FromWorker =
       instead: boolean;
       fresh: boolean;
       elements: number;
+      copies: number;
       gains: Float32Array | null;
+      lossless: Float32Array | null;
       ask: number;
     }
   /** Tiles of a scene with levels, in place of others; the rest as of `splats`. */
@@ -64,7 +67,7 @@ export type FromWorker =
   /** Which frames of a live clip can be shown by now, and how many packets came when their group had been shown. */
   | { kind: "playable"; begin: number; end: number; late: number }
   | { kind: "counts"; counts: Counts; decodeMs: number; corrupt: number }
-  | { kind: "gains"; gains: Float32Array; ask: number; shownPackets: number }
+  | { kind: "gains"; gains: Float32Array; lossless: Float32Array | null; ask: number; shownPackets: number }
   | { kind: "note"; text: string }
   | { kind: "finished"; text: string; complete: boolean }
   | { kind: "failed"; text: string }

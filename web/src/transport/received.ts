@@ -22,6 +22,8 @@ export interface Shown {
   readonly fresh: boolean;
   /** Of how many elements some are drawn now. */
   readonly elements: number;
+  /** Number of redundant Gaussians among all that are drawn now: copies for lost elements. */
+  readonly copies: number;
 }
 
 export class Received {
@@ -35,6 +37,8 @@ export class Received {
   #owners: Int32Array[] | null = null;
   /** Copies among the parts, and the first of them. */
   #copies: (Copies & { readonly first: number }) | null = null;
+  /** Redundant Gaussians that are drawn. */
+  #drawnCopies = 0;
   /** Gains of size and opacity of elements, as far as a concealer said. */
   #gains: Float32Array | null = null;
 
@@ -80,15 +84,18 @@ export class Received {
       end = this.#parts.length,
       found: Splats[] = [],
       owners: Int32Array[] = [];
+    let copied = all ? 0 : this.#drawnCopies;
     for (let p = first; p < end; p++) {
       if (!(await pause())) return null;
       const part = this.#parts[p],
         seen = part.seen(camera);
       found.push(seen.splats);
+      if (part === this.#copies?.part) copied = seen.splats.count;
       if (seen.owners) owners.push(seen.owners.map((owner) => owner + this.#firsts[p]));
     }
     const fresh = this.#drawn < end;
     this.#drawn = end;
+    this.#drawnCopies = copied;
     if (this.decoder.schema.viewDependent) this.#owners = all ? owners : [...(this.#owners ?? []), ...owners];
     const reached = this.#firsts[end] ?? this.#count,
       copies = this.#copies;
@@ -97,6 +104,7 @@ export class Received {
       instead: all,
       fresh,
       elements: reached - (copies && copies.first < reached ? copies.part.count : 0),
+      copies: copied,
     };
   }
 
@@ -182,9 +190,21 @@ export class Received {
    * as they are.
    */
   get gains(): Float32Array | null {
-    const gains = this.#gains,
-      owners = this.#owners;
-    if (!gains || !owners) return gains?.slice() ?? null;
+    return this.#gains && this.#gainsOfDrawn(this.#gains);
+  }
+
+  /** Gains that hide redundant Gaussians and nothing else, as `gains`; null where there are none to hide. */
+  get gainsWithoutCopies(): Float32Array | null {
+    const copies = this.#copies;
+    if (!copies) return null;
+    const gains = new Float32Array(2 * this.#count).fill(1);
+    return this.#gainsOfDrawn(gains.fill(0, 2 * copies.first, 2 * (copies.first + copies.part.count)));
+  }
+
+  /** From gains of elements to those of the Gaussians that are drawn. */
+  #gainsOfDrawn(gains: Float32Array): Float32Array {
+    const owners = this.#owners;
+    if (!owners) return gains.slice();
     const all = new Float32Array(2 * owners.reduce((sum, part) => sum + part.length, 0)).fill(1);
     let at = 0;
     for (const part of owners) {
