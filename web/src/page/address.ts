@@ -6,9 +6,8 @@ import { type Source, sourceOf } from "../transport/attempts.ts";
  * `https://host/streams/NAME.swz`, whose server may say beside it (`../streams.json`) where it sends datagrams. A
  * session `:PORT/PATH` is at the host of the stream: a server behind a proxy does not know its own name.
  */
-export function resolveSource(src: string, session: string | null, fingerprint: string | null): Promise<Source> {
-  const file = new URL(src, document.baseURI),
-    url = session?.startsWith(":") ? `https://${file.hostname}${session}` : session;
+export function resolveSource(file: URL, session: string | null, fingerprint: string | null): Promise<Source> {
+  const url = session?.startsWith(":") ? `https://${file.hostname}${session}` : session;
   return sourceOf(file, url ? { url, ...(fingerprint ? { fingerprint } : {}) } : null);
 }
 
@@ -19,7 +18,7 @@ export function titleOf(host: HTMLElement): string {
     .split("/")
     .pop()!
     .replace(/\.swz$/, "");
-  return host.getAttribute("aria-label") || decoded(file) || document.title || "Scene";
+  return host.getAttribute("aria-label") || decoded(file) || host.ownerDocument.title || "Scene";
 }
 
 function decoded(name: string): string {

@@ -42,6 +42,8 @@ export class Controller {
   /** Elements of the whole scene. */
   #gaussians = 0;
   #size = 1;
+  /** Redundant Gaussians among those that are drawn. */
+  #copies = 0;
   /** Whether Gaussians of the scene, not of a preview, are there. */
   #begun = false;
   #watch: Watch | null = null;
@@ -64,13 +66,14 @@ export class Controller {
     this.stage = new Stage(() => this.#conceal(), fail, title);
     const link = (): string => writeLink(this.panel.settings, this.stage.orbit.turned),
       src = host.getAttribute("src"),
-      copies = { "copy link": link, ...(src ? { "copy embed code": () => embedCode(src) } : {}) };
+      embed = src && embedCode(new URL(src, host.baseURI), import.meta.url),
+      copies = { "copy link": link, ...(embed ? { "copy embed code": () => embed } : {}) };
     this.panel = new Panel(
       () => this.#settingsChanged(),
       () => this.#flip(),
       copies,
       title,
-      document.fullscreenEnabled ? () => this.#fullScreen() : null,
+      host.ownerDocument.fullscreenEnabled ? () => this.#fullScreen() : null,
     );
     this.#outcome = new Outcome(this.status, this.panel, tell);
     this.#moments = new Moments(this.status, tell, this.#over.signal);
@@ -108,6 +111,8 @@ export class Controller {
       this.panel.open = value === "open";
     }
     if (name === "concealer") this.panel.offer(this.panel.concealers, value);
+    if (name === "gestures")
+      this.stage.hands.cooperative = (): boolean => value === "cooperative" && !this.#fillsScreen;
     if (name === "up") this.stage.upIs(value ?? "");
     if (name === "viewpoint") this.#viewpoint(true);
     this.stage.touch();
@@ -137,6 +142,7 @@ export class Controller {
     stage.upIs(host.getAttribute("up") ?? "");
     stage.orbit.turned = link.turned;
     this.panel.set({ ...(concealer ? { concealer } : {}), ...link.settings });
+    this.follow("gestures");
     this.#viewpoint(false);
     if (preview)
       this.#preview(() => {
@@ -148,6 +154,7 @@ export class Controller {
         stage.sight(entries[entries.length - 1].isIntersecting);
         this.#motion.sight(stage.inSight);
       });
+    this.#followDensity();
     sizes.observe(stage.surface);
     sight.observe(host);
     signal.addEventListener("abort", () => {
@@ -155,8 +162,20 @@ export class Controller {
       sight.disconnect();
     });
     host.addEventListener("keydown", (event) => this.#key(event), { signal });
+    host.addEventListener("fullscreenchange", () => this.follow("gestures"), { signal });
     stage.surface.addEventListener("pointermove", () => this.#comparison.moved());
     stage.surface.addEventListener("wheel", () => this.#comparison.moved(), { passive: true });
+  }
+
+  /** Draws as many pixels as the screen has where its density changes: another screen, or zoom. */
+  #followDensity(): void {
+    const window = this.host.ownerDocument.defaultView,
+      density = window?.matchMedia(`(resolution: ${window.devicePixelRatio}dppx)`);
+    const changed = (): void => {
+      this.stage.resize();
+      this.#followDensity();
+    };
+    density?.addEventListener("change", changed, { once: true, signal: this.#over.signal });
   }
 
   /** Begins where the page says; `anew` wherever somebody has moved to. */
@@ -169,7 +188,7 @@ export class Controller {
 
   async #open(): Promise<void> {
     const { host } = this,
-      inside = document.getElementById(host.getAttribute("data") ?? "");
+      inside = host.ownerDocument.getElementById(host.getAttribute("data") ?? "");
     this.panel.say("Connecting ...");
     if (inside) {
       const bytes = Uint8Array.from(atob(inside.textContent!.trim()), (c) => c.charCodeAt(0));
@@ -177,7 +196,11 @@ export class Controller {
     }
     const src = host.getAttribute("src");
     if (!src) throw new Error("<splat-wire> has no src");
-    const source = await resolveSource(src, host.getAttribute("session"), host.getAttribute("fingerprint"));
+    const source = await resolveSource(
+      new URL(src, host.baseURI),
+      host.getAttribute("session"),
+      host.getAttribute("fingerprint"),
+    );
     this.#send({ kind: "open", ...source, bytes: null });
   }
 
@@ -203,7 +226,7 @@ export class Controller {
         if (message.ask !== this.#asked) return;
         this.#gained = message.ask;
         panel.tell("dropped on purpose", `${this.status.packets - message.shownPackets} packets`);
-        return this.#comparison.show(message.gains);
+        return this.#comparison.show(message.gains, message.lossless);
       case "note":
         return panel.say(message.text);
       case "lost":
@@ -242,6 +265,7 @@ export class Controller {
     this.#gaussians = gaussians;
     this.#size = size;
     this.#begun = false;
+    this.#copies = 0;
     stage.background(facts.background);
     stage.antialias(facts.antialiased);
     if (up && !this.host.hasAttribute("up")) stage.upIs(up);
@@ -254,14 +278,15 @@ export class Controller {
     const watch = new Watch(size, (camera, ask) => this.#send({ kind: "look", camera, ask }));
     this.#watch = watch;
     stage.watcher = (camera) => watch.see(camera);
-    watch.see(stage.camera);
+    stage.watch();
   }
 
-  #add({ packed, instead, fresh, elements, gains, ask }: FromWorker & { kind: "splats" }): void {
+  #add({ packed, instead, fresh, elements, copies, gains, lossless, ask }: FromWorker & { kind: "splats" }): void {
     this.#start();
+    this.#copies = copies;
     this.stage.add(packed, instead);
     this.#watch?.answered(ask);
-    if (gains) this.#comparison.show(gains);
+    if (gains) this.#comparison.show(gains, lossless);
     this.#grown(elements, fresh);
   }
 
@@ -297,8 +322,8 @@ export class Controller {
   /** There are Gaussians of so many elements now; of `fresh` ones nobody has told which are concealed. */
   #grown(elements: number, fresh: boolean): void {
     const { stage } = this;
-    this.status.gaussians = stage.count;
-    this.panel.tell("Gaussians", stage.count.toLocaleString());
+    this.status.gaussians = stage.count - this.#copies;
+    this.panel.tell("Gaussians", this.status.gaussians.toLocaleString());
     const shown = (): Promise<void> => stage.shown();
     if (elements || !this.#gaussians) this.#moments.soon("first", shown);
     if (elements >= this.#gaussians / 2) {
@@ -349,8 +374,13 @@ export class Controller {
     this.#comparison.moved();
   }
 
+  /** True if this element fills the screen, not one around it. */
+  get #fillsScreen(): boolean {
+    return (this.host.getRootNode() as Document | ShadowRoot).fullscreenElement === this.host;
+  }
+
   #fullScreen(): void {
-    const done = document.fullscreenElement ? document.exitFullscreen() : this.host.requestFullscreen();
+    const done = this.#fillsScreen ? this.host.ownerDocument.exitFullscreen() : this.host.requestFullscreen();
     done.catch((error: Error) => this.panel.say(`The screen cannot be filled: ${error.message}`));
   }
 

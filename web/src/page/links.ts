@@ -27,11 +27,19 @@ export function writeLink({ concealer, dropped }: Settings, turned: boolean): st
   return address.href;
 }
 
-export function embedCode(stream: string): string {
-  const script = new URL("/splatwire.js", location.href).href,
-    src = new URL(stream, document.baseURI).href;
-  const element = `<splat-wire src="${src}" style="height: 30rem"></splat-wire>`;
-  return `<script type="module" src="${script}"></script>\n${element}`;
+/** The file that defines the element for pages without a bundler. */
+const SCRIPT = "/splatwire.js";
+
+/**
+ * Code for another page that shows a stream; null where this script, at the address `own`, is not that file but a part
+ * of an application's bundle or of a packed page.
+ */
+export function embedCode(stream: URL, own: string): string | null {
+  const { protocol, origin, pathname } = new URL(own),
+    quoted = (address: string): string => address.replaceAll("&", "&amp;").replaceAll('"', "&quot;");
+  if (!/^https?:$/.test(protocol) || !pathname.endsWith(SCRIPT)) return null;
+  const element = `<splat-wire src="${quoted(stream.href)}" style="height: 30rem"></splat-wire>`;
+  return `<script type="module" src="${quoted(origin + pathname)}"></script>\n${element}`;
 }
 
 /** Nine numbers: eye, the point that it looks at, what is up there; null where it is something else. */

@@ -57,6 +57,8 @@ export class Stage implements Holder {
   readonly #tiles = new Map<number, Packed>();
   #size = 1;
   #count = 0;
+  /** Middle and size of a scene, as far as they are known before its Gaussians. */
+  #facing: { readonly middle: readonly number[]; readonly size: number } | null = null;
   /** How many Gaussians there were when the camera was pointed at them. */
   #framed = 0;
   /** Where the camera may be, as of so many Gaussians. */
@@ -141,7 +143,7 @@ export class Stage implements Holder {
     }
     const view = this.view;
     canvas.addEventListener("webglcontextlost", () => this.#contextLost(view));
-    view.watcher = (camera) => this.watcher?.(camera);
+    view.watcher = (camera) => this.#watched(camera);
     view.background(this.#background);
     view.antialias(this.#antialiased);
     view.begin(this.#size);
@@ -236,7 +238,8 @@ export class Stage implements Holder {
 
   /** Looks at a scene of which only the middle and the size are known, unless somebody moved before. */
   face(middle: readonly number[], size: number): void {
-    if (this.orbit.touched || this.orbit.placed || this.#framed) return;
+    this.#facing = { middle, size };
+    if (this.orbit.touched || this.orbit.placed || this.#framed || !this.#hasRoom) return;
     const lens = this.#lens(),
       radius = size / this.#size,
       half = Math.atan(Math.min(lens.across, lens.down));
@@ -245,6 +248,11 @@ export class Stage implements Holder {
       radius / Math.sin(half),
     );
     this.touch();
+  }
+
+  /** True if the element takes room on the page; it does not while it is hidden or has no height yet. */
+  get #hasRoom(): boolean {
+    return this.surface.clientWidth > 0 && this.surface.clientHeight > 0;
   }
 
   /** Half of what the window shows at distance 1. */
@@ -266,7 +274,7 @@ export class Stage implements Holder {
     if (this.orbit.touched || this.orbit.placed || !this.#count) return;
     const { across, down } = this.#lens(),
       core = coreOf(this.#parts);
-    if (!(across > 0)) return; // an element that takes no room yet
+    if (!this.#hasRoom) return;
     frameScene(this.orbit, core, new Space(core, this.#parts), across, down, this.#extent(core));
     this.#framed = this.#count;
   }
@@ -283,6 +291,16 @@ export class Stage implements Holder {
     this.orbit.upIs(up);
     this.#frame();
     this.touch();
+  }
+
+  /** Hands on the camera of a picture; one without pixels asks for nothing. */
+  #watched(camera: Camera): void {
+    if (this.#hasRoom) this.watcher?.(camera);
+  }
+
+  /** Hands on the camera as it is. */
+  watch(): void {
+    this.#watched(this.camera);
   }
 
   /** Where it is seen from, world units. */
@@ -341,7 +359,10 @@ export class Stage implements Holder {
     return new Promise((resolve) => this.#shown.push(resolve));
   }
 
+  /** Follows the size of the element. One that takes no room keeps the size and the picture that it had. */
   resize(): void {
+    if (!this.#hasRoom) return;
+    if (this.#facing) this.face(this.#facing.middle, this.#facing.size);
     this.#frame();
     this.view?.resize();
     this.touch();
@@ -361,7 +382,7 @@ export class Stage implements Holder {
       const shown = this.#shown.splice(0),
         began = performance.now();
       this.#stale = false;
-      this.watcher?.(this.camera);
+      this.#watched(this.camera);
       const antialiased = this.#antialiased;
       paint(this.first, { parts: this.#parts, background: this.#background, pose: this.orbit.pose(), antialiased });
       const took = performance.now() - began;

@@ -9,6 +9,11 @@ export const STYLE = `
 .scene { grid-area: scene; position: relative; touch-action: none; }
 canvas { position: absolute; inset: 0; width: 100%; height: 100%; display: block; }
 canvas.over { grid-area: scene; position: static; }
+.scene.cooperative { touch-action: pan-x pan-y; }
+.hint { position: absolute; inset: auto 0 1rem; z-index: 1; width: fit-content; max-width: 90%; margin: 0 auto;
+  padding: .3rem .7rem; border-radius: .3rem; color: #fff; background: #000c; pointer-events: none; opacity: 0;
+  transition: opacity .3s; }
+.hint.shown { opacity: 1; }
 .scene:focus { outline: none; }
 .scene:focus-visible::after { content: ""; position: absolute; inset: 0; pointer-events: none;
   border: 3px solid #fff; outline: 3px solid #1a56db; outline-offset: -6px; }

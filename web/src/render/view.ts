@@ -32,6 +32,9 @@ const SORT_MS = 5000;
 /** So long after the last picture nothing can change unasked: frames end until somebody asks for one. */
 const IDLE_MS = SORT_MS;
 
+/** Pixels of a picture per CSS pixel, at most. */
+const MOST_DENSITY = 2;
+
 /** How PlayCanvas comes to its next frame. */
 interface Loop {
   readonly frameRequestId: number;
@@ -171,9 +174,10 @@ export class View {
   }
 
   /** Takes the size of the element on the page. */
-  resize(ratio = Math.min(window.devicePixelRatio, 2)): void {
+  resize(): void {
     if (this.#destroyed) return;
     const { canvas } = this,
+      ratio = Math.min(canvas.ownerDocument.defaultView?.devicePixelRatio ?? 1, MOST_DENSITY),
       fixed = this.#fixed,
       across = Math.max(canvas.clientWidth, 1),
       down = Math.max(canvas.clientHeight, 1),
