@@ -69,7 +69,6 @@ function hands(parts: readonly Packed[]): Handled {
   const events = new Map<string, (event: unknown) => void>(),
     canvas = {
       clientHeight: HEIGHT,
-      getBoundingClientRect: () => ({ left: 0, top: 0 }),
       addEventListener: (kind: string, take: (event: unknown) => void) => events.set(kind, take),
       setPointerCapture: () => undefined,
     },
@@ -167,16 +166,16 @@ test("a camera stops before things, goes not far away, and finds its way home", 
   framed(orbit, parts, 800, 600);
   const began = JSON.stringify([orbit.pose(), orbit.distance]),
     eye = (): number => orbit.pose().position.length();
-  for (let n = 0; n < 60; n++) act("wheel", { deltaY: -200, clientX: 400, clientY: 300 });
+  for (let n = 0; n < 60; n++) act("wheel", { deltaY: -200, offsetX: 400, offsetY: 300 });
   assert.ok(eye() > 1, `${eye()} from the middle`);
-  for (let n = 0; n < 60; n++) act("wheel", { deltaY: 200, clientX: 400, clientY: 300 });
+  for (let n = 0; n < 60; n++) act("wheel", { deltaY: 200, offsetX: 400, offsetY: 300 });
   assert.ok(eye() < 20, `${eye()} from the middle`);
-  act("pointerdown", { pointerId: 1, clientX: 0, clientY: 0 });
-  for (let n = 1; n < 60; n++) act("pointermove", { pointerId: 1, clientX: 400 * n, clientY: 100 * n, buttons: 2 });
+  act("pointerdown", { pointerId: 1, offsetX: 0, offsetY: 0 });
+  for (let n = 1; n < 60; n++) act("pointermove", { pointerId: 1, offsetX: 400 * n, offsetY: 100 * n, buttons: 2 });
   assert.ok(orbit.target.length() < 1.5, `${orbit.target}`);
   for (let n = 1; n < 200; n++) {
-    act("pointermove", { pointerId: 1, clientX: 37 * n, clientY: 11 * n, buttons: 1 });
-    act("wheel", { deltaY: -50, clientX: 400, clientY: 300 });
+    act("pointermove", { pointerId: 1, offsetX: 37 * n, offsetY: 11 * n, buttons: 1 });
+    act("wheel", { deltaY: -50, offsetX: 400, offsetY: 300 });
     assert.ok(eye() > 0.95, `${eye()} from the middle`);
   }
   orbit.home();
@@ -219,7 +218,7 @@ function guitar(): Packed {
 
 test("coming nearer ends at things, wherever somebody points", () => {
   const parts = [guitar()];
-  for (const [clientX, clientY] of [
+  for (const [offsetX, offsetY] of [
     [400, 300],
     [100, 100],
     [700, 500],
@@ -228,15 +227,15 @@ test("coming nearer ends at things, wherever somebody points", () => {
     framed(orbit, parts, WIDTH, HEIGHT);
     const began = orbit.distance;
     for (let n = 0; n < 36; n++) {
-      act("wheel", { deltaY: -200, clientX, clientY });
+      act("wheel", { deltaY: -200, offsetX, offsetY });
       if (n % 6 === 5)
-        assert.ok(drawn(orbit, parts) > 0.03, `${drawn(orbit, parts)} after ${n} steps at ${clientX}, ${clientY}`);
+        assert.ok(drawn(orbit, parts) > 0.03, `${drawn(orbit, parts)} after ${n} steps at ${offsetX}, ${offsetY}`);
     }
     assert.ok(orbit.distance < began / 2.5, `${orbit.distance} of ${began}`);
     for (let n = 0; n < 12; n++) {
       orbit.turn(0.5, 0.2);
       if (n % 3 === 2)
-        assert.ok(drawn(orbit, parts) > 0.01, `${drawn(orbit, parts)} after ${n} turns at ${clientX}, ${clientY}`);
+        assert.ok(drawn(orbit, parts) > 0.01, `${drawn(orbit, parts)} after ${n} turns at ${offsetX}, ${offsetY}`);
     }
   }
 });
@@ -249,7 +248,7 @@ test("what is pointed at stays in the picture and comes to its middle", () => {
     point = pointAt(parts, cameraOf(orbit.pose(), 1, WIDTH, HEIGHT), px, py)!;
   let before = Math.hypot(px - WIDTH / 2, py - HEIGHT / 2);
   for (let n = 0; n < 30; n++) {
-    act("wheel", { deltaY: -120, clientX: px, clientY: py });
+    act("wheel", { deltaY: -120, offsetX: px, offsetY: py });
     const { viewmat, focal } = cameraOf(orbit.pose(), 1, WIDTH, HEIGHT),
       [x, y, z] = viewmat.map((row) => row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3]),
       away = (focal * Math.hypot(x, y)) / z;
@@ -263,7 +262,7 @@ test("a move across stops before nothing is in sight", () => {
   const parts = [guitar()],
     { orbit, act } = hands(parts);
   framed(orbit, parts, WIDTH, HEIGHT);
-  for (let n = 0; n < 20; n++) act("wheel", { deltaY: -120, clientX: 400, clientY: 300 });
+  for (let n = 0; n < 20; n++) act("wheel", { deltaY: -120, offsetX: 400, offsetY: 300 });
   const began = orbit.target.clone();
   for (let n = 0; n < 40; n++) orbit.pan(0.05, 0.03);
   assert.ok(orbit.target.distance(began) > 0);

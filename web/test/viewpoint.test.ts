@@ -74,8 +74,8 @@ test("what is dragged to the right goes to the right, whatever is up", () => {
       return pose.rotation.transformVector(Vec3.RIGHT, new Vec3()).dot(new Vec3().sub2(point, pose.position));
     };
     assert.ok(Math.abs(aside(near)) < 1e-6, `${rotation}`);
-    events.get("pointerdown")!({ pointerId: 1, clientX: 50, clientY: 50 });
-    events.get("pointermove")!({ pointerId: 1, clientX: 80, clientY: 50, buttons: 1 });
+    events.get("pointerdown")!({ pointerId: 1, offsetX: 50, offsetY: 50 });
+    events.get("pointermove")!({ pointerId: 1, offsetX: 80, offsetY: 50, buttons: 1 });
     assert.ok(aside(near) > 1e-3);
   }
 });

@@ -111,8 +111,7 @@ export class Controller {
       this.panel.open = value === "open";
     }
     if (name === "concealer") this.panel.offer(this.panel.concealers, value);
-    if (name === "gestures")
-      this.stage.hands.cooperative = (): boolean => value === "cooperative" && !this.#fillsScreen;
+    if (name === "gestures") this.stage.cooperate(value === "cooperative" && !this.#fillsScreen);
     if (name === "up") this.stage.upIs(value ?? "");
     if (name === "viewpoint") this.#viewpoint(true);
     this.stage.touch();

@@ -29,6 +29,9 @@ const PATIENCE_MS = 100;
 /** A context that the browser took is asked for again after a while. */
 const LOST_MS = 1000;
 
+/** How long a hint is shown, milliseconds. */
+const HINT_MS = 2000;
+
 /** Gaussians in front of a background. */
 export interface Shown {
   readonly packed: Packed;
@@ -45,7 +48,9 @@ export class Stage implements Holder {
     () => this.#room(),
     (at) => this.#seen(at),
   );
-  readonly hands = new Hands(this.surface, this.orbit);
+  readonly hands = new Hands(this.surface, this.orbit, (text) => this.#showHint(text));
+  readonly #hint = document.createElement("p");
+  #hinting = 0;
   view: View | null = null;
   inSight = true;
   /** Where a clip goes, world units, if the stream says it. */
@@ -88,7 +93,21 @@ export class Stage implements Holder {
     this.surface.setAttribute("aria-label", `${title}: arrow keys turn it, plus and minus zoom, Home goes back`);
     this.first.className = "first";
     describe(this.first, title);
-    this.surface.append(this.first);
+    this.#hint.className = "hint";
+    this.surface.append(this.first, this.#hint);
+  }
+
+  /** Leaves the wheel alone and one finger to the page, or takes them for the scene. */
+  cooperate(cooperative: boolean): void {
+    this.hands.cooperative = cooperative;
+    this.surface.classList.toggle("cooperative", cooperative);
+  }
+
+  #showHint(text: string): void {
+    this.#hint.textContent = text;
+    this.#hint.classList.add("shown");
+    clearTimeout(this.#hinting);
+    this.#hinting = window.setTimeout(() => this.#hint.classList.remove("shown"), HINT_MS);
   }
 
   /** Where there is room for the camera; null as long as there is nothing else. */
@@ -195,6 +214,7 @@ export class Stage implements Holder {
   /** Gives everything back. */
   destroy(): void {
     this.#destroyed = true;
+    clearTimeout(this.#hinting);
     this.#parts = [];
     this.#count = 0;
     this.release();

@@ -9,22 +9,17 @@ const TURN = 0.005,
   KEY_PAN = 0.05,
   WHEEL = 0.0012,
   MOST_WHEEL = 200;
-/** How long a hint is shown, milliseconds. */
-const HINT_MS = 1500;
-
 export class Hands {
-  /** Text about gestures that the page has, shown for a while. */
-  readonly hint = document.createElement("p");
+  /** True where the wheel alone and one finger scroll the page: the scene takes Ctrl and wheel, and two fingers. */
+  cooperative = false;
   readonly #pointers = new Map<number, Place>();
-  #hinting = 0;
-  #cooperative: () => boolean = () => false;
 
+  /** `hint` gets a text about a gesture that was left to the page. */
   constructor(
     readonly surface: HTMLElement,
     readonly orbit: Orbit,
+    readonly hint: (text: string) => void = () => undefined,
   ) {
-    this.hint.className = "hint";
-    surface.append(this.hint);
     surface.addEventListener("pointerdown", (event) => this.#down(event));
     surface.addEventListener("pointermove", (event) => this.#move(event));
     for (const kind of ["pointerup", "pointercancel", "lostpointercapture"] as const) {
@@ -34,16 +29,6 @@ export class Hands {
     surface.addEventListener("dblclick", (event) => orbit.focus(placeOf(event)));
     surface.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
     surface.addEventListener("touchmove", (event) => this.#touch(event), { passive: false });
-  }
-
-  /** True where the wheel alone and one finger scroll the page: the scene takes Ctrl and wheel, and two fingers. */
-  get cooperative(): () => boolean {
-    return this.#cooperative;
-  }
-
-  set cooperative(cooperative: () => boolean) {
-    this.#cooperative = cooperative;
-    this.surface.classList.toggle("cooperative", cooperative());
   }
 
   /** Takes a key; whether it means something. */
@@ -65,9 +50,9 @@ export class Hands {
   }
 
   #wheel(event: WheelEvent): void {
-    if (this.cooperative() && !event.ctrlKey && !event.metaKey) {
+    if (this.cooperative && !event.ctrlKey && !event.metaKey) {
       const key = /Mac|iPhone|iPad/.test(navigator.platform) ? "\u2318" : "Ctrl";
-      return this.#show(`${key} and the wheel zoom the scene`);
+      return this.hint(`${key} and the wheel zoom the scene`);
     }
     event.preventDefault();
     const turn = Math.min(Math.max(event.deltaY, -MOST_WHEEL), MOST_WHEEL);
@@ -76,16 +61,9 @@ export class Hands {
 
   /** Keeps two fingers from scrolling a page that one finger scrolls. */
   #touch(event: TouchEvent): void {
-    if (!this.cooperative()) return;
+    if (!this.cooperative) return;
     if (event.touches.length > 1) event.preventDefault();
-    else this.#show("Two fingers turn the scene");
-  }
-
-  #show(text: string): void {
-    this.hint.textContent = text;
-    this.hint.classList.add("shown");
-    clearTimeout(this.#hinting);
-    this.#hinting = window.setTimeout(() => this.hint.classList.remove("shown"), HINT_MS);
+    else this.hint("Two fingers turn the scene");
   }
 
   #down(event: PointerEvent): void {
@@ -96,7 +74,7 @@ export class Hands {
   /** True for a finger that may scroll the page. */
   #isFirstFinger({ pointerId, pointerType }: PointerEvent): boolean {
     const others = [...this.#pointers.keys()].some((id) => id !== pointerId);
-    return this.cooperative() && pointerType === "touch" && !others;
+    return this.cooperative && pointerType === "touch" && !others;
   }
 
   #move(event: PointerEvent): void {
@@ -109,7 +87,7 @@ export class Hands {
     if (other) {
       const far = ({ x, y }: Place): number => Math.max(Math.hypot(x - other.x, y - other.y), 1);
       this.orbit.zoom(far(before) / far(now), { x: (now.x + other.x) / 2, y: (now.y + other.y) / 2 });
-      if (this.cooperative()) this.orbit.turn((-dx * TURN) / 2, (-dy * TURN) / 2);
+      if (this.cooperative) this.orbit.turn((-dx * TURN) / 2, (-dy * TURN) / 2);
       else this.orbit.pan(dx / 2 / height, dy / 2 / height);
     } else if (event.buttons & 2 || event.shiftKey) this.orbit.pan(dx / height, dy / height);
     else this.orbit.turn(-dx * TURN, -dy * TURN);
