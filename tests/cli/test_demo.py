@@ -1,4 +1,5 @@
 import json
+import re
 
 from splatwire.cli import _fresh
 from splatwire.codec import decode_stream
@@ -7,10 +8,10 @@ from splatwire.conceal import concealer_names
 ROWS = ["no loss", "contiguous drop", "drop", "prior", "idw", "cari", "grow"]
 
 
-def test_the_bundled_scene_shows_what_concealment_is_worth(run, tmp_path, monkeypatch):
+def test_the_bundled_scene_shows_what_concealment_is_worth(run, tmp_path, monkeypatch, pytestconfig):
     calls = []
     monkeypatch.setattr(_fresh, "decode_in_fresh_process", lambda s: calls.append(s) or decode_stream(s))
-    outcome = run("demo", "--views", 2, "-o", tmp_path)
+    outcome = run("demo", "-o", tmp_path)
     assert outcome.status == 0
     assert "= reference" in outcome.out
     assert str(tmp_path / "report.html") in outcome.out.replace("\n", "")
@@ -37,4 +38,15 @@ def test_the_bundled_scene_shows_what_concealment_is_worth(run, tmp_path, monkey
     assert rows["drop"]["num_bytes"] <= 6_000_000
     assert {"kriging", "scene_free", "sketch"} <= set(rows)
     assert "gnn" not in rows
+    page = (tmp_path / "report.html").read_text()
+    assert 'class="lead"' in page
+    assert "data-slider" in page
+    assert "Quality over loss" in page
+    assert page.index("<td>sketch</td>") < page.index("do worse than leaving") < page.index("<td>kriging</td>")
+    assert 'href="explicit/report.html"' in page
+    readme = (pytestconfig.rootpath / "README.md").read_text()
+    for name in ("contiguous drop", "drop", "scene_free", "sketch"):
+        line = re.search(rf"^\|[^|]*`{name}`[^|]*\| ([0-9.]+) \| ([0-9,]+) \|$", readme, re.M)
+        assert abs(float(line[1]) - rows[name]["psnr"]) < 0.02, name
+        assert line[2] == f"{rows[name]['num_bytes']:,}"
     assert rows["sketch"]["num_bytes"] > rows["drop"]["num_bytes"] == rows["scene_free"]["num_bytes"]

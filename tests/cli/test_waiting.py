@@ -1,8 +1,6 @@
 """Whoever waits is told why."""
 
-import json
 import logging
-import math
 
 import pytest
 
@@ -24,16 +22,11 @@ def test_compiling_is_said_at_once_and_then_every_few_seconds(clock, capsys):
             clock[0] = 100.0 + second
             LOG.info("compiling kernel_%d", second)
     assert capsys.readouterr().err.splitlines() == [
-        f"compiling once on this machine, up to {_waiting.COMPILE_SECONDS} s",
+        "compiling kernels, once on this machine",
         "6 kernels compiled after 6 s, compiling kernel_6",
     ]
     LOG.info("compiling afterwards")
     assert not capsys.readouterr().err
-
-
-def test_the_time_that_is_promised_was_measured(pytestconfig):
-    found = json.loads((pytestconfig.rootpath / "benchmarks" / "results" / "cold_start.json").read_text())
-    assert math.ceil(found["demo"]["cold"]["compile_s"]) == _waiting.COMPILE_SECONDS
 
 
 def test_only_a_person_at_a_terminal_is_told_of_loading(monkeypatch, capsys):

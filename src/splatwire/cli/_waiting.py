@@ -7,8 +7,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-COMPILE_SECONDS = 21
-"""What compiling every kernel of a demo takes (benchmarks/results/cold_start.json); other verbs need fewer."""
 _PATIENCE_S = 1.0
 _INTERVAL_S = 5.0
 _COMPILER = logging.getLogger("splatwire.ops.compiled")
@@ -37,7 +35,7 @@ class Waiting(logging.Handler):
         self._loading.cancel()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """One more kernel is being compiled; said for the first, and every few seconds."""
+        """Prints that kernels are being compiled: for the first one, then every few seconds how many are done."""
         if record.levelno > logging.INFO:
             print(f"splatwire: {record.getMessage()}", file=sys.stderr)
             return
@@ -45,7 +43,7 @@ class Waiting(logging.Handler):
         if self._kernels == 0:
             self._began = self._told = now
             self._loading.cancel()
-            print(f"compiling once on this machine, up to {COMPILE_SECONDS} s", file=sys.stderr, flush=True)
+            print("compiling kernels, once on this machine", file=sys.stderr, flush=True)
         elif now - self._told > _INTERVAL_S:
             self._told = now
             done = f"{self._kernels} kernels compiled after {now - self._began:.0f} s"

@@ -55,13 +55,22 @@ class Demo:
             self._explicit() as other,
         ):
             show("loading", 0.0)
-            from splatwire.evaluate.study import InProcess, MemoryStore, plain_content, run_study, write_report
+            from splatwire.evaluate.study import (
+                InProcess,
+                MemoryStore,
+                plain_content,
+                run_loss_curve,
+                run_study,
+                write_report,
+            )
 
             show("loading", 1.0)
             store = MemoryStore(Path(folder))
             result = run_study(self.study(), store, InProcess(_decode, show), show)
             content = plain_content(result)
-            report = write_report(result, store, self.output, content)
+            curve = run_loss_curve(result, store, InProcess(progress=show), show)
+            links = {"The same with explicit Gaussians": "explicit/report.html"}
+            report = write_report(result, store, self.output, content, curve=curve, links=links)
             show("explicit Gaussians, in another process", 0.0)
             explicit = other()
         seconds = time.perf_counter() - started

@@ -60,14 +60,24 @@ class Evaluate(EvaluateOptions):
             print(f"report: {content['report']}")
 
     def _evaluate_scene(self, path: Path) -> None:
-        from splatwire.evaluate.study import InProcess, MemoryStore, plain_content, run_study, write_report
+        from splatwire.evaluate.study import (
+            InProcess,
+            MemoryStore,
+            plain_content,
+            run_loss_curve,
+            run_study,
+            write_report,
+        )
 
         self._check_scene_options()
         with progress_bars() as show, tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
             store = MemoryStore(Path(folder))
             result = run_study(self.study(path), store, InProcess(progress=show), show)
             content = plain_content(result)
-            report = None if self.output is None else write_report(result, store, self.output, content)
+            report = None
+            if self.output is not None:
+                curve = run_loss_curve(result, store, InProcess(progress=show), show)
+                report = write_report(result, store, self.output, content, curve=curve)
         from splatwire.cli._table import print_rows
 
         content["report"] = None if report is None else str(report)

@@ -24,7 +24,9 @@ from splatwire.evaluate.study import (
     Study,
     concealment_rows,
     plain_content,
+    run_loss_curve,
     run_study,
+    summarize,
     write_report,
 )
 from splatwire.evaluate.study.pictures import take_pictures
@@ -198,7 +200,8 @@ def test_a_report_is_complete_and_needs_nothing_from_elsewhere(evaluation, rows,
         assert row["psnr"] is None or f"{row['psnr']:.2f}" in text
     assert "equal to the reference" in text
     assert "weights are absent" in text
-    assert text.count("data:image/jpeg;base64,") == 2 * (1 + 3 + 3) + 1  # reference, pictures, errors; loss map
+    # reference, pictures, errors; loss map; the two under the slider at the top
+    assert text.count("data:image/jpeg;base64,") == 2 * (1 + 3 + 3) + 1 + 2
     assert text.count("<svg") == 3
     assert text.count("data-compare=") == 2
     addresses = set(re.findall(r"https?://[^\s\"'<)]+", text))
@@ -212,6 +215,45 @@ def test_a_report_is_complete_and_needs_nothing_from_elsewhere(evaluation, rows,
     write_report(result, store, tmp_path / "out", {"second": 1})  # replaces the one before
     assert "second" in (tmp_path / "out" / "results.json").read_text(encoding="utf-8")
     assert not [path for path in (tmp_path / "out").iterdir() if path.name.endswith(".part")]
+
+
+def test_a_report_leads_with_a_sentence_two_pictures_and_a_curve(folder, tmp_path):
+    contiguous = dataclasses.replace(PACKETIZATION, grouping="contiguous")
+    rows = concealment_rows(("drop", "idw", "grow"), PACKETIZATION, contiguous=contiguous)
+    store, result = run(plain_study(folder, rows, seeds=(0,)), tmp_path / "store")
+    curve = run_loss_curve(result, store, InProcess(progress=silent), silent)
+    labels = {row.key for row in curve.study.rows}
+    assert "drop" in labels
+    assert "idw" not in labels or len(labels) == 4
+    assert [loss.model for loss in curve.study.losses] == ["bernoulli:0.05", "bernoulli:0.1", "bernoulli:0.5"]
+    figures = {s.row.key: s for s in summarize(curve) if s.loss.model == "bernoulli:0.5"}
+    uncovered, best = (f(figures.values(), key=lambda s: s.figures["psnr"].mean) for f in (min, max))
+    text = write_report(result, store, tmp_path / "out", {}, curve=curve).read_text(encoding="utf-8")
+    sentence = re.search(r'<p class="lead">(.*?)</p>', text)[1]
+    for summary in (uncovered, best):
+        assert f"{summary.figures['psnr'].mean:.1f} dB" in sentence
+        assert f"({summary.row.label})" in sentence
+    places = [text.index(words) for words in ('class="lead"', "data-slider", "Quality over loss", "<svg", "Numbers")]
+    assert places == sorted(places)
+    shown = re.search(r'<figure class="slider">(.*?)</figure>', text, re.S)[1]
+    left, right = re.findall(r'src="(data:[^"]+)"', shown)
+    assert left != right
+    assert "bernoulli:0.5" in shown
+    losing = [s.row.label for s in summarize(result) if s.row.key == "idw" and s.delta["psnr"].mean < 0]
+    for label in losing:
+        assert text.index("do worse than leaving") < text.index(f"<td>{label}</td>")
+    assert "<dt>PSNR</dt>" in text
+    assert text.index("One note.") > text.index("How this was measured")
+
+
+@pytest.mark.parametrize("loss", ["none", "bernoulli:0", "trace"])
+def test_without_a_rate_there_is_no_curve(folder, tmp_path, loss):
+    (tmp_path / "trace.txt").write_text("1\n0\n1\n")
+    model = f"trace:{tmp_path / 'trace.txt'},repeat" if loss == "trace" else loss
+    rows = concealment_rows(("drop", "grow"), PACKETIZATION)
+    store, result = run(plain_study(folder, rows, seeds=(0,), losses=(Loss(model),)), tmp_path / "store")
+    assert run_loss_curve(result, store, InProcess(progress=silent), silent) is None
+    assert "Numbers" in write_report(result, store, tmp_path / "out", {}).read_text(encoding="utf-8")
 
 
 def test_names_of_views_cannot_leave_the_folder(folder, tmp_path):

@@ -1,5 +1,6 @@
 """Evaluations as data: scenes, rows, losses and seeds become units of work that run anywhere, into one store."""
 
+from splatwire.evaluate.study.curve import run_loss_curve as run_loss_curve
 from splatwire.evaluate.study.definition import Loss as Loss
 from splatwire.evaluate.study.definition import Row as Row
 from splatwire.evaluate.study.definition import SceneEntry as SceneEntry

@@ -6,6 +6,7 @@ from typing import Any
 
 from splatwire.channel import Bernoulli, GilbertElliott, parse_loss
 from splatwire.evaluate.study.definition import Study
+from splatwire.evaluate.study.lead import make_lead
 from splatwire.evaluate.study.masks import Equivalence, equivalence, mask_bytes
 from splatwire.evaluate.study.pictures import save_pictures, take_pictures
 from splatwire.evaluate.study.records import PLACE, table_to_bytes
@@ -67,19 +68,36 @@ def write_outputs(result: StudyResult, store: Store, folder: Path) -> dict[str, 
     return files
 
 
-def write_report(result: StudyResult, store: Store, folder: Path, content: Mapping[str, Any]) -> Path:
-    """Writes the report and its pictures, and something as `results.json`; returns the path of the report."""
+def write_report(
+    result: StudyResult, store: Store, folder: Path, content: Mapping[str, Any], *, curve: StudyResult | None = None,
+    links: Mapping[str, str] | None = None,
+) -> Path:  # fmt: skip
+    """Writes the report and its pictures, and something as `results.json`; returns the path of the report.
+
+    Args:
+        result: What it found.
+        store: Its store.
+        folder: Where to; files of the same names are replaced.
+        content: Content of `results.json`.
+        curve: The same scene at other loss rates (`run_loss_curve`).
+        links: Other reports, path by title.
+    """
     summaries = summarize(result)
     write_whole(folder / "results.json", (json_text(content, 1) + "\n").encode())
-    return _write_page(result, store, summaries, _tables(result, store, summaries, summaries), folder)
+    tables = _tables(result, store, summaries, summaries)
+    return _write_page(result, store, summaries, tables, folder, curve, links)
 
 
 def _write_page(
-    result: StudyResult, store: Store, summaries: Sequence[Summary], tables: Mapping[str, Sequence[Table]], folder: Path
-) -> Path:
+    result: StudyResult, store: Store, summaries: Sequence[Summary], tables: Mapping[str, Sequence[Table]],
+    folder: Path, curve: StudyResult | None = None, links: Mapping[str, str] | None = None,
+) -> Path:  # fmt: skip
     pictures = take_pictures(result, store)
     save_pictures(pictures, folder / "pictures")
-    return write_whole(folder / "report.html", render_study_report(result, summaries, tables, pictures).encode())
+    worst = [] if curve is None else take_pictures(curve, store)
+    lead = make_lead(result, pictures, curve, worst)
+    page = render_study_report(result, summaries, tables, pictures, lead, links)
+    return write_whole(folder / "report.html", page.encode())
 
 
 _IN_FILES = ("results", "orderings", "equivalence", "bytes")

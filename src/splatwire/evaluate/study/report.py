@@ -7,6 +7,7 @@ from typing import Any
 from splatwire.evaluate.pixels import ERROR_GAIN, error_map, jpeg
 from splatwire.evaluate.study.charts import bytes_chart, losses_chart, scale_chart, seeds_chart, views_chart
 from splatwire.evaluate.study.definition import Study, common_word
+from splatwire.evaluate.study.lead import Lead, fold, rows_that_lose, terms_of
 from splatwire.evaluate.study.page import filled_page
 from splatwire.evaluate.study.pictures import Shot, ViewPictures
 from splatwire.evaluate.study.run import ABSENT, StudyResult
@@ -19,6 +20,8 @@ def render_study_report(
     summaries: Sequence[Summary],
     tables: Mapping[str, Sequence[Table]],
     pictures: Sequence[ViewPictures],
+    lead: Lead | None = None,
+    links: Mapping[str, str] | None = None,
 ) -> str:
     """Renders the report of an evaluation.
 
@@ -27,15 +30,24 @@ def render_study_report(
         summaries: Its rows, means over datasets included.
         tables: Tables by section: `results`, `orderings`, `equivalence`, `bytes`, `seconds`.
         pictures: Pictures of the hardest views.
+        lead: Head of the report; None for none.
+        links: Other reports, path by title.
     """
     study, note = result.study, result.lpips_note
+    hidden = rows_that_lose(result, summaries)
+    folded = [fold(table, hidden) for table in tables.get("results", ())]
     lpips = [f"LPIPS (VGG): {note}."] if note and note != ABSENT else []
     return _render(
         study,
         subtitle=_subtitle(result),
         notes=[*study.notes, *lpips, *result.skipped],
         intervals=INTERVALS,
-        tables=tables,
+        tables={**tables, "results": [table for table, _ in folded]},
+        folded=[table for _, table in folded if table is not None],
+        lead=lead,
+        links=links or {},
+        opens=lead.opens if lead else (),
+        terms=terms_of(tables.get("results", ())),
         charts=_charts(result, summaries),
         byte_charts=[bytes_chart(streams) for name in result.scenes if (streams := streams_of(summaries, name))],
         views=[_view(view) for view in pictures],
