@@ -1,4 +1,4 @@
-"""Short text of records that hold arrays: type and shape instead of numbers."""
+"""Short text of records with arrays: type and shape instead of numbers."""
 
 import dataclasses
 from collections.abc import Mapping

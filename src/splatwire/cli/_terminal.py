@@ -1,6 +1,6 @@
-"""The way of all text to the terminal: characters that control it are made visible.
+"""Output to the terminal: control characters become visible.
 
-Names of files and streams, messages of servers and contents of files come from other people. An escape sequence in them
+Names of files and streams, messages of servers and contents of files are untrusted. An escape sequence in them
 could rewrite the screen, the title or the clipboard, and a bidirectional override could show another file name.
 """
 
@@ -43,7 +43,7 @@ def _escaped(character: str) -> str:
 
 
 class PrintableStream:
-    """A text stream that makes all that is written to it printable; bytes for its `buffer` stay as they are.
+    """A text stream that makes every text printable. Bytes for its `buffer` are not changed.
 
     Args:
         target: Stream that the text goes on to.
@@ -81,7 +81,7 @@ def printable_streams() -> Iterator[None]:
 
 
 def console(*, stderr: bool = False) -> "Console":
-    """Returns a rich console, whose own control sequences reach the terminal and whose texts have no markup."""
+    """Returns a rich console. Its own control sequences reach the terminal, and its texts have no markup."""
     from rich.console import Console
 
     stream = sys.stderr if stderr else sys.stdout
@@ -96,7 +96,7 @@ def print_table(table: "RenderableType") -> None:
 
 
 class _Printable:
-    """A rich renderable whose texts are made printable."""
+    """A rich renderable with printable texts."""
 
     def __init__(self, inner: Any) -> None:
         self._inner = inner

@@ -9,19 +9,19 @@ from splatwire.errors import InvalidValueError
 from splatwire.reprs import summarize
 
 Shape = tuple[int | str, ...]
-"""Extents of a tensor; a letter stands for the same extent everywhere in one record."""
+"""Extents of a tensor; a letter is the same extent everywhere in one record."""
 
 
 def check_tensors(record: Any, shapes: Mapping[str, Shape], *, boolean: tuple[str, ...] = ()) -> None:
-    """Checks the tensors of a record: floating-point numbers, or truth values where `boolean` names the field.
+    """Checks the tensors of a record: floating-point numbers, or booleans where `boolean` names the field.
 
     Args:
         record: The record, e.g. `Splats`.
         shapes: Shape by name of the field.
-        boolean: Fields that hold truth values.
+        boolean: Fields with boolean values.
 
     Raises:
-        InvalidValueError: If a field is no tensor, holds other numbers, or has another shape.
+        InvalidValueError: If a field is no tensor, has another type, or has another shape.
     """
     extents: dict[str, int] = {}
     for name, shape in shapes.items():

@@ -1,4 +1,4 @@
-"""Web origins: which pages may read streams, and by which names a server may be called."""
+"""Web origins of pages that may read streams."""
 
 import ipaddress
 import re

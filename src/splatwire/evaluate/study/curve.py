@@ -12,14 +12,14 @@ from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.summary import Summary, summarize
 
 RATES = (0.05, 0.1, 0.3, 0.5)
-"""Loss rates of the curve, beside that of the evaluation."""
+"""Loss rates of the curve, in addition to that of the evaluation."""
 
 
 class ComparedRows(NamedTuple):
     """Rows that the head of a report compares.
 
     Attributes:
-        uncovered: Row with the lowest PSNR among those that leave gaps as they are.
+        uncovered: Row with the lowest PSNR of all rows without concealment.
         baseline: Baseline of the evaluation; it may be the same row.
         best: Row with the highest PSNR.
     """

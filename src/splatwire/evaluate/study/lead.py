@@ -117,11 +117,11 @@ def _sentence(found: dict[str, Summary], rows: ComparedRows | None, source: str)
     if not shown or any(figure is None for figure in figures):
         return None
     means = [figure.mean for figure in figures if figure is not None]
-    lost = f"With {shown[0].lost_packets:.0%} of the packets lost"
+    lost = f"With {100 * shown[0].lost_packets:.0f} % of the packets lost"
     if rows is None:
         return f"{lost}, pictures are at {means[0]:.1f} dB ({shown[0].row.label}; PSNR against {source})."
     more = shown[1].num_bytes / shown[0].num_bytes - 1
-    cost = f" for {more:.0%} more bytes" if more >= 0.005 else ""
+    cost = f" for {100 * more:.0f} % more bytes" if more >= 0.005 else ""
     return (
         f"{lost}, pictures are at {means[0]:.1f} dB if the gaps stay ({shown[0].row.label}) and at {means[1]:.1f} dB "
         f"with concealment ({shown[1].row.label}){cost}. PSNR is against {source}; higher is better."
@@ -174,6 +174,6 @@ def rows_that_lose(result: StudyResult, summaries: Sequence[Summary]) -> set[str
 
 
 def terms_of(tables: Sequence[Table]) -> list[tuple[str, str]]:
-    """Meaning of the columns and rows of tables, as far as they have one in `TERMS`."""
+    """Returns the entries of `TERMS` for the columns and rows of tables."""
     names = [*(name for table in tables for name in table.columns), *(row[0] for table in tables for row in table.rows)]
     return [(name, TERMS[name]) for name in dict.fromkeys(names) if name in TERMS]
