@@ -129,6 +129,7 @@ ODD = {
     "a named pipe": lambda path: (path.unlink(), os.mkfifo(path)),
     "no row but NaN": not_numbers,
     "another degree": lambda path: write_splats([splats(30, degree=2)], path),
+    "antialiasing": lambda path: write_splats([splats(30)], path, antialiased=True),
     "rows beyond its header": lambda path: path.write_bytes(path.read_bytes().replace(b"vertex 101", b"vertex 999")),
     "a count without end": lambda path: path.write_bytes(path.read_bytes().replace(b"x 101", b"x 99999999999")),
 }  # fmt: skip

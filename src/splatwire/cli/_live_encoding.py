@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 WARN_S = 5.0
 """Least time between two warnings, seconds; those between are counted."""
 OTHERS = 15
-"""Consecutive frames with another degree of harmonics after which the clip goes on with theirs."""
+"""Consecutive frames with another degree of harmonics, or antialiasing, after which the clip goes on with theirs."""
 MAX_WARNING = 1000
 """Characters of a warning."""
 UNUSABLE = (SplatwireError, OSError, MemoryError, EOFError, *MALFORMED)
@@ -95,7 +95,7 @@ class LiveEncoding:
         self._rate = float(options.rate)
         self._waiting: deque[Path] = deque()
         self._backlog, self._patience = Backlog(self._rate, options.group_frames), Patience()
-        self._kind: int | None = None
+        self._kind: tuple[int, bool] | None = None
         self._others, self._reason = 0, ""
         self.num_skipped = self.num_dropped = 0
 
@@ -172,20 +172,21 @@ class LiveEncoding:
 
     def _checked(self, path: Path, frame: "Frame") -> "Frame | None":
         """A frame that fits those before; None if it is skipped."""
-        count, degree = frame.splats.num_gaussians, frame.splats.degree
+        count, kind = frame.splats.num_gaussians, (frame.splats.degree, frame.antialiased)
         if count and not _has_valid_rows(frame):
             self._skip(f"{path}: none of its {count:,} Gaussians can be drawn")
             return None
-        if self._kind in (None, degree):
-            self._kind, self._others = degree, 0
+        if self._kind in (None, kind):
+            self._kind, self._others = kind, 0
             return frame
+        assert self._kind is not None
         self._others += 1
         if self._others < OTHERS:
-            self._skip(f"{path} has harmonics of degree {degree}, those before of {self._kind}")
+            self._skip(f"{path} has {_described(kind)}, frames before have {_described(self._kind)}")
             return None
-        self._warn(f"{path}: {OTHERS} frames have harmonics of degree {degree}: the clip goes on with them")
+        self._warn(f"{path}: {OTHERS} frames have {_described(kind)}: the clip goes on with them")
         self._clip.restart()
-        self._kind, self._others = degree, 0
+        self._kind, self._others = kind, 0
         return frame
 
     def _push(self, frame: "Frame") -> bool:
@@ -220,6 +221,12 @@ def _has_valid_rows(frame: "Frame") -> bool:
     from splatwire.scene.rows import rows_of_splats
 
     return bool(frame.drawn.any()) or rows_of_splats(frame.splats).num_invalid < frame.splats.num_gaussians
+
+
+def _described(kind: tuple[int, bool]) -> str:
+    """The degree of harmonics and the antialiasing of a frame, in words."""
+    degree, antialiased = kind
+    return f"harmonics of degree {degree} and {'antialiasing' if antialiased else 'no antialiasing'}"
 
 
 def _reason(error: Exception) -> str:
