@@ -10,11 +10,15 @@ from PIL import Image
 from formats.handmade import some_splats
 from formats.test_origin import ECEF, UTM, geo_ply
 from scenes import tiny_cameras
+from splatwire.codec import add_concealment
 from splatwire.data import load_cameras, save_cameras
 from splatwire.formats import read_content, write_splats
-from splatwire.packets import read_stream
+from splatwire.packets import read_stream, write_stream
 from splatwire.packets.sections import sections_of
 from splatwire.scene.origin import NO_ORIGIN
+from splatwire.scene_io import open_scene
+from splatwire.train.initial import points_of
+from splatwire.view.page import page_of_stream
 
 SHIFT = np.array(UTM) + np.array([0.25, 0.5, 0.125])
 
@@ -135,6 +139,43 @@ def test_a_clip_has_one_origin(run, tmp_path):
         found = places(tmp_path / "out" / f"frame_{number}.ply")
         middle = np.median(places(tmp_path / "frames" / f"{number}.ply"), axis=0)
         assert np.median(found, axis=0) == pytest.approx(middle, abs=0.05)
+
+
+def test_a_clip_far_away_is_drawn_as_near_zero(run, tmp_path):
+    splats = some_splats(300, 0)
+    for name, shift in (("world", np.array(UTM)), ("local", np.zeros(3))):
+        (tmp_path / name).mkdir()
+        for number in range(2):
+            geo_ply(splats, shift, tmp_path / name / f"{number}.ply")
+        assert run("encode", tmp_path / name, "-o", tmp_path / f"{name}.swz").status == 0
+        assert run("render", tmp_path / f"{name}.swz", "-o", tmp_path / f"{name}.webp").status == 0
+    assert psnr(*(tmp_path / f"{name}.webp" for name in ("world", "local"))) > 35
+
+
+def test_a_damaged_origin_is_refused(files, run, tmp_path):
+    run("encode", files / "local.ply", "-o", tmp_path / "a.swz")
+    stream = read_stream(tmp_path / "a.swz")[0]
+    for values in ((1.0, 2.0), (np.nan, 0.0, 0.0), (np.inf, 0.0, 0.0), (2e12, 0.0, 0.0)):
+        write_stream(add_concealment(stream, "origin", np.array(values, "<f8").tobytes()), tmp_path / "b.swz")
+        refused = run("decode", tmp_path / "b.swz", "-o", tmp_path / "b.ply")
+        assert refused.status == 2
+        assert "origin" in refused.err
+
+
+def test_points_to_train_from_are_in_world_coordinates(files):
+    points = points_of(open_scene(files / "world.ply"))
+    assert points.positions.double().median(dim=0).values.numpy() == pytest.approx(UTM, abs=2)
+
+
+def test_a_page_begins_where_a_camera_in_world_coordinates_is(files, run, tmp_path):
+    words = {}
+    for name in ("world", "local"):
+        run("encode", files / f"{name}.ply", "-o", tmp_path / f"{name}.swz")
+        cameras, stream = load_cameras(files / f"{name}.json"), read_stream(tmp_path / f"{name}.swz")[0]
+        text = page_of_stream("a", stream, cameras, "127.0.0.1").attributes["viewpoint"]
+        words[name] = np.array([float(word) for word in text.split()])
+    eye = words["world"][:3] - words["local"][:3]
+    assert eye == pytest.approx(SHIFT - np.array(UTM), abs=1e-3)
 
 
 def test_outliers_are_an_option_of_verbs_that_write_such_formats(files, run, tmp_path, caplog):

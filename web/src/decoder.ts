@@ -1,7 +1,7 @@
 // `splatwire/decoder`: Gaussians out of streams, without a document: in node, in a worker or in a page.
 
 import { BitstreamError } from "./bytes.ts";
-import type { Viewpoint } from "./codec/decoder.ts";
+import type { StreamDecoder, Viewpoint } from "./codec/decoder.ts";
 import type { Tiling } from "./codec/levels/tiling.ts";
 import type { Schema } from "./codec/schema.ts";
 import type { Splats } from "./codec/splats.ts";
@@ -37,6 +37,8 @@ export interface Gaussians {
   readonly harmonics: Float32Array;
   /** Whether they lose opacity as they are widened to a pixel (Mip-Splatting), not so in 3DGS. */
   readonly antialiased: boolean;
+  /** World coordinates that `centres` are relative to, of geo-referenced scenes; else 0, 0, 0. */
+  readonly origin: readonly [number, number, number];
 }
 
 export interface Options {
@@ -224,7 +226,7 @@ class Transfer {
     if (!received.hasNew) return;
     const seen = await received.seen(cameraOf(this.options), false, this.#pause);
     if (!seen) return;
-    const gaussians = joined(seen.parts, received.decoder.antialiased, received.decoder.schema.degree);
+    const gaussians = joined(seen.parts, received.decoder);
     yield { ...progressOf(received), gaussians, instead: !this.#given };
     this.#given = true;
   }
@@ -322,13 +324,13 @@ function checkOptions({ decoder: { schema } }: Received, { concealer, camera, fr
 async function everything(received: Received, options: Options): Promise<Gaussians> {
   const pause = pausing(),
     { concealer } = options,
-    { antialiased, schema } = received.decoder,
+    schema = received.decoder.schema,
     choice = { concealer: concealer ?? "drop", dropped: 0, burst: 1, seed: 0, sent: 1 };
   if (schema.moving) return frameOf(received, options);
-  if (schema.tiling) return joined(await finest(schema.tiling, pause), antialiased, schema.degree);
+  if (schema.tiling) return joined(await finest(schema.tiling, pause), received.decoder);
   await received.prepare(choice, pause);
   const seen = await received.seen(cameraOf(options), true, pause),
-    all = joined(seen!.parts, antialiased, schema.degree);
+    all = joined(seen!.parts, received.decoder);
   if (!concealer) return all;
   await received.conceal(choice, pause);
   return gained(all, received.gains!);
@@ -350,7 +352,7 @@ const ALL_SHOWN = (): boolean => true;
 function frameOf({ decoder }: Received, { frame, concealer = "drop" }: Options): Gaussians {
   const name = concealer === "grow" ? "motion" : concealer,
     { splats } = decoder.schema.moving!.frame(frame!, ALL_SHOWN, name);
-  return joined([splats], decoder.antialiased, decoder.schema.degree);
+  return joined([splats], decoder);
 }
 
 /** Explicit Gaussians look the same to every camera. */
@@ -390,7 +392,7 @@ function gained(all: Gaussians, gains: Float32Array): Gaussians {
   };
 }
 
-function joined(parts: readonly Splats[], antialiased: boolean, degree: number): Gaussians {
+function joined(parts: readonly Splats[], { antialiased, origin, schema }: StreamDecoder): Gaussians {
   const all = (arrays: readonly Float32Array[]): Float32Array => {
     const found = new Float32Array(arrays.reduce((sum, array) => sum + array.length, 0));
     let at = 0;
@@ -402,7 +404,7 @@ function joined(parts: readonly Splats[], antialiased: boolean, degree: number):
   };
   return {
     count: parts.reduce((sum, part) => sum + part.count, 0),
-    degree,
+    degree: schema.degree,
     centres: all(parts.map(({ means }) => means)),
     rotations: all(parts.map(({ quats }) => quats)),
     scales: all(parts.map(({ scales }) => scales)),
@@ -410,5 +412,6 @@ function joined(parts: readonly Splats[], antialiased: boolean, degree: number):
     colours: all(parts.map(({ colours }) => colours)),
     harmonics: all(parts.map(({ harmonics }) => harmonics)),
     antialiased,
+    origin,
   };
 }

@@ -39,6 +39,26 @@ test("a viewpoint is read as it was written, and believed only where it is possi
   }
 });
 
+test("the origin of a geo-referenced scene is read in float64, and an impossible one is refused", {
+  skip: STREAMS.length === 0,
+}, () => {
+  const originOf = (numbers: number[] | null): [number, number, number] => {
+    const decoder = new StreamDecoder(readStream(STREAMS[0]).head);
+    if (numbers) decoder.schema.sections.set("origin", new Uint8Array(new Float64Array(numbers).buffer));
+    return decoder.origin;
+  };
+  assert.deepEqual(originOf(null), [0, 0, 0]);
+  assert.deepEqual(originOf([451234.5, 5411876.25, -118]), [451234.5, 5411876.25, -118]);
+  for (const numbers of [
+    [1, 2],
+    [1, 2, 3, 4],
+    [NaN, 0, 0],
+    [0, Infinity, 0],
+    [0, 0, 2e12],
+  ])
+    assert.throws(() => originOf(numbers), /section|origin/);
+});
+
 test("a scene that was turned upside down stays so when its stream says where to begin", () => {
   for (const first of ["turn", "place"]) {
     const orbit = orbitOf(),

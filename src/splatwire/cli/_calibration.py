@@ -1,7 +1,7 @@
 """What calibrations share: the stream that they start from, where they look from, the section that they add."""
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -46,13 +46,15 @@ class LookFrom:
         """Training photos, cameras, or a sphere of views; and which of them, in words."""
         from splatwire.calibrate.views import CalibrationViews
         from splatwire.data import load_cameras
+        from splatwire.model.appearance import origin_of
         from splatwire.render.importance import surrounding_cameras
 
         behind = self._behind(scene)
         if (photos := self.photos("train", scene)) is not None:
             return photos, f"against training photos{'' if photos.mask is None else ' inside their masks'}"
         if self.cameras is not None:
-            there = CalibrationViews(load_cameras(self.cameras), background=behind)
+            cameras = load_cameras(self.cameras).relative_to(origin_of(scene))
+            there = CalibrationViews(cameras, background=behind)
             return there, "against the complete scene in the cameras given"
         around = CalibrationViews(surrounding_cameras(scene), background=behind)
         return around, "against the complete scene on a sphere of views"
@@ -61,10 +63,13 @@ class LookFrom:
         """The photos of a split, `train` or `test`; None without photos."""
         from splatwire.calibrate.views import CalibrationViews
         from splatwire.data import open_dataset
+        from splatwire.model.appearance import origin_of
 
         if self.data is None:
             return None
-        return CalibrationViews.of_photos(open_dataset(self.data, split=split, background=self._behind(scene)))
+        photos = open_dataset(self.data, split=split, background=self._behind(scene))
+        views = CalibrationViews.of_photos(photos)
+        return replace(views, cameras=views.cameras.relative_to(origin_of(scene)))
 
     def _behind(self, scene: "Scene") -> "Background":
         chosen = chosen_background(self.background)

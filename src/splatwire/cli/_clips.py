@@ -207,6 +207,7 @@ def draw_clip(
         sections, born = sections_of(stream), ball_around(clip.positions)
         middle, radius = read_extent(sections) or (born.middle, born.radius)
         cameras = orbiting_cameras(middle, max(radius, 1e-6), count, up_axis(sections))
+        cameras = replace(cameras, origin=clip.origin)
     cameras = cameras if scale == 1 else cameras.scaled(scale)
 
     def pictures() -> Iterator[Image.Image]:

@@ -136,10 +136,11 @@ class CalibrateGnn:
         from splatwire.codec import decode_stream, schema_named
         from splatwire.data import load_cameras
         from splatwire.model import Prior
+        from splatwire.scene.origin import NO_ORIGIN
 
         cameras, background = None, chosen_background(self.background)
         if self.cameras is not None:
-            cameras = load_cameras(self.cameras)
+            cameras = load_cameras(self.cameras).relative_to(NO_ORIGIN)  # anchors have no origin
             cameras = cameras.scaled(min(1.0, (self.render_width or _RENDER_WIDTH) / cameras.width))
         stream = complete_stream(self.source, show)
         if Prior not in schema_named(stream.manifest.codec).offers:

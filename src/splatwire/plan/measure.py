@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -14,7 +15,7 @@ from splatwire.codec.tiers import arrange_stream, read_tiers
 from splatwire.conceal import conceal, create_concealer
 from splatwire.conceal.grow import Grow
 from splatwire.errors import InvalidValueError
-from splatwire.model.appearance import Partial, Scene
+from splatwire.model.appearance import Partial, Scene, origin_of
 from splatwire.packets import SceneStream, send_sequence
 from splatwire.packets.sections import sections_of
 from splatwire.plan.damage import BLANK_PSNR, Damage, Offer
@@ -85,7 +86,8 @@ class LossyPictures:
         Raises:
             BitstreamError: If the bytes are no preview.
         """
-        pictures = iterate_views(preview_scene(preview), self._cameras)
+        scene = replace(preview_scene(preview), origin=origin_of(self._complete.scene))
+        pictures = iterate_views(scene, self._cameras)
         errors = [float((a - b).double().square().mean()) for a, b in zip(pictures, self._references, strict=True)]
         return float((-10 * np.log10(self._base + np.array(errors))).mean())
 

@@ -10,12 +10,13 @@ from torch import Tensor
 
 from splatwire.data import Dataset, SparsePoints
 from splatwire.errors import DatasetError, InvalidValueError
-from splatwire.model.appearance import explicit_gaussians
+from splatwire.model.appearance import explicit_gaussians, origin_of
 from splatwire.model.causal import FORM, CausalConfig
 from splatwire.model.scene import Scene
 from splatwire.model.voxels import voxel_positions
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene import Cameras
+from splatwire.scene.origin import NO_ORIGIN
 from splatwire.train.config import TrainConfig
 from splatwire.train.grid import INITIAL_VALUE
 from splatwire.train.state import (
@@ -81,6 +82,7 @@ def points_of(scene: Scene) -> SparsePoints:
     splats = explicit_gaussians(scene)
     if splats is None:
         raise InvalidValueError(f"a scene of {scene.ELEMENTS} has no Gaussians to start from")
+    splats = splats.moved_origin(origin_of(scene), NO_ORIGIN)
     shown = splats.select(splats.opacities > 1 / 255)
     if not shown.num_gaussians:
         raise InvalidValueError("all Gaussians to start from are transparent")

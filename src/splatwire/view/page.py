@@ -2,6 +2,7 @@
 
 import base64
 
+from splatwire.codec.origin import origin_of_stream
 from splatwire.codec.viewpoint import viewpoint_section
 from splatwire.packets import SceneStream, send_sequence, stream_to_bytes
 from splatwire.scene import Cameras
@@ -26,6 +27,7 @@ def page_of_stream(name: str, stream: SceneStream, cameras: Cameras | None, host
     """
     shown = stream if stream.manifest.schema.page else columns_of(stream)
     ordered = stream_to_bytes(shown.with_packets(send_sequence(shown, "tiers")))
+    cameras = None if cameras is None else cameras.relative_to(origin_of_stream(stream))
     return PageContent({name: ordered}, host=host, origins=_origins(host), attributes=_attributes(cameras))
 
 

@@ -79,6 +79,7 @@ export class StreamDecoder {
     void this.viewpoint;
     void this.extent;
     void this.up;
+    void this.origin;
   }
 
   /** RGB behind the scene. */
@@ -118,6 +119,18 @@ export class StreamDecoder {
     if (![x, y, z].every(Number.isFinite) || !(radius > 0 && radius < Infinity))
       throw new BitstreamError("side information: an impossible extent");
     return { middle: [x, y, z], radius };
+  }
+
+  /** World coordinates that all positions are relative to, of geo-referenced scenes; else 0, 0, 0. */
+  get origin(): [number, number, number] {
+    const section = this.schema.sections.get("origin");
+    if (!section) return [0, 0, 0];
+    const reader = new ByteReader(section, "section 'origin'"),
+      origin: [number, number, number] = [reader.f64(), reader.f64(), reader.f64()];
+    reader.finish();
+    if (!origin.every((value) => Math.abs(value) <= 1e12))
+      throw new BitstreamError("side information: an impossible origin");
+    return origin;
   }
 
   /** Whether Gaussians lose opacity as they are widened to a pixel. */
