@@ -50,6 +50,8 @@ class Host:
     def __init__(self, pages: dict[str, str], streams: dict[str, bytes], scripts: dict[str, str]) -> None:
         self.pages, self.streams, self.scripts = pages, streams, scripts
         self.deliver: Deliver = lambda request, body: None
+        self.ranges = True
+        """False for a server that ignores ranges."""
         self.asked: list[Request] = []
         self.cut = threading.Event()
         self.sent = 0
@@ -88,8 +90,9 @@ class Host:
 
     def _stream(self, request: Request, file: bytes) -> tuple[bytes, bool]:
         self.asked.append(request)
-        first, end = read_range(request.headers.get("range", ""), len(file)) or (0, len(file))
-        body, status = file[first:end], "206 Partial Content" if "range" in request.headers else "200 OK"
+        wanted = read_range(request.headers.get("range", ""), len(file)) if self.ranges else None
+        first, end = wanted or (0, len(file))
+        body, status = file[first:end], "206 Partial Content" if wanted else "200 OK"
         answer, most = _answer(status, "application/octet-stream", body), self.deliver(request, body)
         head = len(answer) - len(body)
         if most is None:

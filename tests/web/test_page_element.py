@@ -226,6 +226,26 @@ def test_a_link_that_drops_is_tried_again_and_a_page_that_is_loaded_again_goes_o
     hosted(stream, work)
 
 
+def test_a_file_that_was_replaced_is_shown_whole_on_the_next_visit(stream: SceneStream) -> None:
+    """Whatever kind of scene was kept, and from a server with ranges or without."""
+    levels = encode_levels(SplatScene(ball()), Packetization(block_size=40, lanes=2))
+    files = {len(one.packets): stream_to_bytes(one) for one in (levels, stream)}
+
+    def work(host: Host, page: Browser) -> None:
+        for host.ranges in (False, True):
+            for packets in (*files, *files):
+                host.streams["ball.swz"] = files[packets]
+                for _ in range(2):
+                    page.open("about:blank")
+                    page.open(f"{host.url}one")
+                    assert page.wait_for(f"window.events && {LOADED}")[1] == {"complete": True, "verified": True}
+                    assert page.evaluate(f"{ELEMENT}.status.expected") == packets
+                    assert page.evaluate("events.filter(([kind]) => kind === 'error' || kind === 'lost').length") == 0
+
+    assert len(files) == 2
+    hosted(stream, work)
+
+
 def test_what_was_altered_or_cannot_be_drawn_is_not_called_whole(stream: SceneStream) -> None:
     first = stream.packets[0]
     payload = bytes(byte ^ 0x55 for byte in first.payload)

@@ -5,9 +5,12 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { ContainerReader } from "../src/packets/container.ts";
+import type { Listener } from "../src/transport/events.ts";
+import { Held } from "../src/transport/held.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
 import { partOf } from "../src/transport/kept.ts";
 import { isIntact } from "../src/transport/packet_reader.ts";
+import { receiveFile } from "../src/transport/reliable.ts";
 import {
   type Answering,
   begun,
@@ -18,6 +21,7 @@ import {
   packetOffsets,
   part,
   Server,
+  URL_,
   type Visit,
   visit,
   whole,
@@ -208,6 +212,20 @@ for (const [kind, file] of KINDS) {
       assertWhole(await visit(caches), file);
     });
 
+  test(`${kind}: a server that gives less than was requested is requested again for the rest`, async () => {
+    for (const most of [1500, 3000]) {
+      const server = new Server((asked) =>
+        part(file, {
+          ...asked,
+          range: asked.range && [asked.range[0], Math.min(asked.range[1], asked.range[0] + most)],
+        }),
+      );
+      assertWhole(await visit(), file);
+      assert.ok(server.bytes(file.length) < 12 * file.length);
+      assert.ok(server.asked.every(({ cache }) => cache === "default"));
+    }
+  });
+
   test(`${kind}: a busy server is requested again when it says`, async () => {
     const waits: number[] = [];
     new Server((asked, n) =>
@@ -323,6 +341,23 @@ test("a file that is cut on the server ends early with what is there", async () 
   assert.equal(complete, false);
   assert.ok(reception.held.count > 0);
   assert.ok(server.asked.length < 12);
+});
+
+test("a receiver that knows nothing of replaced files gets the new one, too", async () => {
+  const server = new Server((asked, n) => part(n < 2 ? STILL : otherStream(STILL), asked)),
+    held = new Held();
+  const listener: Listener = {
+    preview: () => undefined,
+    head: (head, bytes) => void (held.begun || held.begin(bytes, head)),
+    packets: (packets) => void held.add(packets),
+    counts: () => undefined,
+    stopped: () => false,
+  };
+  for (const answering of [server.answering, () => whole(otherStream(otherStream(STILL)))] satisfies Answering[]) {
+    server.answering = answering;
+    assert.equal(await receiveFile(new HttpFile(URL_, LIMITS), listener, held), "complete");
+  }
+  assert.equal(held.isSame(otherStream(STILL)), true);
 });
 
 test("nothing that arrives is left undecoded, whatever came before it", async () => {

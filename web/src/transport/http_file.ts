@@ -4,7 +4,7 @@ import { pause } from "../turns.ts";
 import { Refused } from "./refused.ts";
 
 export interface Limits {
-  /** Longest silence of a connection at first, milliseconds; each one that is silent for longer doubles it. */
+  /** Longest silence of a connection at first, milliseconds; each one that is silent for longer raises it. */
   readonly idleMs: number;
   /** Wait before damaged bytes are requested again, milliseconds; four times as long the next time. */
   readonly repeatMs: number;
@@ -20,6 +20,8 @@ export interface Limits {
 const LIMITS: Limits = { idleMs: 8000, repeatMs: 250, firstBytes: 1 << 18, tilesBytes: 1 << 16 };
 /** Longest silence of a connection however often others were silent, milliseconds. */
 const MAX_IDLE_MS = 32_000;
+/** Factor of the limit for silence after a connection that was silent for longer: some servers are slow. */
+const GROWTH = 1.5;
 /** Parts in a row that bring nothing, after which the whole file is requested. */
 const MAX_USELESS = 3;
 /** Error statuses that say the same about the whole file as about a part of it. */
@@ -138,7 +140,7 @@ export class HttpFile {
       this.#partial = true;
       if (range && range[3] !== "*") total = Number(range[3]);
       if (!fits) this.ranges = "unusable";
-      whole ||= all;
+      if (total !== null) whole = Number(range![2]) + 1 === total;
       most = fits && end !== null ? end - first : Infinity;
     }
     this.given = true;
@@ -162,13 +164,13 @@ export class HttpFile {
     return { offset, whole, total, keep, read, cancel };
   }
 
-  /** Result of a promise. Throws `Stalled` if that takes longer than the limit, which then doubles. */
+  /** Result of a promise. Throws `Stalled` if that takes longer than the limit, which then grows. */
   #timely<T>(work: Promise<T>): Promise<T> {
     let timer: ReturnType<typeof setTimeout>;
     const idleMs = this.#idleMs,
       late = new Promise<never>((_, reject) => {
         timer = setTimeout(() => {
-          this.#idleMs = Math.max(idleMs, Math.min(2 * idleMs, MAX_IDLE_MS));
+          this.#idleMs = Math.max(idleMs, Math.min(GROWTH * idleMs, MAX_IDLE_MS));
           reject(new Stalled(`the server sent nothing for ${Math.round(idleMs / 1000)} s`));
         }, idleMs);
       });

@@ -80,7 +80,10 @@ export class PacketReader {
     const { held, listener } = this,
       file = this.#container.headBytes;
     this.#told = true;
-    if (held.begun && !held.isSame(file)) listener.changed?.();
+    if (held.begun && !held.isSame(file)) {
+      held.clear();
+      listener.changed?.();
+    }
     listener.head(head, file, this.keep);
     listener.confirmed?.();
   }

@@ -43,6 +43,7 @@ export async function receiveFile(file: HttpFile, listener: Listener, held: Held
       } else if (error instanceof Changed) {
         if (++file.changes > MAX_CHANGES)
           throw new BitstreamError(`${file.url} is replaced again and again while it is read`);
+        held.clear();
         listener.changed?.();
         file.damagedTiles.clear();
       } else if (error instanceof DamagedTiles) {
@@ -105,7 +106,8 @@ async function receiveFresh(file: HttpFile, listener: Listener, held: Held): Pro
     } finally {
       answer.cancel();
     }
-    if (answer.whole || end === answer.total || end - begin < firstBytes) break;
+    // a server may give less than was requested, but something
+    if (answer.whole || end === begin || (answer.total === null && end - begin < firstBytes)) break;
     if (reader.head && listener.fetching) return receiveTiles(file, listener, held, listener.fetching);
     begin = end;
     try {
@@ -122,9 +124,12 @@ async function receiveFresh(file: HttpFile, listener: Listener, held: Held): Pro
 async function receiveGaps(file: HttpFile, listener: Listener, held: Held): Promise<string> {
   const tally = new Tally(listener, held);
   tally.add(0);
-  for (const gap of held.gaps) {
-    if (listener.stopped()) return "stopped";
-    await receiveGap(file, gap, listener, held, tally);
+  for (let before = -1; held.count > before; ) {
+    before = held.count; // a server may give less than was requested
+    for (const gap of held.gaps) {
+      if (listener.stopped()) return "stopped";
+      await receiveGap(file, gap, listener, held, tally);
+    }
   }
   if (!held.complete) throw new Damaged(missingIn(held));
   return "complete";

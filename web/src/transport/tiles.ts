@@ -48,16 +48,18 @@ export async function receiveTiles(file: HttpFile, listener: Listener, held: Hel
     busy.add(work);
   };
   const fetchRun = async (run: Run): Promise<void> => {
-    const tiles = Array.from({ length: run.end - run.first }, (_, n) => run.first + n);
+    const tiles = Array.from({ length: run.end - run.first }, (_, n) => run.first + n),
+      { offsets } = view.tiles;
+    let end = 0;
     for (const tile of tiles) requested.add(tile);
     try {
-      const { offsets } = view.tiles,
-        size = offsets[run.end] - offsets[run.first],
+      const size = offsets[run.end] - offsets[run.first],
         from = begin + offsets[run.first],
         cache = tiles.some(triesOf) ? "reload" : file.cache,
         piece = await readBytes(await file.request(from, from + size, cache, aborted.signal), size),
         packets = tiles.flatMap((tile) => intactPackets(piece, tile, run, view));
       bytes += piece.length;
+      end = offsets[run.first] + piece.length;
       if (packets.length) {
         [file.ranges, file.useless] = ["usable", 0];
         listener.packets(packets);
@@ -68,7 +70,8 @@ export async function receiveTiles(file: HttpFile, listener: Listener, held: Hel
     } finally {
       for (const tile of tiles) requested.delete(tile);
     }
-    const damaged = tiles.filter((tile) => view.missing(tile));
+    // tiles behind the end of a short answer are requested once more, like all that the view wants
+    const damaged = tiles.filter((tile) => view.missing(tile) && (tile === run.first || offsets[tile + 1] <= end));
     for (const tile of damaged) file.damagedTiles.set(tile, triesOf(tile) + 1);
     if (damaged.length) throw new DamagedTiles(`${damaged.length} tiles came damaged`);
   };
