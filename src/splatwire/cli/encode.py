@@ -161,7 +161,7 @@ class Encode:
                 stream = encode_scene(scene, packetization, tiers=tiers, classes=classes, **options)
             if cameras is not None:
                 stream = add_concealment(stream, VIEWPOINT, viewpoint_section(cameras))
-            if (up := self._up(scene, cameras)) != "-y":
+            if up := self._up(scene, cameras):
                 stream = add_concealment(stream, UP_SECTION, up.encode())
             if self._sketched and not levels and not self.no_sketch:
                 from splatwire.cli._calibration import with_quick_sketch
@@ -224,13 +224,17 @@ class Encode:
                 text = f"{text} ({self.keep:.0%} kept: {kept_psnr:.2f} dB against pictures of all)"
             print_summary(f"{text}, {stream.num_bytes:,} bytes, {seconds:.1f} s -> {self.output}", self.output)
 
-    def _up(self, scene: "Scene", cameras: "Cameras | None") -> str:
-        """The axis that pages have up."""
+    def _up(self, scene: "Scene", cameras: "Cameras | None") -> str | None:
+        """The axis that pages have up, to be recorded; None where the scene, its view or the default says it."""
+        from splatwire.model.appearance import metadata_of
         from splatwire.render.up import up_of
 
         if self.up != "auto":
             return self.up
-        return up_of(scene) if cameras is None else "-y"
+        known = metadata_of(scene)
+        if known.up is not None or known.view is not None or cameras is not None:
+            return None
+        return up if (up := up_of(scene)) != "-y" else None
 
     def _cameras(self, scene: "Scene") -> "Cameras | None":
         """Cameras that the user named, relative to the scene's origin; None if there are none."""

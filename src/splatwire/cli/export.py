@@ -139,7 +139,7 @@ class Export:
     def _write(self, parts: "Iterator[Splats]", scene: "Scene") -> int:
         from splatwire.formats.kinds import WRITERS, stating
         from splatwire.formats.spz_writer import FULL_BITS
-        from splatwire.model.appearance import antialiased, origin_of
+        from splatwire.model.appearance import antialiased, metadata_of, origin_of
 
         writer: Any = stating(
             WRITERS[self.kind.replace("-", ".")],
@@ -147,6 +147,7 @@ class Export:
             antialiased=antialiased(scene),
             origin=origin_of(scene),
             outliers=self._outliers(),
+            metadata=metadata_of(scene),
         )
         if self.kind == "spz":
             writer = partial(writer, harmonic_bits=self.harmonic_bits or FULL_BITS, version=self.spz_version or 4)

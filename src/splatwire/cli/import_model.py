@@ -63,10 +63,12 @@ class Import:
     def _explicit(self, path: Path) -> dict[str, object]:
         from splatwire.formats import read_content
         from splatwire.formats.ply import write_ply
+        from splatwire.scene.metadata import metadata_to_json
 
         content = read_content(self.model_dir)
         splats, antialiased, origin = content.splats, content.antialiased, content.origin
-        count = write_ply([splats], path, antialiased=antialiased, origin=origin)
+        count = write_ply([splats], path, antialiased=antialiased, origin=origin, metadata=content.metadata)
         return {
-            "num_gaussians": count, "degree": splats.degree, "antialiased": antialiased, "origin": list(origin)
+            "num_gaussians": count, "degree": splats.degree, "antialiased": antialiased, "origin": list(origin),
+            "metadata": metadata_to_json(content.metadata),
         }  # fmt: skip

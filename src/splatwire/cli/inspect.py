@@ -14,6 +14,7 @@ from splatwire.files.kinds import trained_ply
 
 if TYPE_CHECKING:
     from splatwire.packets import ReadReport, SceneStream
+    from splatwire.scene.metadata import SceneMetadata
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,9 @@ def describe(path: Path) -> dict[str, Any]:
 
 def _describe_stream(stream: "SceneStream", report: "ReadReport") -> dict[str, Any]:
     from splatwire.codec import side_info_parts
+    from splatwire.codec.metadata import read_metadata
     from splatwire.packets import measure_sizes
+    from splatwire.packets.sections import sections_of
 
     manifest, sizes = stream.manifest, measure_sizes(stream)
     return {
@@ -71,7 +74,16 @@ def _describe_stream(stream: "SceneStream", report: "ReadReport") -> dict[str, A
         **(_describe_clip(stream) if manifest.schema.timed else {}),
         **_describe_levels(stream),
         **_describe_scene_sections(stream),
+        **_describe_metadata(read_metadata(sections_of(stream))),
     }
+
+
+def _describe_metadata(metadata: "SceneMetadata") -> dict[str, Any]:
+    """Title, author, license and view of a scene; nothing where none is known."""
+    from splatwire.scene.metadata import metadata_to_json
+
+    known = metadata_to_json(metadata)
+    return {"metadata": known} if known else {}
 
 
 def _describe_clip(stream: "SceneStream") -> dict[str, Any]:
@@ -115,7 +127,7 @@ def _describe_levels(stream: "SceneStream") -> dict[str, Any]:
 
 def _describe_scene(path: Path) -> dict[str, Any]:
     from splatwire.formats import splats_kind
-    from splatwire.model.appearance import scene_of
+    from splatwire.model.appearance import metadata_of, scene_of
     from splatwire.model.scene_digest import scene_digest
     from splatwire.model.tensor_file import tensor_bytes
     from splatwire.scene_io import read_scene_file
@@ -131,7 +143,8 @@ def _describe_scene(path: Path) -> dict[str, Any]:
         "num_lost": found.num_lost,
         "decoded": found.erasures is not None,
     }
-    return content | {"num_bytes": path.stat().st_size, "parts": tensor_bytes(path), **scene.facts}
+    parts = {"num_bytes": path.stat().st_size, "parts": tensor_bytes(path)}
+    return content | parts | {**scene.facts, **_describe_metadata(metadata_of(scene))}
 
 
 def _describe_gaussians(path: Path, kind: str) -> dict[str, Any]:
@@ -156,6 +169,7 @@ def _describe_gaussians(path: Path, kind: str) -> dict[str, Any]:
             "first_that_cannot": rows.first_invalid,
         },
         "digest": scene_digest(kept),
+        **_describe_metadata(content.metadata),
     }
 
 

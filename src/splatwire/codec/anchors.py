@@ -11,6 +11,7 @@ from torch import Tensor
 from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.background import background_sections
 from splatwire.codec.geometry import anchor_order
+from splatwire.codec.metadata import metadata_sections
 from splatwire.codec.schema import CHUNK, CodedPackets, Options, Prepared, Rows
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
@@ -74,7 +75,7 @@ def prepare_anchors(scene: AnchorScene, options: Options, coder: Coder, stated: 
     tier_of = np.zeros(len(index), np.uint8) if options.tiers is None else np.asarray(options.tiers)[index.numpy()]
     scene = scene.select(index)
     plan = _plan(scene, packetization, tier_of)
-    sections = background_sections(scene.background)
+    sections = {**background_sections(scene.background), **metadata_sections(scene.metadata)}
     if plan.tiers:
         sections[TIERS] = encode_tiers(tier_of, len(plan.tiers))
         sections[TIER_SIZES] = encode_tier_sizes(scene.anchors, tier_of, len(plan.tiers))

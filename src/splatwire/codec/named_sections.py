@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import SECTION as BACKGROUND
+from splatwire.codec.metadata import SECTION as METADATA
 from splatwire.codec.origin import SECTION as ORIGIN
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
@@ -13,7 +14,7 @@ from splatwire.codec.viewpoint import SECTION as VIEWPOINT
 from splatwire.codec.viewpoint import UP_SECTION as UP
 from splatwire.packets.tile_index import SECTION as TILES
 
-_OTHERS = (ANTIALIASED, BACKGROUND, TIERS, TIER_SIZES, PREVIEW, VIEWPOINT, UP, EXTENT, TILES, ORIGIN)
+_OTHERS = (ANTIALIASED, BACKGROUND, TIERS, TIER_SIZES, PREVIEW, VIEWPOINT, UP, EXTENT, TILES, ORIGIN, METADATA)
 
 
 def concealer_sections(sections: Mapping[str, bytes], *own: str) -> dict[str, bytes]:

@@ -46,7 +46,7 @@ class PlyHeader:
         order: Of bytes, `<` or `>`; empty for text.
         elements: Number and type of the rows of each element, in the order of the file, up to the first with lists.
         lists: Name of that one, which is not read, nor what follows it; None if there is none.
-        comments: Text of each comment, without the word `comment`; characters that are not ASCII are replaced.
+        comments: Text of each comment, without the word `comment`; bytes that are not UTF-8 are replaced.
     """
 
     order: str
@@ -108,7 +108,7 @@ def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
 
 
 def _comment(line: bytes) -> str:
-    return line.partition(b" " if b"\t" not in line[:9] else b"\t")[2].strip().decode("ascii", "replace")
+    return line.partition(b" " if b"\t" not in line[:9] else b"\t")[2].strip().decode("utf-8", "replace")
 
 
 def _elements(path: Path, lines: list[list[str]], order: str) -> tuple[dict[str, tuple[int, np.dtype]], str | None]:

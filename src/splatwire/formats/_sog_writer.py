@@ -11,6 +11,7 @@ from PIL import Image
 
 from splatwire.files.kinds import SOG_META_NAME
 from splatwire.files.whole import written_whole
+from splatwire.formats._asset import asset_of
 from splatwire.formats._codebooks import nearest_number, number_codebook, vector_palette
 from splatwire.formats._columns import join
 from splatwire.formats.outliers import (
@@ -22,8 +23,8 @@ from splatwire.formats.outliers import (
     warn_of_outliers,
 )
 from splatwire.formats.sog import CODES, PALETTE_COLUMNS
+from splatwire.scene.metadata import NO_METADATA, SceneMetadata
 from splatwire.scene.splats import Splats
-from splatwire.version import __version__
 
 _MIN_PALETTE, _MAX_PALETTE = 1024, 65536
 _POSITION_TOP = 65535
@@ -32,13 +33,20 @@ _MOST_RANGE = 4.0
 _FIXED_DATE = (1980, 1, 1, 0, 0, 0)
 
 
-def write_sog(parts: Iterable[Splats], path: Path, *, antialiased: bool = False, outliers: Outliers = DEFAULT) -> int:
+def write_sog(
+    parts: Iterable[Splats],
+    path: Path,
+    *,
+    antialiased: bool = False,
+    outliers: Outliers = DEFAULT,
+    metadata: SceneMetadata = NO_METADATA,
+) -> int:
     """Writes a bundled SOG, Gaussians in Morton order; see `splatwire.formats.write_splats`."""
     splats = _without_costs(join(path, parts), path, outliers)
     means = splats.means.double().numpy()
     order = spatial_order(find_outliers(means))
     pictures: dict[str, np.ndarray] = {}
-    meta = {"version": 2, "asset": {"generator": f"splatwire {__version__}"}, "count": len(means)}
+    meta = {"version": 2, "asset": asset_of(metadata), "count": len(means)}
     if antialiased:
         meta["antialias"] = True
     meta["means"] = _means(means[order], pictures)

@@ -1,10 +1,12 @@
 """Extension records of SPZ files: a type, a size and so many bytes each."""
 
+import json
 import struct
 from collections.abc import Iterator
 from pathlib import Path
 
 from splatwire.errors import DatasetError
+from splatwire.scene.metadata import NO_METADATA, SceneMetadata, metadata_from_json, metadata_to_json
 
 MAX_EXTENSION_BYTES = 1 << 20
 """Most bytes of all records of a file."""
@@ -15,6 +17,35 @@ FRAMES = (
 )  # fmt: skip
 """Frames of the extension `SPZ_ADOBE_coordinate_system`, from code 1 on; 0 leaves the frame as it is."""
 FRAME = "RUB"
+_METADATA = 0x53570001
+"""Our own record: metadata of the scene as a JSON object, in the axes of a 3DGS PLY."""
+KNOWN = (SAFE_ORBIT, COORDINATE_SYSTEM, _METADATA)
+_ORBIT = struct.Struct("<3f")
+
+
+def metadata_of_records(extensions: dict[int, bytes]) -> SceneMetadata:
+    """Metadata of the scene in the records of a file; damaged records are left out."""
+    found = NO_METADATA
+    if _METADATA in extensions:
+        try:
+            found = metadata_from_json(json.loads(extensions[_METADATA].decode("utf-8")))
+        except (ValueError, RecursionError):
+            found = NO_METADATA
+    orbit = extensions.get(SAFE_ORBIT, b"")
+    if len(orbit) != _ORBIT.size:
+        return found
+    return metadata_from_json({"orbit": list(_ORBIT.unpack(orbit))}).over(found)
+
+
+def write_records(metadata: SceneMetadata) -> bytes:
+    """Records of the metadata of a scene; empty if nothing is known."""
+    content, records = metadata_to_json(metadata), b""
+    if metadata.orbit is not None:
+        records += _RECORD.pack(SAFE_ORBIT, _ORBIT.size) + _ORBIT.pack(*content.pop("orbit"))
+    if content:
+        text = json.dumps(content, ensure_ascii=False).encode()
+        records += _RECORD.pack(_METADATA, len(text)) + text
+    return records
 
 
 def frame_of(path: Path, extensions: dict[int, bytes]) -> str:

@@ -32,7 +32,9 @@ from splatwire.formats.ply_comments import (
     states_antialiasing,
 )
 from splatwire.formats.ply_file import PlyElement
+from splatwire.formats.ply_metadata import metadata_comments, stated_metadata
 from splatwire.ops.spherical_harmonics import DC, num_functions
+from splatwire.scene.metadata import NO_METADATA, SceneMetadata
 from splatwire.scene.origin import NO_ORIGIN, Origin
 from splatwire.scene.splats import Splats
 
@@ -80,7 +82,7 @@ def content_of_chunks(elements: dict[str, PlyElement]) -> FileContent:
         sh=np.concatenate(harmonics, axis=1),
     )
     offset = stated_origin(OFFSET, chunks.comments) or NO_ORIGIN
-    return FileContent(splats, offset, states_antialiasing(chunks.comments))
+    return FileContent(splats, offset, states_antialiasing(chunks.comments), stated_metadata(chunks.comments))
 
 
 def _word(vertices: PlyElement, name: str) -> np.ndarray:
@@ -126,12 +128,14 @@ def write_compressed_ply(
     antialiased: bool = False,
     origin: Origin = NO_ORIGIN,
     outliers: Outliers = DEFAULT,
+    metadata: SceneMetadata = NO_METADATA,
 ) -> int:
     """Writes a compressed PLY, Gaussians sorted along a Morton curve, outliers of the positions last.
 
     Positions are written relative to the origin, which is a comment. See `splatwire.formats.write_splats`.
     """
     remarks = antialiasing_comments(antialiased) + origin_comments(OFFSET, origin)
+    remarks += metadata_comments(metadata)
     splats = _sorted(join(path, parts), path, outliers)
     splats = _scales_and_colours(splats, path, outliers)
     means, quats, scales, sh = (t.numpy() for t in (splats.means, splats.quats, splats.scales, splats.sh))
@@ -248,4 +252,4 @@ def _header(count: int, rest: int, remarks: list[str]) -> bytes:
     lines += [f"element vertex {count}", *(f"property uint {name}" for name in _WORDS)]
     if rest:
         lines += [f"element sh {count}", *(f"property uchar f_rest_{i}" for i in range(rest))]
-    return ("\n".join(lines) + "\nend_header\n").encode("ascii")
+    return ("\n".join(lines) + "\nend_header\n").encode()

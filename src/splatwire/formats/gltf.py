@@ -18,13 +18,14 @@ import numpy as np
 
 from splatwire.errors import DatasetError
 from splatwire.files.capped import read_at_most, read_json
+from splatwire.formats._asset import metadata_of_asset
 from splatwire.formats._axes import GLTF_FLIPS, harmonic_signs, is_similarity, transform_splats
 from splatwire.formats._columns import MAX_LOG_SCALE, build_splats, check_count, concatenate
 from splatwire.formats._files import mapped_file
 from splatwire.formats._gltf_nodes import Instance, entry, shown_instances
 from splatwire.formats.content import FileContent
 from splatwire.ops.spherical_harmonics import MAX_DEGREE
-from splatwire.scene.origin import Origin, choose_origin
+from splatwire.scene.origin import NO_ORIGIN, Origin, choose_origin
 from splatwire.scene.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -40,7 +41,7 @@ _SMALLEST = float(np.exp(-MAX_LOG_SCALE))
 
 
 def read_gltf(path: Path) -> FileContent:
-    """Reads all Gaussians that the scene of a glTF file shows, moved as its nodes say.
+    """Reads all Gaussians that the scene of a glTF file shows, moved as its nodes say, and its metadata.
 
     A shift of all nodes to far coordinates becomes the origin. `extras.antialiased` is our own statement.
 
@@ -121,7 +122,8 @@ class _Gltf:
         moved = [self._moved(part, instance, origin) for instance in shown for part in read[instance.mesh]]
         primitives = [primitive for index in read for primitive in found[index]]
         antialiased = all(_extras(primitive).get("antialiased") is True for primitive in primitives)
-        return FileContent(concatenate(moved), origin, antialiased)
+        metadata = metadata_of_asset(self._document.get("asset")).moved_origin(NO_ORIGIN, origin)
+        return FileContent(concatenate(moved), origin, antialiased, metadata)
 
     def _instances(self, found: dict[int, list[dict[str, Any]]]) -> list[Instance]:
         """Where the scene shows meshes with Gaussians; logs what is not read."""

@@ -10,13 +10,14 @@ import numpy as np
 
 from splatwire.files.kinds import EXT_SPLATWIRE
 from splatwire.files.whole import written_whole
+from splatwire.formats._asset import asset_of
 from splatwire.formats._axes import GLTF_FLIPS, flip_axes
 from splatwire.formats._columns import join
 from splatwire.formats.gltf import EXTENSION, MAGIC
 from splatwire.ops.spherical_harmonics import DC
+from splatwire.scene.metadata import NO_METADATA, SceneMetadata
 from splatwire.scene.origin import NO_ORIGIN, Origin
 from splatwire.scene.splats import Splats
-from splatwire.version import __version__
 
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 _FLOAT, _BYTE, _VERTICES, _POINTS = 5126, 5121, 34962, 0
@@ -29,13 +30,20 @@ _WAY = {
 """As the Gaussians of this field are drawn: trained against photos as they are displayed."""
 
 
-def write_gltf(parts: Iterable[Splats], path: Path, *, antialiased: bool = False, origin: Origin = NO_ORIGIN) -> int:
+def write_gltf(
+    parts: Iterable[Splats],
+    path: Path,
+    *,
+    antialiased: bool = False,
+    origin: Origin = NO_ORIGIN,
+    metadata: SceneMetadata = NO_METADATA,
+) -> int:
     """Writes one primitive of points in float32, and colours of a byte for programs that draw points only.
 
     The origin is the translation of the node. Antialiasing is stated in the primitive's extras, which only this package
     reads. See `splatwire.formats.write_splats`.
     """
-    return _write(join(path, parts), path, None, antialiased=antialiased, origin=origin)
+    return _write(join(path, parts), path, None, antialiased=antialiased, origin=origin, metadata=metadata)
 
 
 def write_gltf_with_stream(
@@ -57,10 +65,17 @@ def write_gltf_with_stream(
 
 
 def _write(
-    splats: Splats, path: Path, stream: bytes | None, *, antialiased: bool = False, origin: Origin = NO_ORIGIN
+    splats: Splats,
+    path: Path,
+    stream: bytes | None,
+    *,
+    antialiased: bool = False,
+    origin: Origin = NO_ORIGIN,
+    metadata: SceneMetadata = NO_METADATA,
 ) -> int:
     columns = _columns(flip_axes(splats, GLTF_FLIPS))
     content = _document(columns)
+    content["asset"] |= asset_of(metadata.moved_origin(origin, NO_ORIGIN))
     if origin != NO_ORIGIN:
         content["nodes"][0]["translation"] = [flip * value for flip, value in zip(GLTF_FLIPS, origin, strict=True)]
     if antialiased:
@@ -124,7 +139,7 @@ def _document(columns: dict[str, np.ndarray]) -> dict[str, Any]:
     attributes = {name: index for index, name in enumerate(columns)}
     primitive = {"attributes": attributes, "mode": _POINTS, "extensions": {EXTENSION: _WAY}}
     return {
-        "asset": {"version": "2.0", "generator": f"splatwire {__version__}"},
+        "asset": {"version": "2.0"},
         "extensionsUsed": [EXTENSION],
         "scene": 0,
         "scenes": [{"nodes": [0]}],

@@ -47,6 +47,7 @@ from splatwire.formats.splat import read_splat, write_splat
 from splatwire.formats.spz import read_spz
 from splatwire.formats.spz_writer import write_spz
 from splatwire.formats.streamed_sog import read_streamed_sog
+from splatwire.scene.metadata import NO_METADATA, SceneMetadata
 from splatwire.scene.origin import NO_ORIGIN, Origin, describe_origin
 from splatwire.scene.rows import Rows, rows_of_splats
 from splatwire.scene.splats import Splats
@@ -66,9 +67,9 @@ KINDS = {
 """What may hold explicit Gaussians, by reader, which says more of it."""
 READERS: dict[str, Callable[[Path], FileContent]] = {
     "ply": lambda path: _read_ply(path),
-    "spz": lambda path: FileContent(read_spz(path), antialiased=spz.is_antialiased(path)),
-    "sog": lambda path: FileContent(read_sog(path), antialiased=sog.is_antialiased(path)),
-    "streamed sog": lambda path: FileContent(read_streamed_sog(path), antialiased=streamed_sog.is_antialiased(path)),
+    "spz": read_spz,
+    "sog": read_sog,
+    "streamed sog": read_streamed_sog,
     "splat": lambda path: FileContent(read_splat(path)),
     "ksplat": lambda path: FileContent(read_ksplat(path)),
     "glb": read_gltf,
@@ -216,6 +217,7 @@ def write_splats(
     antialiased: bool = False,
     origin: Origin = NO_ORIGIN,
     outliers: Outliers = DEFAULT,
+    metadata: SceneMetadata = NO_METADATA,
 ) -> int:
     """Writes explicit Gaussians in the format that the end of the file's name says (`WRITERS`).
 
@@ -229,6 +231,8 @@ def write_splats(
         origin: World coordinates that positions are relative to. A PLY has float64 world coordinates; a warning says
             where a format cannot hold them.
         outliers: Treatment of few Gaussians that would cost all others precision, in the `QUANTISED` formats.
+        metadata: Metadata of the scene; its view is relative to `origin`. A warning says where a format has no place
+            for it.
 
     Returns:
         How many Gaussians were written.
@@ -240,8 +244,8 @@ def write_splats(
     """
     writer = writer_for(path)
     more = {} if note is None or writer is not write_ply else {"note": note}
-    stated = stating(writer, path, antialiased=antialiased, origin=origin, outliers=outliers)
-    return partial(stated, **more)(parts, path)
+    writer = stating(writer, path, antialiased=antialiased, origin=origin, outliers=outliers, metadata=metadata)
+    return partial(writer, **more)(parts, path)
 
 
 def stating(
@@ -251,6 +255,7 @@ def stating(
     antialiased: bool = False,
     origin: Origin = NO_ORIGIN,
     outliers: Outliers = DEFAULT,
+    metadata: SceneMetadata = NO_METADATA,
 ) -> Writer:
     """Returns a writer with what is common to a file's Gaussians; a warning names what its format cannot hold.
 
@@ -272,4 +277,8 @@ def stating(
             "%s: positions are relative to the scene's origin (%s), which %s; PLY and glTF have world coordinates",
             path, describe_origin(origin).replace(" ", ", "), where,
         )  # fmt: skip
+    if (known := metadata.known()) and writer is not write_splat:
+        stated["metadata"] = metadata
+    elif known:
+        LOG.warning("%s: such files have no place for metadata: %s will be lost", path, ", ".join(known))
     return partial(writer, **stated) if stated else writer

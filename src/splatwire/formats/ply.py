@@ -25,8 +25,10 @@ from splatwire.formats.ply_comments import (
     states_antialiasing,
 )
 from splatwire.formats.ply_file import PlyElement
+from splatwire.formats.ply_metadata import metadata_comments, stated_metadata
 from splatwire.formats.ply_note import DIGEST_DIGITS, PlyNote, marked
 from splatwire.ops.spherical_harmonics import degree_of
+from splatwire.scene.metadata import NO_METADATA, SceneMetadata
 from splatwire.scene.origin import NO_ORIGIN, Origin, choose_origin
 from splatwire.scene.splats import ROWS, Splats
 
@@ -59,7 +61,8 @@ def content_of_vertices(vertices: PlyElement) -> FileContent:
     splats, origin = Splats.empty(len(vertices.rows), degree), _origin(vertices)
     for begin in range(0, len(vertices.rows), ROWS):
         splats.fill(begin, _some(replace(vertices, rows=vertices.rows[begin : begin + ROWS]), num_rest, origin))
-    return FileContent(splats, origin, states_antialiasing(vertices.comments))
+    metadata = stated_metadata(vertices.comments).moved_origin(NO_ORIGIN, origin)
+    return FileContent(splats, origin, states_antialiasing(vertices.comments), metadata)
 
 
 def _origin(vertices: PlyElement) -> Origin:
@@ -120,6 +123,7 @@ def write_ply(
     *,
     antialiased: bool = False,
     origin: Origin = NO_ORIGIN,
+    metadata: SceneMetadata = NO_METADATA,
 ) -> int:
     """Writes Gaussians part by part, so that they never have to be in memory together.
 
@@ -128,6 +132,7 @@ def write_ply(
     """
     count, degree, digest = 0, 0, hashlib.sha256()
     remarks = antialiasing_comments(antialiased) + origin_comments(ORIGIN, origin)
+    remarks += metadata_comments(metadata.moved_origin(origin, NO_ORIGIN))
     with written_whole(path) as unfinished, unfinished.open("wb") as file:
         for part in filled(path, parts):
             if not count:
@@ -176,7 +181,7 @@ def _header(count: int, degree: int, note: PlyNote | None, digest: str, remarks:
     wide = _AXES if origin != NO_ORIGIN else ()
     types = {name: "double" if name in wide else "float" for name in property_names(degree)}
     lines += [f"element vertex {digits}", *(f"property {kind} {name}" for name, kind in types.items())]
-    return ("\n".join(lines) + "\nend_header\n").encode("ascii")
+    return ("\n".join(lines) + "\nend_header\n").encode()
 
 
 def _rows(part: Splats) -> np.ndarray:

@@ -22,7 +22,9 @@ from PIL import Image, UnidentifiedImageError
 from splatwire.errors import DatasetError
 from splatwire.files.archive import open_archive
 from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
+from splatwire.formats._asset import metadata_of_asset
 from splatwire.formats._columns import build_splats, check_count
+from splatwire.formats.content import FileContent
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions
 from splatwire.scene.splats import Splats
 
@@ -40,7 +42,7 @@ _CHANNEL = np.float32(255)
 """Largest value of a channel of a picture."""
 
 
-def read_sog(path: Path) -> Splats:
+def read_sog(path: Path) -> FileContent:
     """Reads a bundled `.sog`, a folder with a `meta.json`, or that file.
 
     Raises:
@@ -48,13 +50,23 @@ def read_sog(path: Path) -> Splats:
         OSError: If a file cannot be read.
     """
     with _opened(path) as found:
-        return found.splats()
+        return FileContent(
+            found.splats(),
+            antialiased=found.meta.get("antialias") is True,
+            metadata=metadata_of_asset(found.meta.get("asset")),
+        )
 
 
 def is_antialiased(path: Path) -> bool:
     """True if a SOG, which can be read, says that it was trained with antialiasing."""
     with _opened(path) as found:
         return found.meta.get("antialias") is True
+
+
+def read_asset(path: Path) -> object:
+    """The `asset` of a SOG, which can be read; None if it has none."""
+    with _opened(path) as found:
+        return found.meta.get("asset")
 
 
 @contextlib.contextmanager

@@ -23,13 +23,14 @@ from splatwire.formats._axes import SPZ_FLIPS, frame_to_rdf, harmonic_signs, tra
 from splatwire.formats._columns import build_splats, check_count
 from splatwire.formats._files import mapped_file
 from splatwire.formats._spz_extensions import (
-    COORDINATE_SYSTEM,
     FRAME,
+    KNOWN,
     MAX_EXTENSION_BYTES,
-    SAFE_ORBIT,
     frame_of,
+    metadata_of_records,
     read_records,
 )
+from splatwire.formats.content import FileContent
 from splatwire.ops.spherical_harmonics import MAX_DEGREE
 from splatwire.scene.splats import Splats
 
@@ -38,7 +39,7 @@ GZIP_MAGIC = b"\x1f\x8b"
 MAGIC = b"NGSP"
 HEADER = struct.Struct("<4sIIBBBB")
 ANTIALIASED = 1
-_EXTENDED, _LEVELS = 2, 128
+EXTENDED, _LEVELS = 2, 128
 TABLE_OFFSET, TABLE_ROW = struct.Struct("<I"), struct.Struct("<QQ")
 PLAIN_HEADER_BYTES = 32
 _MAX_FILE_DEGREE = 4
@@ -70,8 +71,8 @@ class _Header:
         return {name: width * self.count for name, width in {**widths, "sh": rest}.items() if width}
 
 
-def read_spz(path: Path) -> Splats:
-    """Reads an SPZ file of version 1 to 4, in the frame that it says.
+def read_spz(path: Path) -> FileContent:
+    """Reads an SPZ file of version 1 to 4 in the frame that it names, and its metadata.
 
     Harmonics of degree 4 are left out with a warning: all else of this package ends at degree 3. So is what an
     extension says that is not known here.
@@ -91,10 +92,10 @@ def read_spz(path: Path) -> Splats:
     _log_left_out(path, header)
     frame = frame_of(path, header.extensions)
     splats = _splats(path, header, columns)
-    if frame == FRAME:
-        return splats
-    # The columns were read as RUB: back to the file's own numbers, then from its frame to RDF.
-    return transform_splats(splats, frame_to_rdf(frame) @ np.diag(SPZ_FLIPS))
+    if frame != FRAME:  # the columns were read as RUB: back to the file's own numbers, then from its frame to RDF
+        splats = transform_splats(splats, frame_to_rdf(frame) @ np.diag(SPZ_FLIPS))
+    antialiased = bool(header.flags & ANTIALIASED)
+    return FileContent(splats, antialiased=antialiased, metadata=metadata_of_records(header.extensions))
 
 
 def is_antialiased(path: Path) -> bool:
@@ -116,7 +117,7 @@ def _log_left_out(path: Path, header: _Header) -> None:
             path, header.degree, MAX_DEGREE, dropped, 3 * (header.degree + 1) ** 2,
         )  # fmt: skip
     for kind, content in header.extensions.items():
-        if kind not in (SAFE_ORBIT, COORDINATE_SYSTEM):
+        if kind not in KNOWN:
             LOG.warning(
                 "%s: extension 0x%08X of %d bytes is not known and left out: the scene may look different",
                 path, kind, len(content),
@@ -135,7 +136,7 @@ def _parse(path: Path, data: bytes | memoryview, file_bytes: int) -> _Header:
         raise DatasetError(f"{path}: harmonics of degree {degree}; 0 to {_MAX_FILE_DEGREE} are read")
     if flags & _LEVELS:
         raise DatasetError(f"{path}: an SPZ with coarser levels of Spark in it; export the scene without levels")
-    if flags & ~(ANTIALIASED | _EXTENDED):
+    if flags & ~(ANTIALIASED | EXTENDED):
         LOG.warning("%s: flags 0x%02X are not known: the scene may look different", path, flags)
     if fraction_bits > _MAX_FRACTION_BITS:
         raise DatasetError(f"{path}: {fraction_bits} fractional bits of 24 in a position")
@@ -151,7 +152,7 @@ def _gunzip(path: Path, file_bytes: int) -> tuple[_Header, dict[str, np.ndarray]
                 raise DatasetError(f"{path}: SPZ of version 4 within gzip")
             needed = sum(header.columns.values())
             body = file.read(needed)
-            behind = file.read(MAX_EXTENSION_BYTES + 1) if header.flags & _EXTENDED else b""
+            behind = file.read(MAX_EXTENSION_BYTES + 1) if header.flags & EXTENDED else b""
             for _ in range(_PIECES_BEHIND):  # at the end its checksum is compared
                 if not file.read(_PIECE_BEHIND):
                     break
@@ -176,7 +177,7 @@ def _unzstd(path: Path, data: memoryview) -> tuple[_Header, dict[str, np.ndarray
     at = table + header.streams * TABLE_ROW.size
     if header.streams != len(header.columns) or not PLAIN_HEADER_BYTES <= table <= at <= len(data):
         raise DatasetError(f"{path}: a table of {header.streams} streams at byte {table} is not where it can be")
-    if header.flags & _EXTENDED:
+    if header.flags & EXTENDED:
         header = replace(header, extensions=read_records(path, data[PLAIN_HEADER_BYTES:table]))
     columns = {}
     for stream, (name, size) in enumerate(header.columns.items()):

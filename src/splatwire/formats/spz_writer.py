@@ -13,10 +13,12 @@ from splatwire.errors import InvalidValueError
 from splatwire.files.whole import written_whole
 from splatwire.formats._axes import SPZ_FLIPS, flip_axes
 from splatwire.formats._columns import join
+from splatwire.formats._spz_extensions import write_records
 from splatwire.formats.outliers import DEFAULT, Outliers, find_outliers, treated_positions, warn_of_outliers
 from splatwire.formats.spz import (
     ANTIALIASED,
     COLOR_SCALE,
+    EXTENDED,
     HEADER,
     MAGIC,
     MAGNITUDE,
@@ -24,6 +26,7 @@ from splatwire.formats.spz import (
     TABLE_OFFSET,
     TABLE_ROW,
 )
+from splatwire.scene.metadata import NO_METADATA, SceneMetadata
 from splatwire.scene.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -43,6 +46,7 @@ def write_spz(
     harmonic_bits: tuple[int, int] = FULL_BITS,
     *,
     antialiased: bool = False,
+    metadata: SceneMetadata = NO_METADATA,
     version: int = 4,
     outliers: Outliers = DEFAULT,
 ) -> int:
@@ -54,6 +58,7 @@ def write_spz(
         harmonic_bits: Bits of harmonics of degree 1, and of those beyond, 1 to 8 each: they stay bytes, of which the
             last bits are 0, so that they pack better.
         antialiased: True if the header is to say that it was trained with antialiasing.
+        metadata: Metadata of the scene, written as extension records.
         version: 4 (zstd), or 3 (gzip) for programs that do not read 4 yet.
         outliers: Treatment of few Gaussians whose positions would cost all others precision.
 
@@ -68,10 +73,11 @@ def write_spz(
     bits = _fraction_bits(float(splats.means.abs().max()))
     columns = [column.tobytes() for column in _columns(splats, bits, harmonic_bits)]
     write = _write_plain if version == 4 else _write_gzip
+    records = write_records(metadata)
+    flags = ANTIALIASED * antialiased | EXTENDED * bool(records)
+    header = (MAGIC, version, splats.num_gaussians, splats.degree, bits, flags)
     with written_whole(path) as unfinished:
-        write(
-            unfinished, columns, (MAGIC, version, splats.num_gaussians, splats.degree, bits, ANTIALIASED * antialiased)
-        )
+        write(unfinished, columns, header, records)
     return splats.num_gaussians
 
 
@@ -94,15 +100,19 @@ def _without_costs(splats: Splats, path: Path, treatment: Outliers) -> Splats:
     return treated_positions(splats, treatment, beyond, column.middle, np.full(3, -limit), np.full(3, limit))
 
 
-def _write_gzip(path: Path, columns: list[bytes], header: tuple[bytes, int, int, int, int, int]) -> None:
-    path.write_bytes(gzip.compress(b"".join([HEADER.pack(*header, 0), *columns]), mtime=0))
+def _write_gzip(
+    path: Path, columns: list[bytes], header: tuple[bytes, int, int, int, int, int], records: bytes
+) -> None:
+    path.write_bytes(gzip.compress(b"".join([HEADER.pack(*header, 0), *columns, records]), mtime=0))
 
 
-def _write_plain(path: Path, columns: list[bytes], header: tuple[bytes, int, int, int, int, int]) -> None:
+def _write_plain(
+    path: Path, columns: list[bytes], header: tuple[bytes, int, int, int, int, int], records: bytes
+) -> None:
     packed = [zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(column) for column in columns]
     with path.open("wb") as file:
-        head = HEADER.pack(*header, len(packed)) + TABLE_OFFSET.pack(PLAIN_HEADER_BYTES)
-        file.write(head.ljust(PLAIN_HEADER_BYTES, b"\0"))
+        head = HEADER.pack(*header, len(packed)) + TABLE_OFFSET.pack(PLAIN_HEADER_BYTES + len(records))
+        file.write(head.ljust(PLAIN_HEADER_BYTES, b"\0") + records)
         for column, data in zip(columns, packed, strict=True):
             file.write(TABLE_ROW.pack(len(data), len(column)))
         file.writelines(packed)

@@ -17,7 +17,9 @@ from splatwire.errors import DatasetError
 from splatwire.files.capped import read_json
 from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
 from splatwire.formats import sog
+from splatwire.formats._asset import metadata_of_asset
 from splatwire.formats._columns import check_count, of_degree
+from splatwire.formats.content import FileContent
 from splatwire.formats.sog import read_sog
 from splatwire.scene.splats import ROWS, Splats
 
@@ -42,7 +44,7 @@ class Piece:
     count: int
 
 
-def read_streamed_sog(path: Path) -> Splats:
+def read_streamed_sog(path: Path) -> FileContent:
     """Reads the Gaussians of a streamed SOG, of each leaf the finest that are here.
 
     Args:
@@ -64,7 +66,8 @@ def read_streamed_sog(path: Path) -> Splats:
         LOG.warning("%s: %d of %d chunks are not here: %s", index, len(absent), len(chunks), ", ".join(absent[:8]))
     if coarser:
         LOG.warning("%s: %d leaves are read at a coarser level, or not at all, for lack of chunks", index, coarser)
-    return _joined(index, chunks, pieces)
+    metadata = metadata_of_asset(content.get("asset")).over(metadata_of_asset(sog.read_asset(chunks[min(pieces)])))
+    return FileContent(_joined(index, chunks, pieces), antialiased=is_antialiased(path), metadata=metadata)
 
 
 def is_antialiased(path: Path) -> bool:
@@ -150,7 +153,7 @@ def _piece(index: Path, level: Any, num_chunks: int) -> Piece:
 
 def _joined(index: Path, chunks: list[Path], pieces: dict[int, list[Piece]]) -> Splats:
     """The Gaussians of all runs; held in memory are those of one chunk, and of the environment."""
-    whole_ones = {n: read_sog(chunks[n]) for n, runs in pieces.items() if runs[0].count < 0}
+    whole_ones = {n: read_sog(chunks[n]).splats for n, runs in pieces.items() if runs[0].count < 0}
     counts = {n: sum(run.count for run in runs) for n, runs in pieces.items()}
     counts |= {n: part.num_gaussians for n, part in whole_ones.items()}
     total, at = check_count(index, sum(counts.values()), sum(_bytes_of(chunks[n]) for n in pieces)), 0
@@ -177,7 +180,7 @@ def _widened(joined: Splats | None, count: int, total: int, degree: int) -> Spla
 
 def _gathered(index: Path, folder: Path, runs: list[Piece]) -> Splats:
     """The Gaussians of some runs of a chunk; each belongs to one run."""
-    splats = read_sog(folder)
+    splats = read_sog(folder).splats
     taken = torch.zeros(splats.num_gaussians, dtype=torch.bool)
     for run in runs:
         own = slice(run.offset, run.offset + run.count)

@@ -70,7 +70,12 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
         errors.append(np.sqrt(squares[:, 0] / squares[:, 1]))
     levels = tuple(sizes[::-1])
     made = LevelScene(
-        whole, background=scene.background, antialiased=scene.antialiased, origin=scene.origin, level_sizes=levels
+        whole,
+        background=scene.background,
+        antialiased=scene.antialiased,
+        origin=scene.origin,
+        metadata=scene.metadata,
+        level_sizes=levels,
     )
     return Built(made, order.numpy(), old, np.concatenate(errors[::-1]))
 

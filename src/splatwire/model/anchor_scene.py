@@ -14,6 +14,7 @@ from splatwire.model.scene import Coverage, RenderHints
 from splatwire.reprs import summary_repr
 from splatwire.scene import Anchors
 from splatwire.scene.background import BLACK, Background, check_background
+from splatwire.scene.metadata import NO_METADATA, SceneMetadata
 from splatwire.scene.rows import Rows, rows_of_anchors
 
 
@@ -100,6 +101,7 @@ class AnchorScene:
         coding: What the codec's schema codes them with.
         hints: Render-time hints of a concealer, if one worked on the scene.
         background: RGB behind everything, in front of which the scene was trained.
+        metadata: Title, author, license, and how the scene is looked at first.
     """
 
     ELEMENTS: ClassVar[str] = "anchors"
@@ -111,6 +113,7 @@ class AnchorScene:
     coding: HacppCoding | CausalCoding
     hints: RenderHints | None = None
     background: Background = BLACK
+    metadata: SceneMetadata = NO_METADATA
 
     __repr__ = summary_repr
 

@@ -16,6 +16,7 @@ from splatwire.model.scene import Scene
 from splatwire.model.splat_scene import SplatScene
 from splatwire.packets import SceneStream
 from splatwire.scene import Cameras, Gaussians
+from splatwire.scene.metadata import NO_METADATA, SceneMetadata
 from splatwire.scene.origin import NO_ORIGIN, Origin
 from splatwire.scene.splats import Splats
 
@@ -126,6 +127,22 @@ def origin_of(scene: Scene) -> Origin:
 @origin_of.register
 def _(scene: SplatScene) -> Origin:
     return scene.origin
+
+
+@singledispatch
+def metadata_of(scene: Scene) -> SceneMetadata:
+    """Title, author and license of a scene, and how it is looked at first."""
+    return NO_METADATA
+
+
+@metadata_of.register
+def _(scene: SplatScene) -> SceneMetadata:
+    return scene.metadata
+
+
+@metadata_of.register
+def _(scene: AnchorScene) -> SceneMetadata:
+    return scene.metadata
 
 
 @singledispatch

@@ -23,6 +23,7 @@ from splatwire.model.scene import RenderHints, Scene
 from splatwire.model.tensor_file import write_tensors
 from splatwire.scene import AnchorLayout, Anchors, Attribute, Erasures
 from splatwire.scene.background import BLACK, Background
+from splatwire.scene.metadata import NO_METADATA, metadata_from_json, metadata_to_json
 
 FORMAT = "splatwire-scene"
 VERSION = 1
@@ -197,6 +198,7 @@ def _header(scene: AnchorScene, kind: str) -> dict[str, Any]:
         "negative_slopes": {name: network.negative_slope for name, network in _networks(scene).items()},
         "hints": scene.hints is not None,
         **({} if scene.background == BLACK else {"background": list(scene.background)}),
+        **({} if scene.metadata == NO_METADATA else {"metadata": metadata_to_json(scene.metadata)}),
     }
 
 
@@ -240,7 +242,8 @@ def _read_scene(reader: SceneReader) -> AnchorScene:
         left_out = reader.tensor("hints.left_out", (count,), torch.bool)
         opacity_gain = reader.tensor("hints.opacity_gain", (count,)) if reader.has("hints.opacity_gain") else None
         hints = RenderHints(reader.tensor("hints.size_gain", (count,)), left_out, opacity_gain)
-    return AnchorScene(anchors, heads, coding, hints, reader.background())
+    metadata = metadata_from_json(reader.header.get("metadata"))
+    return AnchorScene(anchors, heads, coding, hints, reader.background(), metadata)
 
 
 def _read_anchors(reader: SceneReader, layout: AnchorLayout) -> Anchors:

@@ -11,6 +11,7 @@ from splatwire.errors import InvalidValueError, check_kind
 from splatwire.model.scene import Coverage, RenderHints
 from splatwire.reprs import summary_repr
 from splatwire.scene.background import BLACK, Background, check_background
+from splatwire.scene.metadata import NO_METADATA, SceneMetadata
 from splatwire.scene.origin import NO_ORIGIN, Origin, check_origin
 from splatwire.scene.rows import Rows, rows_of_splats
 from splatwire.scene.splats import Splats
@@ -56,6 +57,7 @@ class SplatScene:
         coding: What its Gaussians were rounded to, if the scene was decoded: it is encoded in the same steps again.
         antialiased: Whether its Gaussians were trained to lose opacity as they are widened to a pixel (Mip-Splatting).
         origin: World coordinates that positions are relative to.
+        metadata: Title, author, license, and how the scene is looked at first.
     """
 
     ELEMENTS: ClassVar[str] = "Gaussians"
@@ -69,6 +71,7 @@ class SplatScene:
     coding: SplatCoding | None = None
     antialiased: bool = False
     origin: Origin = NO_ORIGIN
+    metadata: SceneMetadata = NO_METADATA
 
     __repr__ = summary_repr
 

@@ -127,6 +127,7 @@ def _read(path: Path, kind: Kind) -> SceneFile:
             coding=_coding(path, kind, content.splats),
             antialiased=content.antialiased,
             origin=content.origin,
+            metadata=content.metadata,
         )
         return SceneFile(kind, scene, None)
     if kind in STREAMS:

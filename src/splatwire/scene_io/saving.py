@@ -10,7 +10,7 @@ from splatwire.formats import PlyNote, write_splats
 from splatwire.formats.kinds import READERS, WRITERS
 from splatwire.formats.outliers import DEFAULT, Outliers
 from splatwire.model import Partial, Prior, SplatCoding
-from splatwire.model.appearance import Scene, antialiased, as_scene, explicit_gaussians, origin_of
+from splatwire.model.appearance import Scene, antialiased, as_scene, explicit_gaussians, metadata_of, origin_of
 from splatwire.model.scene_file import save_partial
 from splatwire.model.scene_file import save_scene as save_anchors
 from splatwire.packets.stream import FILE_SUFFIX
@@ -56,6 +56,7 @@ def save_scene(
             antialiased=antialiased(shown),
             origin=origin_of(shown),
             outliers=outliers,
+            metadata=metadata_of(shown),
         )
         return
     if target.name.lower().endswith(_OTHERS):

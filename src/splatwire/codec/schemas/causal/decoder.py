@@ -10,6 +10,7 @@ from splatwire.codec.background import read_background
 from splatwire.codec.fixed_point import ACTIVATION_BITS
 from splatwire.codec.heads import network_of
 from splatwire.codec.memory import check_memory
+from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import Rows, Run
 from splatwire.codec.schemas.causal.context import (
@@ -136,7 +137,13 @@ class CausalDecoder(AnchorDecoder):
         positions, mask = torch.from_numpy(self._positions), torch.from_numpy(self._mask)
         anchors = Anchors(positions, values["feature"], values["scaling"], offsets, mask)
         heads = GaussianHeads(*(network_of(head) for head in info.heads))
-        scene = AnchorScene(anchors, heads, self._coding(), background=read_background(info.sections))
+        scene = AnchorScene(
+            anchors,
+            heads,
+            self._coding(),
+            background=read_background(info.sections),
+            metadata=read_metadata(info.sections),
+        )
         left = concealer_sections(info.sections)
         guessed = ExpectedPlaces(torch.from_numpy(self._guessed))
         said = (self._prior(), info.config.layout, guessed, *self._said)

@@ -8,6 +8,7 @@ import torch
 
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import read_background
+from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.origin import read_origin
 from splatwire.codec.schema import Rows, Run
@@ -110,6 +111,7 @@ class GaussianDecoder:
             coding=coding_of(self._info, self._levels),
             antialiased=ANTIALIASED in self.sections,
             origin=read_origin(self.sections),
+            metadata=read_metadata(self.sections),
         )
         return Partial(scene, self._erasures, concealer_sections(self.sections), self._said)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from splatwire.codec.antialiasing import antialiasing_sections
 from splatwire.codec.background import background_sections
+from splatwire.codec.metadata import metadata_sections
 from splatwire.codec.origin import origin_sections
 from splatwire.codec.schema import CodedPackets, Options, Prepared
 from splatwire.codec.schemas.gaussians.attributes import empty_rows, fit_transform, to_harmonics
@@ -65,6 +66,7 @@ def prepare_splats(
     source = SourceScene.of(splats, plan, options.classes, tiers, quality, coding, sorted_already=sorted_already)
     sections = {**({} if like is None else like.sections), **background_sections(scene.background)}
     sections |= {**antialiasing_sections(scene.antialiased), **origin_sections(scene.origin)}
+    sections |= metadata_sections(scene.metadata)
     sections.pop(TIERS, None)
     if shapes:
         tier_of = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_elements for shape in shapes])

@@ -8,6 +8,7 @@ import torch
 from splatwire.codec.background import read_background
 from splatwire.codec.fixed_point import ACTIVATION_BITS, FACTOR_BITS, OUTPUT_BITS
 from splatwire.codec.heads import network_of
+from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schemas.hacpp.atomic import Symbols
 from splatwire.codec.schemas.hacpp.coding_params import (
@@ -111,7 +112,13 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> Partial[AnchorScene
     heads = GaussianHeads(*(network_of(head) for head in info.heads))
     model = ContextModel(_grid(info), network_of(info.prior), tuple(network_of(mlp) for mlp in info.channel))
     background = read_background(info.sections)
-    scene = AnchorScene(anchors, heads, HacppCoding(model, info.voxel_size, info.config), background=background)
+    scene = AnchorScene(
+        anchors,
+        heads,
+        HacppCoding(model, info.voxel_size, info.config),
+        background=background,
+        metadata=read_metadata(info.sections),
+    )
     erasures = Erasures(torch.from_numpy(arrays.received))
     return Partial(scene, erasures, concealer_sections(info.sections, MASKS), (_prior(info, arrays), layout))
 

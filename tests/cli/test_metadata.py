@@ -1,0 +1,84 @@
+"""Metadata of a scene on its way through the verbs."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from formats.handmade import some_splats
+from splatwire.codec.metadata import read_metadata
+from splatwire.formats import write_splats
+from splatwire.formats.kinds import read_content
+from splatwire.packets import read_stream
+from splatwire.packets.sections import sections_of
+from splatwire.scene.metadata import SceneMetadata
+
+KNOWN = SceneMetadata("Garden [/b]", "Ana", "CC0")
+
+
+def metadata_in(path: Path) -> SceneMetadata:
+    return read_metadata(sections_of(read_stream(path)[0]))
+
+
+@pytest.fixture
+def ply(tmp_path: Path) -> Path:
+    write_splats([some_splats(200, 1)], tmp_path / "a.ply", metadata=KNOWN)
+    return tmp_path / "a.ply"
+
+
+@pytest.mark.parametrize("up", ["y", "-y", "z"])
+def test_explicit_gaussians_keep_metadata_on_a_round_trip(
+    run: Any, journey: Path, ply: Path, tmp_path: Path, up: str
+) -> None:
+    words = ("--up", up, "--cameras", journey / "cameras.json")
+    for done in (
+        run("encode", ply, "-o", tmp_path / "a.swz", *words),
+        run("decode", tmp_path / "a.swz", "-o", tmp_path / "b.spz"),
+        run("export", "sog", tmp_path / "b.spz", "-o", tmp_path / "c.sog"),
+        run("import", "splats", tmp_path / "c.sog", "-o", tmp_path / "d.ply"),
+        run("export", "glb", tmp_path / "d.ply", "-o", tmp_path / "e.glb"),
+        run("encode", tmp_path / "e.glb", "-o", tmp_path / "f.swz"),
+    ):
+        assert done.status == 0, done.err
+    first, last = metadata_in(tmp_path / "a.swz"), metadata_in(tmp_path / "f.swz")
+    assert (first.title, first.author, first.license, first.up) == ("Garden [/b]", "Ana", "CC0", up)
+    assert first.view is not None
+    assert last == first
+
+
+def test_scenes_of_anchors_keep_metadata_on_a_round_trip(run: Any, journey: Path, tmp_path: Path) -> None:
+    for done in (
+        run("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", "--up", "z", "--cameras",
+            journey / "cameras.json"),
+        run("decode", tmp_path / "a.swz", "-o", tmp_path / "b.scene", "--conceal", "drop"),
+        run("encode", tmp_path / "b.scene", "-o", tmp_path / "c.swz"),
+        run("export", "ply", tmp_path / "b.scene", "-o", tmp_path / "d.ply", "--views", 16),
+    ):  # fmt: skip
+        assert done.status == 0, done.err
+    first = metadata_in(tmp_path / "a.swz")
+    assert first.up == "z"
+    assert first.view is not None
+    assert metadata_in(tmp_path / "c.swz") == first
+    assert read_content(tmp_path / "d.ply").metadata == first
+
+
+def test_an_option_replaces_what_the_file_says(run: Any, tmp_path: Path) -> None:
+    write_splats([some_splats(200, 1)], tmp_path / "a.ply", metadata=SceneMetadata(up="z"))
+    for words, up in (((), "z"), (("--up", "-y"), "-y"), (("--up", "y"), "y")):
+        assert run("encode", tmp_path / "a.ply", "-o", tmp_path / "a.swz", *words).status == 0
+        assert metadata_in(tmp_path / "a.swz").up == up
+
+
+def test_inspect_shows_metadata(run: Any, ply: Path, tmp_path: Path) -> None:
+    assert run("encode", ply, "-o", tmp_path / "a.swz", "--up", "z").status == 0
+    expected = {"title": "Garden [/b]", "author": "Ana", "license": "CC0"}
+    assert run("inspect", ply, "--json").json["metadata"] == expected
+    assert run("inspect", tmp_path / "a.swz", "--json").json["metadata"] == expected | {"up": "z"}
+    assert "Garden [/b]" in run("inspect", tmp_path / "a.swz").out
+
+
+def test_a_format_without_a_place_says_so(
+    run: Any, ply: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert run("export", "splat", ply, "-o", tmp_path / "a.splat").status == 0
+    assert "no place for metadata: title, author, license" in caplog.text
