@@ -160,3 +160,43 @@ def test_devices_are_not_replaced_by_files(run, journey, verb):
 def test_what_is_no_folder_is_told(run, journey, tmp_path):
     (tmp_path / "notes").write_text("hello")
     assert_complains(run("decode", journey / "tiny.swz", "-o", tmp_path / "notes" / "a"), tmp_path / "notes", "folder")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("encode", "tiny.scene", "-o", "OUT/a.swz"),
+        ("transmit", "tiny.swz", "-o", "OUT/packets"),
+        ("decode", "tiny.swz", "-o", "OUT/a.scene"),
+        ("pack", "tiny.swz", "-o", "OUT/a.html"),
+        ("render", "tiny.scene", "-o", "OUT/pictures", "--cameras", "cameras.json"),
+        ("evaluate", "tiny.swz", "--reference", "tiny.scene", "-o", "OUT/report"),
+        ("demo", "-o", "OUT/demo"),
+        ("export", "ply", "tiny.scene", "-o", "OUT/a.ply"),
+        ("calibrate", "sketch", "tiny.swz", "-o", "OUT/a.swz"),
+        ("receive", "udp://127.0.0.1:9", "-o", "OUT/a.swz"),
+        ("import", "splats", "tiny.swz", "-o", "OUT/a.ply"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_no_verb_makes_the_folders_above_its_output(run, journey, tmp_path, monkeypatch, words):
+    monkeypatch.chdir(journey)
+    missing = tmp_path / "no" / "such"
+    done = run(*(word.replace("OUT", str(missing)) for word in words))
+    assert_complains(done, f"{missing}: no such folder")
+    assert not missing.parent.exists()
+
+
+def test_a_folder_for_outputs_is_made_in_one_that_exists(run, journey, tmp_path):
+    done = run(
+        "render",
+        journey / "tiny.scene",
+        "-o",
+        tmp_path / "new",
+        "--cameras",
+        journey / "cameras.json",
+        "--scale",
+        "0.2",
+    )
+    assert done.status == 0
+    assert (tmp_path / "new" / "cameras.json").exists()

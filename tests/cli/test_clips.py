@@ -38,6 +38,24 @@ def clip(folder, tmp_path_factory):
     return target
 
 
+@pytest.mark.parametrize("source", ["folder", "splatv"])
+@pytest.mark.parametrize(
+    "words", [("--preset", "datagram"), ("--tiers", "0.1"), ("--levels", "auto"), ("--no-sketch",)]
+)
+def test_options_of_still_scenes_are_refused_before_anything_is_loaded(folder, tmp_path, source, words):
+    """In a process of its own, in which the codec cannot be imported."""
+    if source == "splatv":
+        (tmp_path / "a.splatv").write_bytes(splatv())
+        folder = tmp_path / "a.splatv"
+    code = (
+        "import sys; sys.modules['torch'] = None\n"
+        f"from splatwire.cli.main import main; main(['encode', {str(folder)!r}, '-o', 'x.swz', *{words!r}])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 2, done.stderr
+    assert f"{words[0]} is for a still scene" in done.stderr
+
+
 def test_encode_says_what_it_did(run, folder, tmp_path):
     content = run("encode", folder, "-o", tmp_path / "a.swz", "--fps", 25, "--group", 4, "--json").json
     assert content["num_bytes"] == (tmp_path / "a.swz").stat().st_size

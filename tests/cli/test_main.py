@@ -139,3 +139,11 @@ def test_our_own_slips_keep_their_traceback(monkeypatch):
     monkeypatch.setattr(main_module, "_parse", lambda arguments: Failing())
     with pytest.raises(ZeroDivisionError):
         main_module.main(["demo"])
+
+
+def test_serve_says_which_options_are_for_a_relay(run, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    lines = run("serve", "--help").out
+    for option in ("--fingerprint", "--authority", "--insecure"):
+        assert lines.partition(option)[2].partition("--moq")[0].count("--") == 0, option
+    assert "With --moq only" in lines

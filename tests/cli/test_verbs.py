@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from scenes import tiny_scene
+from splatwire.cli import _output
 from splatwire.cli.main import main
 from splatwire.model.scene_digest import scene_digest
 from splatwire.model.scene_file import load_partial, load_scene
@@ -232,3 +233,18 @@ def test_progress_goes_to_standard_error(run, journey, tmp_path):
     outcome = run("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", "--json")
     assert "encoding" in outcome.err
     assert len(outcome.out.splitlines()) == 1
+
+
+def test_long_work_shows_its_share_at_intervals_where_there_is_no_terminal(capsys, monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(_output.time, "perf_counter", lambda: now[0])
+    with _output.progress_bars() as report:
+        for second in range(35):
+            now[0] = float(second)
+            report("encoding frames", second / 35)
+        report("encoding frames", 1.0)
+        report("writing", 0.0)
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split("] ")[1] for line in lines] == [
+        "encoding frames", "encoding frames: 29%", "encoding frames: 57%", "encoding frames: 86%", "writing"
+    ]  # fmt: skip

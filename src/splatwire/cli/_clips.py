@@ -9,6 +9,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splatwire.cli._files import check_folder
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -238,6 +239,7 @@ def output_folder(name: str) -> Iterator[Path]:
     target = Path(name)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise InvalidValueError(f"{target} is there already and not empty: frames go into a new folder")
+    check_folder(target)
     with written_whole(target) as made:
         made.mkdir()
         yield made

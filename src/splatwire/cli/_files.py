@@ -95,7 +95,7 @@ def output_path(name: str, *, suffix: str = "", json: bool = False) -> Iterator[
 
 
 def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = None) -> Path:
-    """Makes the folder of an output and says at once, not after the work, what stands in the way.
+    """Checks an output before the work.
 
     Files are written beside an old one and then take its name, which must not happen to a device such as `/dev/null`.
 
@@ -108,8 +108,8 @@ def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = No
         The path.
 
     Raises:
-        InvalidValueError: If there is something else under that name, its folder is none, or the name is that of
-            another format.
+        InvalidValueError: If there is something else under that name, its folder does not exist, or the name is that
+            of another format.
     """
     found = path.suffix.lower()
     if suffix is not None and found in _FORMATS and found != suffix:
@@ -121,22 +121,34 @@ def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = No
         raise InvalidValueError(f"{path} is a folder: name a file")
     if path.exists() and not path.is_dir() and not path.is_file():
         raise InvalidValueError(f"{path} is no ordinary file and would be replaced by one: name another")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError) as error:
-        raise InvalidValueError(f"{path.parent}: not a folder, so nothing can be written into it") from error
+    _check_parent(path)
     return path
 
 
-def check_folder(path: Path) -> None:
-    """Says at once, not after the work, what stands in the way of a folder for outputs; it is not made yet.
+def _check_parent(path: Path) -> None:
+    """Checks that the folder of an output exists; it is not made, because a mistyped path would make many.
 
     Raises:
-        InvalidValueError: If it cannot be a folder.
+        InvalidValueError: If it does not exist, or is no folder.
     """
-    there = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+    parent = path.absolute().parent
+    there = next(folder for folder in (parent, *parent.parents) if folder.exists())
     if not there.is_dir():
         raise InvalidValueError(f"{there}: not a folder, so nothing can be written into it")
+    if there != parent:
+        raise InvalidValueError(f"{parent}: no such folder, so {path.name} cannot be written into it: make it first")
+
+
+def check_folder(path: Path) -> None:
+    """Checks a folder for outputs before the work; it is made later, but the folder that it is in must exist.
+
+    Raises:
+        InvalidValueError: If it cannot be a folder, or the folder that it is in does not exist.
+    """
+    if path.exists() and not path.is_dir():
+        raise InvalidValueError(f"{path}: not a folder, so nothing can be written into it")
+    if not path.exists():
+        _check_parent(path)
 
 
 def check_inputs(*paths: Path | None) -> None:

@@ -21,6 +21,8 @@ DAMAGED = 3
 """Exit status of a verb whose input is damaged."""
 
 
+LINE_INTERVAL_S = 10.0
+"""Seconds between two lines about one task where no terminal shows bars."""
 Reporter: TypeAlias = Callable[[str, float], None]
 """Called with what is being done and the share of it that is done, 0 to 1."""
 
@@ -67,7 +69,7 @@ def tell_lost_harmonics(scene: "Scene", path: str | Path) -> None:
 
 @contextmanager
 def progress_bars() -> Iterator[Reporter]:
-    """Shows progress on standard error: bars on a terminal, a line per task elsewhere and where rich is not there."""
+    """Shows progress on standard error: bars on a terminal, lines elsewhere and where rich is absent."""
     try:
         from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
     except ModuleNotFoundError:
@@ -90,13 +92,18 @@ def progress_bars() -> Iterator[Reporter]:
 
 
 def _lines() -> Reporter:
-    """Tells each task once, when it begins."""
-    told: set[str] = set()
+    """Prints a line when a task begins, and its share at intervals while it goes on."""
+    printed: dict[str, float] = {}
     started = time.perf_counter()
 
     def report(task: str, share: float) -> None:
-        if task not in told:
-            told.add(task)
-            print(f"[{time.perf_counter() - started:6.1f} s] {task}", file=sys.stderr)
+        now = time.perf_counter()
+        if task not in printed:
+            print(f"[{now - started:6.1f} s] {task}", file=sys.stderr, flush=True)
+        elif now - printed[task] >= LINE_INTERVAL_S and share < 1:
+            print(f"[{now - started:6.1f} s] {task}: {share:.0%}", file=sys.stderr, flush=True)
+        else:
+            return
+        printed[task] = now
 
     return report

@@ -82,3 +82,15 @@ class TrustOptions:
         authority = None if self.authority is None else self.authority.read_bytes()
         trust = Trust(authority, self.fingerprint, self.insecure)
         return RelayTrust(self.authority, trust.fingerprint, trust.insecure)
+
+
+@dataclass(frozen=True)
+class RelayTrustOptions(TrustOptions):
+    """With --moq only: which relay is trusted; without any of these one with a certificate that the system knows."""
+
+    fingerprint: str | None = None
+    """With --moq: SHA-256 of the relay's certificate; nothing else about the certificate matters then."""
+    authority: Path | None = None
+    """With --moq: PEM file of certificates that vouch for the relay's, or its own; else the system's."""
+    insecure: bool = False
+    """With --moq: take any certificate; an attacker on the path can pose as the relay."""

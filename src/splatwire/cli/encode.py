@@ -14,6 +14,7 @@ from splatwire.cli._files import input_path, output_path
 from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars, refuse_options
 from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
+from splatwire.files.kinds import holds_frames
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -79,6 +80,8 @@ class Encode:
 
     def run(self) -> None:
         """Runs the verb."""
+        if holds_frames(Path(self.scene)):  # refused before the codec is loaded, which takes its time
+            refuse_options(self, _STILL, "is for a still scene, not for a clip")
         from splatwire.clips.frames import is_sequence
 
         self._check()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from splatwire.cli._files import check_folder, input_path, is_stream
+from splatwire.cli._files import check_folder, input_path, is_stream, prepared_output
 from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars
 from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
@@ -27,7 +27,8 @@ class Render:
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder for the pictures and a cameras.json; for a clip a .webp file."""
     cameras: Path | None = None
-    """Cameras file; without it and --data, views around the scene. A clip is drawn from one after another."""
+    """Cameras file; without it and --data, views from around the scene that frame it. A clip is drawn from one after
+    another."""
     data: Annotated[Path | None, tyro.conf.arg(aliases=["-s"])] = None
     """Dataset folder whose test views are drawn, instead of a cameras file."""
     scale: float = 1.0
@@ -63,6 +64,7 @@ class Render:
             raise InvalidValueError(
                 f"a clip becomes a moving picture: give a name such as name.webp, not {self.output}"
             )
+        prepared_output(self.output, suffix=".webp")
         if self.background is not None:
             raise InvalidValueError("--background is for a still scene; a clip has its own from `encode`")
         started = time.perf_counter()
@@ -81,14 +83,14 @@ class Render:
         from splatwire.evaluate.views import views_of
         from splatwire.files.names import distinct_names
         from splatwire.files.whole import write_whole
-        from splatwire.render.importance import surrounding_cameras
+        from splatwire.render.framing import framing_cameras
         from splatwire.scene_io import drawable_scene
 
         concealer = create_concealer(self.conceal or "drop")
         check_folder(self.output)
         with input_path(self.scene) as source:
             scene, num_lost = drawable_scene(source, concealer)
-        cameras = surrounding_cameras(scene, _AROUND, _AROUND_SIZE) if cameras is None else cameras
+        cameras = framing_cameras(scene, _AROUND, _AROUND_SIZE) if cameras is None else cameras
         cameras = cameras if self.scale == 1 else cameras.scaled(self.scale)
         started, files = time.perf_counter(), [f"{name}.png" for name in distinct_names(cameras.names, "view")]
         with progress_bars() as show:

@@ -16,7 +16,7 @@ from splatwire.cli._datagrams import in_datagrams
 from splatwire.cli._files import stream_name
 from splatwire.cli._listening import Listening, open_server, stop_on_signals
 from splatwire.cli._publishing import publish_stream
-from splatwire.cli._receiving import TrustOptions
+from splatwire.cli._receiving import RelayTrustOptions
 
 if TYPE_CHECKING:
     from splatwire.packets import SceneStream
@@ -50,7 +50,7 @@ class Serve(Listening):
     moq: str | None = None
     """Publish one stream to a relay of Media over QUIC, which sends it to whoever asks there, instead of listening:
     https://RELAY[:PORT]/NAME."""
-    trust: TrustOptions = field(default_factory=TrustOptions)
+    trust: RelayTrustOptions = field(default_factory=RelayTrustOptions)
 
     def run(self) -> None:
         """Runs the verb."""

@@ -108,6 +108,7 @@ PHOTOS = Kind(
 )
 EMPTY_FOLDER = Kind("empty folder", "an empty folder")
 FOLDER = Kind("folder", "a folder without stream, model or dataset")
+_GAUSSIANS = (SPLATS_PLY, COMPRESSED_PLY, SPZ, SOG, SOG_FOLDER, SPLAT, KSPLAT, GLB)
 STREAMS = (STREAM, STREAM_GLB, STREAM_FOLDER)
 """What `read_stream` reads."""
 SCENE_FILES = (SCENE, PARTIAL, TENSORS)
@@ -170,6 +171,17 @@ def file_kind(path: Path) -> Kind:
         return UNREADABLE
     kind = kind_of_bytes(head, status.st_size, path.suffix.lower())
     return _BY_NAME.get(path.name, kind) if kind == JSON else kind
+
+
+def holds_frames(path: Path) -> bool:
+    """Returns True for a `.splatv` file, and for a folder that is no scene itself and holds files of Gaussians."""
+    kind = file_kind(path)
+    if kind not in (FOLDER, PHOTOS, DATASET):
+        return kind == SPLATV
+    try:
+        return any(file_kind(child) in _GAUSSIANS for child in path.iterdir())
+    except OSError:
+        return False
 
 
 def trained_ply(folder: Path) -> Path | None:

@@ -14,6 +14,7 @@ from splatwire.model.projection import project
 from splatwire.render.reference import rotation_matrices
 from splatwire.scene import Cameras, Gaussians
 from splatwire.scene.importance import Importance
+from splatwire.scene.splats import Splats
 
 
 @torch.no_grad()
@@ -70,6 +71,31 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
         if float(_footprints(splats.seen_from(near.centers[view]), outwards, view).sum()) > _FULL * size * size:
             poses[view] = outwards.viewmats[view]
     return replace(near, viewmats=poses)
+
+
+def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[Tensor, "V"]:
+    """Measures what cameras around the middle of a scene see when they look away from it.
+
+    Args:
+        splats: The Gaussians of the scene.
+        num_views: Number of cameras.
+        size: Width and height of the images, pixels.
+
+    Returns:
+        Footprints of each view over the area of its picture; above 1 it shows something nearly everywhere.
+
+    Raises:
+        InvalidValueError: If there is no view, no pixel or no element.
+    """
+    near = cameras_around(splats.means, num_views, size)
+    outwards, step = _turned(near), -(-splats.num_gaussians // _MOST_MEASURED)
+    few = splats.select(torch.arange(0, splats.num_gaussians, step))
+    shown = [_footprints(few.seen_from(near.centers[view]), outwards, view).sum() for view in range(num_views)]
+    return torch.stack(shown).float() * step / size**2
+
+
+_MOST_MEASURED = 100_000
+"""Gaussians whose footprints are measured, spread evenly; each stands for as many."""
 
 
 _FAR = 2.0
