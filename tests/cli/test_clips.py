@@ -39,20 +39,19 @@ def clip(folder, tmp_path_factory):
 
 
 @pytest.mark.parametrize("source", ["folder", "splatv"])
-@pytest.mark.parametrize(
-    "words", [("--preset", "datagram"), ("--tiers", "0.1"), ("--levels", "auto"), ("--no-sketch",)]
-)
+@pytest.mark.parametrize("words", [("--preset", "datagram"), ("--levels", "auto")], ids=["preset", "levels"])
 def test_options_of_still_scenes_are_refused_before_anything_is_loaded(folder, tmp_path, source, words):
-    """In a process of its own, in which the codec cannot be imported."""
+    """In a process of its own, which must not have loaded the codec by then."""
     if source == "splatv":
         (tmp_path / "a.splatv").write_bytes(splatv())
         folder = tmp_path / "a.splatv"
     code = (
-        "import sys; sys.modules['torch'] = None\n"
-        f"from splatwire.cli.main import main; main(['encode', {str(folder)!r}, '-o', 'x.swz', *{words!r}])"
+        "import sys\nfrom splatwire.cli.main import main\n"
+        f"try: main(['encode', {str(folder)!r}, '-o', 'x.swz', *{words!r}])\n"
+        "except SystemExit as end: print(end.code, 'torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False)
-    assert done.returncode == 2, done.stderr
+    assert done.stdout == "2 False\n"
     assert f"{words[0]} is for a still scene" in done.stderr
 
 
