@@ -15,7 +15,7 @@ from splatwire.errors import BackendUnavailableError, InvalidValueError, how_to_
 
 if TYPE_CHECKING:
     from splatwire.evaluate.study import SceneEntry, Store, Study, StudyResult
-    from splatwire.evaluate.study.engine_names import SlurmOptions
+    from splatwire.evaluate.study.slurm_options import SlurmOptions
 
 BUNDLED = "bundled"
 _REPORT = ("jinja2", "matplotlib")
@@ -80,7 +80,7 @@ class StudyCommand:
         self._tell(result, files)
 
     def _slurm(self) -> "SlurmOptions | None":
-        from splatwire.evaluate.study.engine_names import SlurmOptions
+        from splatwire.evaluate.study.slurm_options import SlurmOptions
 
         values = {name: getattr(self, name) for name in ("partition", "account", "minutes", "memory_gb")}
         given = {name: value for name, value in values.items() if value is not None}

@@ -13,10 +13,10 @@ from splatwire.conceal import conceal
 from splatwire.data import load_cameras
 from splatwire.errors import SplatwireError
 from splatwire.evaluate.study import InProcess, Store, create_engine, load_study, local_engine, run_study
-from splatwire.evaluate.study.engine_names import SlurmOptions
 from splatwire.evaluate.study.local_engine import LocalEngine
 from splatwire.evaluate.study.records import TIMINGS
 from splatwire.evaluate.study.slurm_engine import SlurmEngine
+from splatwire.evaluate.study.slurm_options import SlurmOptions
 from splatwire.evaluate.study.work import erode
 from splatwire.metrics import psnr, ssim
 from splatwire.packets import read_stream

@@ -1,39 +1,10 @@
 """Engines by name; each is imported when it is asked for."""
 
-from dataclasses import dataclass
-
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.evaluate.study.engines import Engine, default_workers
+from splatwire.evaluate.study.slurm_options import SlurmOptions
 
 ENGINES = ("local", "ray", "slurm")
-
-
-@dataclass(frozen=True)
-class SlurmOptions:
-    """Where the jobs of a Slurm cluster run, for how long, and with how much memory.
-
-    Attributes:
-        partition: Partition of the cluster; None for its default.
-        account: Account that is charged; None for the user's default.
-        minutes: Time limit of a job, minutes.
-        memory_gb: Memory of a job, GB.
-
-    Raises:
-        InvalidValueError: If a number is not positive, or a name is empty or has white space.
-    """
-
-    partition: str | None = None
-    account: str | None = None
-    minutes: int = 240
-    memory_gb: int = 8
-
-    def __post_init__(self) -> None:
-        for what, number in (("minutes", self.minutes), ("memory_gb", self.memory_gb)):
-            if number < 1:
-                raise InvalidValueError(f"{what} of a Slurm job must be 1 or more, not {number}")
-        for what, name in (("partition", self.partition), ("account", self.account)):
-            if name is not None and (not name or name.split() != [name]):
-                raise InvalidValueError(f"the {what} of a Slurm job is one word, not {name!r:.60}")
 
 
 def create_engine(name: str, workers: int | None = None, slurm: SlurmOptions | None = None) -> Engine:

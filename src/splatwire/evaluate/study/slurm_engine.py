@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from splatwire.errors import BackendUnavailableError
-from splatwire.evaluate.study.engine_names import SlurmOptions
 from splatwire.evaluate.study.engines import MAX_ATTEMPTS, Attempts, Event, Listener, failed
+from splatwire.evaluate.study.slurm_options import SlurmOptions
 from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.units import Unit
 from splatwire.evaluate.study.work import run_unit, use_one_thread
