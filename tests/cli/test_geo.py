@@ -1,4 +1,4 @@
-"""Geo-referenced scenes through the verbs: world coordinates go in and come out, whatever lies between."""
+"""Verbs take and return world coordinates of geo-referenced scenes."""
 
 from dataclasses import replace
 

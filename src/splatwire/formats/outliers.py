@@ -1,4 +1,4 @@
-"""Outliers: few Gaussians whose numbers would cost all others precision in formats with steps of a shared range.
+"""Outliers: few Gaussians with numbers that cost all others precision in formats with steps of a shared range.
 
 A trainer may leave one Gaussian a million units away. Formats that divide the range of all positions (SPZ, SOG) or of
 256 Gaussians (compressed PLY) into steps would then round all others to large steps.
@@ -19,14 +19,14 @@ from splatwire.scene.splats import Splats
 LOG = logging.getLogger(__name__)
 Outliers = Literal["clamp", "prune", "keep"]
 """Treatment: `clamp` moves outliers to the end of the range of the others, `prune` leaves them out, `keep` writes them
-as they are, at the cost of the others."""
+unchanged at the cost of the others."""
 DEFAULT: Outliers = "clamp"
 _MAX_SHARE = 0.01
 """Maximum share of Gaussians that are outliers of a column, at least one Gaussian."""
 _REACH = 4.0
 """Outliers are farther from the median than this times the farthest of the others."""
 _FEWEST = 8
-"""Minimum number of Gaussians in which one can be an outlier."""
+"""Minimum number of Gaussians of a scene with outliers."""
 _DONE = {"clamp": "moved to the end of the range of the others", "prune": "left out", "keep": "kept (--outliers keep)"}
 
 
@@ -109,9 +109,9 @@ def spatial_order(positions: Column) -> np.ndarray:
 
 
 def pull_into_box(splats: Splats, index: np.ndarray, middle: np.ndarray, low: np.ndarray, high: np.ndarray) -> Splats:
-    """Moves some Gaussians towards the middle until their centres are within a box, smaller by the same factor.
+    """Moves some Gaussians towards the middle until their centres are within a box, and scales them by the same factor.
 
-    From the middle they look as before.
+    The view from the middle does not change.
 
     Args:
         splats: All Gaussians.
@@ -146,11 +146,11 @@ def treated_positions(
 def warn_of_outliers(
     path: Path, treatment: Outliers, what: str, column: Column, steps: tuple[float, float], count: int | None = None
 ) -> None:
-    """Logs the number of outliers, their distance, their cost to the others, and what is done with them.
+    """Logs the number of outliers, their distance, their cost to the others, and their treatment.
 
     Args:
         path: The file.
-        treatment: What is done.
+        treatment: Their treatment.
         what: Name of the values, such as `positions`.
         column: The values.
         steps: Steps of the others with the outliers, and without.

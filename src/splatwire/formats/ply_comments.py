@@ -25,7 +25,7 @@ _MIP = re.compile(r"(?:mip[-_ ]?(?:splat(?:s|ting)?|filter(?:ed|ing)?)?|anti[-_ 
 
 
 def states_antialiasing(comments: Iterable[str]) -> bool:
-    """Returns True if the last comment about antialiasing asks for it.
+    """Returns True if the last comment about antialiasing switches it on.
 
     Args:
         comments: Text of each comment, without the word `comment`.
@@ -41,7 +41,7 @@ def states_antialiasing(comments: Iterable[str]) -> bool:
 
 
 def antialiasing_comments(antialiased: bool) -> list[str]:
-    """Returns the comment that asks for antialiasing; none if `antialiased` is False."""
+    """Returns the comment for antialiasing; none if `antialiased` is False."""
     return [ANTIALIASED] if antialiased else []
 
 
