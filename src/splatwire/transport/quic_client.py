@@ -18,6 +18,8 @@ from splatwire.transport.certificate import check_authority, check_fingerprint, 
 from splatwire.transport.events import Event
 from splatwire.transport.quic import (
     ALPN,
+    INTERNAL,
+    MALFORMED,
     REFUSED,
     STREAM,
     FrameReader,
@@ -182,7 +184,9 @@ class _Client(QuicConnectionProtocol):
 
     def _ended(self, event: events.ConnectionTerminated) -> None:
         """Ends the transfer, or this connection only if the transfer can go on over another one."""
-        if event.error_code not in UNTRUSTED and self._receiver.may_resume(self._loop.time()):
+        by_application = event.frame_type is None
+        final = event.error_code in ((MALFORMED, INTERNAL) if by_application else UNTRUSTED)
+        if not final and self._receiver.may_resume(self._loop.time()):
             self._lost = True
             self._finish()
         else:
