@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from formats.handmade import legacy_spz, modern_spz, some_splats, write
+from formats.handmade import legacy_spz, modern_spz, ply, some_splats, write
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.formats import read_rows, read_splats, write_splats
 from splatwire.formats._axes import flip_axes
@@ -167,6 +167,21 @@ def test_degree_4_is_read_up_to_degree_3(make: object, tmp_path: Path, caplog: p
         found = every_row(write(tmp_path / "a.spz", make(legacy_spz(3, degree=4))))
     three = every_row(write(tmp_path / "b.spz", legacy_spz(3, degree=3)))
     assert torch.equal(found.sh, three.sh)
+    assert "27 of 75 coefficients" in caplog.text
+
+
+def test_degree_4_of_a_ply_is_read_up_to_degree_3(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    rng = np.random.default_rng(0)
+    names = ["x", "y", "z", "opacity", *(f"{word}_{n}" for word, count in
+             (("f_dc", 3), ("scale", 3), ("rot", 4), ("f_rest", 72)) for n in range(count))]  # fmt: skip
+    rows = np.zeros(5, [(name, "f4") for name in names])
+    for name in names:
+        rows[name] = rng.normal(size=5)
+    with caplog.at_level(logging.WARNING):
+        found = read_splats(write(tmp_path / "a.ply", ply("binary_little_endian", {"vertex": rows})))
+    assert found.degree == 3
+    for channel, k in ((0, 0), (1, 7), (2, 14)):
+        assert np.array_equal(found.sh[:, 1 + k, channel].numpy(), rows[f"f_rest_{24 * channel + k}"])
     assert "27 of 75 coefficients" in caplog.text
 
 

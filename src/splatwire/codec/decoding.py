@@ -77,10 +77,11 @@ def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int | None = N
         BitstreamError: If it is damaged or contradicts the manifest.
     """
     schema = schema_named(manifest.codec)
+    decoder = schema.open_decoder(manifest, side_info, len(side_info) if num_bytes is None else num_bytes)
     sections = split_sections(side_info, manifest.codec)[1]
     read_background(sections)
     check_viewpoint(sections)
-    return schema.open_decoder(manifest, side_info, len(side_info) if num_bytes is None else num_bytes)
+    return decoder
 
 
 def runs_of(decoder: Decoder, manifest: Manifest, packets: Iterable[Packet], *, gaps: bool = False) -> Iterator[Run]:

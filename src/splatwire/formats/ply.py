@@ -7,6 +7,7 @@ origin. `filter_3D` of Mip-Splatting is the standard deviation of a filter, whic
 """
 
 import hashlib
+import logging
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -27,11 +28,14 @@ from splatwire.formats.ply_comments import (
 from splatwire.formats.ply_file import PlyElement
 from splatwire.formats.ply_metadata import metadata_comments, stated_metadata
 from splatwire.formats.ply_note import DIGEST_DIGITS, PlyNote, marked
-from splatwire.ops.spherical_harmonics import degree_of
+from splatwire.ops.spherical_harmonics import MAX_DEGREE, degree_of, num_functions
 from splatwire.scene.metadata import NO_METADATA, SceneMetadata
 from splatwire.scene.origin import NO_ORIGIN, Origin, choose_origin
 from splatwire.scene.splats import ROWS, Splats
 
+LOG = logging.getLogger(__name__)
+_REST_OF_4 = 72
+"""Properties `f_rest_*` of harmonics of degree 4."""
 _AXES = ("x", "y", "z")
 _COUNT_DIGITS = 12
 _MIN_OPACITY = 1e-6
@@ -55,9 +59,14 @@ def content_of_vertices(vertices: PlyElement) -> FileContent:
         raise DatasetError(f"{path}: has {count} properties scale_*, explicit Gaussians have 3{hint}")
     num_rest = vertices.count_of("f_rest_")
     try:
-        degree = degree_of(num_rest // 3 + 1 if num_rest % 3 == 0 else -1)
+        degree = MAX_DEGREE if num_rest == _REST_OF_4 else degree_of(num_rest // 3 + 1 if num_rest % 3 == 0 else -1)
     except InvalidValueError as error:
-        raise DatasetError(f"{path}: {num_rest} properties f_rest_* are not those of a degree from 0 to 3") from error
+        raise DatasetError(f"{path}: {num_rest} properties f_rest_* are not those of a degree from 0 to 4") from error
+    if num_rest == _REST_OF_4:
+        LOG.warning(
+            "%s: harmonics of degree 4 are read up to degree %d: %d of %d coefficients of each Gaussian are left out",
+            path, MAX_DEGREE, _REST_OF_4 + 3 - 3 * num_functions(MAX_DEGREE), _REST_OF_4 + 3,
+        )  # fmt: skip
     splats, origin = Splats.empty(len(vertices.rows), degree), _origin(vertices)
     for begin in range(0, len(vertices.rows), ROWS):
         splats.fill(begin, _some(replace(vertices, rows=vertices.rows[begin : begin + ROWS]), num_rest, origin))
@@ -78,7 +87,7 @@ def _some(vertices: PlyElement, num_rest: int, origin: Origin) -> Splats:
     harmonics = [vertices.columns("f_dc_", 3)[:, None]]
     if num_rest:
         rest = vertices.columns("f_rest_", num_rest)
-        harmonics.append(rest.reshape(len(rest), 3, -1).transpose(0, 2, 1))
+        harmonics.append(rest.reshape(len(rest), 3, -1).transpose(0, 2, 1)[:, : num_functions(MAX_DEGREE) - 1])
     log_scales, opacities = vertices.columns("scale_", 3), _expit(vertices.select(["opacity"])[:, 0])
     if filters := [name for name in vertices.names if name.lower() == "filter_3d"]:
         log_scales, opacities = _filtered(log_scales, opacities, vertices.select_wide(filters[:1]))
