@@ -23,7 +23,7 @@ def test_scenes_and_streams_become_a_ply_whose_loss_is_told(run, journey, tmp_pa
 
 
 def test_an_export_is_drawn_and_compared_with(run, journey, tmp_path):
-    exported = tmp_path / "new" / "a.splat"
+    exported = tmp_path / "a.splat"
     done = run("export", "splat", journey / "lossy.swz", "-o", exported, "--views", 16, "--json")
     assert done.status == 0, done.err
     assert done.json["num_lost"] > 0
