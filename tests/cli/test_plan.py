@@ -18,7 +18,7 @@ def datagrams(run, journey, tmp_path):
 
 
 def test_serve_takes_what_plan_wrote(run, datagrams, tmp_path):
-    target = tmp_path / "plans" / "plan.json"
+    target = tmp_path / "plan.json"
     words = ("--loss", "bernoulli:0.2", "--budget", 2.5, "--views", 1, "--trials", 5, "-o", target)
     content = run("plan", datagrams, *words, "--json").json
     assert content["head_arrives"] > 0.9

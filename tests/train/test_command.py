@@ -46,7 +46,7 @@ def _run(words: list[str]) -> int:
 
 
 def test_a_short_run(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    output, preview = tmp_path / "new" / "trained.scene", tmp_path / "preview.png"
+    output, preview = tmp_path / "trained.scene", tmp_path / "preview.png"
     assert _run(_words(folder, output, "--json", "--preview", preview)) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["iterations"] == 20
