@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from formats.handmade import glb, glb_of, some_splats, write
@@ -285,12 +286,16 @@ def test_a_chain_of_nodes_is_climbed_once(monkeypatch: pytest.MonkeyPatch, tmp_p
     loads = json.loads
     monkeypatch.setattr(gltf.json, "loads", lambda data: loads(data, object_hook=_Watched))
     monkeypatch.setattr(_Watched, "asked", 0)
-    assert read_splats(path).num_gaussians == 4
-    assert count < _Watched.asked <= 2 * count
-    nodes[0]["children"] = [count]  # a circle, which glTF forbids, ends all the same
-    write(path, glb(some_splats(4), {"nodes": nodes}))
-    assert read_splats(path).num_gaussians == 4
+    still = read_splats(path)
+    assert still.num_gaussians == 4
+    assert count < _Watched.asked <= 2 * (count + 1)  # once to find the root, once to climb
     nodes[count // 2]["translation"] = [1, 0, 0]
     write(path, glb(some_splats(4), {"nodes": nodes}))
-    with pytest.raises(DatasetError, match=f"node {count // 2} has a translation"):
+    moved = read_splats(path).means - still.means
+    torch.testing.assert_close(moved, torch.tensor([[-1.0, 0.0, 0.0]]).expand(4, 3))
+    nodes[0]["children"] = [count]  # a circle, which glTF forbids, ends all the same
+    write(path, glb(some_splats(4), {"nodes": nodes}))
+    assert torch.equal(read_splats(path).means, still.means)  # without a root, no node shows the Gaussians
+    write(path, glb(some_splats(4), {"nodes": nodes, "scenes": [{"nodes": [count]}]}))
+    with pytest.raises(DatasetError, match=f"node {count} has two parents, or is below itself"):
         read_splats(path)

@@ -170,7 +170,8 @@ BAD = {
         "one size",
     ),
     "a pose that is not finite": (lambda root: _edit(root, lambda c: _poison(c)), "is not finite"),
-    "a fisheye lens": (lambda root: _edit(root, lambda c: c.update(k1=0.1, k3=0.1)), "undistort"),
+    "a panorama": (lambda root: _edit(root, lambda c: c.update(camera_model="EQUIRECTANGULAR")), "EQUIRECTANGULAR"),
+    "a lens of more terms": (lambda root: _edit(root, lambda c: c.update(k1=0.1, k4=0.1)), "undistort"),
     "a single view": (lambda root: _edit(root, lambda c: c.update(frames=c["frames"][:2])), "at least 2 views"),
     "no views": (lambda root: _edit(root, lambda c: c.update(frames=[])), "no views"),
 }
