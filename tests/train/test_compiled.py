@@ -26,7 +26,7 @@ loss, error = photometric_loss(image, prepare_photo(photo), 0.2)
 loss.backward()
 value, moments = torch.rand(50_001, generator=draw), Moments(torch.zeros(50_001), torch.zeros(50_001))
 for _ in range(3):
-    adam_update(value, torch.rand(50_001, generator=draw) - 0.5, moments, 1e-3)
+    adam_update([(value, torch.rand(50_001, generator=draw) - 0.5, moments, 1e-3)])
 rng = np.random.default_rng(3)
 table, index = rng.random((320, 4), dtype=np.float32), np.arange(90)
 rows = [rng.integers(0, 64, (levels, 90, corners)).astype(np.int32) for levels, corners in ((3, 8), (2, 4))]

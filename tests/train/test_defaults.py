@@ -97,7 +97,7 @@ def test_compiling_does_not_count_in_the_time_left(dataset: Dataset) -> None:
     """Also where it happens in several iterations; nothing is promised before there are enough of them."""
     config = create_config("mipnerf360", iterations=2400)
     state, means = initial_state(dataset, config), RunningMeans(config)
-    report = StepReport(loss=0.1, l1=0.1, bits_per_anchor=None, num_gaussians=1)
+    report = StepReport(torch.tensor(0.1), torch.tensor(0.1), None, num_sampled=0, drawn=torch.tensor(1))
     told = []
     for iteration, seconds in enumerate([40.0, 12.0, 9.0] + [0.1] * 30, 1):
         state.iteration = iteration

@@ -172,7 +172,8 @@ def gather_statistics(
         views: The cameras.
         view: Which of them.
     """
-    statistics, shape = state.statistics, (len(visible), -1)
+    statistics = state.statistics
+    shape = (len(visible), statistics.gradient_sum.shape[1])  # not -1, which no visible anchors leave open
     opacity = spawned.gaussians.opacities.view(shape).sum(dim=1)
     counted = (on_image(views, view, spawned.gaussians) & spawned.exists).float()
     length = torch.linalg.vector_norm(d_centers * (views.size / 2), dim=1).mul_(counted)
