@@ -33,16 +33,16 @@ LINKS = {
     "1 Mbit/s": "delay 10ms rate 1mbit loss random 20%",
 }
 CROSSINGS = [
-    ("udp", "random", (), ("--no-nack",)),
+    ("udp", "random", (), ("--no-nack", "--partial")),
     ("udp", "random", (), ()),
-    ("udp", "bursts of 20", (), ("--no-nack",)),
+    ("udp", "bursts of 20", (), ("--no-nack", "--partial")),
     ("udp", "bursts of 20", (), ()),
-    ("udp", "disordered", (), ("--no-nack",)),
+    ("udp", "disordered", (), ("--no-nack", "--partial")),
     ("udp", "disordered", (), ()),
-    ("udp", "1 Mbit/s", ("--side-repair", "0.5"), ("--no-nack", "--deadline", "5s")),
-    ("quic", "random", (), ("--no-nack",)),
-    ("quic", "bursts of 20", (), ("--no-nack",)),
-    ("udp", "random", (), ("--no-nack", "--deadline", "5s", "--conceal", "grow")),
+    ("udp", "1 Mbit/s", ("--side-repair", "0.5"), ("--no-nack", "--partial", "--deadline", "5s")),
+    ("quic", "random", (), ("--no-nack", "--partial")),
+    ("quic", "bursts of 20", (), ("--no-nack", "--partial")),
+    ("udp", "random", (), ("--no-nack", "--partial", "--deadline", "5s", "--conceal", "grow")),
 ]
 """Scheme, link, options of `splatwire serve` and of `splatwire receive`."""
 
