@@ -159,7 +159,7 @@ def streamed_sog(splats: Splats) -> StreamedSog:
                     sizes.append(path.stat().st_size)
                     for part in waiting:
                         write_sog([part], path)
-                        read.append(read_sog(path))
+                        read.append(read_sog(path).splats)
                     own += [len(sizes) - 1] * len(waiting)
                     waiting = []
             leaves.append(read)

@@ -49,9 +49,8 @@ def folder(tmp_path):
 
 
 def test_what_is_here_is_read_and_what_is_not_is_told(folder, caplog):
-    expected = torch.cat([
-        read_sog(folder / "0_0").means, read_sog(folder / "1_0").means[12:], read_sog(folder / "sky").means
-    ])  # fmt: skip
+    parts = {name: read_sog(folder / name).splats.means for name in ("0_0", "1_0", "sky")}
+    expected = torch.cat([parts["0_0"], parts["1_0"][12:], parts["sky"]])
     for path in (folder, folder / "lod-meta.json"):
         assert file_kind(path) == SOG_LEVELS
         assert torch.equal(read_splats(path).means, expected)
