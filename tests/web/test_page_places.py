@@ -1,12 +1,15 @@
 """The element wherever a page puts it: hidden, without height, transformed, in a frame, on a page that scrolls."""
 
 import asyncio
+import json
 from collections.abc import Callable
 
 import pytest
 
 from codec.gaussians.test_gaussians import some_splats
 from explicit import encode_splats
+from scenes import tiny_cameras, tiny_causal_scene
+from splatwire.codec import encode_scene
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.levels import encode_levels
 from splatwire.model import SplatScene
@@ -22,6 +25,7 @@ SIZE = "width: 400px; height: 300px"
 ONE = f'{SCRIPT}<splat-wire src="{{src}}" panel="none" {{more}} style="{{style}}"></splat-wire>'
 PAGES = {
     "none": ONE.format(src="levels.swz", more="", style=f"{SIZE}; display: none"),
+    "anchors": f'{SCRIPT}<splat-wire src="anchors.swz" style="{SIZE}"></splat-wire>'.format(),
     "zero": ONE.format(src="levels.swz", more="", style="width: 0; height: 0; min-height: 0"),
     "plain": ONE.format(src="ball.swz", more="", style=SIZE),
     "turned": ONE.format(
@@ -54,7 +58,9 @@ LOOK = f"(({{ yaw, pitch, distance }}) => [yaw, pitch, distance].join())({ELEMEN
 def streams() -> dict[str, bytes]:
     plain = encode_splats(ball(), SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0))
     levels = encode_levels(SplatScene(some_splats(6000)), Packetization(block_size=400, lanes=2))
-    return {"ball.swz": stream_to_bytes(plain), "levels.swz": stream_to_bytes(levels)}
+    anchors = encode_scene(tiny_causal_scene(seed=7, num_anchors=200), Packetization(block_size=200, lanes=1))
+    scenes = {"ball.swz": plain, "levels.swz": levels, "anchors.swz": anchors}
+    return {name: stream_to_bytes(stream) for name, stream in scenes.items()}
 
 
 def driven(streams: dict[str, bytes], work: Callable[[Host, Browser], None]) -> None:
@@ -103,6 +109,37 @@ def test_an_element_that_had_no_height_for_a_while_has_its_picture_back_at_once(
         page.evaluate(f"{ELEMENT}.style.cssText = '{SIZE}'")
         assert page.resolve(sizes) == before
         assert page.evaluate(LOOK) == look
+
+    driven(streams, work)
+
+
+def test_a_picture_from_a_camera_has_its_gaussians_where_the_element_has_no_height(streams: dict[str, bytes]) -> None:
+    cameras = tiny_cameras(1, 240, 180)
+    camera = {"viewmat": cameras.viewmats[0].tolist(), "focal": float(cameras.Ks[0, 1, 1]), "width": 240, "height": 180}
+    picture = f"{ELEMENT}.picture({json.dumps(camera)})"
+
+    def work(host: Host, page: Browser) -> None:
+        opened(page, f"{host.url}anchors")
+        page.evaluate(f"{ELEMENT}.style.cssText = 'width: 400px; height: 0; min-height: 0'")
+        page.wait_for(f"{ELEMENT}.view.canvas.clientHeight === 0")
+        flat = page.resolve(picture)
+        page.evaluate(f"{ELEMENT}.view.fix(null); {ELEMENT}.style.cssText = '{SIZE}'")
+        page.wait_for(f"{ELEMENT}.view.canvas.clientHeight > 0")
+        assert page.resolve(picture) == flat
+
+    driven(streams, work)
+
+
+def test_a_long_message_leaves_the_scene_half_of_a_small_element(streams: dict[str, bytes]) -> None:
+    canvas = f"{ELEMENT}.view.canvas"
+
+    def work(host: Host, page: Browser) -> None:
+        opened(page, f"{host.url}anchors")
+        page.evaluate(f"{ELEMENT}.style.cssText = 'width: 240px; height: 180px'")
+        page.evaluate(f"{ELEMENT}.shadowRoot.querySelector('.state').className = 'state bad'")
+        page.evaluate(f"{ELEMENT}.shadowRoot.querySelector('.state').textContent = 'damaged packets '.repeat(40)")
+        page.resolve("new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve)))")
+        assert page.evaluate(f"{canvas}.clientHeight") >= 90
 
     driven(streams, work)
 

@@ -313,9 +313,9 @@ export class Stage implements Holder {
     this.touch();
   }
 
-  /** Hands on the camera of a picture; one without pixels asks for nothing. */
+  /** Hands on the camera of a picture; one without pixels asks for nothing. A fixed camera brings its own pixels. */
   #watched(camera: Camera): void {
-    if (this.#hasRoom) this.watcher?.(camera);
+    if (this.#hasRoom || this.view?.isFixed) this.watcher?.(camera);
   }
 
   /** Hands on the camera as it is. */

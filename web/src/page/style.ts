@@ -4,7 +4,7 @@ export const STYLE = `
 :host { display: block; position: relative; overflow: hidden; min-height: 8rem; background: #000;
   color-scheme: light dark;
   font: 13px/1.45 system-ui, sans-serif; }
-.whole { position: absolute; inset: 0; display: grid; overflow: hidden;
+.whole { position: absolute; inset: 0; display: grid; overflow: hidden; container-type: size;
   grid-template: "scene side" minmax(0, 1fr) "bar bar" auto / minmax(0, 1fr) auto; }
 .scene { grid-area: scene; position: relative; touch-action: none; }
 canvas { position: absolute; inset: 0; width: 100%; height: 100%; display: block; }
@@ -23,7 +23,8 @@ canvas.over.shown, canvas.first.shown { visibility: visible; }
 .panel { display: contents; color: CanvasText; }
 .foot { grid-area: bar; position: relative; min-width: 0; color: CanvasText; }
 [hidden] { display: none !important; }
-.bar { display: flex; flex-wrap: wrap; align-items: center; gap: 0 .6rem; padding: .1rem .75rem; background: Canvas; }
+.bar { display: flex; flex-wrap: wrap; align-items: center; gap: 0 .6rem; padding: .1rem .75rem; background: Canvas;
+  box-sizing: border-box; max-height: 50cqh; overflow: auto; }
 .bar p { margin: 0; }
 .title { font-weight: 600; max-width: 60%; overflow: hidden; text-overflow: ellipsis; white-space: nowrap; }
 .state { flex: 1; min-width: 0; overflow-wrap: anywhere; }

@@ -266,6 +266,11 @@ export class View {
     this.#changed(); // colours are those of the camera before until it moves again
   }
 
+  /** True while a camera of `splatwire` is looked through, which has a size of its own. */
+  get isFixed(): boolean {
+    return this.#fixed !== null;
+  }
+
   /** Resolves in the task of the next frame, in which the canvas can be read. */
   frame(): Promise<void> {
     this.touch();
