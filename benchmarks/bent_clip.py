@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from splatwire.formats import write_splats
 from splatwire.scene.splats import Splats
@@ -46,7 +45,7 @@ class Field:
     @staticmethod
     def of(splats: Splats, seed: int) -> "Field":
         """A field for a scene."""
-        low, high = np.quantile(splats.means.numpy().astype(np.float64), [0.02, 0.98], axis=0)
+        low, high = np.quantile(splats.means.astype(np.float64), [0.02, 0.98], axis=0)
         rng = np.random.default_rng(seed)
         waves, phases = rng.uniform(1.5, 5.0, (3, 3)) * rng.choice([-1, 1], (3, 3)), rng.uniform(0, 2 * np.pi, (3, 3))
         return Field((low + high) / 2, float((high - low).max()), waves, phases, rng.uniform(3.0, 6.0, 3))
@@ -76,15 +75,15 @@ class Field:
         return quats / np.linalg.norm(quats, axis=1, keepdims=True)
 
 
-def multiply(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+def multiply(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Hamilton products (N, 4): the rotation `second`, then `first`."""
-    a, b, c, d = first.unbind(dim=1)
-    w, x, y, z = second.unbind(dim=1)
+    a, b, c, d = first.T
+    w, x, y, z = second.T
     rows = [
         a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y,
         a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w,
     ]  # fmt: skip
-    return torch.stack(rows, dim=1)
+    return np.stack(rows, axis=1)
 
 
 def bent_frames(splats: Splats, frames: int, *, rate: float = 30.0, seed: int = 1) -> Iterator[Splats]:
@@ -97,33 +96,33 @@ def bent_frames(splats: Splats, frames: int, *, rate: float = 30.0, seed: int = 
         seed: Of field, births and deaths.
     """
     field, rng = Field.of(splats, seed), np.random.default_rng(seed + 1)
-    count, places = splats.num_gaussians, splats.means.numpy().astype(np.float64)
+    count, places = splats.num_gaussians, splats.means.astype(np.float64)
     begins, ends = np.zeros(count, int), np.full(count, frames)
     changed = rng.permutation(count)[: int(CHANGED * count)]
     born, dying = np.array_split(changed, 2)
     if frames > 2:
         begins[born], ends[dying] = rng.integers(1, frames, len(born)), rng.integers(1, frames, len(dying))
-    breathing = torch.from_numpy(places[:, 1] > field.middle[1])
+    breathing = places[:, 1] > field.middle[1]
     for frame in range(frames):
         seconds = frame / rate
         moves = field.moved(places, seconds)
         still = (moves == places).all(axis=1)
-        quats = multiply(torch.from_numpy(field.turned(places, seconds)).float(), splats.quats)
+        quats = multiply(field.turned(places, seconds).astype(np.float32), splats.quats)
         quats[still] = splats.quats[still]
-        there = torch.from_numpy((begins <= frame) & (frame < ends))
-        gain = 1 + 0.12 * np.sin(4 * seconds)
-        sh = torch.where(breathing[:, None, None], splats.sh * gain, splats.sh)
+        there = (begins <= frame) & (frame < ends)
+        gain = np.float32(1 + 0.12 * np.sin(4 * seconds))
+        sh = np.where(breathing[:, None, None], splats.sh * gain, splats.sh)
         yield Splats(
-            torch.from_numpy(moves).float(), quats, splats.scales,
-            torch.where(there, splats.opacities, torch.full_like(splats.opacities, ABSENT)), sh,
+            moves.astype(np.float32), quats, splats.scales,
+            np.where(there, splats.opacities, np.float32(ABSENT)), sh,
         )  # fmt: skip
 
 
 def shuffled(splats: Splats, seed: int) -> Splats:
     """The Gaussians of a frame that are there, in an order that says nothing."""
-    there = torch.nonzero(splats.opacities > ABSENT * 2)[:, 0]
+    there = np.flatnonzero(splats.opacities > ABSENT * 2)
     order = np.random.default_rng(seed).permutation(len(there))
-    return splats.select(there[torch.from_numpy(order)])
+    return splats.select(there[order])
 
 
 def capture(path: Path, degree: int, most: int | None) -> Splats:
@@ -132,7 +131,7 @@ def capture(path: Path, degree: int, most: int | None) -> Splats:
     splats = splats.at_most_degree(min(degree, splats.degree))
     if most is None or splats.num_gaussians <= most:
         return splats
-    return splats.select(torch.from_numpy(np.linspace(0, splats.num_gaussians - 1, most).astype(np.int64)))
+    return splats.select(np.linspace(0, splats.num_gaussians - 1, most).astype(np.int64))
 
 
 def main() -> None:

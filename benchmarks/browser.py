@@ -50,7 +50,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from PIL import Image
 
 from splatwire.cli._bundled import ASSETS, SPLATS
@@ -100,8 +99,8 @@ def around(means: np.ndarray) -> Cameras:
         view[:3, :3], view[:3, 3] = turn, -turn @ (middle + back * radius * 2.6)
         views.append(view)
     focal = SIZE / 2 / math.tan(math.radians(25))
-    lens = torch.tensor([[focal, 0, SIZE / 2], [0, focal, SIZE / 2], [0, 0, 1.0]]).repeat(3, 1, 1)
-    return Cameras(torch.tensor(np.stack(views), dtype=torch.float32), lens, SIZE, SIZE, ("a", "b", "c"))
+    lens = np.tile(np.float32([[focal, 0, SIZE / 2], [0, focal, SIZE / 2], [0, 0, 1]]), (3, 1, 1))
+    return Cameras(np.stack(views).astype(np.float32), lens, SIZE, SIZE, ("a", "b", "c"))
 
 
 def opened(page: Browser, url: str) -> dict[str, Any]:
@@ -130,7 +129,7 @@ def decode_times(path: Path, stream: SceneStream, rounds: int = 3) -> dict[str, 
 
 def pictures(page: Browser, stream: SceneStream, concealer: str = "drop") -> list[float]:
     received = decode_stream(stream)
-    cameras, scene = around(received.scene.positions.numpy()), conceal(received, concealer)
+    cameras, scene = around(received.scene.positions), conceal(received, concealer)
     style = f"position: fixed; inset: auto; left: 0; top: 0; width: {SIZE}px; height: {SIZE}px"
     page.evaluate(f"{ELEMENT}.style.cssText = '{style}'")
     page.evaluate(f"{ELEMENT}.panel.set({{concealer: '{concealer}'}})")
@@ -139,7 +138,7 @@ def pictures(page: Browser, stream: SceneStream, concealer: str = "drop") -> lis
         camera = {"viewmat": cameras.viewmats[view].tolist(), "focal": float(cameras.Ks[view, 1, 1]), "height": SIZE}
         data = page.resolve(f"{ELEMENT}.picture({json.dumps(camera)})").split(",")[1]
         picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")) / 255.0
-        found.append(round(float(-10 * np.log10(((picture - expected.numpy()) ** 2).mean())), 2))
+        found.append(round(float(-10 * np.log10(((picture - expected) ** 2).mean())), 2))
     return found
 
 

@@ -13,9 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import torch
+import numpy as np
 from figures import publish
-from torch import Tensor
 
 from splatwire.calibrate.pseudo_loss import calibration_data
 from splatwire.codec import decode_stream
@@ -110,14 +109,14 @@ def main() -> None:
     complete, cameras = decode_stream(stream), load_cameras(options.cameras)
     seen = cameras.select(spread(cameras.num_views, options.views))
     data = calibration_data(stream, complete)
-    references: Tensor = render_scene(complete.scene, seen)
+    references = render_scene(complete.scene, seen)
     scores: dict[str, list[float]] = {}
     for known in data.pseudo_losses([options.rate] * options.masks, 0):
         context = data.complete.without(known)
         for name, make in fillings(complete, context).items():
             pictures = render_scene(make(), seen)
             each = [float(psnr(a[None], b[None])) for a, b in zip(pictures, references, strict=True)]
-            scores.setdefault(name, []).append(float(torch.tensor(each).mean()))
+            scores.setdefault(name, []).append(float(np.mean(each)))
             print(f"{name:<60} {scores[name][-1]:.2f}", flush=True)
     rows = {name: round(sum(values) / len(values), 2) for name, values in scores.items()}
     result = {"scene": options.stream.stem, "anchors": data.complete.scene.anchors.num_anchors, "rate": options.rate,

@@ -16,7 +16,6 @@ import argparse
 import hashlib
 import itertools
 import json
-import os
 import time
 import timeit
 from collections import defaultdict
@@ -44,6 +43,7 @@ from splatwire.model import AnchorScene, CausalCoding
 from splatwire.model.scene_file import load_scene
 from splatwire.model.voxels import voxel_indices
 from splatwire.ops.morton import morton_encode
+from splatwire.ops.threads import use_single_thread
 from splatwire.packets import SceneStream, read_stream, stream_to_bytes
 from splatwire.packets.limits import SCHEMAS
 from splatwire.train.causal import number_bits
@@ -89,15 +89,13 @@ def measured(file: Path, photos: Path, copies: int) -> dict[str, Any]:
 def side_by_side(scene: AnchorScene, copies: int) -> dict[str, float]:
     """Microseconds on the clock, with all threads, that an anchor of a larger scene takes: the same one in a row."""
     voxel, anchors = scene.coding.voxel_size, scene.anchors
-    width = (np.ptp(anchors.positions[:, 0].numpy()) // voxel + 1) * voxel
-    moved = [anchors.positions + torch.tensor([i * width, 0.0, 0.0]) for i in range(copies)]
-    rest = {name: values.repeat(copies, *[1] * (values.dim() - 1)) for name, values in vars(anchors).items()}
-    larger = replace(scene, anchors=replace(anchors, **{**rest, "positions": torch.cat(moved)}))
-    torch.set_num_threads(os.cpu_count() or 1)
+    width = (np.ptp(anchors.positions[:, 0]) // voxel + 1) * voxel
+    moved = [anchors.positions + np.float32([i * width, 0, 0]) for i in range(copies)]
+    rest = {name: np.concatenate([values] * copies) for name, values in vars(anchors).items()}
+    larger = replace(scene, anchors=replace(anchors, **{**rest, "positions": np.concatenate(moved)}))
     stream, num = encode_scene(larger), copies * anchors.num_anchors
     times = {"encode": lambda: encode_scene(larger), "decode": lambda: decode_stream(stream)}
     best = {name: min(timeit.repeat(work, number=1, repeat=5)) for name, work in times.items()}
-    torch.set_num_threads(1)
     return {"anchors": num, **{f"{name}_us_per_anchor": seconds / num * 1e6 for name, seconds in best.items()}}
 
 
@@ -147,14 +145,16 @@ def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
     """Bits of an average anchor by attribute: what the coder's normals say of the symbols."""
     info = read_side_info(stream.side_info, stream.manifest.num_elements)
     context, layout, anchors, known = CodingContext.of(info), info.config.layout, scene.anchors, info.places.known
-    voxels = voxel_indices(anchors.positions, info.voxel_size).numpy()
+    voxels = voxel_indices(anchors.positions, info.voxel_size)
     places = replace(known, codes=morton_encode(voxels - known.origin))
-    steps = scene.causal.steps.double().numpy()
-    logs = anchors.scalings.double().numpy()[:, [0, 3, 4, 5]]
-    form = (np.log(logs) - scene.causal.centres.double().numpy()) / steps[len(layout.feature_groups) :][[0, 1, 1, 1]]
-    feature = anchors.features.double().numpy() / np.repeat(steps[: len(layout.feature_groups)], layout.feature_groups)
-    values = np.concatenate([feature, form, anchors.offsets.flatten(1).double().numpy() / steps[-1]], axis=1)
-    masks = anchors.mask.numpy().astype(np.uint8)
+    steps = scene.causal.steps.astype(np.float64)
+    logs = anchors.scalings.astype(np.float64)[:, [0, 3, 4, 5]]
+    form = (np.log(logs) - scene.causal.centres.astype(np.float64)) / steps[len(layout.feature_groups) :][[0, 1, 1, 1]]
+    feature = anchors.features.astype(np.float64) / np.repeat(
+        steps[: len(layout.feature_groups)], layout.feature_groups
+    )
+    values = np.concatenate([feature, form, anchors.offsets.flatten(1).astype(np.float64) / steps[-1]], axis=1)
+    masks = anchors.mask.astype(np.uint8)
     found = quantise(context, places, masks, values, 0.0)
     without = replace(found, places=replace(places, unknown=np.zeros_like(known.unknown)))
     place = float((anchor_bits(context, found) - anchor_bits(context, without)).mean())
@@ -210,7 +210,7 @@ def main() -> None:
     parser.add_argument("--output", type=Path)
     parser.add_argument("--plot", type=Path)
     options = parser.parse_args()
-    torch.set_num_threads(1)
+    use_single_thread()
     photos, found = dict(text.split("=", 1) for text in options.photos), defaultdict(list)
     for earlier in options.rows:
         for name, curve in json.loads(earlier.read_text()).items():

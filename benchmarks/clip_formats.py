@@ -13,7 +13,6 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from splatwire.clips import ClipOptions, decode_frames, encode_clip, frame_files, read_frames
 from splatwire.codec import decode_stream
@@ -71,10 +70,10 @@ def of_fourdgs(files: list[Path], folder: Path, cameras: Cameras, fps: float) ->
     for number in range(0, len(files), EVERY):
         state = scene.state_at((number + 0.5) / fps)
         index = state["indices"]
-        colours = (torch.from_numpy(scene.colors[index, :3]) - 0.5) / DC
+        colours = (scene.colors[index, :3] - np.float32(0.5)) / np.float32(DC)
         shown.append(Splats(
-            torch.from_numpy(state["centers"]).float(), torch.from_numpy(scene.rotations[index][:, [3, 0, 1, 2]]),
-            torch.from_numpy(scene.scales[index]), torch.from_numpy(state["opacity"]).float().clamp(1e-6, 1 - 1e-6),
+            state["centers"].astype(np.float32), scene.rotations[index][:, [3, 0, 1, 2]],
+            scene.scales[index], np.clip(state["opacity"], 1e-6, 1 - 1e-6).astype(np.float32),
             colours[:, None],
         ))  # fmt: skip
     which = np.rint(gaussians.win_lo * fps).astype(int)

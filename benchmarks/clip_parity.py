@@ -97,7 +97,7 @@ class Clip:
         if key not in self._known:
             clip = decode_stream(stream.with_packets(came)).scene
             pairs = zip(draw(clip, CLIP_CONCEALERS[name], self._cameras), self._references, strict=True)
-            errors = [(a - b).double().square().mean(dim=(1, 2, 3)).numpy() for a, b in pairs]
+            errors = [((a - b).astype(np.float64) ** 2).mean(axis=(1, 2, 3)) for a, b in pairs]
             self._known[key] = float((-10 * np.log10(np.array(errors))).mean())
         return self._known[key]
 

@@ -22,12 +22,13 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import torch
+import numpy as np
 from bent_clip import bent_frames, capture
 
 from splatwire.clips import ClipEncoder, ClipOptions, decode_frames
 from splatwire.clips.live import LiveDecoder
 from splatwire.codec import decode_stream
+from splatwire.ops.threads import use_single_thread
 from splatwire.packets import packet_from_bytes, read_stream, write_stream
 from splatwire.scene.splats import Splats
 from splatwire.transport.broadcast import Broadcast
@@ -43,13 +44,13 @@ def clocks() -> tuple[float, float]:
 
 def swaying(count: int, frames: int) -> Iterator[Splats]:
     """Frames of a ball of Gaussians that sways."""
-    rng = torch.Generator().manual_seed(1)
-    means = torch.nn.functional.normalize(torch.randn(count, 3, generator=rng), dim=1)
-    quats = torch.nn.functional.normalize(torch.randn(count, 4, generator=rng), dim=1)
-    scales = torch.exp(torch.randn(count, 3, generator=rng) * 0.3 - 4.5)
-    opacities, sh = torch.rand(count, generator=rng) * 0.8 + 0.15, means[:, None] * 0.4
+    rng = np.random.default_rng(1)
+    means, quats, sizes = (rng.standard_normal((count, n), np.float32) for n in (3, 4, 3))
+    means, quats = (rows / np.linalg.norm(rows, axis=1, keepdims=True) for rows in (means, quats))
+    scales = np.exp(sizes * np.float32(0.3) - np.float32(4.5))
+    opacities, sh = rng.random(count, np.float32) * np.float32(0.8) + np.float32(0.15), means[:, None] * np.float32(0.4)
     for frame in range(frames):
-        sway = 0.2 * torch.sin(frame / 10 + means[:, 1:2]) * (means[:, :1] > 0)
+        sway = np.float32(0.2) * np.sin(np.float32(frame / 10) + means[:, 1:2]) * (means[:, :1] > 0)
         yield Splats(means + sway, quats, scales, opacities, sh)
 
 
@@ -64,7 +65,7 @@ def speed(path: Path, tracks: int, frames: int, threads: int) -> dict:
             taken.append([now - then for now, then in zip(clocks(), began, strict=True)])
         stream = encoder.finish()
     wall, processor = (sum(column) for column in zip(*taken[GROUP:], strict=True))
-    torch.set_num_threads(1)
+    use_single_thread()
     scene = decode_stream(stream, threads=1).scene
     began = clocks()
     shown = sum(1 for _ in decode_frames(scene))
@@ -83,7 +84,7 @@ def speed(path: Path, tracks: int, frames: int, threads: int) -> dict:
 
 def live(path: Path, tracks: int) -> dict:
     """Median processor time of each step between a group's last frame and its frames, seconds; not of the first."""
-    torch.set_num_threads(1)
+    use_single_thread()
     encoder, decoder = ClipEncoder(ClipOptions(group_frames=LIVE_GROUP, threads=1), live=True), LiveDecoder()
     broadcast, steps = Broadcast(worth=encoder.worth), list[dict[str, float]]()
     for frame in bent_frames(capture(path, DEGREE, tracks), 6 * LIVE_GROUP):

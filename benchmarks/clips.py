@@ -16,7 +16,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-import torch
 from PIL import Image
 
 from splatwire.channel import parse_loss
@@ -41,12 +40,12 @@ PICTURE = 256
 
 def drawn(frame: Frame) -> SplatScene:
     """What of a frame is there."""
-    return SplatScene(frame.splats.select(torch.from_numpy(frame.drawn)))
+    return SplatScene(frame.splats.select(frame.drawn))
 
 
-def pictures(scene: SplatScene, cameras: Cameras) -> torch.Tensor:
+def pictures(scene: SplatScene, cameras: Cameras) -> np.ndarray:
     """All views."""
-    return torch.stack(list(iterate_views(scene, cameras)))
+    return np.stack(list(iterate_views(scene, cameras)))
 
 
 def frame_by_frame(files: list[Path], cameras: Cameras) -> list[tuple[float, float]]:

@@ -10,7 +10,6 @@ import resource
 import time
 
 import numpy as np
-import torch
 
 from splatwire.conceal import Concealer, create_concealer
 from splatwire.model import AnchorScene, AttributePrior, Partial, Prior
@@ -44,26 +43,29 @@ def surface_points(num_points: int, rng: np.random.Generator, num_surfaces: int 
 
 
 def make_context(num_anchors: int, loss: float, seed: int) -> Partial:
-    rng, generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
+    rng = np.random.default_rng(seed)
     layout = AnchorLayout()
 
-    def draw(*shape: int) -> torch.Tensor:
-        return torch.randn(num_anchors, *shape, generator=generator)
+    def draw(*shape: int) -> np.ndarray:
+        return rng.standard_normal((num_anchors, *shape), np.float32)
 
-    known = torch.from_numpy(rng.random(num_anchors) >= loss)
-    mask = (torch.rand(num_anchors, 10, generator=generator) < 0.2) & known[:, None]
+    def size(spread: float) -> np.ndarray:
+        return np.exp(draw(6) * np.float32(spread)) * np.float32(0.02)
+
+    known = rng.random(num_anchors) >= loss
+    mask = (rng.random((num_anchors, 10)) < 0.2) & known[:, None]
     anchors = Anchors(
-        positions=torch.from_numpy(surface_points(num_anchors, rng)),
+        positions=surface_points(num_anchors, rng),
         features=draw(50) * known[:, None],
-        scalings=draw(6).mul_(0.3).exp_().mul_(0.02) * known[:, None],
+        scalings=size(0.3) * known[:, None],
         offsets=draw(10, 3) * mask[:, :, None],
         mask=mask,
     )
-    step = torch.ones(num_anchors, 1)
+    step = np.ones((num_anchors, 1), np.float32)
     prior = Prior(
-        feature=AttributePrior(draw(50), draw(50).abs_().add_(0.1), step),
-        scaling=AttributePrior(draw(6).mul_(0.1).exp_().mul_(0.02), draw(6).abs_().mul_(0.01).add_(1e-3), step),
-        offset=AttributePrior(draw(30), draw(30).abs_().add_(0.1), step),
+        feature=AttributePrior(draw(50), np.abs(draw(50)) + np.float32(0.1), step),
+        scaling=AttributePrior(size(0.1), np.abs(draw(6)) * np.float32(0.01) + np.float32(1e-3), step),
+        offset=AttributePrior(draw(30), np.abs(draw(30)) + np.float32(0.1), step),
         context=draw(96),
     )
     scene = AnchorScene(anchors, heads=None, coding=None)  # no concealer looks at networks

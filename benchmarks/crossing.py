@@ -16,6 +16,8 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+
 import splatwire
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.conceal import conceal, create_concealer
@@ -117,7 +119,7 @@ def main() -> None:
         complete = receiver.finished.reason == "complete"
         for concealer in () if complete else ("drop", "grow"):
             pictures = render_scene(conceal(partial, create_concealer(concealer)), cameras)
-            scores[concealer] = round(float(psnr(pictures, reference).clamp(max=99).mean()), 2)
+            scores[concealer] = round(float(np.minimum(psnr(pictures, reference), 99).mean()), 2)
         rows.append(
             {
                 "scheme": scheme,

@@ -14,15 +14,25 @@ from splatwire.calibrate.pseudo_loss import CalibrationData, pseudo_loss
 from splatwire.codec import decode_stream
 from splatwire.codec.tiers import arrange_stream
 from splatwire.conceal.scene_free import GainNetwork
-from splatwire.conceal.scene_free.elements import ElementInputs, ElementNetwork, element_inputs
-from splatwire.conceal.scene_free.network import HIDDEN, GainInputs, gain_inputs
+from splatwire.conceal.scene_free.elements import (
+    BASE,
+    OPACITIES,
+    POWERS,
+    SIZES,
+    ElementInputs,
+    ElementNetwork,
+    element_inputs,
+)
+from splatwire.conceal.scene_free.network import HIDDEN, MOST_CHANGE, MOST_UNUSUAL, GainInputs, gain_inputs
 from splatwire.conceal.scene_free.surroundings import surroundings_of
 from splatwire.errors import DivergedError, InvalidValueError
 from splatwire.model import Partial, SplatScene
 from splatwire.model.appearance import Scene, spawned_gaussians
 from splatwire.model.gaussian_heads import SpawnedGaussians
+from splatwire.model.tensors import to_tensors
+from splatwire.ops.arrays import to_arrays
 from splatwire.packets import Packet, PacketGroups, SceneStream
-from splatwire.render.backends import create_renderer
+from splatwire.render.differentiable import render_differentiable
 from splatwire.scene import Cameras, Gaussians
 from splatwire.scene.splats import Splats
 from splatwire.train.schedule import half_cosine
@@ -80,18 +90,17 @@ def train_scene_free(
     """
     seeds = np.random.SeedSequence(config.seed).spawn(len(scenes))
     lessons = [_lessons(scene, config, seed) for scene, seed in zip(scenes, seeds, strict=True)]
-    return train_on(lessons, GainNetwork(config.hidden, seed=config.seed), config, progress)
+    return train_on(lessons, GainNetwork.untrained(config.hidden, seed=config.seed), config, progress)
 
 
 def _lessons(data: CalibrationData, config: SceneFreeConfig, seeds: np.random.SeedSequence) -> "Lessons":
     if data.cameras is None:
         raise InvalidValueError("a concealer cannot be trained on a scene without cameras")
-    around = surroundings_of(data.complete, torch.arange(data.scene.anchors.num_anchors))
-    with torch.no_grad():
-        inputs = [
-            gain_inputs(data.complete.without(known), around.select(known))
-            for known in data.pseudo_losses(config.drop_rates, seeds)
-        ]
+    around = surroundings_of(data.complete, np.arange(data.scene.anchors.num_anchors))
+    inputs = [
+        gain_inputs(data.complete.without(known), around.select(known))
+        for known in data.pseudo_losses(config.drop_rates, seeds)
+    ]
     return Lessons(data.scene, data.cameras, inputs)
 
 
@@ -109,10 +118,11 @@ def train_on(
     """
     if not lessons:
         raise InvalidValueError("a concealer cannot be trained on no scene")
-    signature = torch.cat([inputs.signature for lesson in lessons for inputs in lesson.inputs])
-    network.mean.copy_(signature.mean(dim=0))
-    network.spread.copy_(signature.std(dim=0, correction=0).clamp(min=1e-3))
-    optimiser = torch.optim.Adam(network.parameters(), lr=config.learning_rate, betas=(0.95, 0.99))
+    signature = np.concatenate([inputs.signature for lesson in lessons for inputs in lesson.inputs])
+    spread = np.maximum(signature.std(axis=0), 1e-3)
+    network = to_tensors(replace(network, mean=signature.mean(axis=0), spread=spread))
+    weights = [part.requires_grad_() for layer in (network.hidden, network.output) for part in vars(layer).values()]
+    optimiser = torch.optim.Adam(weights, lr=config.learning_rate, betas=(0.95, 0.99))
     rng = torch.Generator().manual_seed(config.seed)
     for step in range(config.steps):
         lesson = lessons[step % len(lessons)]
@@ -124,11 +134,33 @@ def train_on(
             group["lr"] = config.learning_rate * half_cosine(step / config.steps)
         optimiser.zero_grad()
         loss.backward()
-        torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+        torch.nn.utils.clip_grad_norm_(weights, 1.0)
         optimiser.step()
         if progress is not None:
             progress(step + 1, float(loss.detach()))
-    return network.eval().requires_grad_(False)
+    return to_arrays(network)
+
+
+def tensor_gains(
+    network: GainNetwork | ElementNetwork, inputs: GainInputs | ElementInputs
+) -> tuple[Float[Tensor, "M"], Float[Tensor, "M"]]:
+    """Gains of size and opacity that a network of tensors computes, differentiable in its weights.
+
+    The networks of the package compute the same in numpy.
+    """
+    signature = torch.from_numpy(inputs.signature)
+    x = ((signature - network.mean) / network.spread).clamp(-MOST_UNUSUAL, MOST_UNUSUAL)
+    hidden = torch.nn.functional.silu(torch.nn.functional.linear(x, network.hidden.weight, network.hidden.bias))
+    change = torch.nn.functional.linear(hidden, network.output.weight, network.output.bias)
+    if isinstance(inputs, GainInputs):
+        change = change.clamp(-MOST_CHANGE, MOST_CHANGE)
+        return torch.from_numpy(inputs.grown) * change[:, 0].exp(), change[:, 1].exp()
+    lost = torch.from_numpy(inputs.lost)
+    power = torch.exp(lost * (BASE[1] + change[:, 1]).clamp(*POWERS))
+    opacity = torch.from_numpy(inputs.opacity).clamp(*OPACITIES)
+    return torch.exp(lost * (BASE[0] + change[:, 0]).clamp(*SIZES)), -torch.expm1(
+        power * torch.log1p(-opacity)
+    ) / opacity
 
 
 class Lessons:
@@ -154,23 +186,23 @@ class Lessons:
         inputs = self.inputs[loss]
         spawned, reference = self._lossless(view)
         place = torch.full((self._scene.num_elements,), -1)
-        place[inputs.rows] = torch.arange(len(inputs.rows))
+        place[torch.from_numpy(inputs.rows)] = torch.arange(len(inputs.rows))
         place = place[spawned.anchor_index]
         arrived = place >= 0
-        size, opacity = (gain.index_select(0, place[arrived]) for gain in network(inputs))
+        size, opacity = (gain.index_select(0, place[arrived]) for gain in tensor_gains(network, inputs))
         drawn = _with_gains(_rows(spawned.gaussians, arrived), size, opacity)
         return ((self._draw(drawn, view) - reference) ** 2).mean()
 
     @torch.no_grad()
     def _lossless(self, view: int) -> tuple[SpawnedGaussians, Tensor]:
         if view not in self._views:
-            spawned = spawned_gaussians(self._scene, self._cameras, view)
+            spawned = to_tensors(spawned_gaussians(self._scene, self._cameras, view))
             self._views[view] = spawned, self._draw(spawned.gaussians, view)
         return self._views[view]
 
     def _draw(self, gaussians: Gaussians, view: int) -> Float[Tensor, "H W 3"]:
         behind = torch.tensor(self._scene.background)
-        return create_renderer("cpu")(gaussians, self._cameras.select([view]), background=behind)[0]
+        return render_differentiable(gaussians, self._cameras.select([view]), background=behind)[0]
 
 
 def _rows(g: Gaussians, rows: Tensor) -> Gaussians:
@@ -216,7 +248,7 @@ def train_for_gaussians(
     """
     seeds = np.random.SeedSequence(config.seed).spawn(len(streams))
     lessons = [_lossy_lessons(lossy, config, seed) for lossy, seed in zip(streams, seeds, strict=True)]
-    return train_on(lessons, ElementNetwork(config.hidden, seed=config.seed), config, progress)
+    return train_on(lessons, ElementNetwork.untrained(config.hidden, seed=config.seed), config, progress)
 
 
 def _lossy_lessons(lossy: LossyStream, config: SceneFreeConfig, seeds: np.random.SeedSequence) -> Lessons:
@@ -224,11 +256,10 @@ def _lossy_lessons(lossy: LossyStream, config: SceneFreeConfig, seeds: np.random
     groups, packets = _groups(lossy.stream)
     inputs = []
     for rate, seed in zip(config.drop_rates, seeds.generate_state(len(config.drop_rates)).tolist(), strict=True):
-        known = pseudo_loss(groups, complete.scene.num_elements, rate, seed).numpy()
+        known = pseudo_loss(groups, complete.scene.num_elements, rate, seed)
         there = tuple(p for p, start in zip(packets, groups.starts[:-1], strict=True) if known[groups.ranks[start]])
         partial = _decoded(SceneStream(lossy.stream.manifest, lossy.stream.side_info, there))
-        with torch.no_grad():
-            inputs.append(element_inputs(partial))
+        inputs.append(element_inputs(partial))
     return Lessons(complete.scene, lossy.cameras, inputs)
 
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from splatwire.calibrate.pseudo_loss import CalibrationData, calibration_data
@@ -24,6 +25,7 @@ from splatwire.data import load_cameras
 from splatwire.evaluate.views import spread
 from splatwire.metrics import psnr
 from splatwire.model import Partial
+from splatwire.model.tensors import to_tensors
 from splatwire.packets import read_stream
 from splatwire.paper import Gnn, GnnSettings
 from splatwire.paper.calibration.calibrate import calibrate
@@ -67,22 +69,23 @@ class Scorer:
 
     def __init__(self, data: CalibrationData, complete: Partial, held_out: list[RepairGraph], cameras: Any) -> None:
         self.data, self.complete, self.cameras = data, complete, cameras
-        self.truth, self.spread = data.complete.scene.anchors, channel_spread(data.complete.scene.anchors)
+        self.truth = to_tensors(data.complete.scene.anchors)
+        self.spread = channel_spread(self.truth)
         self.known = []
         for graph in held_out:
-            known = torch.ones(self.truth.num_anchors, dtype=torch.bool)
-            known[graph.queries] = False
+            known = np.ones(self.truth.num_anchors, np.bool_)
+            known[graph.queries.numpy()] = False
             self.known.append(known)
         self.references = [self._draw(complete.scene, view) for view in range(cameras.num_views)]
 
-    def _draw(self, scene: Any, view: int) -> torch.Tensor:
+    def _draw(self, scene: Any, view: int) -> np.ndarray:
         return render_scene(scene, self.cameras.select([view]))
 
     def errors(self, concealer: Any) -> dict[str, float]:
         rows = []
         for known in self.known:
-            anchors = concealer(self.data.complete.without(known)).elements
-            lost = (~known).nonzero()[:, 0]
+            anchors = to_tensors(concealer(self.data.complete.without(known)).elements)
+            lost = torch.from_numpy(np.flatnonzero(~known))
             rows.append(normalized_errors(anchors.select(lost), self.truth, self.spread, lost))
         return {name: round(sum(row[name] for row in rows) / len(rows), 4) for name in rows[0]}
 

@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import torch
+import numpy as np
 
 from splatwire.formats import read_splats, write_splats
 from splatwire.scene.splats import Splats
@@ -28,14 +28,14 @@ from splatwire.scene.splats import Splats
 def copies(splats: Splats, count: int) -> Iterator[Splats]:
     """The scene beside itself on the ground, degree 0, until there are `count` Gaussians."""
     splats = splats.at_most_degree(0)
-    low, high = (splats.means.quantile(q, dim=0) for q in (0.02, 0.98))
+    low, high = np.quantile(splats.means, (0.02, 0.98), axis=0)
     number = -(-count // splats.num_gaussians)
     side = math.isqrt(number - 1) + 1
     for copy in range(number):
         x, z = divmod(copy, side)
-        shift = torch.tensor([x * float((high - low)[0]), 0.0, z * float((high - low)[2])])
+        shift = np.float32([x * (high - low)[0], 0, z * (high - low)[2]])
         left = count - copy * splats.num_gaussians
-        yield replace(splats, means=splats.means + shift).select(torch.arange(min(left, splats.num_gaussians)))
+        yield replace(splats, means=splats.means + shift).select(np.arange(min(left, splats.num_gaussians)))
 
 
 def watched(command: list[str]) -> dict[str, float]:

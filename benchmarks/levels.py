@@ -18,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import torch
+import numpy as np
 from walks import joined, streamed_sog
 
 from splatwire.channel import parse_loss, transmit
@@ -62,7 +62,7 @@ def measured(path: str, rates: list[float]) -> dict[str, object]:
 
     levels = []
     for level in range(int(tiles.levels.max()) + 1):
-        hints = RenderHints(torch.ones(len(level_of)), level_of != level)
+        hints = RenderHints(np.ones(len(level_of), np.float32), level_of != level)
         here = tiles.levels == level
         facts = {"tiles": int(here.sum()), "gaussians": int(tiles.counts[here].sum())}
         facts |= {"bytes": int(tiles.sizes[here].sum()), "error": float(tiles.errors[here].mean())}

@@ -15,7 +15,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-import torch
 from bent_clip import bent_frames, capture
 
 from splatwire.clips import ClipEncoder, ClipOptions
@@ -113,11 +112,11 @@ def main() -> None:
     info, found = arrivals(edition, args.megabits * 1e6 / 8, args.delay, 1.5, args.rate and args.rate * 1e6 / 8)
     truth, shown = frames[GROUP], GROUP
     cameras = surrounding_cameras(SplatScene(truth), 2, 320)
-    views = torch.stack(list(iterate_views(SplatScene(truth), cameras)))
+    views = np.stack(list(iterate_views(SplatScene(truth), cameras)))
 
     def quality(packets: Sequence[Packet]) -> float:
         clip = decode_stream(stream.with_packets(packets)).scene
-        pictures = torch.stack(list(iterate_views(decode_frame(clip, shown).scene, cameras)))
+        pictures = np.stack(list(iterate_views(decode_frame(clip, shown).scene, cameras)))
         return float(psnr(pictures, views).mean())
 
     complete, rows = quality(stream.packets), []

@@ -22,12 +22,12 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-import torch
 from bent_clip import bent_frames, capture
 
 from splatwire.clips import ClipOptions
 from splatwire.clips.chapters import EndlessClip
 from splatwire.clips.live import LiveDecoder, frames_in_turn
+from splatwire.ops.threads import use_single_thread
 from splatwire.scene.splats import Splats
 from splatwire.transport import ReceiverOptions, ServerLimits
 from splatwire.transport.address import parse_url
@@ -113,7 +113,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2, help="of the sender's")
     args = parser.parse_args()
     frames = list(bent_frames(capture(args.capture, 3, args.tracks), 6 * args.group))
-    torch.set_num_threads(1)
+    use_single_thread()
     told = asyncio.run(served(frames, args))
     print(json.dumps({**told, "load": os.getloadavg()[0]}, indent=1))
     sys.stdout.flush()

@@ -22,7 +22,7 @@ GOAL_MIB = 2048
 
 
 def enlarged(model_dir: Path):
-    import torch
+    import numpy as np
 
     from splatwire.importers.hacpp import import_hacpp
     from splatwire.model.voxels import voxel_indices, voxel_positions
@@ -31,11 +31,11 @@ def enlarged(model_dir: Path):
     scene = import_hacpp(model_dir)
     voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
     copies = [
-        voxel_positions(voxels + torch.tensor(s), scene.coding.voxel_size) for s in ((0, 0, 0), (7, 5, 3), (-5, 9, 2))
+        voxel_positions(voxels + np.array(s), scene.coding.voxel_size) for s in ((0, 0, 0), (7, 5, 3), (-5, 9, 2))
     ]
-    repeat = {f.name: torch.cat([getattr(scene.anchors, f.name)] * 3) for f in dataclasses.fields(scene.anchors)}
-    repeat["positions"] = torch.cat(copies)
-    return dataclasses.replace(scene, anchors=Anchors(**{k: v[:NUM_ANCHORS].clone() for k, v in repeat.items()}))
+    repeat = {f.name: np.concatenate([getattr(scene.anchors, f.name)] * 3) for f in dataclasses.fields(scene.anchors)}
+    repeat["positions"] = np.concatenate(copies)
+    return dataclasses.replace(scene, anchors=Anchors(**{k: v[:NUM_ANCHORS] for k, v in repeat.items()}))
 
 
 def work(step: str, model_dir: Path, stream_path: Path) -> dict[str, float]:

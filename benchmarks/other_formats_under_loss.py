@@ -20,7 +20,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import torch
 from figures import publish
 from lenient_readers import REPAIRS, HacppFiles, known_rows
 
@@ -34,6 +33,7 @@ from splatwire.metrics import psnr
 from splatwire.model import SplatScene
 from splatwire.model.scene import Scene
 from splatwire.model.voxels import voxel_indices
+from splatwire.ops.threads import use_single_thread
 from splatwire.packets import SceneStream, packetization_named, read_stream, write_stream
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
@@ -62,7 +62,7 @@ class Gauge:
     @property
     def nothing(self) -> float:
         """PSNR of black pictures, dB."""
-        return float(np.mean([float(psnr(torch.zeros_like(b)[None], b[None])[0]) for b in self._truth]))
+        return float(np.mean([float(psnr(np.zeros_like(b)[None], b[None])[0]) for b in self._truth]))
 
 
 def fates(loss: str, packets: int, seeds: int) -> Iterator[np.ndarray]:
@@ -100,7 +100,7 @@ def opened(path: Path, gauge: Gauge) -> float | None:
 def without(path: Path, kept: np.ndarray, gauge: Gauge) -> float | None:
     """PSNR of some rows of a whole file."""
     splats, rows = read_rows(path)
-    shown = rows.kept & torch.from_numpy(kept)
+    shown = rows.kept & kept
     return gauge.psnr(SplatScene(splats.select(shown))) if shown.any() else None
 
 
@@ -184,14 +184,14 @@ def neural(model: Path, options: argparse.Namespace) -> dict[str, object]:
     scene = import_hacpp(model)
     cameras = surrounding_cameras(scene, options.views, options.width)
     gauge, rows = Gauge(scene, cameras), {}
-    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size).numpy()
-    files = HacppFiles(model / "bitstreams", voxels, scene.anchors.mask.numpy())
+    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
+    files = HacppFiles(model / "bitstreams", voxels, scene.anchors.mask)
 
     def left(arrived: np.ndarray, given: bool) -> float | None:
         whole = files.whole(arrived, PACKET, given)
         if whole is None or not whole.any():
             return None
-        return gauge.psnr(scene.select(torch.from_numpy(whole).nonzero()[:, 0]))
+        return gauge.psnr(scene.select(np.flatnonzero(whole)))
 
     for loss in LOSSES:
         found: dict[str, list[float | None]] = {}
@@ -221,7 +221,7 @@ def main() -> None:
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     logging.disable()  # what damaged files lack is what is counted here
-    torch.set_num_threads(1)
+    use_single_thread()
     told_of, scenes = {"seeds": options.seeds, "views": options.views, "packet": PACKET}, {}
     for path in [*options.models, *options.files]:
         scenes[path.name] = (neural if path.is_dir() else explicit)(path, options)

@@ -23,13 +23,14 @@ from splatwire.calibrate.pseudo_loss import CalibrationData, calibration_data
 from splatwire.codec import decode_stream
 from splatwire.data import load_cameras
 from splatwire.evaluate.views import spread
-from splatwire.ops.knn import NeighborTree
+from splatwire.model.tensors import to_tensors
 from splatwire.packets import read_stream
 from splatwire.paper import Cari, Gnn, Idw, idw
 from splatwire.paper.calibration.calibrate import calibrate
 from splatwire.paper.calibration.config import CALIBRATION_PRESETS, CalibrationConfig
 from splatwire.paper.calibration.run import pseudo_graphs
 from splatwire.paper.gnn import fusion
+from splatwire.paper.neighbors import TensorTree
 
 POOL = 72
 
@@ -38,7 +39,7 @@ class PooledSearch:
     """Neighbours by Mahalanobis distance among the nearest by Euclid only."""
 
     def __init__(self, points: torch.Tensor, sizes: torch.Tensor) -> None:
-        self.points, self.sizes, self.tree = points, sizes, NeighborTree(points)
+        self.points, self.sizes, self.tree = points, sizes, TensorTree(points)
 
     def query(self, queries: torch.Tensor, k: int) -> tuple[torch.Tensor, torch.Tensor]:
         near, _ = self.tree.query(queries, POOL)
@@ -100,7 +101,7 @@ def measure(
             graphs = [replace(graph, given=graph.interpolated) for graph in shared]
         branch = fusion._branch
         if name == "trust":
-            truth = data.complete.scene.anchors
+            truth = to_tensors(data.complete.scene.anchors)
             wrong = torch.cat([g.interpolated.features - truth.select(g.queries).features for g in graphs[:2]])
             branch = trusting(wrong.square().mean(dim=0).sqrt())
         with replaced(fusion, "_branch", branch):
@@ -138,7 +139,7 @@ def main() -> None:
 
 def pool_share(graphs: list[Any], data: CalibrationData) -> float:
     """Share of the exact neighbours that a pool of the nearest by Euclid finds, in one graph."""
-    graph, anchors = graphs[0], data.complete.scene.anchors
+    graph, anchors = graphs[0], to_tensors(data.complete.scene.anchors)
     known = torch.ones(anchors.num_anchors, dtype=torch.bool)
     known[graph.queries] = False
     support = known.nonzero()[:, 0]

@@ -23,7 +23,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import torch
+import numpy as np
 
 from splatwire.codec import decode_stream
 from splatwire.conceal import conceal
@@ -31,6 +31,9 @@ from splatwire.data.camera_file import load_cameras
 from splatwire.metrics import psnr
 from splatwire.model.compiled_heads import drawn_gaussians
 from splatwire.model.gaussian_heads import generate_gaussians
+from splatwire.model.tensors import to_tensors
+from splatwire.ops.arrays import to_arrays
+from splatwire.ops.threads import allowed_threads
 from splatwire.packets import read_stream
 from splatwire.render import render_scene
 from splatwire.render.cpu import render_cpu
@@ -72,15 +75,15 @@ def in_turns(draw: Callable[[], Any], threads: int, repeats: int) -> dict[str, A
     """Times with all threads and with one, taken in turns."""
     times: dict[int, list[float]] = {threads: [], 1: []}
     for number in (threads, 1):
-        torch.set_num_threads(number)
+        os.environ["OMP_NUM_THREADS"] = str(number)
         draw()
     for _ in range(repeats):
         for number, found in times.items():
-            torch.set_num_threads(number)
+            os.environ["OMP_NUM_THREADS"] = str(number)
             found.append(milliseconds(draw))
-    torch.set_num_threads(1)
+    os.environ["OMP_NUM_THREADS"] = "1"
     cpu = min(milliseconds(draw, time.process_time) for _ in range(repeats))
-    torch.set_num_threads(threads)
+    os.environ["OMP_NUM_THREADS"] = str(threads)
     rows = {
         name: {"least_ms": round(min(times[n]), 2), "median_ms": round(statistics.median(times[n]), 2)}
         for name, n in (("all", threads), ("one", 1))
@@ -92,19 +95,15 @@ def in_turns(draw: Callable[[], Any], threads: int, repeats: int) -> dict[str, A
 
 def heads(scene: Any, cameras: Any, repeats: int) -> dict[str, Any]:
     """Compiled and plain heads on one thread: how alike the pictures are, and their processor time."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    makers, least, pictures = (drawn_gaussians, generate_gaussians), [], []
-    with torch.no_grad():
-        for make in makers:
-            pictures.append(render_cpu(make(scene, cameras, 0), cameras, background=torch.zeros(3)))
-        times = [
-            [milliseconds(lambda m=make: m(scene, cameras, 0), time.process_time) for make in makers]
-            for _ in range(repeats)
-        ]
+    threads = allowed_threads()
+    os.environ["OMP_NUM_THREADS"] = "1"
+    tensors, black = to_tensors(scene), np.zeros(3, np.float32)
+    makers = (lambda: drawn_gaussians(scene, cameras, 0), lambda: generate_gaussians(tensors, cameras, 0))
+    pictures = [render_cpu(to_arrays(make()), cameras, background=black) for make in makers]
+    times = [[milliseconds(make, time.process_time) for make in makers] for _ in range(repeats)]
     least = [min(column) for column in zip(*times, strict=True)]
-    torch.set_num_threads(before)
-    db = psnr(*pictures).item()
+    os.environ["OMP_NUM_THREADS"] = str(threads)
+    db = float(psnr(*pictures)[0])
     return {
         "compiled_cpu_ms": round(least[0], 2), "plain_cpu_ms": round(least[1], 2),
         "ratio": round(least[0] / least[1], 3), "db": round(db, 1), "reached": db >= GOAL_DB,
@@ -119,7 +118,7 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=300.0)
     options = parser.parse_args()
     scene, cameras = bundled()
-    threads, load = torch.get_num_threads(), os.getloadavg()[0]
+    threads, load = allowed_threads(), os.getloadavg()[0]
     report: dict[str, Any] = {"threads": threads, "load_before": round(load, 1), "heights": {}}
     for height in options.heights:
         one = cameras.select([0]).scaled(height / cameras.height)

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from frontier import PLANNING_SEED, REPORTED_SEED, Bench, Variant
 
 from splatwire.calibrate.sketch import sketch_of
@@ -80,7 +79,7 @@ class Pak(NamedTuple):
     total: int
     top: np.ndarray
     places: np.ndarray
-    cuts: list[torch.Tensor]
+    cuts: list[np.ndarray]
 
 
 def pak_ways(bench: Bench, sections: list[bytes], limit: float) -> list[Pak]:
@@ -91,7 +90,7 @@ def pak_ways(bench: Bench, sections: list[bytes], limit: float) -> list[Pak]:
         groups, packets = arrange_stream(stream)
         top = np.array([stream.manifest.plan.tier_of(packet.id.block) == 0 for packet in packets])
         largest = int(np.array([packet.num_bytes for packet in packets])[top].max())
-        cuts = [torch.from_numpy(groups.ranks[a:b].copy()) for a, b in itertools.pairwise(groups.starts)]
+        cuts = [groups.ranks[a:b] for a, b in itertools.pairwise(groups.starts)]
         lane_by_lane = np.lexsort(np.array([(p.id.block, p.id.lane) for p in packets]).T)
         for number, section in enumerate([b"", *sections]):
             room = limit / (1 - limit) * stream.num_bytes - len(section)
@@ -120,7 +119,7 @@ def pak_scores(way: Pak, pictures: LossyPictures, loss_name: str, seeds: int, se
         there = arrived[: len(way.cuts)].copy()
         if arrived[len(way.cuts) :].sum() + there[way.top].sum() >= way.top.sum():
             there[way.top] = True
-        known = torch.zeros(pictures.num_elements, dtype=torch.bool)
+        known = np.zeros(pictures.num_elements, np.bool_)
         for index in np.flatnonzero(there).tolist():
             known[way.cuts[index]] = True
         scores.append(pictures.psnr(known))

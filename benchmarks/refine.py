@@ -11,8 +11,6 @@ import json
 import time
 from pathlib import Path
 
-import torch
-
 from splatwire.codec import decode_stream, encode_scene, side_info_parts
 from splatwire.data import Dataset, open_dataset
 from splatwire.evaluate.views import spread
@@ -20,6 +18,7 @@ from splatwire.importers.hacpp import import_hacpp
 from splatwire.metrics import psnr
 from splatwire.model import AnchorScene
 from splatwire.model.scene_file import load_scene, save_scene
+from splatwire.ops.threads import use_single_thread
 from splatwire.render import iterate_views
 from splatwire.train.config import RefineConfig
 from splatwire.train.refine import refine_context
@@ -46,7 +45,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=8)
     parser.add_argument("--keep", type=Path, help="folder for the refined scenes")
     arguments = parser.parse_args()
-    torch.set_num_threads(1)
+    use_single_thread()
     results = {}
     for text in arguments.scenes:
         name, _, files = text.partition("=")

@@ -22,8 +22,10 @@ from PIL import Image
 from splatwire.importers.hacpp import import_hacpp
 from splatwire.metrics import psnr, psnr_by_channel, ssim
 from splatwire.model.compiled_heads import drawn_gaussians
+from splatwire.ops.threads import allowed_threads
 from splatwire.render import iterate_views, render_scene
 from splatwire.render.cpu import render_cpu
+from splatwire.render.differentiable import render_differentiable
 from splatwire.scene import Cameras, Gaussians
 
 MODELS = {"bonsai_30k": "bonsai", "snowmiku_15k": "snowmiku", "snowmiku_small_2400": "snowmiku_small"}
@@ -32,13 +34,13 @@ GOAL_DB, GOAL_S = 55.0, 0.5
 
 def read_cameras(model_dir: Path) -> Cameras:
     entries = json.loads((model_dir / "cameras.json").read_text())["cameras"]
-    poses = torch.tensor([e["w2c"] for e in entries], dtype=torch.float32)
-    Ks = torch.tensor([e["K"] for e in entries], dtype=torch.float32)
+    poses = np.array([e["w2c"] for e in entries], np.float32)
+    Ks = np.array([e["K"] for e in entries], np.float32)
     return Cameras(poses, Ks, entries[0]["width"], entries[0]["height"], tuple(e["name"] for e in entries))
 
 
-def read_image(path: Path) -> torch.Tensor:
-    return torch.from_numpy(np.array(Image.open(path).convert("RGB"))).float()[None] / 255
+def read_image(path: Path) -> np.ndarray:
+    return np.asarray(Image.open(path).convert("RGB"), np.float32)[None] / 255
 
 
 def milliseconds(work: Callable[[], Any], repeats: int) -> float:
@@ -91,12 +93,12 @@ def timings(scene: Any, cameras: Cameras, repeats: int) -> dict[str, Any]:
     """Milliseconds of one view: heads, rasteriser, and the rasteriser with gradients."""
     one = cameras.select([0])
     gaussians = drawn_gaussians(scene, one, 0)
-    black = torch.zeros(3)
+    black = np.zeros(3, np.float32)
     fields = (gaussians.means, gaussians.quats, gaussians.scales, gaussians.opacities, gaussians.colors)
-    leaves = [t.detach().clone().requires_grad_() for t in fields]
+    leaves = [torch.from_numpy(field).requires_grad_() for field in fields]
 
     def step() -> None:
-        render_cpu(Gaussians(*leaves), one, background=black).sum().backward()
+        render_differentiable(Gaussians(*leaves), one, background=torch.zeros(3)).sum().backward()
 
     with torch.no_grad():
         heads = milliseconds(lambda: drawn_gaussians(scene, one, 0), repeats)
@@ -141,7 +143,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--all-views", action="store_true", help="score every test view against its photo, too")
     arguments = parser.parse_args()
-    report: dict[str, Any] = {"threads": torch.get_num_threads(), "kernels": kernel_times(), "models": {}}
+    report: dict[str, Any] = {"threads": allowed_threads(), "kernels": kernel_times(), "models": {}}
     for model, photos in MODELS.items():
         model_dir = arguments.data / "hacpp" / model
         scene, cameras = import_hacpp(model_dir), read_cameras(model_dir)

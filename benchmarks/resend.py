@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from frontier import REPORTED_SEED, Bench, Variant
 from protection import scene_parser, sketches
 
@@ -108,7 +107,7 @@ def score(variant: Variant, outcomes: list[Outcome], pictures: int, planning: bo
 
 
 def whole_psnr(views: LossyPictures) -> float:
-    return views.psnr(torch.ones(views.num_elements, dtype=torch.bool))
+    return views.psnr(np.ones(views.num_elements, np.bool_))
 
 
 class Way(NamedTuple):

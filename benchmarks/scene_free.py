@@ -15,7 +15,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import torch
+import numpy as np
 from gain_training import SceneFreeConfig, train_scene_free
 
 from splatwire.calibrate.pseudo_loss import CalibrationData, calibration_data
@@ -82,7 +82,7 @@ def score_scene(
     stream, loss = open_stream(source), parse_loss(f"bernoulli:{options.rate}")
     dataset = open_dataset(photos, split="test")
     views = photo_views(dataset.select(spread(dataset.num_views, options.views)))
-    background = torch.tensor(views.background)
+    background = np.float32(views.background)
 
     def mean_psnr(scene) -> float:  # type: ignore[no-untyped-def]
         images = iterate_views(scene, views.cameras, background=background)

@@ -28,7 +28,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-import torch
 from figures import publish
 
 from splatwire.channel import parse_loss, transmit
@@ -38,6 +37,7 @@ from splatwire.conceal import conceal
 from splatwire.data import load_cameras
 from splatwire.formats import read_splats, write_splats
 from splatwire.model import SplatScene
+from splatwire.ops.threads import use_single_thread
 from splatwire.packets import PRESETS, SceneStream
 from splatwire.render import iterate_views
 from splatwire.render.importance import cameras_around
@@ -52,7 +52,7 @@ AGAIN = 1_000_000
 """Gaussians that times are taken on once more at least: the least of several is that of a quiet machine."""
 
 
-def mean_psnr(splats: Splats | SplatScene, cameras: Cameras, reference: list[torch.Tensor]) -> float:
+def mean_psnr(splats: Splats | SplatScene, cameras: Cameras, reference: list[np.ndarray]) -> float:
     scene = splats if isinstance(splats, SplatScene) else SplatScene(splats)
     pictures = zip(iterate_views(scene, cameras), reference, strict=True)
     errors = [max(float(((ours - theirs) ** 2).mean()), 1e-12) for ours, theirs in pictures]
@@ -92,7 +92,7 @@ def bytes_at(rows: list[dict], wanted: float) -> float | None:
     return None
 
 
-def others_of(path: Path, folder: Path, splats: Splats, cameras: Cameras, reference: list[torch.Tensor]) -> dict:
+def others_of(path: Path, folder: Path, splats: Splats, cameras: Cameras, reference: list[np.ndarray]) -> dict:
     found = {}
     for kind in ("sog", "spz"):
         theirs = folder / f"{path.stem}.{kind}"
@@ -151,7 +151,7 @@ def one(path: Path, others: Path | None, cameras_file: Path | None) -> dict:
     return result
 
 
-def losses(stream: SceneStream, cameras: Cameras, reference: list[torch.Tensor]) -> dict:
+def losses(stream: SceneStream, cameras: Cameras, reference: list[np.ndarray]) -> dict:
     """Mean PSNR over masks at 20 % lost datagrams."""
     found: dict[str, list[float]] = {"drop": [], "grow": []}
     for seed in SEEDS:
@@ -165,12 +165,13 @@ def tiled(splats: Splats, count: int) -> Splats:
     """So many Gaussians: copies of a scene side by side."""
     copies, size = (
         -(-count // splats.num_gaussians),
-        float((splats.means.quantile(0.99, 0) - splats.means.quantile(0.01, 0)).max()),
+        float(np.ptp(np.quantile(splats.means, [0.01, 0.99], axis=0), axis=0).max()),
     )
     side = int(np.ceil(np.sqrt(copies)))
-    many = {k: v.repeat(copies, *[1] * (v.dim() - 1))[:count] for k, v in vars(splats).items()}
-    cell = torch.arange(copies).repeat_interleave(splats.num_gaussians)[:count]
-    many["means"] += torch.stack([cell % side, cell // side, torch.zeros_like(cell)], dim=1) * size * 1.05
+    many = {k: np.concatenate([v] * copies)[:count] for k, v in vars(splats).items()}
+    cell = np.arange(copies).repeat(splats.num_gaussians)[:count]
+    shift = np.stack([cell % side, cell // side, np.zeros_like(cell)], axis=1) * size * 1.05
+    many["means"] = many["means"] + shift.astype(np.float32)
     return Splats(**many)
 
 
@@ -247,7 +248,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1, help="of scale: processor time of 1, seconds of more")
     parser.add_argument("-o", "--output", type=Path)
     args = parser.parse_args()
-    torch.set_num_threads(1)
+    use_single_thread()
     if args.what == "plot":
         plot(json.loads(args.files[0].read_text()), args.output)
         return

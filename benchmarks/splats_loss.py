@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numba
 import numpy as np
-import torch
 from figures import publish
 
 from splatwire.calibrate.sketch import sketch_of
@@ -41,6 +40,7 @@ from splatwire.metrics import psnr
 from splatwire.model import SplatScene
 from splatwire.model.appearance import Scene
 from splatwire.ops.compiled import njit
+from splatwire.ops.threads import use_single_thread
 from splatwire.packets import HEADER_BYTES, PRESETS, Packetization, SceneStream
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
@@ -216,7 +216,7 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=224)
     parser.add_argument("-o", "--output", type=Path)
     options = parser.parse_args()
-    torch.set_num_threads(1)
+    use_single_thread()
     numba.set_num_threads(1)
     scenes: dict[str, dict] = {}
     for path in options.scenes:

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numba
-import torch
 
 from splatwire.calibrate.sketch import sketch_of
 from splatwire.calibrate.sketch_config import SketchConfig
@@ -31,6 +30,7 @@ from splatwire.conceal import conceal
 from splatwire.data import Dataset, open_dataset
 from splatwire.model import AnchorScene
 from splatwire.model.scene_file import load_scene, save_scene
+from splatwire.ops.threads import use_single_thread
 from splatwire.packets import packetization_named, send_sequence
 from splatwire.render.importance import footprint_importance
 from splatwire.train import Listener, RunOptions, TrainConfig, create_config, load_checkpoint, train_scene
@@ -68,7 +68,7 @@ def under_loss(scene: AnchorScene, photos: tuple[Dataset, Dataset], options: arg
         each, lost, model = {name: [] for name in concealers}, 0.0, parse_loss(loss, packetization.unit)
         for seed in range(options.seeds):
             received = decode_stream(draw_mask(stream, model, seed=seed).apply(stream))
-            lost += 1 - float(received.erasures.known.float().mean())
+            lost += 1 - float(received.erasures.known.mean())
             for name in concealers:
                 each[name].append(assess_scene(conceal(received, name), test, views, 0).psnr)
         found[loss] = {name: round(sum(values) / len(values), 3) for name, values in each.items()}
@@ -83,7 +83,7 @@ def cut_off(scene: AnchorScene, train: Dataset, test: Dataset, cuts: list[float]
     `tiers` sends important anchors first, `interleaved` anchors from everywhere alike.
     """
     importance = footprint_importance(scene, train.cameras)
-    tiers = importance.tiers(TIERS, scene.anchors.mask.any(dim=1))
+    tiers = importance.tiers(TIERS, scene.anchors.mask.any(axis=1))
     streams = {"tiers": encode_scene(scene, tiers=tiers), "interleaved": encode_scene(scene)}
     found: dict[str, Any] = {}
     for order, stream in streams.items():
@@ -183,7 +183,7 @@ def main() -> None:
     if arguments.plot:
         plot(json.loads((arguments.output or TABLE).read_text()), arguments.plot)
         return
-    torch.set_num_threads(1)
+    use_single_thread()
     numba.set_num_threads(1)
     folder, recipe = SCENES[arguments.scene]
     iterations = arguments.iterations or (720 if arguments.init else 2400)

@@ -24,7 +24,6 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
-import torch
 from PIL import Image
 
 from splatwire.data import load_cameras
@@ -115,7 +114,7 @@ class Server(SimpleHTTPRequestHandler):
 
 def view_description(cameras: Cameras, view: int, kind: str, frames: int) -> dict:
     """A camera in the words of three.js: its pose (y up, z backward), and its vertical field of view in degrees."""
-    pose = np.linalg.inv(cameras.viewmats[view].double().numpy()) @ np.diag([1.0, -1.0, -1.0, 1.0])
+    pose = np.linalg.inv(cameras.viewmats[view].astype(np.float64)) @ np.diag([1.0, -1.0, -1.0, 1.0])
     focal = float(cameras.Ks[view, 1, 1])
     fov = 2 * np.degrees(np.arctan(cameras.height / 2 / focal))
     return {"width": cameras.width, "height": cameras.height, "fov": fov, "pose": pose.flatten().tolist(),
@@ -172,7 +171,7 @@ def main() -> None:
     theirs = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), dtype=np.float32) / 255
     ours = render_scene(SplatScene(splats), cameras.select([arguments.view]))[0]
     if arguments.picture:
-        both = np.concatenate([theirs, ours.numpy()], axis=1)
+        both = np.concatenate([theirs, ours], axis=1)
         Image.fromarray(np.rint(both * 255).astype(np.uint8)).save(arguments.picture, quality=85)
     versions = {
         name: json.loads((arguments.modules / name / "package.json").read_text())["version"]
@@ -183,7 +182,7 @@ def main() -> None:
             {
                 "gaussians_in_file": splats.num_gaussians,
                 "gaussians_in_viewer": posted["count"],
-                "psnr_viewer_to_ours": float(psnr(torch.from_numpy(theirs)[None], ours[None])[0]),
+                "psnr_viewer_to_ours": float(psnr(theirs[None], ours[None])[0]),
                 "mean_viewer": float(theirs.mean()),
                 "mean_ours": float(ours.mean()),
                 "driver": posted["driver"],

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from splatwire.channel import parse_loss
 from splatwire.codec import repack
@@ -49,9 +48,9 @@ BUDGET = 1_000_000
 def copied(splats: Splats, side: int) -> Splats:
     """A square of side x side copies on the ground, degree 0."""
     splats = splats.at_most_degree(0)
-    low, high = (splats.means.quantile(q, dim=0) for q in (0.02, 0.98))
+    low, high = np.quantile(splats.means, (0.02, 0.98), axis=0)
     parts = [
-        replace(splats, means=splats.means + torch.stack([x * (high - low)[0], torch.tensor(0.0), z * (high - low)[2]]))
+        replace(splats, means=splats.means + np.array([x * (high - low)[0], 0, z * (high - low)[2]], np.float32))
         for x, z in itertools.product(range(side), repeat=2)
     ]
     return joined(parts)
@@ -59,13 +58,13 @@ def copied(splats: Splats, side: int) -> Splats:
 
 def joined(parts: list[Splats]) -> Splats:
     """All Gaussians of some."""
-    return Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+    return Splats(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
 
 
 def walks(splats: Splats) -> dict[str, Walk]:
     """Three ways: around the whole, from far away up to a part, and right through; y points down."""
     means = splats.means[:: max(1, splats.num_gaussians // 200_000)]
-    low, middle, high = (means.quantile(q, dim=0).double().numpy() for q in (0.05, 0.5, 0.95))
+    low, middle, high = np.quantile(means.astype(np.float64), (0.05, 0.5, 0.95), axis=0)
     span = float(np.linalg.norm((high - low)[[0, 2]]))
     up = np.array([0.0, -1.0, 0.0])
     around = [
@@ -95,8 +94,8 @@ def cameras(way: list[tuple[np.ndarray, np.ndarray]]) -> Cameras:
     intrinsics = np.array([[0.9 * SIZE, 0, SIZE / 2], [0, 0.9 * SIZE, SIZE / 2], [0, 0, 1]])
     count = len(poses)
     return Cameras(
-        torch.tensor(np.array(poses), dtype=torch.float32),
-        torch.tensor(intrinsics, dtype=torch.float32).repeat(count, 1, 1),
+        np.array(poses, np.float32),
+        np.tile(intrinsics.astype(np.float32), (count, 1, 1)),
         SIZE, SIZE, tuple(f"{n}" for n in range(count)),
     )  # fmt: skip
 
@@ -138,11 +137,9 @@ def streamed_sog(splats: Splats) -> StreamedSog:
     """Makes the levels, writes the files and reads them again."""
     count = splats.num_gaussians
     edges = np.arange(-(-count // LEAF) + 1, dtype=np.int64) * count // -(-count // LEAF)
-    order = kd_order(splats.means.numpy(), [edges])
-    finest = [splats.select(torch.from_numpy(order[a:b])) for a, b in itertools.pairwise(edges)]
-    low, high = (
-        np.array([getattr(leaf.means, end)(dim=0).values.numpy() for leaf in finest]) for end in ("min", "max")
-    )
+    order = kd_order(splats.means, [edges])
+    finest = [splats.select(order[a:b]) for a, b in itertools.pairwise(edges)]
+    low, high = (np.array([end(leaf.means, axis=0) for leaf in finest]) for end in (np.min, np.max))
     levels = [finest]
     while len(levels) < LEVELS:
         levels.append([reduced(leaf, -(-leaf.num_gaussians // FACTOR))[0] for leaf in levels[-1]])
@@ -164,8 +161,8 @@ def streamed_sog(splats: Splats) -> StreamedSog:
                     waiting = []
             leaves.append(read)
             files.append(own)
-    ends = splats.means.quantile(torch.tensor([0.05, 0.95]), dim=0) if count < 1 << 24 else None
-    span = float((ends[1] - ends[0]).norm()) if ends is not None else float(np.linalg.norm(high.max(0) - low.min(0)))
+    ends = np.quantile(splats.means, [0.05, 0.95], axis=0)
+    span = float(np.linalg.norm(ends[1] - ends[0]))
     return StreamedSog(leaves, files, sizes, low, high, span / 4)
 
 
@@ -182,7 +179,7 @@ class SogJourney:
         loads: dict[int, list[float]] = {}  # file: trips that are left, bytes that are left
         now = 5 * self._link.delay  # handshake, and the scene's index
         while now < walk.seconds:
-            eye = walk.at(now).centers[0].double().numpy()
+            eye = walk.at(now).centers[0].astype(np.float64)
             levels, near = sog.wanted(eye)
             order = [sog.files[-1][leaf] for leaf in near] + [sog.files[levels[leaf]][leaf] for leaf in near]
             for file in order:
@@ -201,7 +198,7 @@ class SogJourney:
     def _scene(self, look: Look, came: dict[int, float], seconds: float) -> SplatScene:
         sog = self._sog
         levels, _ = sog.wanted(-look.viewmat[:3, :3].T @ look.viewmat[:3, 3])
-        parts = [sog.leaves[0][0].select(torch.zeros(0, dtype=torch.int64))]
+        parts = [sog.leaves[0][0].select(np.zeros(0, np.int64))]
         for leaf, level in enumerate(levels):
             there = [n for n in range(LEVELS) if came.get(sog.files[n][leaf], np.inf) <= seconds]
             best = min(there, key=lambda n: (n < level, abs(n - level)), default=None)

@@ -6,6 +6,7 @@
 changes, over the spread of the attribute.
 """
 
+import numpy as np
 from figures import of_official_models, publish
 
 from splatwire.codec import decode_stream, encode_scene, scene_in_order, side_info_parts
@@ -22,7 +23,7 @@ def measure(scene: AnchorScene, noise: float | None) -> dict[str, object]:
     error: dict[str, float] = {}
     for name in ("features", "scalings", "offsets"):
         before, after = getattr(original, name), getattr(decoded, name)
-        error[name] = round(float((before - after).square().mean().sqrt() / before.std()), 5)
+        error[name] = round(float(np.sqrt(((before - after) ** 2).mean()) / before.std()), 5)
     return {
         "noise": "default" if noise is None else noise,
         "num_bytes": stream.num_bytes,

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import torch
 
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.model import SplatScene
@@ -16,11 +15,11 @@ def encode_splats(
     splats: Splats, packetization: Packetization, *, background: Background = BLACK, tiers: Any = None, **options: Any
 ) -> SceneStream:
     """The stream of some Gaussians; `tiers` and `options` as of `encode_scene`."""
-    tier_of = None if tiers is None else torch.from_numpy(np.asarray(tiers, dtype=np.uint8))
+    tier_of = None if tiers is None else np.asarray(tiers, dtype=np.uint8)
     return encode_scene(SplatScene(splats, background=background), packetization, tiers=tier_of, **options)
 
 
 def decode_splats(stream: SceneStream, threads: int | None = None) -> tuple[Splats, np.ndarray]:
     """All Gaussians by place, and which of them arrived, bool (N)."""
     partial = decode_stream(stream, threads=threads)
-    return partial.scene.splats, partial.known.numpy()
+    return partial.scene.splats, partial.known

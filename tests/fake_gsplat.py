@@ -4,7 +4,8 @@ import types
 
 import torch
 
-from splatwire.model.projection import DILATION, NEAR_DEPTH, TILE, Projected, project
+from splatwire.model.projection import DILATION, NEAR_DEPTH, TILE
+from splatwire.model.tensor_projection import ProjectedTensors, project_tensors
 from splatwire.render.reference import render_projected, rotation_matrices
 from splatwire.scene import Cameras
 
@@ -36,11 +37,11 @@ def rasterization(
     assert means.shape[0] > 0
     cameras = Cameras(viewmats, Ks, width, height, tuple(str(view) for view in range(len(viewmats))))
     quats = torch.nn.functional.normalize(quats, dim=1)
-    flat = [project(means, scales, rotation_matrices(quats), cameras, view) for view in range(len(viewmats))]
+    flat = [project_tensors(means, scales, rotation_matrices(quats), cameras, view) for view in range(len(viewmats))]
     centers = torch.stack([view.means2d + 0.5 for view in flat])
     images = [
         render_projected(
-            Projected(center - 0.5, view.covs2d, view.depths, view.radii), opacities, colors, cameras, back
+            ProjectedTensors(center - 0.5, view.covs2d, view.depths, view.radii), opacities, colors, cameras, back
         )
         for center, view, back in zip(centers, flat, backgrounds, strict=True)
     ]

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from close import unit
 from splatwire.clips import Frame
 from splatwire.scene.splats import Splats
 
@@ -24,28 +25,28 @@ GAUSSIANS = [
 def moving_frames(count: int = 600, frames: int = FRAMES, seed: int = 0, *, still: bool = False) -> list[Splats]:
     """Frames with equal rows: Gaussian i is row i; one that is not there has opacity 0."""
     rng = torch.Generator().manual_seed(seed)
-    means = torch.nn.functional.normalize(torch.randn(count, 3, generator=rng), dim=1)
-    quats = torch.nn.functional.normalize(torch.randn(count, 4, generator=rng), dim=1)
-    scales = torch.exp(torch.randn(count, 3, generator=rng) * 0.3 - 3.5)
-    opacities = torch.rand(count, generator=rng) * 0.8 + 0.15
+    means = unit(torch.randn(count, 3, generator=rng).numpy())
+    quats = unit(torch.randn(count, 4, generator=rng).numpy())
+    scales = np.exp(torch.randn(count, 3, generator=rng).numpy() * 0.3 - 3.5)
+    opacities = torch.rand(count, generator=rng).numpy() * 0.8 + 0.15
     sh = means[:, None] * 0.4
-    begins, ends = torch.zeros(count), torch.full((count,), frames)
+    begins, ends = np.zeros(count, np.float32), np.full((count,), frames, np.float32)
     begins[: count // 50], ends[count // 50 : count // 25] = frames // 2, frames // 2 + 1
     found = []
     for frame in range(frames):
         time = 0.0 if still else frame / 10
-        sway = torch.stack([torch.sin(time + means[:, 1]), time * means[:, 0], 0 * means[:, 0]], dim=1)
+        sway = np.stack([np.sin(time + means[:, 1]), time * means[:, 0], 0 * means[:, 0]], axis=1)
         moved = means + 0.2 * sway * (means[:, :1] > 0)
-        here = torch.ones(count) if still else ((begins <= frame) & (frame < ends)).float()
+        here = np.ones(count, np.float32) if still else ((begins <= frame) & (frame < ends)).astype(np.float32)
         colours = sh * (1 + 0.3 * np.sin(time))
-        found.append(Splats(moved, quats, scales, opacities * here, colours))
+        found.append(Splats(*(t for t in (moved, quats, scales, opacities * here, colours))))
     return found
 
 
 def darkened(frames: list[Splats], dark: Collection[int]) -> list[Splats]:
     """The same frames, in some of which nothing is drawn."""
     return [
-        replace(splats, opacities=torch.zeros_like(splats.opacities)) if number in dark else splats
+        replace(splats, opacities=np.zeros_like(splats.opacities)) if number in dark else splats
         for number, splats in enumerate(frames)
     ]
 
@@ -56,14 +57,14 @@ def shuffled(frames: list[Splats], seed: int = 0) -> list[Splats]:
     found = []
     for splats in frames:
         there = splats.select(splats.opacities > 0)
-        found.append(there.select(torch.randperm(there.num_gaussians, generator=rng)))
+        found.append(there.select(torch.randperm(there.num_gaussians, generator=rng).numpy()))
     return found
 
 
 def drawn(splats: Splats) -> Splats:
     """What of a frame draws something."""
     frame = Frame.of(splats)
-    return splats.select(torch.from_numpy(frame.drawn))
+    return splats.select(frame.drawn)
 
 
 def halves(*numbers: float) -> bytes:

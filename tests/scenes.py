@@ -21,6 +21,7 @@ from splatwire.model.channel_context import channel_parameters
 from splatwire.model.hash_grid import interpolate_hash_grid
 from splatwire.model.prior_field import prior_of, split_prior_outputs
 from splatwire.model.voxels import voxel_positions
+from splatwire.ops.arrays import to_arrays
 from splatwire.scene import AnchorLayout, Anchors, Cameras
 
 SMALL_CONFIG = ModelConfig(
@@ -48,9 +49,8 @@ def tiny_scene(seed: int = 0, num_anchors: int = 300, config: ModelConfig = SMAL
     voxels = torch.stack([cells // side**2, cells // side % side, cells % side], dim=1) - HALF_SIDE
     positions = voxel_positions(voxels, VOXEL_SIZE)
     context = _context(config, rng)
-    return AnchorScene(
-        _anchors(positions, context, config, rng), _heads(config, rng), HacppCoding(context, VOXEL_SIZE, config)
-    )
+    anchors = _anchors(torch.from_numpy(positions), context, config, rng)
+    return to_arrays(AnchorScene(anchors, _heads(config, rng), HacppCoding(context, VOXEL_SIZE, config)))
 
 
 def tiny_cameras(num_views: int = 3, width: int = 96, height: int = 64, distance: float = 3.0) -> Cameras:
@@ -68,7 +68,7 @@ def tiny_cameras(num_views: int = 3, width: int = 96, height: int = 64, distance
         poses.append(pose)
     intrinsics = torch.tensor([[float(width), 0.0, width / 2], [0.0, float(width), height / 2], [0.0, 0.0, 1.0]])
     names = tuple(f"view_{view:02d}" for view in range(num_views))
-    return Cameras(torch.stack(poses), intrinsics.repeat(num_views, 1, 1), width, height, names)
+    return to_arrays(Cameras(torch.stack(poses), intrinsics.repeat(num_views, 1, 1), width, height, names))
 
 
 def _linear(inputs: int, outputs: int, rng: torch.Generator, gain: float = 1.0) -> Linear:
@@ -165,8 +165,8 @@ def tiny_causal_scene(seed: int = 0, num_anchors: int = 300, config: CausalConfi
     scalings = (0.4 * torch.randn(num_anchors, 4, generator=rng) - 2.5).exp()[:, [0, 0, 0, 1, 2, 3]]
     offsets = torch.randn(num_anchors, layout.num_offsets, 3, generator=rng) * mask[:, :, None]
     features = 2 * torch.randn(num_anchors, layout.feature_dim, generator=rng)
-    anchors = Anchors(voxel_positions(voxels, VOXEL_SIZE), features, scalings, offsets, mask)
+    anchors = Anchors(torch.from_numpy(voxel_positions(voxels, VOXEL_SIZE)), features, scalings, offsets, mask)
     steps = torch.tensor([0.5] * len(layout.feature_groups) + [0.3, 0.1, 0.2])
     spread = torch.full((3,), HALF_SIDE / 2)
     coding = CausalCoding(networks, steps, torch.full((4,), -2.5), torch.zeros(3), spread, VOXEL_SIZE, config)
-    return AnchorScene(anchors, _heads(config, rng), coding)
+    return to_arrays(AnchorScene(anchors, _heads(config, rng), coding))

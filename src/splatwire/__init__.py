@@ -1,7 +1,7 @@
 """splatwire: 3D Gaussian splats across lossy networks.
 
 The names of `__all__` are loaded on first use, so that `import splatwire` costs nothing and a relay that only needs
-packets never loads torch.
+packets loads neither scipy nor numba. Only training, the paper's concealers and neural importers need torch.
 """
 
 import importlib

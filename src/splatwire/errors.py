@@ -142,7 +142,6 @@ class UnknownNameError(SplatwireError, ValueError):
 
 EXTRAS = {
     "scenes": (
-        "torch",
         "scipy",
         "numba",
         "llvmlite",
@@ -153,6 +152,7 @@ EXTRAS = {
         "PIL",
         "zstandard",
     ),
+    "neural": ("torch",),
     "report": ("matplotlib", "jinja2"),
     "relay": ("raptorq", "aioquic", "cryptography"),
     "moq": ("moq",),

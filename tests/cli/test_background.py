@@ -46,10 +46,10 @@ def white(tmp_path_factory):
     frames = []
     pairs = zip(iterate_views(scene, cameras), iterate_views(replace(scene, background=WHITE), cameras), strict=True)
     for view, (on_black, on_white) in enumerate(pairs):
-        alpha = (1 - (on_white - on_black).mean(dim=2, keepdim=True)).clamp(1e-6, 1)
-        pixels = np.concatenate([(on_black / alpha).clamp(0, 1).numpy(), alpha.numpy()], axis=2)
+        alpha = (1 - (on_white - on_black).mean(axis=2, keepdims=True)).clip(1e-6, 1)
+        pixels = np.concatenate([(on_black / alpha).clip(0, 1), alpha], axis=2)
         Image.fromarray((pixels * 255).round().astype(np.uint8)).save(folder / "photos" / "test" / f"{view}.png")
-        pose = np.linalg.inv(cameras.viewmats[view].numpy()) @ np.diag([1.0, -1.0, -1.0, 1.0])
+        pose = np.linalg.inv(cameras.viewmats[view]) @ np.diag([1.0, -1.0, -1.0, 1.0])
         frames.append({"file_path": f"./test/{view}", "transform_matrix": pose.tolist()})
     angle = 2 * math.atan(0.5 * cameras.width / float(cameras.Ks[0, 0, 0]))
     for split in ("train", "test"):

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from moving_clips import moving_frames
 from splatwire.cli._arriving import LOOK_S, Backlog, FolderSource, PipeSource
@@ -100,9 +99,9 @@ class World:
 
 def splats(count: int, degree: int = 0) -> Splats:
     made = moving_frames(count, 1)[0]
-    shown = Splats(made.means, made.quats, made.scales, made.opacities.clamp(min=0.5), made.sh)
+    shown = Splats(made.means, made.quats, made.scales, made.opacities.clip(0.5), made.sh)
     if degree:
-        sh = torch.zeros(count, (degree + 1) ** 2, 3)
+        sh = np.zeros((count, (degree + 1) ** 2, 3), np.float32)
         shown = Splats(shown.means, shown.quats, shown.scales, shown.opacities, sh)
     return shown
 

@@ -10,10 +10,12 @@ import types
 import typing
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from PIL import Image
 
+from close import unit
 from splatwire.cli.calibrate import Calibrate
 from splatwire.cli.main import VERBS, settings_of
 from splatwire.formats import write_splats
@@ -135,9 +137,12 @@ def files(journey, tmp_path_factory):
         shutil.copy(journey / name, folder / name)
     shutil.copy(journey / "cameras.json", folder / "lens.json")
     rng = torch.Generator().manual_seed(5)
-    quats = torch.nn.functional.normalize(torch.randn(60, 4, generator=rng), dim=1)
-    means, scales = torch.rand(60, 3, generator=rng), torch.rand(60, 3, generator=rng) * 0.05 + 0.01
-    write_splats([Splats(means, quats, scales, torch.full((60,), 0.7), torch.rand(60, 1, 3))], folder / "cloud.ply")
+    quats = unit(torch.randn(60, 4, generator=rng).numpy())
+    means, scales = torch.rand(60, 3, generator=rng).numpy(), torch.rand(60, 3, generator=rng).numpy() * 0.05 + 0.01
+    write_splats(
+        [Splats(means, quats, scales, np.full((60,), 0.7, np.float32), torch.rand(60, 1, 3).numpy())],
+        folder / "cloud.ply",
+    )
     write_photos(folder / "photos")
     (folder / "study.toml").write_text(STUDY)
     return folder

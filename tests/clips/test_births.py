@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from close import unit
 from splatwire.clips import ClipEncoder, ClipOptions, Frame, encode_clip
 from splatwire.clips.concealers import clip_concealer
 from splatwire.clips.concealment import conceal_group
@@ -31,10 +32,10 @@ def places(body: np.ndarray, frame: int, turns: float) -> np.ndarray:
 def splats_at(means: np.ndarray, there: np.ndarray) -> Splats:
     rng = torch.Generator().manual_seed(3)
     count = len(means)
-    quats = torch.nn.functional.normalize(torch.randn(count, 4, generator=rng), dim=1)
-    scales = torch.rand(count, 3, generator=rng) * 0.02 + 0.01
-    colours = torch.rand(count, 1, 3, generator=rng)
-    return Splats(torch.from_numpy(means).float(), quats, scales, 0.8 * torch.from_numpy(there).float(), colours)
+    quats = unit(torch.randn(count, 4, generator=rng).numpy())
+    scales = torch.rand(count, 3, generator=rng).numpy() * 0.02 + 0.01
+    colours = torch.rand(count, 1, 3, generator=rng).numpy()
+    return Splats(means.astype(np.float32), quats, scales, 0.8 * there.astype(np.float32), colours)
 
 
 @pytest.fixture(scope="module")
@@ -53,21 +54,21 @@ def test_tracks_go_along_with_those_around_them_while_they_are_not_there(body):
     for frame in range(FRAMES):
         here = np.flatnonzero(there_at(frame))
         splats = splats_at(places(body, frame, 0.1), there_at(frame))
-        frames.append(NamedFrame(splats.select(torch.from_numpy(here)), here))
+        frames.append(NamedFrame(splats.select(here), here))
     group = group_of(frames)
     wanted = np.stack([places(body, frame, 0.1) for frame in range(FRAMES)], axis=1)
     assert np.abs(group.moves.means - wanted).max() < 0.02
     assert (group.begins[group.keys % 5 == 1] == LATE).all()
-    assert torch.equal(group.first(np.arange(COUNT)).means, torch.from_numpy(group.moves.means[:, 0]))
+    assert np.array_equal(group.first(np.arange(COUNT)).means, group.moves.means[:, 0])
 
 
 def decoded(frames: list[Splats], group_frames: int) -> tuple[ClipScene, np.ndarray]:
     """The clip, and which of its tracks are to lose their motion."""
     options = ClipOptions(group_frames=group_frames, order="tracked")
     clip = decode_stream(encode_clip(map(Frame.of, frames), options)[0]).scene
-    colours = np.concatenate([frame.sh[frame.opacities > 0, 0].numpy() for frame in frames])
-    rows = np.concatenate([np.flatnonzero(frame.opacities.numpy() > 0) for frame in frames])
-    near = ((clip.tracks.splats.sh[:, None, 0].numpy() - colours[None, :COUNT]) ** 2).sum(axis=2).argmin(axis=1)
+    colours = np.concatenate([frame.sh[frame.opacities > 0, 0] for frame in frames])
+    rows = np.concatenate([np.flatnonzero(frame.opacities > 0) for frame in frames])
+    near = ((clip.tracks.splats.sh[:, None, 0] - colours[None, :COUNT]) ** 2).sum(axis=2).argmin(axis=1)
     return clip, LOST[rows[near]]
 
 
@@ -140,7 +141,7 @@ def test_neighbours_that_are_looked_for_early_are_those_of_the_group(body):
         for frame in range(FRAMES):
             here = np.flatnonzero(there_at(frame))
             splats = splats_at(places(body, frame, 0.1), there_at(frame))
-            gathering.add(NamedFrame(splats.select(torch.from_numpy(here)), here))
+            gathering.add(NamedFrame(splats.select(here), here))
         groups.append(gathering.group())
     for name, values in vars(groups[0].moves).items():
         assert np.array_equal(values, getattr(groups[1].moves, name))

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
-import torch
 
 from moving_clips import moving_frames
 from splatwire.clips import ClipEncoder
@@ -15,7 +15,10 @@ def with_harmonics(frames: list[Splats], step: float) -> list[Splats]:
     """Frames of degree 1 whose coefficients above degree 0 grow from frame to frame."""
     return [
         replace(
-            splats, sh=torch.cat([splats.sh[:, :1], torch.full((splats.num_gaussians, 3, 3), step * number)], dim=1)
+            splats,
+            sh=np.concatenate(
+                [splats.sh[:, :1], np.full((splats.num_gaussians, 3, 3), step * number, np.float32)], axis=1
+            ),
         )
         for number, splats in enumerate(frames)
     ]

@@ -15,7 +15,7 @@ def scene() -> AnchorScene:
 
 @pytest.fixture(scope="session")
 def side_info_bytes(scene: AnchorScene) -> bytes:
-    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size).numpy()
+    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
     return write_side_info(fit_side_info(scene, voxels))
 
 

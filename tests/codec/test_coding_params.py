@@ -15,6 +15,7 @@ from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.model.hash_grid import interpolate_hash_grid
 from splatwire.model.prior_field import split_prior_outputs
+from splatwire.model.tensors import to_tensors
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def test_fast_path_equals_plain_torch(everything, scene: AnchorScene) -> None:
 def test_channel_context_equals_plain_torch(everything, scene: AnchorScene) -> None:
     context, _, _, outputs = everything
     predicted = predict_packets(context, outputs)
-    symbols = quantise(scene.anchors.features.numpy(), predicted.factors[:, 0], context.config.base_steps[0])
+    symbols = quantise(scene.anchors.features, predicted.factors[:, 0], context.config.base_steps[0])
     activations = context.feature_activations(symbols, predicted.factors[:, 0])
     edges = np.cumsum([0, *context.config.layout.feature_groups])
     plain_outputs, features = torch.from_numpy(outputs).long(), context.config.layout.feature_dim
@@ -73,7 +74,8 @@ def test_channel_context_equals_plain_torch(everything, scene: AnchorScene) -> N
 
 def test_integers_follow_the_float_model(everything, scene: AnchorScene, side_info: SideInfo) -> None:
     feature = everything[2]
-    exact = interpolate_hash_grid(scene.coding.context.grid, scene.anchors.positions, scene.coding.config.grid)
+    grid, positions = to_tensors((scene.coding.context.grid, scene.anchors.positions))
+    exact = interpolate_hash_grid(grid, positions, scene.coding.config.grid)
     assert np.abs(feature / 2**14 - exact.numpy()).max() < 3e-3
 
 

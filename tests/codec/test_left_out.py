@@ -5,7 +5,6 @@ import logging
 
 import numpy as np
 import pytest
-import torch
 
 from formats.handmade import some_splats
 from scenes import tiny_causal_scene, tiny_scene
@@ -21,7 +20,7 @@ NAN, INF = float("nan"), float("inf")
 
 def _broken_anchors(scene: AnchorScene) -> AnchorScene:
     """Its anchors 2 to 6, each broken in another way; 7 draws nothing; the hidden offsets of 8 are no numbers."""
-    columns = {name: values.clone() for name, values in vars(scene.anchors).items()}
+    columns = {name: values.copy() for name, values in vars(scene.anchors).items()}
     columns["scalings"][2, 3] = -1
     columns["positions"][3, 1] = NAN
     columns["features"][4, 0] = INF
@@ -37,10 +36,10 @@ def _broken_anchors(scene: AnchorScene) -> AnchorScene:
 def test_anchors(make, caplog: pytest.LogCaptureFixture) -> None:
     whole = scene_in_order(make(seed=3, num_anchors=200), "morton")
     broken = _broken_anchors(whole)
-    kept = torch.ones(200, dtype=torch.bool)
+    kept = np.ones(200, np.bool_)
     kept[2:8] = False
-    assert torch.equal(broken.drawable, kept)
-    tiers = torch.arange(200).remainder(2).to(torch.uint8)
+    assert np.array_equal(broken.drawable, kept)
+    tiers = (np.arange(200) % 2).astype(np.uint8)
     expected = encode_scene(whole.select(kept), SMALL, tiers=tiers[kept])
     with caplog.at_level(logging.INFO, "splatwire"):
         found = encode_scene(broken, SMALL, tiers=tiers)
@@ -53,10 +52,10 @@ def test_anchors(make, caplog: pytest.LogCaptureFixture) -> None:
 
 def test_scalings_of_0_are_coded_as_the_smallest_there_are() -> None:
     whole = scene_in_order(tiny_causal_scene(seed=3, num_anchors=100), "morton")
-    scalings = whole.anchors.scalings.clone()
+    scalings = whole.anchors.scalings.copy()
     scalings[5, 1] = 0
     flat = dataclasses.replace(whole, anchors=dataclasses.replace(whole.anchors, scalings=scalings))
-    expected = scalings.clone()
+    expected = scalings.copy()
     expected[5, 1] = whole.anchors.scalings[scalings > 0].min()
     expected = dataclasses.replace(whole, anchors=dataclasses.replace(whole.anchors, scalings=expected))
     assert stream_to_bytes(encode_scene(flat, SMALL)) == stream_to_bytes(encode_scene(expected, SMALL))
@@ -64,7 +63,7 @@ def test_scalings_of_0_are_coded_as_the_smallest_there_are() -> None:
 
 def test_gaussians(caplog: pytest.LogCaptureFixture) -> None:
     whole = some_splats(200, 1)
-    columns = {name: values.clone() for name, values in vars(whole).items()}
+    columns = {name: values.copy() for name, values in vars(whole).items()}
     columns["means"][3, 1] = NAN
     columns["sh"][4, 2, 0] = INF
     columns["scales"][5, 2] = 0
@@ -72,10 +71,10 @@ def test_gaussians(caplog: pytest.LogCaptureFixture) -> None:
     columns["opacities"][7] = 0
     columns["opacities"][8] = -0.0
     broken = SplatScene(dataclasses.replace(whole, **columns))
-    kept = torch.ones(200, dtype=torch.bool)
+    kept = np.ones(200, np.bool_)
     kept[3:9] = False
-    tiers, classes = torch.arange(200).remainder(2).to(torch.uint8), np.arange(200) % 3 - 2
-    expected = encode_scene(SplatScene(whole.select(kept)), SMALL, tiers=tiers[kept], classes=classes[kept.numpy()])
+    tiers, classes = (np.arange(200) % 2).astype(np.uint8), np.arange(200) % 3 - 2
+    expected = encode_scene(SplatScene(whole.select(kept)), SMALL, tiers=tiers[kept], classes=classes[kept])
     with caplog.at_level(logging.INFO, "splatwire"):
         found = encode_scene(broken, SMALL, tiers=tiers, classes=classes)
     assert stream_to_bytes(found) == stream_to_bytes(expected)
@@ -88,13 +87,13 @@ def test_gaussians(caplog: pytest.LogCaptureFixture) -> None:
 def test_nothing_left_is_an_error() -> None:
     splats = some_splats(20, 0)
     nowhere = dataclasses.replace(splats, means=splats.means * NAN)
-    for broken in (nowhere, splats.select(torch.zeros(0, dtype=torch.int64))):
+    for broken in (nowhere, splats.select(np.zeros(0, np.int64))):
         with pytest.raises(InvalidValueError, match="nothing to encode"):
             encode_scene(SplatScene(broken), SMALL)
 
 
 def test_rows_are_counted_from_the_beginning_of_the_scene() -> None:
-    splats = some_splats(4, 0).select(torch.arange(ROWS + 9).remainder(4))
+    splats = some_splats(4, 0).select(np.arange(ROWS + 9) % 4)
     splats.means[ROWS + 5] = NAN
     splats.opacities[ROWS + 7] = 0
     rows = rows_of_splats(splats)

@@ -1,8 +1,8 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
-import torch
 
 from splatwire.byte_io import ByteWriter
 from splatwire.codec import add_concealment, decode_stream, encode_scene, side_info_parts, without_concealment
@@ -63,10 +63,9 @@ def test_a_decoder_hands_them_to_concealers(stream: SceneStream, tmp_path: Path)
         richer = add_concealment(richer, name, data)
     partial = decode_stream(richer.with_packets(richer.packets[1:]))
     assert partial.sections == SECTIONS
-    assert partial.to_cpu().sections == SECTIONS
     plain = decode_stream(stream.with_packets(stream.packets[1:]))
     assert plain.sections == {}
-    assert torch.equal(partial.scene.anchors.features, plain.scene.anchors.features)
+    assert np.array_equal(partial.scene.anchors.features, plain.scene.anchors.features)
     save_partial(partial, tmp_path / "rich")
     assert load_partial(tmp_path / "rich").sections == SECTIONS
     save_partial(plain, tmp_path / "plain")

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, scene_in_order
@@ -74,7 +73,7 @@ def test_no_loss_gives_the_integers_of_atomic_packets(scene: AnchorScene, packet
     assert ours.erasures.num_lost == 0
     assert SECTION not in ours.sections
     for name in NAMES:
-        assert torch.equal(getattr(ours.scene.anchors, name), getattr(other.scene.anchors, name))
+        assert np.array_equal(getattr(ours.scene.anchors, name), getattr(other.scene.anchors, name))
     assert stream_from_bytes(stream_to_bytes(separated))[0] == separated
 
 
@@ -82,22 +81,22 @@ def test_lost_scalings_lose_scalings(stream: SceneStream, whole: Anchors):
     partial = without(stream, PacketId(1, 0, SCALING))
     anchors, rows = partial.scene.anchors, slice(200, 400)
     assert not anchors.scalings[rows].any()
-    expected = torch.ones(700, 4, dtype=torch.bool)
+    expected = np.ones((700, 4), np.bool_)
     expected[rows, Attribute.SCALING] = False
-    assert torch.equal(partial.erasures.received, expected)
+    assert np.array_equal(partial.erasures.received, expected)
     for name in ("features", "offsets", "mask"):
-        assert torch.equal(getattr(anchors, name), getattr(whole, name))
-    assert torch.equal(anchors.scalings[400:], whole.scalings[400:])
+        assert np.array_equal(getattr(anchors, name), getattr(whole, name))
+    assert np.array_equal(anchors.scalings[400:], whole.scalings[400:])
 
 
 def test_lost_offsets_lose_offsets(stream: SceneStream, whole: Anchors):
     partial = without(stream, PacketId(3, 0, OFFSET))
     anchors = partial.scene.anchors
     assert not anchors.offsets[600:].any()
-    assert torch.equal(anchors.offsets[:600], whole.offsets[:600])
+    assert np.array_equal(anchors.offsets[:600], whole.offsets[:600])
     assert partial.erasures.column(Attribute.OFFSET).tolist() == [True] * 600 + [False] * 100
     for name in ("features", "scalings", "mask"):
-        assert torch.equal(getattr(anchors, name), getattr(whole, name))
+        assert np.array_equal(getattr(anchors, name), getattr(whole, name))
 
 
 @pytest.mark.parametrize("lost", [0, 1, 2])
@@ -106,13 +105,13 @@ def test_a_lost_feature_group_loses_those_that_depend_on_it(stream: SceneStream,
     features, rows = partial.scene.anchors.features, slice(400, 600)
     for group, columns in enumerate(FEATURE_GROUPS):
         if group < lost:
-            assert torch.equal(features[rows, columns], whole.features[rows, columns])
+            assert np.array_equal(features[rows, columns], whole.features[rows, columns])
         else:
             assert not features[rows, columns].any()
-    others = torch.ones(700, dtype=torch.bool)
+    others = np.ones(700, np.bool_)
     others[rows] = False
-    assert torch.equal(features[others], whole.features[others])
-    assert torch.equal(partial.erasures.column(Attribute.FEATURE), others)
+    assert np.array_equal(features[others], whole.features[others])
+    assert np.array_equal(partial.erasures.column(Attribute.FEATURE), others)
     assert bool(partial.erasures.received[:, 1:].all())
 
 
@@ -126,13 +125,13 @@ def test_every_subset_decodes_to_values_of_the_whole_or_zero(stream: SceneStream
             features = [PacketId(block, 0, FEATURE + g) in there for g in range(3)]
             groups = np.minimum.accumulate(features).tolist()
             received = [all(features), PacketId(block, 0, SCALING) in there, PacketId(block, 0, OFFSET) in there, True]
-            assert bool((partial.erasures.received[rows] == torch.tensor(received)).all())
+            assert bool((partial.erasures.received[rows] == np.array(received)).all())
             for columns, ok in zip(FEATURE_GROUPS, groups, strict=True):
                 expected = whole.features[rows, columns] * ok
-                assert torch.equal(partial.scene.anchors.features[rows, columns], expected)
-            assert torch.equal(partial.scene.anchors.scalings[rows], whole.scalings[rows] * received[1])
-            assert torch.equal(partial.scene.anchors.offsets[rows], whole.offsets[rows] * received[2])
-        assert torch.equal(partial.scene.anchors.mask, whole.mask)
+                assert np.array_equal(partial.scene.anchors.features[rows, columns], expected)
+            assert np.array_equal(partial.scene.anchors.scalings[rows], whole.scalings[rows] * received[1])
+            assert np.array_equal(partial.scene.anchors.offsets[rows], whole.offsets[rows] * received[2])
+        assert np.array_equal(partial.scene.anchors.mask, whole.mask)
 
 
 def test_the_digest_covers_every_part(stream: SceneStream):
@@ -169,6 +168,6 @@ def test_bytes_are_those_of_atomic_packets_within_headers(scene: AnchorScene, st
 
 
 def test_raster_order_is_hacpps(scene: AnchorScene, whole: Anchors):
-    assert torch.equal(scene_in_order(scene, "raster").anchors.positions, whole.positions)
-    keys = (whole.positions * 64).long() @ torch.tensor([1, 1 << 12, 1 << 24])
-    assert bool((keys.diff() > 0).all())
+    assert np.array_equal(scene_in_order(scene, "raster").anchors.positions, whole.positions)
+    keys = (whole.positions * 64).astype(np.int64) @ np.array([1, 1 << 12, 1 << 24])
+    assert bool((np.diff(keys) > 0).all())

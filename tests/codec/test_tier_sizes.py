@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from scenes import tiny_causal_scene
 from splatwire.codec import add_concealment, decode_stream, encode_scene
@@ -21,19 +20,19 @@ from splatwire.packets.sections import sections_of, without_concealment
 from splatwire.scene import Anchors
 
 PACKETIZATION = Packetization(block_size=200, lanes=4)
-TIER_OF = (torch.arange(600) % 4).clamp(max=2).to(torch.uint8)
+TIER_OF = (np.arange(600) % 4).clip(None, 2).astype(np.uint8)
 
 
 def sized_like_tiers(scene: AnchorScene) -> AnchorScene:
     """The same scene with anchors that are the smaller the less their tier matters."""
-    scalings = scene.anchors.scalings.clone()
-    scalings[:, 3:] *= 0.25 ** TIER_OF[:, None].float()
+    scalings = scene.anchors.scalings.copy()
+    scalings[:, 3:] *= 0.25 ** TIER_OF[:, None].astype(np.float32)
     return replace(scene, anchors=replace(scene.anchors, scalings=scalings))
 
 
 @pytest.fixture(scope="module", params=["causal", "hacpp"])
 def whole(request, scene: AnchorScene) -> SceneStream:
-    made = tiny_causal_scene(seed=4, num_anchors=600) if request.param == "causal" else scene.select(torch.arange(600))
+    made = tiny_causal_scene(seed=4, num_anchors=600) if request.param == "causal" else scene.select(np.arange(600))
     return encode_scene(sized_like_tiers(made), PACKETIZATION, tiers=TIER_OF)
 
 
@@ -45,9 +44,15 @@ def cut(whole: SceneStream) -> SceneStream:
 
 
 def anchors_of(sizes: list[list[float]], offsets: list[int]) -> Anchors:
-    mask, num = torch.arange(4)[None] < torch.tensor(offsets)[:, None], len(sizes)
-    scalings = torch.cat([torch.ones(num, 3), torch.tensor(sizes)], dim=1)
-    return Anchors(torch.zeros(num, 3), torch.zeros(num, 2), scalings, torch.zeros(num, 4, 3), mask)
+    mask, num = np.arange(4)[None] < np.array(offsets)[:, None], len(sizes)
+    scalings = np.concatenate([np.ones((num, 3), np.float32), np.array(sizes)], axis=1)
+    return Anchors(
+        np.zeros((num, 3), np.float32),
+        np.zeros((num, 2), np.float32),
+        scalings,
+        np.zeros((num, 4, 3), np.float32),
+        mask,
+    )
 
 
 def test_a_size_is_the_root_of_the_mean_footprint():
@@ -76,10 +81,10 @@ def test_what_is_written_is_read(whole: SceneStream):
     assert sizes[0] == 1 > 2 * sizes[1] > 4 * sizes[2]
     partial = decode_stream(whole)
     assert SECTION not in partial.sections
-    assert np.array_equal(partial.tier_sizes.numpy(), sizes[read_tiers(sections, whole.manifest)])
+    assert np.array_equal(partial.tier_sizes, sizes[read_tiers(sections, whole.manifest)])
     arriving = ProgressiveDecoder(whole.manifest, whole.side_info)
-    for found in (arriving.partial, arriving.snapshot(), partial.without(torch.arange(600) % 2 == 0)):
-        assert torch.equal(found.tier_sizes, partial.tier_sizes)
+    for found in (arriving.partial, arriving.snapshot(), partial.without(np.arange(600) % 2 == 0)):
+        assert np.array_equal(found.tier_sizes, partial.tier_sizes)
 
 
 def test_there_is_none_without_tiers(scene: AnchorScene):
@@ -129,8 +134,8 @@ def test_a_stream_of_before_is_what_it_was(cut: SceneStream):
     assert old.tier_sizes is None
     for name in ("grow", "scene_free"):
         plain = conceal(untold(decode_stream(cut)), name)
-        assert torch.equal(conceal(old, name).hints.size_gain, plain.hints.size_gain)
-        assert not torch.equal(conceal(decode_stream(cut), name).hints.size_gain, plain.hints.size_gain)
+        assert np.array_equal(conceal(old, name).hints.size_gain, plain.hints.size_gain)
+        assert not np.array_equal(conceal(decode_stream(cut), name).hints.size_gain, plain.hints.size_gain)
 
 
 @pytest.mark.parametrize("name", ["grow", "scene_free"])
@@ -138,7 +143,7 @@ def test_anchors_hardly_grow_over_small_ones_that_were_cut_off(cut: SceneStream,
     told, without_them = decode_stream(cut), decode_stream(without_concealment(cut, SECTION))
     known = told.erasures.known
     with_sizes, without = (conceal(partial, name).hints.size_gain[known] for partial in (told, without_them))
-    assert 0.2 < float(known.float().mean()) < 0.5
+    assert 0.2 < float(known.astype(np.float32).mean()) < 0.5
     assert float(without.mean()) > 1.4
     assert float(with_sizes.mean()) < 1 + 0.6 * (float(without.mean()) - 1)
     assert bool((with_sizes <= without + 1e-6).all())
@@ -146,7 +151,7 @@ def test_anchors_hardly_grow_over_small_ones_that_were_cut_off(cut: SceneStream,
 
 def test_what_the_network_sees_stays_what_it_was(cut: SceneStream):
     context = decode_stream(cut)
-    plain, rows = untold(context), context.erasures.known.nonzero()[:, 0]
+    plain, rows = untold(context), np.flatnonzero(context.erasures.known)
     ours, theirs = surroundings_of(context, rows), surroundings_of(plain, rows)
-    assert torch.equal(signatures(context, ours), signatures(plain, theirs))
+    assert np.array_equal(signatures(context, ours), signatures(plain, theirs))
     assert bool((near_losses(context, ours) < near_losses(plain, theirs)).any())

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import torch
 
 from splatwire.model import (
@@ -32,13 +33,13 @@ def random_context(
     """Independent random numbers everywhere; attributes that were not received are zero, as a decoder returns them."""
     rng = torch.Generator().manual_seed(seed)
 
-    def normal(*shape: int) -> torch.Tensor:
-        return torch.randn(num_anchors, *shape, generator=rng)
+    def normal(*shape: int) -> np.ndarray:
+        return torch.randn(num_anchors, *shape, generator=rng).numpy()
 
-    def uniform(*shape: int) -> torch.Tensor:
-        return torch.rand(num_anchors, *shape, generator=rng)
+    def uniform(*shape: int) -> np.ndarray:
+        return torch.rand(num_anchors, *shape, generator=rng).numpy()
 
-    known = uniform(4) >= loss if separated else (uniform() >= loss)[:, None].expand(-1, 4).clone()
+    known = uniform(4) >= loss if separated else np.repeat((uniform() >= loss)[:, None], 4, axis=1)
     mask = (uniform(layout.num_offsets) < 0.5) & known[:, 3:4]
     anchors = Anchors(
         positions=normal(3),
@@ -47,7 +48,7 @@ def random_context(
         offsets=normal(layout.num_offsets, 3) * (mask & known[:, 2:3])[:, :, None],
         mask=mask,
     )
-    step = torch.ones(num_anchors, 1)
+    step = np.ones((num_anchors, 1), np.float32)
     prior = Prior(
         feature=AttributePrior(normal(layout.feature_dim), 0.1 + uniform(layout.feature_dim), step),
         scaling=AttributePrior(0.2 + uniform(6), 0.05 + uniform(6), step),
@@ -59,9 +60,14 @@ def random_context(
 
 def partial_of(anchors: Anchors, erasures: Erasures, *said: Any) -> Partial:
     """A decoded scene of these anchors, whose networks say nothing."""
-    mlp = Mlp(Linear(torch.zeros(1, 1), torch.zeros(1)), Linear(torch.zeros(1, 1), torch.zeros(1)))
-    signs = torch.ones(1, 1, dtype=torch.int8)
-    model = ContextModel(HashGrid(signs, signs.expand(3, 1, 1), torch.zeros(3), torch.ones(3)), mlp, (mlp,))
+    mlp = Mlp(
+        Linear(np.zeros((1, 1), np.float32), np.zeros(1, np.float32)),
+        Linear(np.zeros((1, 1), np.float32), np.zeros(1, np.float32)),
+    )
+    signs = np.ones((1, 1), np.int8)
+    model = ContextModel(
+        HashGrid(signs, np.ones((3, 1, 1), np.int8), np.zeros(3, np.float32), np.ones(3, np.float32)), mlp, (mlp,)
+    )
     layout = next(record for record in said if isinstance(record, AnchorLayout))
     coding = HacppCoding(model, 0.001, ModelConfig(layout=layout))
     return Partial(AnchorScene(anchors, GaussianHeads(mlp, mlp, mlp), coding), erasures, {}, said)
@@ -76,7 +82,7 @@ def changed(context: Partial, **fields: Any) -> Partial:
     return replace(context, scene=scene, **fields).saying(*said)
 
 
-def permuted(context: Partial, order: torch.Tensor) -> Partial:
+def permuted(context: Partial, order: np.ndarray) -> Partial:
     prior = context[Prior]
     parts = (
         AttributePrior(part.mean[order], part.scale[order], part.step[order])
@@ -90,7 +96,7 @@ def permuted(context: Partial, order: torch.Tensor) -> Partial:
     )
 
 
-def only(context: Partial, known: torch.Tensor) -> Partial:
+def only(context: Partial, known: np.ndarray) -> Partial:
     """The context of a receiver to whom only some anchors came, all of their attributes."""
     a, blank = context.scene.anchors, known[:, None]
     anchors = Anchors(
@@ -100,11 +106,11 @@ def only(context: Partial, known: torch.Tensor) -> Partial:
 
 
 def gaussians(
-    positions: torch.Tensor, opacities: torch.Tensor, known: torch.Tensor, log_scales: torch.Tensor | None = None
+    positions: np.ndarray, opacities: np.ndarray, known: np.ndarray, log_scales: np.ndarray | None = None
 ) -> Partial:
     """Explicit Gaussians, of size 1 unless said otherwise."""
     count = len(positions)
-    scales = torch.ones(count, 3) if log_scales is None else log_scales.exp()
-    quats = torch.tensor([1.0, 0.0, 0.0, 0.0]).expand(count, -1).clone()
-    splats = Splats(positions, quats, scales, opacities, torch.zeros(count, 1, 3))
+    scales = np.ones((count, 3), np.float32) if log_scales is None else np.exp(log_scales)
+    quats = np.tile(np.array([1.0, 0.0, 0.0, 0.0], np.float32), (count, 1))
+    splats = Splats(positions, quats, scales, opacities, np.zeros((count, 1, 3), np.float32))
     return Partial(SplatScene(splats), Erasures.of_anchors(known))

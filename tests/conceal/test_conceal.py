@@ -1,8 +1,10 @@
 import dataclasses
 
+import numpy as np
 import pytest
 import torch
 
+from close import assert_close
 from conceal.gaps import changed, permuted, random_context
 from splatwire.conceal import Concealed, conceal, concealer_names, create_concealer
 from splatwire.errors import InvalidValueError, UnknownNameError
@@ -23,16 +25,16 @@ FIELDS = {
 }
 
 
-def same_bits(a: torch.Tensor, b: torch.Tensor) -> bool:
-    return a.dtype == b.dtype and a.shape == b.shape and a.numpy().tobytes() == b.numpy().tobytes()
+def same_bits(a: np.ndarray, b: np.ndarray) -> bool:
+    return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
 
 
 def assert_drawable(scene: AnchorScene) -> None:
     for name in ("positions", "features", "scalings", "offsets"):
-        assert bool(getattr(scene.anchors, name).isfinite().all()), name
+        assert bool(np.isfinite(getattr(scene.anchors, name)).all()), name
     if scene.hints is not None:
         assert bool((scene.hints.size_gain > 0).all())
-        assert bool(scene.hints.size_gain.isfinite().all())
+        assert bool(np.isfinite(scene.hints.size_gain).all())
     assert bool((scene.anchors.scalings >= 0).all())
     assert bool((scene.anchors.offsets[~scene.anchors.mask] == 0).all())
 
@@ -57,7 +59,7 @@ def test_an_unknown_option_is_an_error() -> None:
 @pytest.mark.parametrize("separated", [False, True])
 def test_what_was_received_stays_bit_for_bit(name: str, separated: bool) -> None:
     context = random_context(200, 4, separated=separated)
-    before = {f: getattr(context.scene.anchors, f).clone() for f in ("positions", *FIELDS.values())}
+    before = {f: getattr(context.scene.anchors, f).copy() for f in ("positions", *FIELDS.values())}
     scene = conceal(context, name)
     assert same_bits(scene.anchors.positions, before["positions"])
     for attribute, part in FIELDS.items():
@@ -84,7 +86,9 @@ def test_the_law_holds_for_concealers_that_do_not_keep_it() -> None:
     for attribute, part in FIELDS.items():
         received = context.erasures.column(attribute)
         assert same_bits(getattr(scene.anchors, part)[received], getattr(context.scene.anchors, part)[received])
-        assert not torch.equal(getattr(scene.anchors, part)[~received], getattr(context.scene.anchors, part)[~received])
+        assert not np.array_equal(
+            getattr(scene.anchors, part)[~received], getattr(context.scene.anchors, part)[~received]
+        )
 
 
 def test_bad_proposals_are_refused() -> None:
@@ -92,12 +96,12 @@ def test_bad_proposals_are_refused() -> None:
 
     class Short(Vandal):
         def __call__(self, context: Partial) -> Concealed:
-            return Concealed.filled(context.scene.anchors.select(torch.arange(3)))
+            return Concealed.filled(context.scene.anchors.select(np.arange(3)))
 
     class Explodes(Vandal):
         def __call__(self, context: Partial) -> Concealed:
             proposal = Concealed.filled(context.scene.anchors)
-            return dataclasses.replace(proposal, size_gain=proposal.size_gain / 0)
+            return dataclasses.replace(proposal, size_gain=proposal.size_gain * np.float32(np.inf))
 
     class Negative(Vandal):
         def __call__(self, context: Partial) -> Concealed:
@@ -126,8 +130,8 @@ def test_everything_lost_leaves_the_prior_or_nothing(name: str) -> None:
         assert bool(scene.hints.left_out.all())
         return
     assert not bool(scene.hints.left_out.any())
-    torch.testing.assert_close(scene.anchors.features, context[Prior].feature.mean, rtol=0, atol=0)
-    torch.testing.assert_close(scene.anchors.offsets.flatten(1), context[Prior].offset.mean, rtol=0, atol=0)
+    assert_close(scene.anchors.features, context[Prior].feature.mean, rtol=0, atol=0)
+    assert_close(scene.anchors.offsets.reshape(scene.num_elements, -1), context[Prior].offset.mean, rtol=0, atol=0)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -141,36 +145,34 @@ def test_tiny_scenes(name: str, num_anchors: int) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_one_known_anchor(name: str) -> None:
     context = random_context(30, 3, loss=0)
-    known = torch.zeros(30, dtype=torch.bool)
+    known = np.zeros(30, np.bool_)
     known[7] = True
     scene = conceal(dataclasses.replace(context, erasures=Erasures.of_anchors(known)), name)
     assert_drawable(scene)
     if name == "idw":
-        assert torch.equal(scene.anchors.features, context.scene.anchors.features[7].expand(30, -1))
-        assert torch.equal(scene.anchors.mask, context.scene.anchors.mask[7].expand(30, -1))
+        assert np.array_equal(scene.anchors.features, np.tile(context.scene.anchors.features[7], (30, 1)))
+        assert np.array_equal(scene.anchors.mask, np.tile(context.scene.anchors.mask[7], (30, 1)))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_all_anchors_in_one_place_with_zero_contexts(name: str) -> None:
     context = random_context(60, 6)
-    anchors = dataclasses.replace(context.scene.anchors, positions=torch.zeros(60, 3))
-    prior = dataclasses.replace(context[Prior], context=torch.zeros_like(context[Prior].context))
+    anchors = dataclasses.replace(context.scene.anchors, positions=np.zeros((60, 3), np.float32))
+    prior = dataclasses.replace(context[Prior], context=np.zeros_like(context[Prior].context))
     assert_drawable(conceal(changed(context, anchors=anchors, prior=prior), name))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_permuting_the_anchors_permutes_the_scene(name: str) -> None:
     context = random_context(120, 8)
-    order = torch.randperm(120, generator=torch.Generator().manual_seed(1))
+    order = torch.randperm(120, generator=torch.Generator().manual_seed(1)).numpy()
     straight, mixed = conceal(context, name), conceal(permuted(context, order), name)
     assert straight.hints is not None
     assert mixed.hints is not None
     for part in FIELDS.values():
-        torch.testing.assert_close(
-            getattr(mixed.elements, part), getattr(straight.elements, part)[order], rtol=1e-5, atol=1e-5
-        )
-    torch.testing.assert_close(mixed.hints.size_gain, straight.hints.size_gain[order])
-    assert torch.equal(mixed.hints.left_out, straight.hints.left_out[order])
+        assert_close(getattr(mixed.elements, part), getattr(straight.elements, part)[order], rtol=1e-5, atol=1e-5)
+    assert_close(mixed.hints.size_gain, straight.hints.size_gain[order])
+    assert np.array_equal(mixed.hints.left_out, straight.hints.left_out[order])
 
 
 def test_what_is_lacking_is_one_sentence() -> None:
@@ -186,4 +188,4 @@ def test_what_is_lacking_is_one_sentence() -> None:
 def test_a_context_of_unequal_parts_is_refused() -> None:
     context = random_context(10, 0)
     with pytest.raises(ValueError, match="do not fit"):
-        dataclasses.replace(context, erasures=Erasures.of_anchors(torch.ones(9, dtype=torch.bool)))
+        dataclasses.replace(context, erasures=Erasures.of_anchors(np.ones(9, np.bool_)))

@@ -8,6 +8,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -93,9 +94,9 @@ def test_in_one_process_with_its_laws(tmp_path, monkeypatch, known):
     assert vars(create_concealer("swell", most=1.5))["most"] == 1.5
     anchors = random_context(50, 3)
     assert float(conceal(anchors, "swell").hints.size_gain.max()) == pytest.approx(
-        float(anchors.known.double().mean()) ** -0.5
+        float(anchors.known.astype(np.float64).mean()) ** -0.5
     )
-    splats = gaussians(torch.rand(9, 3), torch.full((9,), 0.5), torch.arange(9) > 2)
+    splats = gaussians(torch.rand(9, 3).numpy(), np.full((9,), 0.5, np.float32), np.arange(9) > 2)
     assert len(conceal(splats, "swell").drawn().means) == 6
     assert registry.concealer_package("swell") == ("splatwire-swell 1.0",)
     assert registry.concealer_package("cari") == ()

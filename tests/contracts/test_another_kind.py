@@ -13,7 +13,6 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 
 from scenes import tiny_cameras
 from splatwire.byte_io import ByteReader
@@ -51,21 +50,21 @@ from splatwire.view.page import page_of_stream
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    positions: Tensor
-    colors: Tensor
+    positions: np.ndarray
+    colors: np.ndarray
 
     @property
-    def log_sizes(self) -> Tensor:
-        return torch.full_like(self.positions[:, 0], 0.05).log()
+    def log_sizes(self) -> np.ndarray:
+        return np.log(np.full_like(self.positions[:, 0], 0.05))
 
-    def select(self, index: Tensor) -> "Points":
+    def select(self, index: np.ndarray) -> "Points":
         return Points(self.positions[index], self.colors[index])
 
-    def arrived(self, known: Tensor, places: Tensor) -> "Points":
-        return Points(torch.where(known[:, None], self.positions, places), self.colors * known[:, None])
+    def arrived(self, known: np.ndarray, places: np.ndarray) -> "Points":
+        return Points(np.where(known[:, None], self.positions, places), self.colors * known[:, None])
 
     def kept(self, erasures: Erasures, proposed: "Points") -> "Points":
-        return replace(self, colors=torch.where(erasures.known[:, None], self.colors, proposed.colors))
+        return replace(self, colors=np.where(erasures.known[:, None], self.colors, proposed.colors))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +80,7 @@ class PointScene:
         return self.points
 
     @property
-    def positions(self) -> Tensor:
+    def positions(self) -> np.ndarray:
         return self.points.positions
 
     @property
@@ -91,7 +90,7 @@ class PointScene:
     num_gaussians = num_elements
 
     @property
-    def drawable(self) -> Tensor:
+    def drawable(self) -> np.ndarray:
         return self.rows().kept
 
     @property
@@ -99,9 +98,9 @@ class PointScene:
         return {"num_points": self.num_elements}
 
     def rows(self) -> Rows:
-        return Rows(torch.ones(self.num_elements, dtype=torch.bool), 0, 0, None)
+        return Rows(np.ones(self.num_elements, np.bool_), 0, 0, None)
 
-    def select(self, index: Tensor) -> "PointScene":
+    def select(self, index: np.ndarray) -> "PointScene":
         return replace(self, points=self.points.select(index), hints=None)
 
     def with_elements(self, elements: Points, hints: RenderHints | None = None) -> "PointScene":
@@ -110,13 +109,15 @@ class PointScene:
 
 @gaussians_of_view.register
 def _(scene: PointScene, cameras: Cameras, view: int) -> Gaussians:
-    points, sizes, there = scene.points, scene.points.log_sizes.exp(), torch.ones(scene.num_elements, dtype=torch.bool)
+    points, sizes, there = scene.points, np.exp(scene.points.log_sizes), np.ones(scene.num_elements, np.bool_)
     if scene.hints is not None:
         sizes, there = sizes * scene.hints.size_gain, ~scene.hints.left_out
     count = int(there.sum())
-    turns = torch.tensor([1.0, 0.0, 0.0, 0.0]).expand(count, -1).clone()
-    scales = sizes[there, None].expand(-1, 3).clone()
-    return Gaussians(points.positions[there], turns, scales, torch.full((count,), 0.9), points.colors[there] / 255)
+    turns = np.tile(np.array([1.0, 0.0, 0.0, 0.0], np.float32), (count, 1))
+    scales = np.repeat(sizes[there, None], 3, axis=1)
+    return Gaussians(
+        points.positions[there], turns, scales, np.full((count,), 0.9, np.float32), points.colors[there] / 255
+    )
 
 
 class PointEncoder:
@@ -153,7 +154,7 @@ class PointDecoder:
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         self.colors = np.zeros(self.places.shape, np.uint8)
-        self.erasures = Erasures.of_anchors(torch.zeros(len(self.places), dtype=torch.bool))
+        self.erasures = Erasures.of_anchors(np.zeros(len(self.places), np.bool_))
 
     def decode(self, run: Run) -> tuple[np.ndarray, ...]:
         sizes = (3 * run.counts).tolist()
@@ -161,22 +162,22 @@ class PointDecoder:
         return (np.frombuffer(data, np.uint8).reshape(-1, 3),)
 
     def store(self, run: Run, rows: tuple[np.ndarray, ...]) -> None:
-        self.colors[run.ranks], self.erasures.received[torch.from_numpy(run.ranks)] = rows[0], True
+        self.colors[run.ranks], self.erasures.received[run.ranks] = rows[0], True
 
     def update_digest(self, digest: Any, rows: tuple[np.ndarray, ...]) -> None:
         digest.update(rows[0].tobytes())
 
     def scene(self) -> Partial:
-        points = Points(torch.from_numpy(self.places), torch.from_numpy(self.colors))
+        points = Points(self.places, self.colors)
         scene = PointScene(points, background=read_background(self.sections))
         return Partial(scene, self.erasures, concealer_sections(self.sections))
 
 
 def prepare(scene: PointScene, options: Options) -> Prepared:
     plan = PacketPlan(options.packetization or PRESETS["datagram"], scene.num_elements, ())
-    places = framed(scene.positions.numpy().astype("<f4").tobytes())
+    places = framed(scene.positions.astype("<f4").tobytes())
     side_info = places + write_sections(background_sections(scene.background))
-    return Prepared(PointEncoder(scene.points.colors.numpy(), plan), side_info, plan)
+    return Prepared(PointEncoder(scene.points.colors, plan), side_info, plan)
 
 
 def prepare_again(stream: SceneStream, packetization: Packetization, threads: int | None) -> Prepared:
@@ -197,7 +198,10 @@ def registered() -> Iterator[None]:
 @pytest.fixture
 def scene() -> PointScene:
     rng = torch.Generator().manual_seed(2)
-    points = Points(torch.rand(400, 3, generator=rng) - 0.5, (256 * torch.rand(400, 3, generator=rng)).byte())
+    points = Points(
+        torch.rand(400, 3, generator=rng).numpy() - 0.5,
+        (256 * torch.rand(400, 3, generator=rng).numpy()).astype(np.uint8),
+    )
     return PointScene(points, background=(0.0, 0.25, 0.5))
 
 
@@ -208,8 +212,8 @@ def stream(scene: PointScene, request: pytest.FixtureRequest) -> SceneStream:
 
 
 def assert_same(one: Partial, other: Partial) -> None:
-    assert torch.equal(one.known, other.known)
-    assert torch.equal(one.scene.points.colors, other.scene.points.colors)
+    assert np.array_equal(one.known, other.known)
+    assert np.array_equal(one.scene.points.colors, other.scene.points.colors)
     assert one.scene.background == other.scene.background == (0.0, 0.25, 0.5)
 
 
@@ -218,7 +222,7 @@ def test_what_is_encoded_is_decoded(scene: PointScene, stream: SceneStream, tmp_
     read, report = read_stream(tmp_path / "points.swz")
     whole = decode_stream(read)
     assert report.num_missing == whole.erasures.num_lost == 0
-    assert torch.equal(whole.scene.points.colors, scene.points.colors)
+    assert np.array_equal(whole.scene.points.colors, scene.points.colors)
     assert stream.manifest.elements == "points"
     wrong = replace(stream, manifest=replace(stream.manifest, symbols_digest="0" * 64))
     with pytest.raises(DesyncError):
@@ -246,12 +250,12 @@ def test_while_it_arrives_it_is_what_a_decoder_makes_of_the_same_packets(stream:
 def test_its_losses_are_concealed_and_drawn(stream: SceneStream, name: str) -> None:
     whole, partial = decode_stream(stream), decode_stream(stream.with_packets(stream.packets[::2]))
     scene, known = conceal(partial, name), partial.known
-    assert torch.equal(scene.hints.left_out, ~known)
-    assert torch.equal(scene.points.colors[known], whole.scene.points.colors[known])
+    assert np.array_equal(scene.hints.left_out, ~known)
+    assert np.array_equal(scene.points.colors[known], whole.scene.points.colors[known])
     assert bool((scene.hints.size_gain[known] > 1).any()) == (name == "grow")
     picture, complete = (render_scene(drawn, tiny_cameras(1, 48, 32)) for drawn in (scene, whole.scene))
     assert picture.shape == complete.shape == (1, 32, 48, 3)
-    assert 0 < float((picture - complete).abs().mean()) < float(complete.mean())
+    assert 0 < float(np.abs(picture - complete).mean()) < float(complete.mean())
 
 
 def test_who_needs_more_is_not_offered_and_says_so(stream: SceneStream) -> None:

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-import torch
 from beartype import beartype
 from jaxtyping import Float, TypeCheckError
 
@@ -26,7 +25,7 @@ def test_functions_methods_and_data_of_the_package_are_checked():
     with pytest.raises(TypeCheckError):
         ByteReader(b"abc", "x").take("two")
     with pytest.raises(TypeCheckError):
-        voxel_indices(torch.zeros(3, 4), 0.5)
+        voxel_indices(np.zeros((3, 4), np.float32), 0.5)
 
 
 def test_what_is_wrong_is_told_in_arguments_results_and_fields():

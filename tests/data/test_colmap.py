@@ -22,8 +22,8 @@ def test_both_formats_give_the_numbers_behind_them(capture, form):
         assert (view.width, view.height) == (40, 24)
     points = read_points(folder)
     assert points.num_points == 5
-    assert np.array_equal(points.positions.numpy(), capture.points.astype(np.float32))
-    assert np.array_equal(points.colors.numpy(), capture.colors.astype(np.float32) / 255)
+    assert np.array_equal(points.positions, capture.points.astype(np.float32))
+    assert np.array_equal(points.colors, capture.colors.astype(np.float32) / 255)
 
 
 def test_simple_pinhole_has_one_focal_length(capture):

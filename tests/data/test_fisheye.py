@@ -149,9 +149,9 @@ def _write(folder, name, binary):
 
 def _assert_straight(dataset):
     """Each pixel shows what its pinhole camera sees there, also at the border."""
-    K = dataset.cameras.Ks[0].double().numpy()
+    K = dataset.cameras.Ks[0].astype(np.float64)
     x, y = np.meshgrid((np.arange(WIDTH) + 0.5 - K[0, 2]) / K[0, 0], (np.arange(HEIGHT) + 0.5 - K[1, 2]) / K[1, 1])
-    assert np.abs(dataset.image(0).numpy() - _picture(x, y)).max() < 0.025
+    assert np.abs(dataset.image(0) - _picture(x, y)).max() < 0.025
     return K
 
 

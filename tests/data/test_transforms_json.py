@@ -139,6 +139,6 @@ def test_the_point_cloud_is_read(capture, form):
     (capture.root / "sparse_pc.ply").write_bytes(("\n".join(head) + "\n").encode() + body)
     capture.write_nerfstudio(ply_file_path="sparse_pc.ply")
     found = open_dataset(capture.root, split="train").points
-    assert np.array_equal(found.positions.numpy(), points.astype(np.float32))
+    assert np.array_equal(found.positions, points.astype(np.float32))
     expected = [[0.5] * 3] * 2 if form == "grey" else [[1, 0, 0.2], [0, 1, 0.2]]
-    np.testing.assert_allclose(found.colors.numpy(), expected, rtol=1e-6)
+    np.testing.assert_allclose(found.colors, expected, rtol=1e-6)

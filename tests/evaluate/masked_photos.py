@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-import torch
 from PIL import Image
 
 from splatwire.model import AnchorScene
@@ -20,9 +19,9 @@ def write_photos(folder: Path, scene: AnchorScene, cameras: Cameras, garbage: in
     for name in ("images", "masks"):
         (folder / name).mkdir(parents=True)
     rng, frames = np.random.default_rng(1), []
-    for view, image in enumerate(render_scene(scene, cameras).numpy()):
+    for view, image in enumerate(render_scene(scene, cameras)):
         pixels = (np.clip(image + rng.normal(0, 0.05, image.shape), 0, 1) * 255).round().astype(np.uint8)
-        pose = torch.linalg.inv(cameras.viewmats[view].double())
+        pose = np.linalg.inv(cameras.viewmats[view].astype(np.float64))
         pose[:3, 1:3] *= -1  # OpenGL
         K = cameras.Ks[view].tolist()
         frame = {"file_path": f"images/{view:02d}.png", "transform_matrix": pose.tolist(), "w": cameras.width,

@@ -1,18 +1,18 @@
-import torch
+import numpy as np
 
 from scenes import tiny_cameras
 from splatwire.evaluate.lossmap import LOST_COLOR, RECEIVED_COLOR, draw_loss_map
 
 
 def _one_element_at(position):
-    return torch.tensor([position])
+    return np.array([position])
 
 
 def test_an_anchor_at_the_centre_of_the_view_is_drawn_there():
     cameras = tiny_cameras(2, 64, 48)
-    picture = torch.ones(48, 64, 3)
+    picture = np.ones((48, 64, 3), np.float32)
     for known, color in ((True, RECEIVED_COLOR), (False, LOST_COLOR)):
-        pixels = draw_loss_map(_one_element_at([0.0, 0.0, 0.0]), torch.tensor([known]), cameras, 0, picture)
+        pixels = draw_loss_map(_one_element_at([0.0, 0.0, 0.0]), np.array([known]), cameras, 0, picture)
         drawn = (pixels == color).all(axis=2).nonzero()
         assert drawn[0].min() in (23, 24)
         assert drawn[1].min() in (31, 32)
@@ -21,5 +21,7 @@ def test_an_anchor_at_the_centre_of_the_view_is_drawn_there():
 
 def test_anchors_behind_the_camera_are_not_drawn():
     cameras = tiny_cameras(2, 64, 48)
-    pixels = draw_loss_map(_one_element_at([0.0, 0.0, -30.0]), torch.tensor([False]), cameras, 0, torch.ones(48, 64, 3))
+    pixels = draw_loss_map(
+        _one_element_at([0.0, 0.0, -30.0]), np.array([False]), cameras, 0, np.ones((48, 64, 3), np.float32)
+    )
     assert (pixels == pixels[0, 0]).all()

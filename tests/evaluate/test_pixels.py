@@ -1,11 +1,10 @@
 import numpy as np
-import torch
 
 from splatwire.evaluate.pixels import png_bytes, png_pixels, to_pixels
 
 
 def test_to_pixels_rounds_to_the_nearest_byte():
-    image = torch.tensor([[[0.0, 1.0, 0.5], [-1.0, 2.0, 1 / 255 * 0.49]]])
+    image = np.array([[[0.0, 1.0, 0.5], [-1.0, 2.0, 1 / 255 * 0.49]]], np.float32)
     assert to_pixels(image).tolist() == [[[0, 255, 128], [0, 255, 0]]]
 
 

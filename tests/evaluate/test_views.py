@@ -1,7 +1,7 @@
 import itertools
 
+import numpy as np
 import pytest
-import torch
 
 from scenes import tiny_cameras
 from splatwire.errors import InvalidValueError
@@ -24,6 +24,6 @@ def test_spread_of_all():
 
 def test_references_of_another_size_are_refused():
     cameras = tiny_cameras(1, 40, 32)
-    views = ReferenceViews(cameras, lambda view: torch.zeros(31, 40, 3), "photos")
+    views = ReferenceViews(cameras, lambda view: np.zeros((31, 40, 3), np.float32), "photos")
     with pytest.raises(InvalidValueError, match="view_00"):
         views.reference(0)

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from scenes import tiny_scene
 from splatwire.errors import InvalidValueError
@@ -31,12 +30,12 @@ def test_covariances_are_those_of_the_axes() -> None:
     from scipy.spatial.transform import Rotation
 
     splats, found = scene().splats, viser_arguments(scene())
-    turns = Rotation.from_quat(np.roll(splats.quats.numpy(), -1, axis=1)).as_matrix()
+    turns = Rotation.from_quat(np.roll(splats.quats, -1, axis=1)).as_matrix()
     for axis in range(3):
-        column, size = turns[:, :, axis], splats.scales[:, axis].numpy()
+        column, size = turns[:, :, axis], splats.scales[:, axis]
         turned = np.einsum("gij,gj->gi", found["covariances"], column)
         assert np.allclose(turned, column * size[:, None] ** 2, atol=1e-6)
-    assert np.allclose(found["rgbs"], (0.5 + DC * splats.sh[:, 0].numpy()).clip(0, 1))
+    assert np.allclose(found["rgbs"], (0.5 + DC * splats.sh[:, 0]).clip(0, 1))
 
 
 def test_gaussians_that_depend_on_the_view_are_refused() -> None:
@@ -51,7 +50,7 @@ def test_viser_takes_them() -> None:
         names = {"server": server, "scene": scene(), "viser_arguments": viser_arguments}
         handle = eval(documented("server.scene."), names)
         rows = handle.buffer.view(np.float32)[:, :3]
-        assert np.array_equal(rows, scene().splats.means.numpy())
+        assert np.array_equal(rows, scene().splats.means)
         assert np.all(handle.buffer.view(np.uint8)[:, 31] > 0), "opacities"
     finally:
         server.stop()
@@ -63,13 +62,13 @@ def test_rerun_takes_them(degree: int, tmp_path: Path) -> None:
     splats = scene(degree).splats
     logged = rerun.GaussianSplats3D(**rerun_arguments(scene(degree)))
     flat = lambda batch: np.array(batch.as_arrow_array().flatten().to_numpy(zero_copy_only=False))  # noqa: E731
-    assert np.array_equal(flat(logged.centers).reshape(-1, 3), splats.means.numpy())
-    assert np.array_equal(flat(logged.scales).reshape(-1, 3), splats.scales.numpy())
+    assert np.array_equal(flat(logged.centers).reshape(-1, 3), splats.means)
+    assert np.array_equal(flat(logged.scales).reshape(-1, 3), splats.scales)
     x, w = flat(logged.quaternions).reshape(-1, 4)[:, [0, 3]].T
     assert np.allclose(x, splats.quats[:, 1])
     assert np.allclose(w, splats.quats[:, 0])
     alpha = logged.colors.as_arrow_array().to_numpy() & 255
-    assert np.abs(alpha / 255 - splats.opacities.numpy()).max() <= 0.5 / 255 + 1e-6
+    assert np.abs(alpha / 255 - splats.opacities).max() <= 0.5 / 255 + 1e-6
     if degree == 0:
         assert logged.sh_coefficients is None
     else:
@@ -77,11 +76,11 @@ def test_rerun_takes_them(degree: int, tmp_path: Path) -> None:
         while hasattr(values, "flatten") and "list" in str(values.type):
             values = values.flatten()
         given = np.asarray(values.to_numpy(zero_copy_only=False), np.float32).reshape(len(splats.means), 15, 3)
-        assert np.allclose(given[:, : splats.sh.shape[1] - 1], splats.sh[:, 1:].numpy(), atol=1e-3)
+        assert np.allclose(given[:, : splats.sh.shape[1] - 1], splats.sh[:, 1:], atol=1e-3)
         assert not given[:, splats.sh.shape[1] - 1 :].any()
-    assert torch.isfinite(splats.means).all()
+    assert np.isfinite(splats.means).all()
     rerun.init("splatwire")
     rerun.save(tmp_path / "scene.rrd")
     eval(documented("rerun.log"), {"rerun": rerun, "scene": scene(degree), "rerun_arguments": rerun_arguments})
     rerun.disconnect()
-    assert (tmp_path / "scene.rrd").stat().st_size > splats.means.numpy().nbytes
+    assert (tmp_path / "scene.rrd").stat().st_size > splats.means.nbytes

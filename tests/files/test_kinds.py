@@ -21,7 +21,7 @@ from splatwire.files import kinds
 from splatwire.files.kinds import file_kind, kind_of_bytes
 from splatwire.formats import read_splats, write_splats
 from splatwire.formats.kinds import KINDS as SPLATS
-from splatwire.importers import import_hacpp
+from splatwire.importers.hacpp import import_hacpp
 from splatwire.model.scene_file import load_scene, save_partial, save_scene
 from splatwire.packets import Packetization, read_stream, write_stream
 from splatwire.scene.splats import Splats
@@ -39,9 +39,9 @@ def zoo(tmp_path_factory):
     write_stream(stream, folder / "stream folder")
     save_partial(decode_stream(stream.with_packets(stream.packets[:1])), folder / "partial scene")
     save_cameras(tiny_cameras(2), folder / "cameras")
-    one = torch.ones(5, 3)
-    quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(5, 1)
-    splats = Splats(one, quats, one, 0.5 * torch.ones(5), torch.zeros(5, 1, 3))
+    one = np.ones((5, 3), np.float32)
+    quats = np.array([[1.0, 0, 0, 0]], np.float32).repeat(5, axis=0)
+    splats = Splats(one, quats, one, 0.5 * np.ones(5, np.float32), np.zeros((5, 1, 3), np.float32))
     write_splats([splats], folder / "ply.ply")
     for name in ("compressed ply.compressed.ply", "splat.splat", "spz.spz", "sog.sog"):
         write_splats([splats], folder / name)
@@ -69,10 +69,12 @@ def zoo(tmp_path_factory):
         (folder / "3dgs" / "point_cloud" / f"iteration_{number}").mkdir(parents=True)
         write_splats([splats], folder / "3dgs" / "point_cloud" / f"iteration_{number}" / "point_cloud.ply")
     (folder / "3dgs" / "point_cloud" / "iteration_9000000").mkdir()
-    torch.save({"step": 3, "splats": {"means": one, "sh0": one}}, folder / "gsplat checkpoint.pt")
-    torch.save({"step": 3, "pipeline": {"_model.gauss_params.means": one}}, folder / "nerfstudio checkpoint.ckpt")
-    torch.save(((one, one), 30000), folder / "pytorch")
-    torch.save([one], folder / "pytorch.pth", _use_new_zipfile_serialization=False)
+    torch.save({"step": 3, "splats": {"means": torch.ones(3), "sh0": torch.ones(3)}}, folder / "gsplat checkpoint.pt")
+    torch.save(
+        {"step": 3, "pipeline": {"_model.gauss_params.means": torch.ones(3)}}, folder / "nerfstudio checkpoint.ckpt"
+    )
+    torch.save(((torch.ones(1), torch.ones(1)), 30000), folder / "pytorch")
+    torch.save([torch.ones(1)], folder / "pytorch.pth", _use_new_zipfile_serialization=False)
     (folder / "pickle").write_bytes(pickle.dumps({"means": [1, 2]}))
     (folder / "dataset" / "sparse").mkdir(parents=True)
     (folder / "folder" / "photos").mkdir(parents=True)

@@ -10,20 +10,23 @@ import numpy as np
 import torch
 import zstandard
 
+from close import unit
 from splatwire.scene.splats import Splats
 
 
 def some_splats(count: int = 20, degree: int = 3, seed: int = 0) -> Splats:
     """Gaussians within what all formats can hold."""
     rng = torch.Generator().manual_seed(seed)
-    means = torch.randn(count, 3, generator=rng)
-    means[:, 0] = torch.linspace(-2, 2, count)[torch.randperm(count, generator=rng)]  # sorting by x finds each again
+    means = torch.randn(count, 3, generator=rng).numpy()
+    means[:, 0] = np.linspace(-2, 2, count)[
+        torch.randperm(count, generator=rng).numpy()
+    ]  # sorting by x finds each again
     return Splats(
         means=means,
-        quats=torch.nn.functional.normalize(torch.randn(count, 4, generator=rng), dim=1),
-        scales=torch.rand(count, 3, generator=rng) * 0.1 + 1e-3,
-        opacities=torch.rand(count, generator=rng) * 0.98 + 0.01,
-        sh=torch.randn(count, (degree + 1) ** 2, 3, generator=rng).clamp(-3, 3) * 0.25,
+        quats=unit(torch.randn(count, 4, generator=rng).numpy()),
+        scales=torch.rand(count, 3, generator=rng).numpy() * 0.1 + 1e-3,
+        opacities=torch.rand(count, generator=rng).numpy() * 0.98 + 0.01,
+        sh=torch.randn(count, (degree + 1) ** 2, 3, generator=rng).numpy().clip(-3, 3) * 0.25,
     )
 
 
@@ -78,14 +81,18 @@ def ksplat(level: int = 1, degree: int = 1, count: int = 3, sections: int = 1) -
 def glb(splats: Splats, change: dict[str, object] | None = None) -> bytes:
     """Binary glTF of Gaussians whose axes are those of the file already; `change` overwrites keys of the document."""
     name = "KHR_gaussian_splatting"
-    columns = {"POSITION": splats.means, f"{name}:ROTATION": splats.quats.roll(-1, 1), f"{name}:SCALE": splats.scales}
+    columns = {
+        "POSITION": splats.means,
+        f"{name}:ROTATION": np.roll(splats.quats, -1, axis=1),
+        f"{name}:SCALE": splats.scales,
+    }
     columns[f"{name}:OPACITY"] = splats.opacities[:, None]
     for band in range(splats.degree + 1):
         for i in range(2 * band + 1):
             columns[f"{name}:SH_DEGREE_{band}_COEF_{i}"] = splats.sh[:, band * band + i]
     binary, views, accessors = b"", [], []
     for values in columns.values():
-        data = values.numpy().astype("<f4").tobytes()
+        data = values.astype("<f4").tobytes()
         views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(data)})
         kind = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}[values.shape[1]]
         accessors.append({"bufferView": len(accessors), "componentType": 5126, "count": len(values), "type": kind})

@@ -80,8 +80,8 @@ def test_who_does_not_know_the_extension_draws_a_coarse_scene(packed: Path, tmp_
     plain = changed(packed, tmp_path / "plain.glb", '"extensions":{"EXT_splatwire":', '"unknown":{"x":')
     coarse = read_splats(changed(plain, tmp_path / "used.glb", ',"EXT_splatwire"', ""))
     assert coarse.num_gaussians == 4096
-    middle = ball(5000).means.mean(dim=0)
-    assert np.allclose(coarse.means.mean(dim=0), middle, atol=0.05)
+    middle = ball(5000).means.mean(axis=0)
+    assert np.allclose(coarse.means.mean(axis=0), middle, atol=0.05)
 
 
 def test_the_validator_of_khronos_objects_to_names_that_it_does_not_know_only(packed: Path) -> None:

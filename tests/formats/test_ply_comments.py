@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from formats.handmade import some_splats
 from splatwire.formats import is_antialiased, read_content, read_splats, write_splats
@@ -69,12 +68,12 @@ def test_comments_are_read_with_any_line_ends_and_from_archives(newline: str, tm
     assert read_content(packed).antialiased
 
 
-def with_filter(splats: Splats, sizes: torch.Tensor, path: Path, name: str = "filter_3D") -> Path:
+def with_filter(splats: Splats, sizes: np.ndarray, path: Path, name: str = "filter_3D") -> Path:
     """A PLY with one more property, the standard deviation of each Gaussian's filter."""
     write_splats([splats], path)
     head, mark, data = path.read_bytes().partition(b"end_header\n")
     rows = np.frombuffer(data, "<f4").reshape(splats.num_gaussians, -1)
-    filtered = np.concatenate([rows, sizes.numpy()[:, None].astype("<f4")], axis=1)
+    filtered = np.concatenate([rows, sizes[:, None].astype("<f4")], axis=1)
     path.write_bytes(head + f"property float {name}\n".encode() + mark + filtered.tobytes())
     return path
 
@@ -82,20 +81,20 @@ def with_filter(splats: Splats, sizes: torch.Tensor, path: Path, name: str = "fi
 @pytest.mark.parametrize("name", ["filter_3D", "filter_3d"])
 def test_the_filter_of_mip_splatting_widens_gaussians_and_keeps_their_mass(name: str, tmp_path: Path) -> None:
     splats = some_splats(200, 1)
-    sizes = torch.linspace(0, 0.2, 200)
+    sizes = np.linspace(0, 0.2, 200)
     found = read_splats(with_filter(splats, sizes, tmp_path / "a.ply", name))
-    squares = splats.scales.double() ** 2
-    wider = squares + sizes.double()[:, None] ** 2
-    opacities = splats.opacities.double() * (squares.prod(dim=1) / wider.prod(dim=1)).sqrt()
-    assert torch.allclose(found.scales.double(), wider.sqrt(), rtol=1e-5)
-    assert torch.allclose(found.opacities.double(), opacities, rtol=1e-4, atol=2e-6)
-    assert torch.equal(found.means, splats.means)
+    squares = splats.scales.astype(np.float64) ** 2
+    wider = squares + sizes.astype(np.float64)[:, None] ** 2
+    opacities = splats.opacities.astype(np.float64) * np.sqrt(squares.prod(axis=1) / wider.prod(axis=1))
+    assert np.allclose(found.scales.astype(np.float64), np.sqrt(wider), rtol=1e-5)
+    assert np.allclose(found.opacities.astype(np.float64), opacities, rtol=1e-4, atol=2e-6)
+    assert np.array_equal(found.means, splats.means)
 
 
 def test_filters_of_tiny_gaussians_and_impossible_filters_are_judged(tmp_path: Path) -> None:
     splats = some_splats(4, 0)
-    splats = replace(splats, scales=torch.full_like(splats.scales, 1e-20))
-    sizes = torch.tensor([0.0, 1e-3, torch.nan, torch.inf])
+    splats = replace(splats, scales=np.full_like(splats.scales, 1e-20))
+    sizes = np.array([0.0, 1e-3, np.nan, np.inf], np.float32)
     found = read_splats(with_filter(splats, sizes, tmp_path / "a.ply"))
     assert found.num_gaussians == 1  # of the second nothing can be seen, the others are impossible
     assert float(found.scales[0, 0]) == pytest.approx(1e-20, rel=1e-4)

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from PIL import Image
 
+from close import assert_close
 from formats.handmade import some_splats
 from splatwire.errors import DatasetError
 from splatwire.formats import is_antialiased, read_splats, splats_kind, write_splats
@@ -35,17 +35,17 @@ def _shares(values: np.ndarray, top: int = 255) -> tuple[np.ndarray, dict[str, A
 
 def first_version(splats: Splats, palette: int = 0) -> dict[str, bytes]:
     """Files of a SOG of version 1; with harmonics, as many different ones as `palette` says."""
-    count, means = splats.num_gaussians, splats.means.numpy().astype(np.float64)
+    count, means = splats.num_gaussians, splats.means.astype(np.float64)
     codes, bounds = _shares(np.sign(means) * np.log1p(np.abs(means)), 65535)
     codes = codes.astype(int)
-    quats = splats.quats.numpy()
+    quats = splats.quats
     largest = np.abs(quats).argmax(axis=1)
     quats = quats * np.sign(quats[np.arange(count), largest])[:, None]
     rest = np.stack([np.delete(row, axis) for row, axis in zip(quats, largest, strict=True)])
     turns = np.concatenate([np.rint((rest * 2**0.5 + 1) / 2 * 255), 252 + largest[:, None]], axis=1)
-    scales, scale_bounds = _shares(np.log(splats.scales.numpy()))
-    opacities = splats.opacities.numpy().astype(np.float64)
-    colors, color_bounds = _shares(np.c_[splats.sh[:, 0].numpy(), np.log(opacities / (1 - opacities))])
+    scales, scale_bounds = _shares(np.log(splats.scales))
+    opacities = splats.opacities.astype(np.float64)
+    colors, color_bounds = _shares(np.c_[splats.sh[:, 0], np.log(opacities / (1 - opacities))])
     files = {
         "means_l.webp": _picture(codes & 255), "means_u.webp": _picture(codes >> 8), "quats.webp": _picture(turns),
         "scales.webp": _picture(scales), "sh0.webp": _picture(colors),
@@ -58,7 +58,7 @@ def first_version(splats: Splats, palette: int = 0) -> dict[str, bytes]:
     }
     if palette:
         width = splats.sh.shape[1] - 1
-        entries = splats.sh[:palette, 1:].numpy()
+        entries = splats.sh[:palette, 1:]
         low, high = float(entries.min()), float(entries.max())
         rows = np.zeros((-(-palette // 64) * 64, width, 3))
         rows[:palette] = np.rint((entries - low) / (high - low) * 255)
@@ -80,14 +80,14 @@ def _archive(path: Path, files: dict[str, bytes], prefix: str = "") -> Path:
 def test_version_1_is_read(degree: int, palette: int, tmp_path: Path) -> None:
     splats = some_splats(300, degree)
     if palette:
-        splats.sh[:, 1:] = splats.sh[torch.arange(300) % palette, 1:]
+        splats.sh[:, 1:] = splats.sh[np.arange(300) % palette, 1:]
     found = read_splats(_archive(tmp_path / "a.sog", first_version(splats, palette)))
-    torch.testing.assert_close(found.means, splats.means, atol=3e-4, rtol=0)
-    torch.testing.assert_close(found.scales.log(), splats.scales.log(), atol=0.02, rtol=0)
-    torch.testing.assert_close(found.opacities, splats.opacities, atol=0.01, rtol=0)
-    torch.testing.assert_close(found.sh, splats.sh, atol=0.01, rtol=0)
-    signs = (found.quats * splats.quats).sum(dim=1, keepdim=True).sign()
-    torch.testing.assert_close(found.quats * signs, splats.quats, atol=0.01, rtol=0)
+    assert_close(found.means, splats.means, atol=3e-4, rtol=0)
+    assert_close(np.log(found.scales), np.log(splats.scales), atol=0.02, rtol=0)
+    assert_close(found.opacities, splats.opacities, atol=0.01, rtol=0)
+    assert_close(found.sh, splats.sh, atol=0.01, rtol=0)
+    signs = np.sign((found.quats * splats.quats).sum(axis=1, keepdims=True))
+    assert_close(found.quats * signs, splats.quats, atol=0.01, rtol=0)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_an_archive_with_its_folder_inside_is_read(prefix: str, tmp_path: Path) 
     assert splats_kind(path) == "sog"
     assert is_antialiased(path)
     for name, values in vars(read_splats(tmp_path / "a.sog")).items():
-        assert torch.equal(getattr(read_splats(path), name), values)
+        assert np.array_equal(getattr(read_splats(path), name), values)
 
 
 def test_an_archive_of_several_scenes_is_explained(tmp_path: Path) -> None:
@@ -175,7 +175,7 @@ def test_chunks_and_environment_may_be_bundled(environment: str, chunk: str, tmp
     found = read_splats(_streamed(tmp_path, degrees, environment))
     assert found.num_gaussians == 40 * len(degrees)
     expected = [name if name.endswith(".sog") else str(Path(name).parent) for name in degrees]
-    torch.testing.assert_close(found.means, torch.cat([read_splats(tmp_path / name).means for name in expected]))
+    assert_close(found.means, np.concatenate([read_splats(tmp_path / name).means for name in expected]))
 
 
 @pytest.mark.parametrize("order", [(0, 2, 1), (3, 0, 1), (1, 1, 2)])
@@ -185,8 +185,8 @@ def test_chunks_of_different_degrees_keep_their_colours(order: tuple[int, ...], 
     assert found.degree == max(order)
     for n, degree in enumerate(order):
         part, own = read_splats(tmp_path / f"{n}_0.sog"), found.run(40 * n, 40 * (n + 1))
-        assert torch.equal(own.means, part.means)
-        assert torch.equal(own.sh[:, : (degree + 1) ** 2], part.sh)
+        assert np.array_equal(own.means, part.means)
+        assert np.array_equal(own.sh[:, : (degree + 1) ** 2], part.sh)
         assert not own.sh[:, (degree + 1) ** 2 :].any()
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from attacks import HOSTILE, attack, mutated_bytes
 from splatwire.errors import DatasetError
-from splatwire.importers import import_hacpp
+from splatwire.importers.hacpp import import_hacpp
 
 SEEDS = range(2)
 

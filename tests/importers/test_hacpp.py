@@ -12,26 +12,27 @@ import pytest
 import torch
 
 from splatwire.errors import DatasetError
-from splatwire.importers import import_hacpp
 from splatwire.importers._hacpp_files import infer_voxel_size
+from splatwire.importers.hacpp import import_hacpp
 from splatwire.model.channel_context import channel_parameters
 from splatwire.model.prior_field import split_prior_outputs
+from splatwire.model.tensors import to_tensors
 from splatwire.model.voxels import voxel_indices
 
 DATA = Path(os.environ.get("SPLATWIRE_DATA", Path(__file__).parents[2] / ".." / "shared" / "data")) / "hacpp"
 
 
 def assert_anchors(anchors, model, kept=slice(None)):
-    assert np.array_equal(voxel_indices(anchors.positions, 0.02).numpy(), model.voxels[kept])
-    assert np.array_equal(anchors.features.numpy(), model.features[kept])
-    assert np.array_equal(anchors.mask.numpy(), model.mask[kept])
-    assert np.array_equal(anchors.offsets.numpy(), (model.offsets * model.mask[:, :, None])[kept])
+    assert np.array_equal(voxel_indices(anchors.positions, 0.02), model.voxels[kept])
+    assert np.array_equal(anchors.features, model.features[kept])
+    assert np.array_equal(anchors.mask, model.mask[kept])
+    assert np.array_equal(anchors.offsets, (model.offsets * model.mask[:, :, None])[kept])
 
 
 def test_a_decoded_model_is_taken_as_it_is(model):
     scene = import_hacpp(model.write())
     assert_anchors(scene.anchors, model)
-    assert np.array_equal(scene.anchors.scalings.numpy(), model.scalings)
+    assert np.array_equal(scene.anchors.scalings, model.scalings)
     assert scene.coding.voxel_size == 0.02
     layout, anchors = scene.coding.config.layout, scene.anchors
     assert (anchors.features.shape[1], anchors.mask.shape[1]) == (layout.feature_dim, layout.num_offsets)
@@ -42,12 +43,12 @@ def test_a_decoded_model_is_taken_as_it_is(model):
 def test_grid_and_networks_come_from_the_checkpoint(model):
     scene = import_hacpp(model.write())
     grid, state = scene.coding.context.grid, model.checkpoint["encoding_xyz"]
-    assert np.array_equal(grid.volume.numpy(), np.where(state["encoding_xyz.params"].numpy() >= 0, 1, -1))
+    assert np.array_equal(grid.volume, np.where(state["encoding_xyz.params"].numpy() >= 0, 1, -1))
     for i, plane in enumerate(("xy", "xz", "yz")):
-        assert np.array_equal(grid.planes[i].numpy(), np.where(state[f"encoding_{plane}.params"].numpy() >= 0, 1, -1))
+        assert np.array_equal(grid.planes[i], np.where(state[f"encoding_{plane}.params"].numpy() >= 0, 1, -1))
     assert grid.volume[0, 0] == 1  # zero counts as +1
-    assert np.array_equal(grid.bounds_min.numpy(), model.bounds[0][0])
-    assert np.array_equal(grid.bounds_max.numpy(), model.bounds[1][0])
+    assert np.array_equal(grid.bounds_min, model.bounds[0][0])
+    assert np.array_equal(grid.bounds_max, model.bounds[1][0])
     shape = scene.coding.config.grid
     assert (shape.resolutions_3d, shape.resolutions_2d) == ((4, 9), (5, 17))
     assert (shape.rows(3), shape.rows(2)) == ((64, 128), (32, 128))
@@ -57,11 +58,11 @@ def test_grid_and_networks_come_from_the_checkpoint(model):
         (scene.heads.color, "color_mlp"),
         (scene.coding.context.prior, "grid_mlp"),
     ):
-        assert torch.equal(network.hidden.weight, model.checkpoint[key]["0.weight"])
-        assert torch.equal(network.output.bias, model.checkpoint[key]["2.bias"])
+        assert np.array_equal(network.hidden.weight, model.checkpoint[key]["0.weight"])
+        assert np.array_equal(network.output.bias, model.checkpoint[key]["2.bias"])
         assert network.negative_slope == 0
     for i, network in enumerate(scene.coding.context.channel):
-        assert torch.equal(network.output.weight, model.checkpoint["deform_mlp"][f"MLP_d{i}.2.weight"])
+        assert np.array_equal(network.output.weight, model.checkpoint["deform_mlp"][f"MLP_d{i}.2.weight"])
         assert network.negative_slope == 0.01
 
 
@@ -81,7 +82,7 @@ def test_an_undecoded_model_is_activated_and_thinned(model):
     scene = import_hacpp(model.write(undecoded(model)))
     kept = [0, 1, 2, 3, 5, 6, 7, 8]
     assert_anchors(scene.anchors, model, kept)
-    np.testing.assert_allclose(scene.anchors.scalings.numpy(), model.scalings[kept] + 0.01, rtol=1e-6)
+    np.testing.assert_allclose(scene.anchors.scalings, model.scalings[kept] + 0.01, rtol=1e-6)
 
 
 def test_mask_logits_that_were_never_trained_are_not_mistaken_for_a_decoded_mask(model):
@@ -90,7 +91,7 @@ def test_mask_logits_that_were_never_trained_are_not_mistaken_for_a_decoded_mask
         columns[f"f_mask_{k}"] = np.ones(9)
     scene = import_hacpp(model.write(columns))
     assert scene.anchors.mask.all()
-    np.testing.assert_allclose(scene.anchors.scalings.numpy(), model.scalings + 0.01, rtol=1e-6)
+    np.testing.assert_allclose(scene.anchors.scalings, model.scalings + 0.01, rtol=1e-6)
 
 
 def test_the_newest_iteration_wins_by_number(model):
@@ -142,12 +143,13 @@ def test_the_tiny_channel_context_ignores_the_prior(model, tiny_deform_checkpoin
     model.checkpoint = tiny_deform_checkpoint
     scene = import_hacpp(model.write())
     outputs = split_prior_outputs(torch.randn(4, 42, generator=torch.Generator().manual_seed(1)), scene.coding.config)
-    first = channel_parameters(scene.coding.context, 0, torch.zeros(4, 0), outputs)
+    context = to_tensors(scene.coding.context)
+    first = channel_parameters(context, 0, torch.zeros(4, 0), outputs)
     free = tiny_deform_checkpoint["deform_mlp"]["MLP_d0"].view(3, 2)
     assert torch.equal(first.mean, free[0].expand(4, 2))
     assert torch.equal(first.weight, free[2].expand(4, 2))
     decoded = torch.randn(4, 2, generator=torch.Generator().manual_seed(2))
-    second = channel_parameters(scene.coding.context, 1, decoded, outputs)
+    second = channel_parameters(context, 1, decoded, outputs)
     weights = [
         tiny_deform_checkpoint["deform_mlp"][f"MLP_d1.{n}"].numpy()
         for n in ("0.weight", "0.bias", "2.weight", "2.bias")
@@ -272,10 +274,10 @@ def test_anchors_that_cannot_be_drawn_are_left_out(decoded, model, caplog):
     columns["x"][2], columns["f_anchor_feat_1"][4], columns["scale_3"][5] = np.nan, np.inf, np.nan
     hidden = int(np.flatnonzero(~model.mask[:, 1])[0])
     columns["f_offset_1"][hidden] = np.nan
-    kept = torch.tensor([i not in (2, 4, 5) for i in range(9)])
+    kept = np.array([i not in (2, 4, 5) for i in range(9)])
     left = import_hacpp(model.write(columns)).anchors
     for name, values in vars(whole).items():
-        assert torch.equal(getattr(left, name), values[kept])
+        assert np.array_equal(getattr(left, name), values[kept])
     assert "3 of 9 anchors cannot be drawn and are left out (the first is row 2)" in caplog.records[-1].getMessage()
 
 
@@ -307,17 +309,17 @@ def test_official_anchors_are_integers_times_steps_bit_for_bit(name):
     scene, decoded = import_hacpp(folder), np.load(folder / "decoded.npz")
     anchors = scene.anchors
     assert scene.coding.voxel_size == float(decoded["voxel_size"])
-    assert np.array_equal(voxel_indices(anchors.positions, scene.coding.voxel_size).numpy(), decoded["anchor_int"])
+    assert np.array_equal(voxel_indices(anchors.positions, scene.coding.voxel_size), decoded["anchor_int"])
     for ours, integers, step in (
         (anchors.features, "feat_int", "Q_feat"),
         (anchors.scalings, "scaling_int", "Q_scaling"),
-        (anchors.offsets.flatten(1), "offset_int", "Q_offset"),
+        (anchors.offsets.reshape(anchors.num_anchors, -1), "offset_int", "Q_offset"),
     ):
-        assert np.array_equal(ours.numpy(), decoded[integers].astype(np.float32) * decoded[step][:, None])
-    assert np.array_equal(anchors.mask.numpy(), decoded["mask"] == 1)
-    assert np.array_equal(scene.coding.context.grid.volume.numpy(), decoded["hash_xyz"])
-    assert np.array_equal(scene.coding.context.grid.planes[1].numpy(), decoded["hash_xz"])
-    assert np.array_equal(scene.coding.context.channel[3].hidden.weight.numpy(), decoded["mlp_deform.MLP_d3.0.weight"])
+        assert np.array_equal(ours, decoded[integers].astype(np.float32) * decoded[step][:, None])
+    assert np.array_equal(anchors.mask, decoded["mask"] == 1)
+    assert np.array_equal(scene.coding.context.grid.volume, decoded["hash_xyz"])
+    assert np.array_equal(scene.coding.context.grid.planes[1], decoded["hash_xz"])
+    assert np.array_equal(scene.coding.context.channel[3].hidden.weight, decoded["mlp_deform.MLP_d3.0.weight"])
     assert scene.coding.config.grid.rows(3) == tuple(np.diff(decoded["hash_xyz_offsets"]))
 
 

@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from splatwire.errors import DatasetError, UnknownNameError
-from splatwire.metrics import Lpips, find_lpips
-from splatwire.metrics.lpips import load_lpips
+from splatwire.metrics.lpips import Lpips, find_lpips, load_lpips
 
 LAYOUTS = {
     "vgg": (

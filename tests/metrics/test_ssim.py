@@ -9,19 +9,19 @@ from splatwire.metrics import ssim
 from splatwire.metrics.ssim import ssim_map
 
 
-def pair(height: int = 40, width: int = 50, noise: float = 0.1) -> tuple[torch.Tensor, torch.Tensor]:
+def pair(height: int = 40, width: int = 50, noise: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
     generator = torch.Generator().manual_seed(0)
-    y, x = torch.meshgrid(torch.linspace(0, 6, height), torch.linspace(0, 9, width), indexing="ij")
-    smooth = 0.5 + 0.4 * torch.sin(x[..., None] + torch.arange(3)) * torch.cos(y[..., None])
-    rough = (smooth + noise * torch.randn(height, width, 3, generator=generator)).clamp(0, 1)
+    y, x = np.meshgrid(np.linspace(0, 6, height), np.linspace(0, 9, width), indexing="ij")
+    smooth = 0.5 + 0.4 * np.sin(x[..., None] + np.arange(3)) * np.cos(y[..., None])
+    rough = (smooth + noise * torch.randn(height, width, 3, generator=generator).numpy()).clip(0, 1)
     return smooth[None], rough[None]
 
 
 def test_interior_agrees_with_scikit_image() -> None:
     a, b = pair()
     _, expected = structural_similarity(
-        a[0].double().numpy(),
-        b[0].double().numpy(),
+        a[0].astype(np.float64),
+        b[0].astype(np.float64),
         gaussian_weights=True,
         sigma=1.5,
         use_sample_covariance=False,
@@ -29,12 +29,12 @@ def test_interior_agrees_with_scikit_image() -> None:
         channel_axis=2,
         full=True,
     )
-    assert np.abs(ssim_map(a, b)[0].numpy() - expected)[5:-5, 5:-5].max() < 1e-4
+    assert np.abs(ssim_map(a, b)[0] - expected)[5:-5, 5:-5].max() < 1e-4
 
 
 def test_borders_see_zeros_beyond() -> None:
     """The window sums of one pixel written out, at a corner."""
-    a, b = (t[0, ..., 0].double().numpy() for t in pair())
+    a, b = (t[0, ..., 0].astype(np.float64) for t in pair())
     window = [math.exp(-((k - 5) ** 2) / (2 * 1.5**2)) for k in range(11)]
     row, column = 1, 2
 
@@ -64,10 +64,5 @@ def test_one_for_equal_pictures_and_falls_with_noise() -> None:
 
 def test_views_are_scored_one_by_one() -> None:
     (a, b), (c, d) = pair(), pair(noise=0.3)
-    both = ssim(torch.cat([a, c]), torch.cat([b, d]))
+    both = ssim(np.concatenate([a, c]), np.concatenate([b, d]))
     assert both.tolist() == pytest.approx([ssim(a, b).item(), ssim(c, d).item()], abs=1e-6)
-
-
-def test_gradient_is_that_of_finite_differences() -> None:
-    a, b = (t[:, :6, :5].double() for t in pair())
-    assert torch.autograd.gradcheck(lambda x: ssim(x, b), (a.requires_grad_(),), eps=1e-6, atol=1e-6)

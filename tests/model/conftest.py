@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 import torch
 
@@ -17,6 +18,7 @@ from splatwire.model import (
     RenderHints,
 )
 from splatwire.model.voxels import voxel_positions
+from splatwire.ops.arrays import to_arrays
 from splatwire.scene import AnchorLayout, Anchors, Erasures
 
 GRID = HashGridConfig(2, (6, 11, 20), (9, 33), 8, 9)
@@ -41,7 +43,7 @@ def tiny_scene() -> AnchorScene:
 
     mask = torch.rand(7, 3, generator=g) > 0.4
     anchors = Anchors(
-        positions=voxel_positions(torch.randint(-90, 200, (7, 3), generator=g), VOXEL_SIZE),
+        positions=torch.from_numpy(voxel_positions(torch.randint(-90, 200, (7, 3), generator=g), VOXEL_SIZE)),
         features=torch.randn(7, 5, generator=g),
         scalings=torch.rand(7, 6, generator=g),
         offsets=torch.randn(7, 3, 3, generator=g) * mask[:, :, None],
@@ -52,12 +54,13 @@ def tiny_scene() -> AnchorScene:
     )
     channel = (mlp(15, 6, 0.01), mlp(17, 9, 0.01))
     context = ContextModel(grid, mlp(GRID.context_dim, TINY.prior_dim), channel)
-    return AnchorScene(anchors, GaussianHeads(mlp(9, 3), mlp(9, 21), mlp(9, 9)), HacppCoding(context, VOXEL_SIZE, TINY))
+    heads = GaussianHeads(mlp(9, 3), mlp(9, 21), mlp(9, 9))
+    return to_arrays(AnchorScene(anchors, heads, HacppCoding(context, VOXEL_SIZE, TINY)))
 
 
 @pytest.fixture
 def tiny_hints() -> RenderHints:
-    return RenderHints(torch.linspace(1, 2, 7), torch.arange(7) % 3 == 0)
+    return RenderHints(np.linspace(1, 2, 7, dtype=np.float32), np.arange(7) % 3 == 0)
 
 
 @pytest.fixture
@@ -69,4 +72,4 @@ def tiny_partial(tiny_scene) -> Partial:
 
     full = Prior(prior(5), prior(6), prior(9), torch.randn(7, GRID.context_dim, generator=g))
     layout = tiny_scene.coding.config.layout
-    return Partial(tiny_scene, Erasures.of_anchors(torch.arange(7) % 2 == 0), {}, (full, layout))
+    return Partial(tiny_scene, Erasures.of_anchors(np.arange(7) % 2 == 0), {}, (to_arrays(full), layout))

@@ -4,6 +4,7 @@ import json
 import random
 import struct
 
+import numpy as np
 import pytest
 
 from attacks import attack, mutated_bytes, mutated_json
@@ -27,7 +28,7 @@ def save_tiny_checkpoint(path):
     config = TrainConfig(model=SMALL_CONFIG, voxel_size=VOXEL_SIZE, hidden=(4, 4, 4), refine=RefineConfig(steps=5))
     positions = tiny_scene(num_anchors=20).anchors.positions
     cameras = tiny_cameras(2)
-    points = SparsePoints(positions, positions.abs().clamp(max=1))
+    points = SparsePoints(positions, np.minimum(np.abs(positions), 1))
     save_checkpoint(initial_state(Dataset(cameras, (path, path), points), config), config, path)
 
 

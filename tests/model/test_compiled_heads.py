@@ -8,14 +8,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
+from close import assert_close
 from scenes import tiny_cameras, tiny_scene
 from splatwire.metrics import psnr
 from splatwire.model import AnchorScene, GaussianHeads, Linear, Mlp, RenderHints
 from splatwire.model.compiled_heads import drawn_gaussians
 from splatwire.model.gaussian_heads import generate_gaussians
+from splatwire.model.tensors import to_tensors
+from splatwire.ops import threads as ops_threads
+from splatwire.ops.arrays import to_arrays
 from splatwire.render.reference import render_reference
 from splatwire.scene import Cameras, Gaussians
 
@@ -33,13 +38,13 @@ def make_scene(hints: RenderHints | None = None) -> AnchorScene:
     """Some of the anchors out of view; networks of three widths, none a multiple of what the kernel likes."""
     scene = tiny_scene(num_anchors=NUM)
     heads = GaussianHeads(network(1, 13, 4), network(2, 22, 28, 0.01), network(3, 7, 12))
-    return dataclasses.replace(scene, heads=heads, hints=hints)
+    return dataclasses.replace(scene, heads=to_arrays(heads), hints=hints)
 
 
 def make_hints() -> RenderHints:
     g = torch.Generator().manual_seed(5)
     gains = [3 * torch.rand(NUM, generator=g) for _ in range(2)]
-    return RenderHints(gains[0], torch.rand(NUM, generator=g) < 0.3, gains[1])
+    return to_arrays(RenderHints(gains[0], torch.rand(NUM, generator=g) < 0.3, gains[1]))
 
 
 def make_cameras() -> Cameras:
@@ -60,7 +65,7 @@ def test_they_spawn_the_same_gaussians(view: int, hints: RenderHints | None) -> 
         1000 < drawn.num_gaussians < plain.num_gaussians < 4 * NUM
     )  # faint ones are left out, and what is not in view
     for actual, expected in zip([getattr(drawn, name) for name in FIELDS], visible(plain), strict=True):
-        torch.testing.assert_close(actual, expected, rtol=1e-4, atol=2e-6)
+        assert_close(actual, expected, rtol=1e-4, atol=2e-6)
 
 
 def test_pictures_are_the_plain_ones() -> None:
@@ -69,7 +74,8 @@ def test_pictures_are_the_plain_ones() -> None:
     for view in range(2):
         one = cameras.select([view])
         pictures = [
-            render_reference(f(scene, one, 0), one, background=black) for f in (drawn_gaussians, generate_gaussians)
+            render_reference(to_tensors(f(scene, one, 0)), to_tensors(one), background=black)
+            for f in (drawn_gaussians, generate_gaussians)
         ]
         assert pictures[1].max() > 0.5
         assert psnr(*pictures).item() > 60
@@ -81,45 +87,45 @@ def test_any_number_of_anchors(num: int) -> None:
     fields = {f.name: getattr(whole.anchors, f.name)[:num] for f in dataclasses.fields(whole.anchors)}
     scene = dataclasses.replace(whole, anchors=type(whole.anchors)(**fields))
     expected = visible(generate_gaussians(scene, make_cameras(), 0))[0]
-    torch.testing.assert_close(drawn_gaussians(scene, make_cameras(), 0).means, expected)
+    assert_close(drawn_gaussians(scene, make_cameras(), 0).means, expected)
 
 
 def test_numbers_that_are_none_are_not_drawn_or_stay_where_they_are() -> None:
     """An anchor beyond all numbers spoils none of the fifteen that share its lanes."""
     scene = make_scene()
-    features = scene.anchors.features.clone()
+    features = scene.anchors.features.copy()
     features[100], features[101] = math.nan, math.inf
     spoilt = dataclasses.replace(scene, anchors=dataclasses.replace(scene.anchors, features=features))
-    hints = RenderHints(torch.ones(NUM), torch.arange(NUM).div(2, rounding_mode="floor") == 50)
+    hints = RenderHints(np.ones(NUM, np.float32), np.arange(NUM) // 2 == 50)
     clean = drawn_gaussians(dataclasses.replace(scene, hints=hints), make_cameras(), 0)
     drawn = drawn_gaussians(spoilt, make_cameras(), 0)
-    finite = torch.stack([getattr(drawn, name).view(drawn.num_gaussians, -1).isfinite().all(1) for name in FIELDS]).all(
-        0
-    )
-    others = torch.isin(drawn.means.view(-1), clean.means.view(-1)).view(-1, 3).all(1) & finite
+    rows = [getattr(drawn, name).reshape(drawn.num_gaussians, -1) for name in FIELDS]
+    finite = np.logical_and.reduce([np.isfinite(values).all(axis=1) for values in rows])
+    others = np.isin(drawn.means.ravel(), clean.means.ravel()).reshape(-1, 3).all(axis=1) & finite
     assert int(others.sum()) == clean.num_gaussians
 
 
 def test_shapes_that_do_not_fit_are_refused() -> None:
     scene = make_scene()
-    short = RenderHints(torch.ones(NUM - 1), torch.zeros(NUM - 1, dtype=torch.bool))
+    short = RenderHints(np.ones(NUM - 1, np.float32), np.zeros(NUM - 1, np.bool_))
     with pytest.raises(ValueError, match="hints of"):
         drawn_gaussians(dataclasses.replace(scene, hints=short), make_cameras(), 0)
-    heads = dataclasses.replace(scene.heads, color=network(3, 7, 11))
+    heads = dataclasses.replace(scene.heads, color=to_arrays(network(3, 7, 11)))
     with pytest.raises(ValueError, match="12 outputs"):
         drawn_gaussians(dataclasses.replace(scene, heads=heads), make_cameras(), 0)
 
 
 def digest(gaussians: Gaussians) -> str:
-    return hashlib.sha256(b"".join(getattr(gaussians, name).numpy().tobytes() for name in FIELDS)).hexdigest()
+    return hashlib.sha256(b"".join(getattr(gaussians, name).tobytes() for name in FIELDS)).hexdigest()
 
 
-def test_the_same_bits_with_any_threads_and_in_a_process_that_compiles(tmp_path: Path) -> None:
-    found, before = [], torch.get_num_threads()
+def test_the_same_bits_with_any_threads_and_in_a_process_that_compiles(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = []
     for threads in (1, 2):
-        torch.set_num_threads(threads)
+        monkeypatch.setattr(ops_threads, "allowed_threads", lambda threads=threads: threads)
         found.append(digest(drawn_gaussians(make_scene(make_hints()), make_cameras(), 0)))
-    torch.set_num_threads(before)
     drawn = "t.drawn_gaussians(t.make_scene(t.make_hints()), t.make_cameras(), 0)"
     script = f"import test_compiled_heads as t; print(t.digest({drawn}))"
     here = Path(__file__).parent

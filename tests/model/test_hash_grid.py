@@ -6,6 +6,7 @@ import torch
 
 from splatwire.model.config import HashGridConfig
 from splatwire.model.hash_grid import corner_rows, interpolate_hash_grid, interpolate_tables
+from splatwire.model.tensors import to_tensors
 
 CONFIG = HashGridConfig(2, (6, 11, 20), (9, 33), 8, 9)
 
@@ -36,7 +37,7 @@ def by_the_book(table, start: int, rows: int, resolution: int, u: list[float]) -
 
 
 def test_the_vectorised_lookup_follows_the_book(tiny_scene):
-    grid = tiny_scene.coding.context.grid
+    grid = to_tensors(tiny_scene.coding.context.grid)
     g = torch.Generator().manual_seed(1)
     positions = torch.rand(60, 3, generator=g) * 6 - 2.3  # some outside the box
     positions[0], positions[1] = grid.bounds_min, grid.bounds_max
@@ -76,8 +77,9 @@ def test_weights_sum_to_one_inside_and_rows_stay_in_the_level(resolution, rows, 
 
 def test_a_chunk_border_changes_nothing(tiny_scene):
     positions = torch.rand(32768 + 5, 3, generator=torch.Generator().manual_seed(3))
-    whole = interpolate_hash_grid(tiny_scene.coding.context.grid, positions, CONFIG)
-    assert torch.equal(whole[-5:], interpolate_hash_grid(tiny_scene.coding.context.grid, positions[-5:], CONFIG))
+    grid = to_tensors(tiny_scene.coding.context.grid)
+    whole = interpolate_hash_grid(grid, positions, CONFIG)
+    assert torch.equal(whole[-5:], interpolate_hash_grid(grid, positions[-5:], CONFIG))
 
 
 def test_gradients_reach_exactly_the_rows_that_were_read():

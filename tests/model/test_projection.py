@@ -1,7 +1,10 @@
 import pytest
 import torch
 
-from splatwire.model.projection import Projected, project
+from close import assert_close
+from splatwire.model.projection import project
+from splatwire.model.tensor_projection import ProjectedTensors, project_tensors
+from splatwire.ops.arrays import to_arrays
 from splatwire.scene import Cameras
 
 
@@ -15,7 +18,7 @@ def test_covariance_is_that_of_projected_samples() -> None:
     angle = torch.tensor(0.6)
     turn = torch.tensor([[angle.cos(), -angle.sin(), 0], [angle.sin(), angle.cos(), 0], [0, 0, 1]])
     scales, mean = torch.tensor([0.05, 0.01, 0.02]), torch.tensor([0.3, -0.2, 4.0])
-    flat = project(mean[None], scales[None], turn[None], camera(), 0)
+    flat = project_tensors(mean[None], scales[None], turn[None], camera(), 0)
     samples = mean + (torch.randn(200_000, 3, generator=torch.Generator().manual_seed(0)) * scales) @ turn.T
     pixels = 80 * samples[:, :2] / samples[:, 2:] + torch.tensor([32.0, 24.0]) - 0.5
     sampled = torch.cov(pixels.T)
@@ -28,14 +31,27 @@ def test_a_picture_ends_at_its_last_tile() -> None:
     """Tiles of 16 pixels: a square touches the image if it reaches a listed tile, even one half outside."""
     centres = torch.tensor([[-6.0, 20.0], [-4.0, 20.0], [66.0, 20.0], [69.0, 20.0], [20.0, 52.9], [20.0, 53.1]])
     n = len(centres)
-    flat = Projected(centres, torch.ones(n, 3), torch.ones(n), torch.full((n,), 5.0))
+    flat = ProjectedTensors(centres, torch.ones(n, 3), torch.ones(n), torch.full((n,), 5.0))
     assert flat.touches_image(64, 48).tolist() == [False, True, True, False, True, False]
 
 
 def test_what_is_near_has_no_radius_and_no_bad_gradient() -> None:
     means = torch.tensor([[0.0, 0.0, 0.0], [0.0, 0.0, 0.2], [0.0, 0.0, 1.0]], requires_grad=True)
-    flat = project(means, torch.full((3, 3), 0.1), None, camera(), 0)
+    flat = project_tensors(means, torch.full((3, 3), 0.1), None, camera(), 0)
     assert (flat.radii > 0).tolist() == [False, False, True]
     (flat.means2d.sum() + flat.covs2d.sum()).backward()
     assert means.grad is not None
     assert torch.isfinite(means.grad).all()
+
+
+def test_numpy_and_torch_project_alike() -> None:
+    generator = torch.Generator().manual_seed(3)
+    means = 4 * torch.rand(300, 3, generator=generator) + torch.tensor([-2.0, -2.0, -0.5])
+    scales = 0.2 * torch.rand(300, 3, generator=generator)
+    turns = torch.linalg.qr(torch.randn(300, 3, 3, generator=generator))[0]
+    for rotations in (turns, None):
+        theirs = project_tensors(means, scales, rotations, camera(), 0)
+        ours = project(*to_arrays((means, scales, rotations, camera())), 0)
+        for name in ("means2d", "covs2d", "depths", "radii"):
+            assert_close(getattr(ours, name), getattr(theirs, name), rtol=1e-5, atol=1e-4)
+        assert (ours.touches_image(64, 48) == theirs.touches_image(64, 48).numpy()).all()

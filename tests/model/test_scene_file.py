@@ -4,10 +4,9 @@ import struct
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from safetensors.torch import load_file, save_file
+from safetensors.numpy import load_file, save_file
 
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.model import TierSizes
@@ -30,9 +29,9 @@ def assert_same(a, b):
     left, right = dict(leaves(a)), dict(leaves(b))
     assert left.keys() == right.keys()
     for path, value in left.items():
-        if isinstance(value, torch.Tensor):
+        if isinstance(value, np.ndarray):
             assert value.dtype == right[path].dtype, path
-            assert torch.equal(value, right[path]), path
+            assert np.array_equal(value, right[path]), path
         else:
             assert value == right[path], path
 
@@ -54,7 +53,7 @@ def test_a_scene_survives_bit_for_bit(tiny_scene, tmp_path):
 
 
 def test_hints_survive(tiny_scene, tiny_hints, tmp_path):
-    for opacity_gain in (None, torch.linspace(0, 1, 7)):
+    for opacity_gain in (None, np.linspace(0, 1, 7, dtype=np.float32)):
         hints = dataclasses.replace(tiny_hints, opacity_gain=opacity_gain)
         scene = dataclasses.replace(tiny_scene, hints=hints)
         save_scene(scene, tmp_path / "a.scene")
@@ -84,18 +83,18 @@ def test_a_partial_scene_survives_bit_for_bit(tiny_partial, tmp_path):
 def test_sizes_of_tiers_survive_and_none_are_none(tiny_partial, tmp_path):
     save_partial(tiny_partial, tmp_path / "none")
     assert load_partial(tmp_path / "none").tier_sizes is None
-    told = tiny_partial.saying(TierSizes(torch.linspace(1e-3, 1, 7)))
+    told = tiny_partial.saying(TierSizes(np.linspace(1e-3, 1, 7, dtype=np.float32)))
     save_partial(told, tmp_path / "told")
-    assert torch.equal(load_partial(tmp_path / "told").tier_sizes, told.tier_sizes)
-    save_partial(tiny_partial.saying(TierSizes(torch.linspace(0, 1, 7))), tmp_path / "damaged")
+    assert np.array_equal(load_partial(tmp_path / "told").tier_sizes, told.tier_sizes)
+    save_partial(tiny_partial.saying(TierSizes(np.linspace(0, 1, 7, dtype=np.float32))), tmp_path / "damaged")
     with pytest.raises(BitstreamError, match=r"'anchors\.tier_sizes' has a size"):
         load_partial(tmp_path / "damaged")
     with pytest.raises(ValueError, match="do not fit"):
-        tiny_partial.saying(TierSizes(torch.ones(6)))
+        tiny_partial.saying(TierSizes(np.ones(6, np.float32)))
 
 
 def test_an_empty_scene_survives(tiny_scene, tmp_path):
-    scene = dataclasses.replace(tiny_scene, anchors=tiny_scene.anchors.select(torch.zeros(7, dtype=torch.bool)))
+    scene = dataclasses.replace(tiny_scene, anchors=tiny_scene.anchors.select(np.zeros(7, np.bool_)))
     save_scene(scene, tmp_path / "a.scene")
     assert_same(load_scene(tmp_path / "a.scene"), scene)
 
@@ -123,7 +122,7 @@ def test_the_layout_of_the_file_is_pinned(tiny_scene, tmp_path):
     assert shapes["context.channel.1.hidden.weight"] == ("F32", [4, 17])
     begin, end = index["grid.volume_bits"]["data_offsets"]
     bits = np.unpackbits(np.frombuffer(raw[8 + length + begin : 8 + length + end], dtype=np.uint8))
-    assert (bits * 2.0 - 1 == tiny_scene.coding.context.grid.volume.flatten().numpy()).all()
+    assert (bits * 2.0 - 1 == tiny_scene.coding.context.grid.volume.flatten()).all()
 
 
 def test_a_scene_file_is_as_readable_as_any_other(tiny_scene, tmp_path):
@@ -179,25 +178,25 @@ def config(room, **values):
 
 
 def nan_of(value):
-    value = value.clone()
-    value.view(-1)[0] = float("nan")
+    value = value.copy()
+    value.reshape(-1)[0] = float("nan")
     return value
 
 
 BAD = {
     "missing tensor": (drop("anchors.mask"), "'anchors.mask' is missing"),
     "missing positions": (drop("anchors.positions"), "'anchors.positions' is missing"),
-    "extra tensor": (lambda t, h: t.update(extra=torch.zeros(1)), "unexpected tensor 'extra'"),
-    "short features": (put("anchors.features", lambda v: v[:6].clone()), r"expected F32 \(7, 5\)"),
-    "double features": (put("anchors.features", lambda v: v.double()), "is F64"),
+    "extra tensor": (lambda t, h: t.update(extra=np.zeros(1, np.float32)), "unexpected tensor 'extra'"),
+    "short features": (put("anchors.features", lambda v: v[:6].copy()), r"expected F32 \(7, 5\)"),
+    "double features": (put("anchors.features", lambda v: v.astype(np.float64)), "is F64"),
     "nan feature": (put("anchors.features", nan_of), "'anchors.features' is not finite"),
     "nan weight": (put("heads.color.output.bias", nan_of), "'heads.color.output.bias' is not finite"),
-    "mask as bytes": (put("anchors.mask", lambda v: v.to(torch.uint8)), "expected BOOL"),
-    "scalar positions": (put("anchors.positions", lambda v: v[0, 0].clone()), "single number"),
+    "mask as bytes": (put("anchors.mask", lambda v: v.astype(np.uint8)), "expected BOOL"),
+    "scalar positions": (put("anchors.positions", lambda v: np.array(v[0, 0])), "single number"),
     "off the grid": (put("anchors.positions", lambda v: v + 0.004), "not whole multiples"),
     "empty box": (put("grid.bounds_max", lambda v: v * 0 - 9), "not below"),
-    "short bits": (put("grid.volume_bits", lambda v: v[1:].clone()), "grid.volume_bits"),
-    "wide prior": (put("context.prior.output.bias", lambda v: torch.zeros(99)), "context.prior.output"),
+    "short bits": (put("grid.volume_bits", lambda v: v[1:].copy()), "grid.volume_bits"),
+    "wide prior": (put("context.prior.output.bias", lambda v: np.zeros(99, np.float32)), "context.prior.output"),
     "zero voxel": (head(voxel_size="0x0p+0"), "voxel size"),
     "text voxel": (head(voxel_size="big"), "voxel size"),
     "other format": (head(format="other"), "not a scene file"),
@@ -228,7 +227,7 @@ def test_a_wrong_file_is_refused_with_its_name_and_the_reason(name, tiny_scene, 
 
 def test_what_is_no_scene_file_at_all_is_refused(tmp_path):
     (tmp_path / "text").write_text("hello")
-    save_file({"a": torch.zeros(1)}, tmp_path / "foreign")
+    save_file({"a": np.zeros(1, np.float32)}, tmp_path / "foreign")
     for name in ("absent", "text", "foreign", "."):
         with pytest.raises(BitstreamError):
             load_scene(tmp_path / name)
@@ -250,6 +249,6 @@ def test_damage_is_one_clear_error_or_another_finite_scene(data, tiny_scene, tmp
         scene = load_scene(path)
     except BitstreamError:
         return
-    assert all(torch.isfinite(value).all() for _, value in leaves(scene) if isinstance(value, torch.Tensor))
+    assert all(np.isfinite(value).all() for _, value in leaves(scene) if isinstance(value, np.ndarray))
     layout, anchors = scene.coding.config.layout, scene.anchors
     assert (anchors.features.shape[1], anchors.mask.shape[1]) == (layout.feature_dim, layout.num_offsets)

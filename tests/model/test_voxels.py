@@ -1,5 +1,5 @@
+import numpy as np
 import pytest
-import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -11,18 +11,18 @@ INDICES = st.lists(st.tuples(*[st.integers(-MAX_VOXEL_INDEX, MAX_VOXEL_INDEX)] *
 
 @given(INDICES, st.floats(1e-6, 1e3))
 def test_indices_survive_positions(indices, voxel_size):
-    indices = torch.tensor(indices)
-    assert torch.equal(voxel_indices(voxel_positions(indices, voxel_size), voxel_size), indices)
+    indices = np.array(indices)
+    assert np.array_equal(voxel_indices(voxel_positions(indices, voxel_size), voxel_size), indices)
 
 
 @given(INDICES, st.floats(1e-6, 1e3))
 def test_positions_of_a_float32_product_have_the_same_indices(indices, voxel_size):
-    indices = torch.tensor(indices)
-    assert torch.equal(voxel_indices(indices.float() * voxel_size, voxel_size), indices)
+    indices = np.array(indices)
+    assert np.array_equal(voxel_indices(indices.astype(np.float32) * voxel_size, voxel_size), indices)
 
 
 def test_a_position_is_the_float32_nearest_to_the_product():
-    assert voxel_positions(torch.tensor([[3, -7, 12345]]), 0.001).tolist() == [
+    assert voxel_positions(np.array([[3, -7, 12345]]), 0.001).tolist() == [
         [0.003000000026077032, -0.007000000216066837, 12.345000267028809]
     ]
 
@@ -30,23 +30,23 @@ def test_a_position_is_the_float32_nearest_to_the_product():
 @pytest.mark.parametrize("position", [0.0015, 0.00101, float("nan"), float("inf"), 0.001 * (MAX_VOXEL_INDEX + 10)])
 def test_what_is_no_multiple_is_refused(position):
     with pytest.raises(InvalidValueError):
-        voxel_indices(torch.tensor([[0.0, 0.001, 0.002], [position, 0.0, 0.0]]), 0.001)
+        voxel_indices(np.array([[0.0, 0.001, 0.002], [position, 0.0, 0.0]], np.float32), 0.001)
 
 
 @given(INDICES, st.floats(1e-6, 1e3), st.floats(3.0, 1e12))
 def test_a_voxel_size_far_too_large_is_refused(indices, voxel_size, factor):
     """Every position would be within a small share of voxel 0, where nothing but 0 itself belongs."""
-    positions = voxel_positions(torch.tensor([*indices, (1, 0, 0)]), voxel_size)
+    positions = voxel_positions(np.array([*indices, (1, 0, 0)]), voxel_size)
     with pytest.raises(InvalidValueError, match="not whole multiples"):
-        voxel_indices(positions, float(positions.abs().max()) * factor)
+        voxel_indices(positions, float(np.abs(positions).max()) * factor)
 
 
 @pytest.mark.parametrize("voxel_size", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_voxel_size_must_be_positive(voxel_size):
     with pytest.raises(InvalidValueError, match="voxel size"):
-        voxel_indices(torch.zeros(1, 3), voxel_size)
+        voxel_indices(np.zeros((1, 3), np.float32), voxel_size)
 
 
 def test_the_message_names_the_first_wrong_anchor():
     with pytest.raises(InvalidValueError, match=r"1 of 2 .* anchor 1 at \[0\.5"):
-        voxel_indices(torch.tensor([[1.0, 2.0, 3.0], [0.5, 0.0, 0.0]]), 1.0)
+        voxel_indices(np.array([[1.0, 2.0, 3.0], [0.5, 0.0, 0.0]], np.float32), 1.0)

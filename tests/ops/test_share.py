@@ -5,21 +5,13 @@ import threading
 import time
 
 import pytest
-import torch
 
+from splatwire.ops import threads
 from splatwire.ops.threads import allowed_threads, share
 
 
-@pytest.fixture
-def two_threads():
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    yield
-    torch.set_num_threads(before)
-
-
 @pytest.mark.parametrize("num", [0, 1, 2, 1000])
-def test_every_item_is_done_once_and_results_keep_their_order(two_threads, num):
+def test_every_item_is_done_once_and_results_keep_their_order(num):
     done = []
 
     def work(item: int) -> int:
@@ -31,22 +23,21 @@ def test_every_item_is_done_once_and_results_keep_their_order(two_threads, num):
 
 
 @pytest.mark.skipif(allowed_threads() < 2, reason="one processor")
-def test_another_thread_helps(two_threads):
+def test_another_thread_helps():
     both = threading.Barrier(2)
     assert len(set(share(lambda _: (both.wait(20), threading.get_ident())[1], range(2)))) == 2
 
 
 def test_one_thread_is_the_callers_own():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
+    threads._LIMIT.set()
     try:
         assert set(share(lambda _: threading.get_ident(), range(50))) == {threading.get_ident()}
     finally:
-        torch.set_num_threads(before)
+        threads._LIMIT.clear()
 
 
 @pytest.mark.parametrize("bad", [0, 5])
-def test_an_error_stops_the_work_and_reaches_the_caller(two_threads, bad):
+def test_an_error_stops_the_work_and_reaches_the_caller(bad):
     def work(item: int) -> None:
         time.sleep(0.001)
         if item == bad:
@@ -57,12 +48,12 @@ def test_an_error_stops_the_work_and_reaches_the_caller(two_threads, bad):
     assert share(abs, [-1, 2]) == [1, 2]
 
 
-def test_work_may_share_its_own_work(two_threads):
+def test_work_may_share_its_own_work():
     assert share(lambda n: sum(share(lambda m: n * m, range(5))), range(8)) == [10 * n for n in range(8)]
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
-def test_a_forked_process_has_threads_of_its_own(two_threads):
+def test_a_forked_process_has_threads_of_its_own():
     share(abs, range(4))
     child = os.fork()  # nothing of torch runs in the child
     if child == 0:

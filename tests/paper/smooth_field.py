@@ -6,6 +6,7 @@ import torch
 from conceal.gaps import CONTEXT_DIM, LAYOUT, partial_of
 from splatwire.calibrate.pseudo_loss import CalibrationData
 from splatwire.model import AttributePrior, Prior
+from splatwire.ops.arrays import to_arrays
 from splatwire.packets import PacketGroups
 from splatwire.scene import Anchors, Erasures
 
@@ -43,4 +44,5 @@ def smooth_field(num_anchors: int, *, noise: float, known_to_prior: float, seed:
     erasures = Erasures.of_anchors(torch.ones(num_anchors, dtype=torch.bool))
     ranks = torch.randperm(num_anchors, generator=rng).numpy()
     starts = np.linspace(0, num_anchors, NUM_PACKETS + 1).astype(np.int64)
-    return CalibrationData(partial_of(anchors, erasures, prior, LAYOUT), PacketGroups(ranks, starts))
+    complete = to_arrays(partial_of(anchors, erasures, prior, LAYOUT))
+    return CalibrationData(complete, PacketGroups(ranks, starts))

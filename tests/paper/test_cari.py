@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from conceal.gaps import LAYOUT, changed, permuted, random_context
+from conceal.gaps import LAYOUT, changed, permuted
 from paper.cari_reference import cari as cari_reference
+from paper.contexts import estimate, random_context
 from splatwire.errors import InvalidValueError
 from splatwire.model import Prior
+from splatwire.model.tensors import to_tensors
 from splatwire.ops.knn import nearest_neighbors
 from splatwire.paper import CARI_PRESETS, Cari, MaskVote
 from splatwire.paper.signature import residuals_of, signatures, uncertainties, unit_rows
@@ -33,7 +35,7 @@ def test_agrees_with_loops_over_the_equations(
 ) -> None:
     for seed in range(3):
         context = random_context(num_anchors, seed, separated=separated)
-        result = Cari(candidates=candidates, neighbors=neighbors, passes=passes)(context).elements
+        result = estimate(Cari(candidates=candidates, neighbors=neighbors, passes=passes), context)
         result = context.elements.kept(context.erasures, result)
         *wanted, mask = cari_reference(context, candidates, neighbors, passes, eps=1e-6)
         for name, values in zip(ATTRIBUTES, wanted, strict=True):
@@ -55,7 +57,7 @@ def test_the_compiled_scores_are_those_of_the_plain_version() -> None:
     index, distance = nearest_neighbors(
         context.scene.anchors.positions[known], context.scene.anchors.positions[queries], 50
     )
-    candidates = known.nonzero()[:, 0][index]
+    candidates, distance = known.nonzero()[:, 0][index], torch.from_numpy(distance)
     for exponents in (ScoreExponents(1.0, 2.0, 1.5, 1e-6), ScoreExponents(0.7, 1.3, 0.0, 1e-6)):
         arguments = (support, queries, candidates, distance, 8, exponents)
         fast, plain = select_neighbors(*arguments), select_neighbors(*arguments, backend="torch")
@@ -68,7 +70,7 @@ def test_the_compiled_scores_are_those_of_the_plain_version() -> None:
 
 def test_the_backends_conceal_alike() -> None:
     context = random_context(300, 5)
-    fast, plain = Cari()(context).elements, Cari(backend="torch")(context).elements
+    fast, plain = estimate(Cari(), context), estimate(Cari(backend="torch"), context)
     for name in ATTRIBUTES:
         torch.testing.assert_close(getattr(fast, name), getattr(plain, name), rtol=1e-4, atol=1e-4)
     assert torch.equal(fast.mask, plain.mask)
@@ -92,7 +94,7 @@ def test_equal_residuals_are_restored_exactly() -> None:
         offsets=truth.offsets * known[:, None, None],
         mask=mask & known[:, None],
     )
-    result = Cari()(changed(context, anchors=received)).elements
+    result = estimate(Cari(), changed(context, anchors=received))
     torch.testing.assert_close(result.features, truth.features, rtol=0, atol=1e-5)
     floor = truth.scalings[known].amin(dim=0)
     torch.testing.assert_close(result.scalings, truth.scalings.maximum(floor), rtol=0, atol=1e-5)
@@ -108,16 +110,16 @@ def test_an_unlike_context_is_not_trusted() -> None:
     hashes = torch.stack([torch.ones(12), torch.ones(12), -torch.ones(12)])
     prior = dataclasses.replace(context[Prior], context=hashes)
     anchors = dataclasses.replace(context.scene.anchors, features=torch.randn(3, 10) * known[:, None])
-    erasures = type(context.erasures).of_anchors(known)
-    result = Cari(passes=1)(changed(context, prior=prior, anchors=anchors, erasures=erasures))
+    erasures = to_tensors(type(context.erasures).of_anchors(known))
+    result = estimate(Cari(passes=1), changed(context, prior=prior, anchors=anchors, erasures=erasures))
     wanted = prior.feature.mean[0] + anchors.features[1] - prior.feature.mean[1]
-    torch.testing.assert_close(result.elements.features[0], wanted, rtol=0, atol=1e-4)
+    torch.testing.assert_close(result.features[0], wanted, rtol=0, atol=1e-4)
 
 
 def test_permuting_the_anchors_permutes_the_result() -> None:
     context = random_context(150, 11)
     order = torch.randperm(150, generator=torch.Generator().manual_seed(0))
-    straight, mixed = Cari()(context).elements.select(order), Cari()(permuted(context, order)).elements
+    straight, mixed = estimate(Cari(), context).select(order), estimate(Cari(), permuted(context, order))
     for name in ATTRIBUTES:
         torch.testing.assert_close(getattr(mixed, name), getattr(straight, name), rtol=1e-5, atol=1e-5)
     assert torch.equal(mixed.mask, straight.mask)
@@ -131,7 +133,7 @@ def test_ridge_follows_a_gradient_that_the_mean_flattens() -> None:
     anchors = dataclasses.replace(context.scene.anchors, features=truth * known[:, None])
     context = changed(context, anchors=anchors)
     errors = [
-        (Cari(ridge=ridge, passes=1)(context).elements.features - truth)[~known].square().mean()
+        (estimate(Cari(ridge=ridge, passes=1), context).features - truth)[~known].square().mean()
         for ridge in (None, 0.1)
     ]
     assert errors[1] < 0.5 * errors[0]

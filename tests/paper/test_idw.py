@@ -3,7 +3,8 @@ import dataclasses
 import pytest
 import torch
 
-from conceal.gaps import LAYOUT, random_context
+from conceal.gaps import LAYOUT
+from paper.contexts import estimate, random_context
 from splatwire.errors import InvalidValueError
 from splatwire.model import Prior
 from splatwire.paper import Idw, PriorMean
@@ -16,7 +17,7 @@ def test_agrees_with_a_loop(power: float) -> None:
     context = random_context(60, 1)
     known = context.erasures.known
     anchors = context.scene.anchors
-    result = Idw(neighbors=5, power=power)(context).elements
+    result = estimate(Idw(neighbors=5, power=power), context)
     for q in (~known).nonzero()[:, 0].tolist():
         gaps = [
             (float((anchors.positions[q] - anchors.positions[k]).norm()), k) for k in known.nonzero()[:, 0].tolist()
@@ -46,7 +47,7 @@ def test_a_twin_is_copied() -> None:
     context = random_context(30, 2)
     q, k = int((~context.erasures.known).nonzero()[0]), int(context.erasures.known.nonzero()[0])
     context.scene.anchors.positions[q] = context.scene.anchors.positions[k]
-    result = Idw()(context).elements
+    result = estimate(Idw(), context)
     for part in ("features", "scalings", "offsets", "mask"):
         values = getattr(result, part)
         if part == "offsets":
@@ -61,21 +62,21 @@ def test_mahalanobis_prefers_the_neighbour_that_reaches_as_far() -> None:
     context.scene.anchors.scalings[2, :3] = torch.tensor([0.1, 4.0, 0.1])  # half of its own size away
     context = dataclasses.replace(context, erasures=Erasures.of_anchors(torch.tensor([False, True, True])))
     features = context.scene.anchors.features
-    assert torch.equal(Idw(neighbors=1)(context).elements.features[0], features[1])
-    assert torch.equal(Idw(neighbors=1, metric="mahalanobis")(context).elements.features[0], features[2])
+    assert torch.equal(estimate(Idw(neighbors=1), context).features[0], features[1])
+    assert torch.equal(estimate(Idw(neighbors=1, metric="mahalanobis"), context).features[0], features[2])
 
 
 def test_mahalanobis_of_equal_round_anchors_is_euclidean() -> None:
     context = random_context(80, 6)
     context.scene.anchors.scalings[:, :3] = torch.where(context.erasures.known[:, None], 0.5, 0.0)
-    plain, other = Idw()(context).elements, Idw(metric="mahalanobis")(context).elements
+    plain, other = estimate(Idw(), context), estimate(Idw(metric="mahalanobis"), context)
     torch.testing.assert_close(other.features, plain.features, rtol=1e-4, atol=1e-5)
 
 
 def test_the_prior_is_the_prior_and_its_mask_a_vote() -> None:
     context = random_context(60, 3)
     lost = ~context.erasures.known
-    result, vote = PriorMean()(context).elements, Idw()(context).elements.mask
+    result, vote = estimate(PriorMean(), context), estimate(Idw(), context).mask
     assert torch.equal(result.features[lost], context[Prior].feature.mean[lost])
     assert torch.equal(result.offsets[lost].flatten(1), context[Prior].offset.mean[lost])
     assert torch.equal(result.mask, vote)

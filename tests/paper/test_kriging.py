@@ -3,7 +3,8 @@ import dataclasses
 import pytest
 import torch
 
-from conceal.gaps import changed, only, random_context
+from conceal.gaps import changed, only
+from paper.contexts import estimate, random_context
 from splatwire.errors import InvalidValueError
 from splatwire.model import Prior
 from splatwire.paper import Idw, Kriging, PriorMean
@@ -51,15 +52,15 @@ def test_beats_the_mean_and_inverse_distances_on_its_own_field() -> None:
     covariance.fill_diagonal_(1.0)
     best = covariance[lost][:, ~lost] @ torch.linalg.solve(covariance[~lost][:, ~lost], truth[~lost].double())
     best_error = float(((best - truth[lost]) ** 2).mean())  # all neighbours, the true covariance
-    kriged = error(Kriging(target="absolute")(context).elements.features)
+    kriged = error(estimate(Kriging(target="absolute"), context).features)
     assert best_error < kriged < 1.05 * best_error
-    assert kriged < error(Idw()(context).elements.features)
+    assert kriged < error(estimate(Idw(), context).features)
 
 
 def test_where_neighbours_say_nothing_the_mean_is_left() -> None:
     context = random_context(400, 2)
     lost = ~context.erasures.known
-    residual = Kriging(target="residual")(context).elements
+    residual = estimate(Kriging(target="residual"), context)
     spread = context.scene.anchors.features[~lost].std()
     assert float((residual.features - context[Prior].feature.mean)[lost].abs().mean()) < 0.3 * float(spread)
 
@@ -68,17 +69,17 @@ def test_where_neighbours_say_nothing_the_mean_is_left() -> None:
 @pytest.mark.parametrize("received", [0, 1, 2])
 def test_hardly_anything_received(target: str, received: int) -> None:
     context = only(random_context(20, 3, loss=0), torch.arange(20) < received)
-    result = Kriging(target=target)(context).elements
+    result = estimate(Kriging(target=target), context)
     for part in (result.features, result.scalings, result.offsets):
         assert bool(part.isfinite().all())
     if received == 0:
-        assert torch.equal(result.features, PriorMean()(context).elements.features)
+        assert torch.equal(result.features, estimate(PriorMean(), context).features)
 
 
 def test_twins_and_separated_losses_stay_finite_and_received_values_stay() -> None:
     context = random_context(200, 4, separated=True)
     context.scene.anchors.positions[:100] = context.scene.anchors.positions[0]
-    result = Kriging()(context).elements
+    result = estimate(Kriging(), context)
     received = context.erasures.received
     assert torch.equal(result.features[received[:, 0]], context.scene.anchors.features[received[:, 0]])
     assert torch.equal(result.scalings[received[:, 1]], context.scene.anchors.scalings[received[:, 1]])
@@ -87,9 +88,9 @@ def test_twins_and_separated_losses_stay_finite_and_received_values_stay() -> No
 
 def test_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     context = random_context(300, 6)
-    whole = Kriging()(context).elements
+    whole = estimate(Kriging(), context)
     monkeypatch.setattr("splatwire.paper.kriging._CHUNK", 7)
-    torch.testing.assert_close(Kriging()(context).elements.features, whole.features, rtol=1e-5, atol=1e-6)
+    torch.testing.assert_close(estimate(Kriging(), context).features, whole.features, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("options", [{"neighbors": 0}, {"sample": 0}, {"target": "both"}])
@@ -119,6 +120,6 @@ def test_regression_finds_what_priors_say_about_other_channels() -> None:
     context = changed(context, features=truth * ~lost[:, None])
 
     def error(target: str) -> float:
-        return float(((Kriging(target=target)(context).elements.features - truth)[lost] ** 2).mean())
+        return float(((estimate(Kriging(target=target), context).features - truth)[lost] ** 2).mean())
 
     assert error("regression") < 0.02 * min(error("residual"), error("absolute"))

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-import torch
 
 from scenes import tiny_cameras, tiny_scene
 from splatwire.codec import add_concealment, decode_stream, encode_scene
@@ -41,19 +40,19 @@ def test_losing_more_of_what_matters_costs_more(complete: Partial) -> None:
 
 def test_what_is_lost_is_gone_and_the_rest_untouched(complete: Partial) -> None:
     num = complete.scene.anchors.num_anchors
-    known = torch.arange(num) % 3 > 0
+    known = np.arange(num) % 3 > 0
     partial = complete.without(known)
-    assert torch.equal(partial.erasures.known, known)
+    assert np.array_equal(partial.erasures.known, known)
     before, after = complete.scene.anchors, partial.scene.anchors
     for name in ("features", "scalings", "offsets", "mask"):
-        assert torch.equal(getattr(after, name)[known], getattr(before, name)[known])
+        assert np.array_equal(getattr(after, name)[known], getattr(before, name)[known])
         assert not bool(getattr(after, name)[~known].any())
-    assert torch.equal(after.positions, before.positions)
+    assert np.array_equal(after.positions, before.positions)
 
 
 def test_damage_needs_a_complete_stream(complete: Partial) -> None:
     num = complete.scene.anchors.num_anchors
-    partial = complete.without(torch.arange(num) > 0)
+    partial = complete.without(np.arange(num) > 0)
     with pytest.raises(InvalidValueError, match="1 anchors are lost"):
         LossyPictures(partial, tiny_cameras(), "drop")
 
@@ -64,11 +63,13 @@ def test_pictures_are_those_of_concealing_from_scratch(complete: Partial, concea
     photos = [image + 0.1 for image in iterate_views(complete.scene, cameras)]
     pictures = LossyPictures(complete, cameras, concealer, photos=photos)
     for step in (2, 3, 5):  # each starts from nothing, whatever was asked before
-        known = torch.arange(num) % step > 0
+        known = np.arange(num) % step > 0
         images = iterate_views(conceal(complete.without(known), concealer), cameras)
-        errors = [float((image - photo).double().square().mean()) for image, photo in zip(images, photos, strict=True)]
+        errors = [
+            float(((image - photo).astype(np.float64) ** 2).mean()) for image, photo in zip(images, photos, strict=True)
+        ]
         assert pictures.errors(known) == pytest.approx(errors, rel=1e-4)
-    assert pictures.psnr(torch.ones(num, dtype=torch.bool)) == pytest.approx(20.0, abs=1e-3)
+    assert pictures.psnr(np.ones(num, np.bool_)) == pytest.approx(20.0, abs=1e-3)
     with pytest.raises(InvalidValueError, match="1 photos of"):
         LossyPictures(complete, cameras, concealer, photos=photos[:1])
 
@@ -79,7 +80,7 @@ def test_an_offer_with_a_preview_never_shows_nothing() -> None:
     section = write_preview(Preview(frame, (0, 51, 102), np.random.default_rng(0).integers(0, 16, (20, 10))))
     stream = add_concealment(encode_scene(scene, PRESETS["datagram"]), "preview", section)
     shown, background = preview_gaussians(section)
-    photos = render_cpu(shown, cameras, background=torch.tensor(background)).clamp(0, 1)
+    photos = render_cpu(shown, cameras, background=np.array(background)).clip(0, 1)
     pictures = LossyPictures(decode_stream(stream), cameras, "drop", photos=[photo + 0.1 for photo in photos])
     offer = offer_of(stream, pictures, concealment_bytes=7)
     assert offer.blank_psnr == pytest.approx(20.0, abs=0.01)

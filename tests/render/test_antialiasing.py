@@ -6,8 +6,8 @@ import zipfile
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
-import torch
 
 from explicit import encode_splats
 from scenes import tiny_cameras
@@ -30,8 +30,14 @@ from web.test_page import SMALL, ball
 
 def dot(size: float) -> Splats:
     """One white Gaussian at the origin."""
-    turn = torch.tensor([[1.0, 0.0, 0.0, 0.0]])
-    return Splats(torch.zeros(1, 3), turn, torch.full((1, 3), size), torch.tensor([0.5]), torch.full((1, 1, 3), 10.0))
+    turn = np.array([[1.0, 0.0, 0.0, 0.0]], np.float32)
+    return Splats(
+        np.zeros((1, 3), np.float32),
+        turn,
+        np.full((1, 3), size, np.float32),
+        np.array([0.5], np.float32),
+        np.full((1, 1, 3), 10.0, np.float32),
+    )
 
 
 def test_a_dot_has_the_light_of_what_it_covers() -> None:

@@ -9,7 +9,7 @@ from splatwire.errors import BackendUnavailableError
 from splatwire.render import create_renderer
 from splatwire.render.backends import create_training_renderer
 from splatwire.render.base import TrainingRenderer
-from splatwire.render.cpu import draw_cpu
+from splatwire.render.differentiable import draw_cpu
 from splatwire.render.gsplat_backend import GsplatRenderer, check_gsplat
 from splatwire.scene import Cameras, Gaussians
 

@@ -7,10 +7,11 @@ import torch
 
 from reference.squared_gradients import squared
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
-from splatwire.render.backends import create_renderer
+from splatwire.render.backends import _each_gradient
 from splatwire.render.cpu import each_gradient_cpu
+from splatwire.render.differentiable import render_differentiable
 from splatwire.render.importance import cameras_around
-from splatwire.render.precision import SIZE, VIEWS_OF_PART, _each_gradient, precision_classes
+from splatwire.render.precision import SIZE, VIEWS_OF_PART, precision_classes
 from splatwire.scene.splats import Splats
 
 
@@ -19,9 +20,10 @@ def two_shells() -> Splats:
     rng = torch.Generator().manual_seed(0)
     directions = torch.nn.functional.normalize(torch.randn(240, 3, generator=rng), dim=1)
     radius = torch.where(torch.arange(240) < 200, 1.0, 0.2)[:, None]
-    scales = torch.where(torch.arange(240) < 200, 0.25, 0.05)[:, None].expand(240, 3).clone()
-    quats = torch.tensor([1.0, 0.0, 0.0, 0.0]).expand(240, 4).clone()
-    return Splats(directions * radius, quats, scales, torch.full((240,), 0.98), torch.rand(240, 1, 3, generator=rng))
+    scales = torch.where(torch.arange(240) < 200, 0.25, 0.05)[:, None].expand(240, 3)
+    quats = torch.tensor([1.0, 0.0, 0.0, 0.0]).expand(240, 4)
+    columns = (directions * radius, quats, scales, torch.full((240,), 0.98), torch.rand(240, 1, 3, generator=rng))
+    return Splats(*(np.ascontiguousarray(column) for column in columns))
 
 
 def test_what_is_hidden_may_be_coarse() -> None:
@@ -40,10 +42,10 @@ def test_classes_repeat() -> None:
 
 def test_the_quick_way_finds_the_gradients_of_torch() -> None:
     splats = two_shells()
-    seen, cameras = splats.seen_from(torch.zeros(3)), cameras_around(splats.means, 1, 48)
+    seen, cameras = splats.seen_from(np.zeros(3, np.float32)), cameras_around(splats.means, 1, 48)
     rng = torch.Generator().manual_seed(2)
     found = []
-    for find in (each_gradient_cpu, partial(_each_gradient, create_renderer("cpu"))):
+    for find in (each_gradient_cpu, partial(_each_gradient, render_differentiable)):
         rows = [np.zeros(tuple(values.shape), np.float32) for values in vars(seen).values()]
 
         def use(some: slice, *gradients: np.ndarray, rows: list[np.ndarray] = rows) -> None:
@@ -63,8 +65,8 @@ def test_the_quick_way_finds_the_gradients_of_torch() -> None:
 def test_large_scenes_are_looked_at_part_by_part() -> None:
     """A part knows nothing of the others: what is far away from it may be anything."""
     near = two_shells()
-    far = replace(near, means=near.means + torch.tensor([1000.0, 0.0, 0.0]))
-    both = Splats(**{name: torch.cat([getattr(one, name) for one in (near, far)]) for name in vars(near)})
+    far = replace(near, means=near.means + np.array([1000.0, 0.0, 0.0], np.float32))
+    both = Splats(**{name: np.concatenate([getattr(one, name) for one in (near, far)]) for name in vars(near)})
     classes = precision_classes(both, part=240)
     alone = precision_classes(near, cameras_around(near.means, VIEWS_OF_PART, SIZE))
     assert (classes[:240] == alone).all()

@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
+from close import unit
 from splatwire.clips import ClipOptions, encode_clip
 from splatwire.codec.schemas.tracks.side_info import open_side_info
 from splatwire.codec.viewpoint import UP_SECTION
@@ -16,11 +18,11 @@ from splatwire.scene.splats import Splats
 def lit_ball(up: float, strength: float) -> SplatScene:
     """A ball whose side towards `up` along y is the brighter one."""
     rng = torch.Generator().manual_seed(1)
-    means = torch.nn.functional.normalize(torch.randn(800, 3, generator=rng), dim=1)
-    sh = torch.zeros(800, 1, 3) - 1.0
+    means = unit(torch.randn(800, 3, generator=rng).numpy())
+    sh = np.zeros((800, 1, 3), np.float32) - 1.0
     sh += strength * up * means[:, 1, None, None]
-    turns = torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(800, 1)
-    return SplatScene(Splats(means, turns, torch.full((800, 3), 0.08), torch.full((800,), 0.95), sh))
+    turns = np.tile(np.array([1.0, 0.0, 0.0, 0.0], np.float32), (800, 1))
+    return SplatScene(Splats(means, turns, np.full((800, 3), 0.08, np.float32), np.full((800,), 0.95, np.float32), sh))
 
 
 @pytest.mark.parametrize(("up", "strength", "found"), [(1, 0.6, "y"), (-1, 0.6, "-y"), (1, 0.02, "-y"), (1, 0, "-y")])
@@ -33,11 +35,11 @@ def test_the_brighter_side_is_up_and_minus_y_where_neither_is(up: float, strengt
 def test_of_a_ground_what_stands_on_it_says_where_up_is(up: str, strength: float) -> None:
     ball = lit_ball(1, strength).splats
     ground = replace(
-        ball, means=ball.means * 0.01 + 20 * torch.rand(800, 3, generator=torch.Generator().manual_seed(4))
+        ball, means=ball.means * 0.01 + 20 * torch.rand(800, 3, generator=torch.Generator().manual_seed(4)).numpy()
     )
     ground.means[:, 1] *= 0.001
     sign = 1.0 if up == "y" else -1.0
-    ground.means[::8, 1] += sign * 2 * torch.rand(100, generator=torch.Generator().manual_seed(5))
+    ground.means[::8, 1] += sign * 2 * torch.rand(100, generator=torch.Generator().manual_seed(5)).numpy()
     assert up_of(SplatScene(ground)) == up
 
 

@@ -1,30 +1,33 @@
 import math
 
+import numpy as np
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from close import assert_close
 from scenes import tiny_cameras, tiny_scene
 from splatwire.clips.extent import ball_around
 from splatwire.model.gaussian_heads import spawn_gaussians
+from splatwire.model.tensors import to_tensors
 from splatwire.render.importance import cameras_around, footprint_importance, orbiting_cameras, surrounding_cameras
 from splatwire.scene import Anchors, Cameras
 from splatwire.scene.importance import Importance
 
 
 def test_shares_and_the_top() -> None:
-    importance = Importance.of_footprints(torch.tensor([1.0, 5.0, 0.0, 5.0, 9.0]))
-    torch.testing.assert_close(importance.share, torch.tensor([0.05, 0.25, 0.0, 0.25, 0.45]))
+    importance = Importance.of_footprints(np.array([1.0, 5.0, 0.0, 5.0, 9.0], np.float32))
+    assert_close(importance.share, np.array([0.05, 0.25, 0.0, 0.25, 0.45], np.float32))
     assert importance.top(0.4).tolist() == [False, True, False, False, True]  # of equals the lower index
     assert not importance.top(0.0).any()
     assert importance.top(1.0).all()
 
 
 def test_tiers_are_shares_of_what_is_counted() -> None:
-    importance = Importance.of_footprints(torch.tensor([1.0, 5.0, 0.0, 5.0, 9.0]))
+    importance = Importance.of_footprints(np.array([1.0, 5.0, 0.0, 5.0, 9.0], np.float32))
     assert importance.tiers((0.2, 0.4)).tolist() == [2, 1, 2, 1, 0]
-    assert torch.equal(importance.tiers((0.4,)) == 0, importance.top(0.4))
-    seen = torch.tensor([True, True, True, True, False])
+    assert np.array_equal(importance.tiers((0.4,)) == 0, importance.top(0.4))
+    seen = np.array([True, True, True, True, False])
     assert importance.tiers((0.25,), seen).tolist() == [1, 0, 1, 1, 1]
     assert importance.tiers(()).tolist() == [0, 0, 0, 0, 0]
     for bad in ((0.7, 0.4), (-0.1,), (math.nan,)):
@@ -33,82 +36,87 @@ def test_tiers_are_shares_of_what_is_counted() -> None:
 
 
 def test_nothing_seen_is_no_division_by_zero() -> None:
-    assert Importance.of_footprints(torch.zeros(3)).share.tolist() == [0, 0, 0]
-    assert Importance.of_footprints(torch.zeros(0)).top(0.5).shape == (0,)
+    assert Importance.of_footprints(np.zeros(3, np.float32)).share.tolist() == [0, 0, 0]
+    assert Importance.of_footprints(np.zeros(0, np.float32)).top(0.5).shape == (0,)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -1.0])
 def test_senseless_shares_are_refused(bad: float) -> None:
     with pytest.raises(ValueError, match="finite"):
-        Importance(torch.tensor([0.5, bad]))
+        Importance(np.array([0.5, bad], np.float32))
     with pytest.raises(ValueError, match="fraction"):
-        Importance(torch.tensor([1.0])).top(1.5)
+        Importance(np.array([1.0], np.float32)).top(1.5)
 
 
 def test_an_anchor_out_of_sight_has_no_share_and_views_add_up() -> None:
     scene, cameras = tiny_scene(num_anchors=200), tiny_cameras()
     share = footprint_importance(scene, cameras).share
     assert float(share.sum()) == pytest.approx(1, abs=1e-5)
-    away = Cameras(cameras.viewmats[:1].clone(), cameras.Ks[:1], cameras.width, cameras.height, ("away",))
+    away = Cameras(cameras.viewmats[:1].copy(), cameras.Ks[:1], cameras.width, cameras.height, ("away",))
     away.viewmats[:, 2] *= -1
     away.viewmats[:, 0] *= -1
     assert float(footprint_importance(scene, away).share.sum()) == 0
     both = Cameras(
-        torch.cat([cameras.viewmats, away.viewmats]), cameras.Ks[:1].repeat(4, 1, 1), cameras.width, cameras.height,
+        np.concatenate([cameras.viewmats, away.viewmats]), np.repeat(cameras.Ks[:1], 4, axis=0),
+        cameras.width, cameras.height,
         (*cameras.names, "away"),
     )  # fmt: skip
-    torch.testing.assert_close(footprint_importance(scene, both).share, share)
+    assert_close(footprint_importance(scene, both).share, share)
 
 
 def test_agrees_with_a_projection_by_automatic_differentiation() -> None:
     scene, cameras = tiny_scene(seed=1, num_anchors=40), tiny_cameras(num_views=1, width=400, height=400)
-    visible = torch.ones(40, dtype=torch.bool)
-    spawned = spawn_gaussians(scene.anchors, scene.heads, cameras.centers[0], visible)
-    pose, K, drawn = cameras.viewmats[0].double(), cameras.Ks[0].double(), spawned.gaussians
+    visible = np.ones(40, np.bool_)
+    tensors = to_tensors(scene)
+    spawned = spawn_gaussians(tensors.anchors, tensors.heads, *to_tensors((cameras.centers[0], visible)))
+    pose, K = to_tensors((cameras.viewmats[0].astype(np.float64), cameras.Ks[0].astype(np.float64)))
+    drawn = spawned.gaussians
 
     def pixel(point: torch.Tensor) -> torch.Tensor:
         local = K @ (pose[:3, :3] @ point + pose[:3, 3])
         return local[:2] / local[2]
 
-    footprint = torch.zeros(40, dtype=torch.float64)
+    footprint = np.zeros(40, np.float64)
     for g, anchor in enumerate(spawned.anchor_index.tolist()):
-        turn = torch.from_numpy(Rotation.from_quat(drawn.quats[g].roll(-1).numpy()).as_matrix())
+        turn = Rotation.from_quat(drawn.quats[g].roll(-1)).as_matrix()
         jacobian = torch.autograd.functional.jacobian(pixel, drawn.means[g].double())
-        root = jacobian @ turn @ torch.diag(drawn.scales[g].double())
-        area = math.pi * torch.linalg.det(root @ root.T + 0.3 * torch.eye(2)).sqrt()
+        root = jacobian.numpy() @ turn @ np.diag(drawn.scales[g].double().numpy())
+        area = math.pi * np.sqrt(np.linalg.det(root @ root.T + 0.3 * np.eye(2, dtype=np.float32)))
         footprint[anchor] += float(drawn.opacities[g]) * area
     share = footprint_importance(scene, cameras).share
-    torch.testing.assert_close(share, (footprint / footprint.sum()).float(), rtol=1e-3, atol=1e-5)
+    assert_close(share, (footprint / footprint.sum()).astype(np.float32), rtol=1e-3, atol=1e-5)
 
 
 def test_surrounding_cameras_look_at_the_middle() -> None:
     scene = tiny_scene(num_anchors=300)
     cameras = surrounding_cameras(scene, 12)
     rotation = cameras.viewmats[:, :3, :3]
-    torch.testing.assert_close(rotation @ rotation.transpose(1, 2), torch.eye(3).expand(12, 3, 3), rtol=0, atol=1e-5)
-    assert bool((torch.linalg.det(rotation) > 0.99).all())
-    middle = scene.anchors.positions.median(dim=0).values
-    local = torch.einsum("vij,j->vi", rotation, middle) + cameras.viewmats[:, :3, 3]
-    torch.testing.assert_close(local[:, :2], torch.zeros(12, 2), rtol=0, atol=1e-4)
+    assert_close(
+        rotation @ rotation.transpose(0, 2, 1), np.tile(np.eye(3, dtype=np.float32), (12, 1, 1)), rtol=0, atol=1e-5
+    )
+    assert bool((np.linalg.det(rotation) > 0.99).all())
+    middle = np.median(scene.anchors.positions, axis=0)
+    local = np.einsum("vij,j->vi", rotation, middle) + cameras.viewmats[:, :3, 3]
+    assert_close(local[:, :2], np.zeros((12, 2), np.float32), rtol=0, atol=1e-4)
     assert bool((local[:, 2] > 0).all())
-    assert bool((footprint_importance(scene, cameras).share > 0).float().mean() > 0.9)
+    assert bool((footprint_importance(scene, cameras).share > 0).astype(np.float32).mean() > 0.9)
 
 
 @pytest.mark.parametrize(("up", "axis"), [("y", [0, 1, 0]), ("-y", [0, -1, 0]), ("z", [0, 0, 1]), ("-x", [-1, 0, 0])])
 def test_a_walk_around_shows_all_of_a_scene_upright_from_above(up: str, axis: list[int]) -> None:
     generator = torch.Generator().manual_seed(2)
-    points = torch.randn(500, 3, generator=generator) * torch.tensor([0.02, 0.05, 0.01]) + 7
+    points = torch.randn(500, 3, generator=generator).numpy() * np.array([0.02, 0.05, 0.01], np.float32) + 7
     ball = ball_around(points)
     cameras = orbiting_cameras(ball.middle, ball.radius, 7, up, size=100)
-    upwards, middle = torch.tensor(axis, dtype=torch.float32), torch.from_numpy(ball.middle).float()
+    upwards, middle = np.array(axis, np.float32), ball.middle.astype(np.float32)
     assert bool(((cameras.centers - middle) @ upwards > 0).all())
     assert bool((cameras.viewmats[:, 1, :3] @ upwards < 0).all())  # down in the picture
-    local = torch.einsum("vij,nj->vni", cameras.viewmats[:, :3, :3], points) + cameras.viewmats[:, None, :3, 3]
-    pixels = torch.einsum("vij,vnj->vni", cameras.Ks, local)
+    local = np.einsum("vij,nj->vni", cameras.viewmats[:, :3, :3], points) + cameras.viewmats[:, None, :3, 3]
+    pixels = np.einsum("vij,vnj->vni", cameras.Ks, local)
     pixels = pixels[..., :2] / pixels[..., 2:]
-    inside = ((pixels > 0) & (pixels < 100)).all(dim=2).float().mean(dim=1)
+    inside = ((pixels > 0) & (pixels < 100)).all(axis=2).astype(np.float32).mean(axis=1)
     assert bool((inside >= 0.998).all())
-    assert float((pixels - 50).abs().amax()) > 25  # and it is not far away
+    assert float(np.abs(pixels - 50).max()) > 25  # and it is not far away
 
 
 def test_no_anchors_no_views() -> None:

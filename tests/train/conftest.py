@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from PIL import Image
 
 from scenes import SMALL_CONFIG, VOXEL_SIZE, tiny_cameras, tiny_scene
@@ -26,9 +25,9 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     paths = []
     for name, image in zip(cameras.names, render_scene(scene, cameras), strict=True):
         path: Path = folder / f"{name}.png"
-        Image.fromarray((image.numpy() * 255).round().astype(np.uint8)).save(path)
+        Image.fromarray((image * 255).round().astype(np.uint8)).save(path)
         paths.append(path)
-    points = SparsePoints(scene.anchors.positions, torch.rand(200, 3))
+    points = SparsePoints(scene.anchors.positions, np.random.default_rng(0).random((200, 3), np.float32))
     return Dataset(cameras, tuple(paths), points)
 
 
@@ -55,7 +54,7 @@ def folder(dataset: Dataset, tmp_path: Path) -> Path:
     frames = []
     for view, path in enumerate(dataset.image_paths):
         shutil.copy(path, root / "images" / path.name)
-        pose = torch.linalg.inv(dataset.cameras.viewmats[view]) @ torch.diag(torch.tensor([1.0, -1, -1, 1]))
+        pose = np.linalg.inv(dataset.cameras.viewmats[view]) @ np.diag([1.0, -1, -1, 1])
         frames.append({"file_path": f"images/{path.name}", "transform_matrix": pose.tolist()})
     K = dataset.cameras.Ks[0]
     content = {"fl_x": float(K[0, 0]), "fl_y": float(K[1, 1]), "w": 48, "h": 32, "frames": frames}

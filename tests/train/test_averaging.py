@@ -3,6 +3,7 @@ import dataclasses
 import pytest
 import torch
 
+from close import assert_close
 from splatwire.data import Dataset
 from splatwire.train.averaging import averaged, gather_mean, start_of_mean
 from splatwire.train.config import TrainConfig
@@ -39,7 +40,7 @@ def test_a_run_leaves_the_mean_of_its_end(length: int, dataset: Dataset, config:
         step(state, state.iteration % dataset.num_views, photos.photo(state.iteration % dataset.num_views))
         history.append(state.parameters["heads.opacity.output.bias"].detach().clone())
     kept = history[-length:] if length else history[-1:]
-    torch.testing.assert_close(export_scene(state, config).heads.opacity.output.bias, torch.stack(kept).mean(dim=0))
+    assert_close(export_scene(state, config).heads.opacity.output.bias, torch.stack(kept).mean(dim=0))
 
 
 def test_nothing_is_noted_before(dataset: Dataset, config: TrainConfig) -> None:

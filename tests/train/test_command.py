@@ -8,8 +8,8 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
-import torch
 
 from splatwire.cli.main import main
 from splatwire.codec import encode_scene
@@ -26,7 +26,7 @@ def folder(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
     frames = []
     for view, path in enumerate(dataset.image_paths):
         shutil.copy(path, folder / "images" / path.name)
-        pose = torch.linalg.inv(dataset.cameras.viewmats[view]) @ torch.diag(torch.tensor([1.0, -1, -1, 1]))
+        pose = np.linalg.inv(dataset.cameras.viewmats[view]) @ np.diag([1.0, -1, -1, 1])
         frames.append({"file_path": f"images/{path.name}", "transform_matrix": pose.tolist()})
     K = dataset.cameras.Ks[0]
     intrinsics = {"fl_x": float(K[0, 0]), "fl_y": float(K[1, 1]), "w": 48, "h": 32}

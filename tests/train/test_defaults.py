@@ -34,12 +34,11 @@ from splatwire.train.step import StepReport
 _FAR = Progress(20_000, 30_000, 0.1234, 0.1234, 1_234_567, 123_450_000, 7200.0, 12.3)
 
 
-def _splats(opacities: torch.Tensor) -> Splats:
-    rng = torch.Generator().manual_seed(0)
+def _splats(*opacities: float) -> Splats:
     count = len(opacities)
-    quats = torch.tensor([[1.0, 0, 0, 0]]).expand(count, 4)
-    means = torch.rand(count, 3, generator=rng) - 0.5
-    return Splats(means, quats, torch.full((count, 3), 0.05), opacities, torch.zeros(count, 1, 3))
+    means = np.random.default_rng(0).random((count, 3), np.float32) - np.float32(0.5)
+    quats, scales = np.tile(np.float32([1, 0, 0, 0]), (count, 1)), np.full((count, 3), 0.05, np.float32)
+    return Splats(means, quats, scales, np.float32(opacities), np.zeros((count, 1, 3), np.float32))
 
 
 @pytest.mark.parametrize(
@@ -109,7 +108,7 @@ def test_compiling_does_not_count_in_the_time_left(dataset: Dataset) -> None:
 def test_the_choice_is_printed_and_recorded(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = tmp_path / "out.scene"
     words = ["train", folder, "-o", output, "--iterations", 20, "--voxel-size", 0.2, "--json"]
-    write_splats([_splats(torch.full((40,), 0.5))], tmp_path / "start.ply")
+    write_splats([_splats(*[0.5] * 40)], tmp_path / "start.ply")
     assert _run([*words, "--init", tmp_path / "start.ply"]) == 0
     captured = capsys.readouterr()
     assert "recipe mipnerf360 (chosen by the data), 20 iterations" in captured.err
@@ -121,12 +120,12 @@ def test_the_choice_is_printed_and_recorded(folder: Path, tmp_path: Path, capsys
 
 
 def test_points_of_gaussians_are_the_visible_ones(tmp_path: Path) -> None:
-    splats = _splats(torch.tensor([0.5, 0.001, 0.9]))
+    splats = _splats(0.5, 0.001, 0.9)
     write_splats([splats], tmp_path / "a.ply")
     points = points_of(SplatScene(read_splats(tmp_path / "a.ply")))
-    assert torch.equal(points.positions, splats.means[[0, 2]])
+    assert np.array_equal(points.positions, splats.means[[0, 2]])
     assert bool((points.colors == 0.5).all())
-    write_splats([_splats(torch.full((3,), 0.001))], tmp_path / "b.ply")
+    write_splats([_splats(*[0.001] * 3)], tmp_path / "b.ply")
     with pytest.raises(InvalidValueError, match="transparent"):
         points_of(SplatScene(read_splats(tmp_path / "b.ply")))
 

@@ -8,6 +8,7 @@ import torch
 from scenes import SMALL_CAUSAL, tiny_cameras, tiny_scene
 from splatwire.model import Linear, Mlp, gaussian_heads
 from splatwire.model.causal import CausalConfig
+from splatwire.model.tensors import to_tensors
 from splatwire.scene import Gaussians
 from splatwire.train.causal import channel_steps, number_bits, number_bits_of
 from splatwire.train.causal_device import POSITION_BITS, _NumberBits, column_steps, sample_bits
@@ -95,7 +96,7 @@ def test_visible_anchors_are_those_of_the_plain_projection(axes: int) -> None:
     positions = 3 * torch.randn(5000, 3, generator=rng)
     sizes = torch.exp(torch.randn(5000, axes, generator=rng) - 3)
     anchors = _anchors(scene, positions, sizes.expand(-1, 3))
-    views = ViewConstants.of(cameras)
+    views = ViewConstants.of(to_tensors(cameras))
     for view in range(cameras.num_views):
         expected = gaussian_heads.visible_anchors(anchors, cameras, view)
         found = visible_anchors(views, view, positions, sizes)
@@ -106,12 +107,12 @@ def test_visible_anchors_are_those_of_the_plain_projection(axes: int) -> None:
 def _anchors(scene: object, positions: torch.Tensor, sizes: torch.Tensor) -> object:
     import dataclasses
 
-    first = scene.anchors.select(torch.zeros(len(positions), dtype=torch.int64))  # type: ignore[attr-defined]
+    first = to_tensors(scene.anchors).select(torch.zeros(len(positions), dtype=torch.int64))  # type: ignore[attr-defined]
     return dataclasses.replace(first, positions=positions, scalings=torch.cat([sizes, sizes], dim=1))
 
 
 def test_gaussians_on_the_image_are_those_of_the_statistics() -> None:
-    cameras, rng = tiny_cameras(3, 64, 48), torch.Generator().manual_seed(0)
+    cameras, rng = to_tensors(tiny_cameras(3, 64, 48)), torch.Generator().manual_seed(0)
     means, scales = 3 * torch.randn(3000, 3, generator=rng), torch.exp(torch.randn(3000, 3, generator=rng) - 3)
     gaussians = Gaussians(means, torch.ones(3000, 4) / 2, scales, torch.ones(3000), scales)
     for view in range(3):
@@ -121,7 +122,7 @@ def test_gaussians_on_the_image_are_those_of_the_statistics() -> None:
 
 
 def test_all_gaussians_hold_those_that_exist() -> None:
-    scene, cameras = tiny_scene(num_anchors=60), tiny_cameras(2, 48, 32)
+    scene, cameras = to_tensors((tiny_scene(num_anchors=60), tiny_cameras(2, 48, 32)))
     anchors, center = scene.anchors, cameras.centers[0]
     everything = torch.ones(anchors.num_anchors, dtype=torch.bool)
     weight, gain = anchors.mask.float(), torch.linspace(1, 2, anchors.num_anchors)

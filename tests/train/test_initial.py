@@ -1,5 +1,7 @@
 import dataclasses
+import itertools
 
+import numpy as np
 import pytest
 import torch
 
@@ -11,15 +13,15 @@ from splatwire.train.config import TrainConfig
 from splatwire.train.initial import camera_extent, grid_bounds, initial_state, parameter_shapes
 
 
-def _with_points(dataset: Dataset, points: torch.Tensor | None) -> Dataset:
-    sparse = None if points is None else SparsePoints(points, torch.zeros_like(points))
+def _with_points(dataset: Dataset, points: np.ndarray | None) -> Dataset:
+    sparse = None if points is None else SparsePoints(points, np.zeros_like(points))
     return dataclasses.replace(dataset, points=sparse)
 
 
 def test_anchors_stand_at_the_points(dataset: Dataset, config: TrainConfig) -> None:
     state = initial_state(dataset, config)
     assert dataset.points is not None
-    expected = {tuple(p) for p in torch.round(dataset.points.positions / VOXEL_SIZE).long().tolist()}
+    expected = {tuple(p) for p in np.rint(dataset.points.positions / VOXEL_SIZE).astype(np.int64).tolist()}
     assert {tuple(v) for v in state.voxels.tolist()} == expected
     distances = torch.cdist(state.positions, state.positions).topk(4, largest=False).values[:, 1:]
     sizes = state.parameters["log_scalings"].detach().exp()[:, 0]
@@ -30,7 +32,7 @@ def test_anchors_stand_at_the_points(dataset: Dataset, config: TrainConfig) -> N
 
 
 def test_points_in_one_voxel_become_one_anchor(dataset: Dataset, config: TrainConfig) -> None:
-    points = torch.tensor([[0.0, 0, 0], [VOXEL_SIZE / 4, 0, 0], [0.5, 0, 0], [0, 0.5, 0], [0, 0, 0.5]])
+    points = np.float32([[0.0, 0, 0], [VOXEL_SIZE / 4, 0, 0], [0.5, 0, 0], [0, 0.5, 0], [0, 0, 0.5]])
     assert initial_state(_with_points(dataset, points), config).num_anchors == 4
 
 
@@ -44,7 +46,7 @@ def test_without_points_a_box_is_filled(dataset: Dataset, config: TrainConfig) -
 
 
 def test_a_voxel_size_can_come_from_the_points(dataset: Dataset, config: TrainConfig) -> None:
-    grid = torch.cartesian_prod(*(torch.arange(5.0) / 5,) * 3)
+    grid = np.float32(list(itertools.product(np.arange(5.0) / 5, repeat=3)))
     state = initial_state(_with_points(dataset, grid), dataclasses.replace(config, voxel_size=0.0))
     assert state.voxel_size == pytest.approx(0.04, rel=1e-4)  # every point has three neighbours at 0.2
 
@@ -64,21 +66,21 @@ def test_extent_of_the_cameras(dataset: Dataset) -> None:
 def test_what_cannot_be_trained_on_is_refused_at_once(dataset: Dataset, config: TrainConfig) -> None:
     cameras = dataset.cameras
 
-    def moved(viewmats: torch.Tensor) -> Dataset:
+    def moved(viewmats: np.ndarray) -> Dataset:
         changed = Cameras(viewmats, cameras.Ks, cameras.width, cameras.height, cameras.names)
         return dataclasses.replace(dataset, cameras=changed)
 
-    turned = cameras.viewmats.clone()
+    turned = cameras.viewmats.copy()
     turned[:, [0, 2]] *= -1  # looks the other way
-    not_finite = cameras.viewmats.clone()
-    not_finite[2, 0, 3] = torch.nan
+    not_finite = cameras.viewmats.copy()
+    not_finite[2, 0, 3] = np.nan
     cases = {
         "at least 2 views": dataset.select([3]),
-        "same place": moved(cameras.viewmats[:1].expand(8, 4, 4)),
+        "same place": moved(cameras.viewmats[:1].repeat(8, axis=0)),
         "see none of the points": moved(turned),
         "not finite": moved(not_finite),
-        "usable points": _with_points(dataset, torch.full((3, 3), 0.1)),
-        "larger voxel size": _with_points(dataset, torch.full((9, 3), 1e6)),
+        "usable points": _with_points(dataset, np.full((3, 3), 0.1, np.float32)),
+        "larger voxel size": _with_points(dataset, np.full((9, 3), 1e6, np.float32)),
     }
     for message, broken in cases.items():
         with pytest.raises(DatasetError, match=message):

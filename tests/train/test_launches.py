@@ -10,6 +10,7 @@ from launches import Launches
 from pretend_device import DEVICE, pretend_device
 from scenes import SMALL_CAUSAL
 from splatwire.data import Dataset
+from splatwire.model.tensors import to_tensors
 from splatwire.render.gsplat_backend import GsplatRenderer
 from splatwire.train.config import TrainConfig
 from splatwire.train.initial import initial_state
@@ -38,8 +39,7 @@ def _counted(counter: Launches, dataset: Dataset, config: TrainConfig, start: in
         state = move_state(initial_state(dataset, config), DEVICE)
         kernels = plain_kernels(renderer.draw)
         photos = PhotoStore(dataset, DEVICE, kernels.prepare_photo)
-        cameras = dataset.cameras
-        cameras = dataclasses.replace(cameras, viewmats=cameras.viewmats.to(DEVICE), Ks=cameras.Ks.to(DEVICE))
+        cameras = to_tensors(dataset.cameras, DEVICE)
         step, means = TrainingStep(config, cameras, kernels), RunningMeans(config, kernels.report_interval)
         state.iteration = start - 1
         step(state, 0, photos.photo(0))

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 import torch
 
@@ -19,11 +20,9 @@ CONFIG = RefineConfig(steps=60, batch=300)
 def scene() -> AnchorScene:
     """Attributes that the place tells much of, and a context model that knows nothing of it."""
     scene = tiny_scene(seed=5, num_anchors=1200)
-    place = scene.anchors.positions - scene.anchors.positions.mean(dim=0)
-    wave = torch.sin(
-        place @ torch.randn(3, scene.anchors.features.shape[1], generator=torch.Generator().manual_seed(1))
-    )
-    return dataclasses.replace(scene, anchors=dataclasses.replace(scene.anchors, features=40 * wave))
+    place = scene.anchors.positions - scene.anchors.positions.mean(axis=0)
+    mix = torch.randn(3, scene.anchors.features.shape[1], generator=torch.Generator().manual_seed(1)).numpy()
+    return dataclasses.replace(scene, anchors=dataclasses.replace(scene.anchors, features=40 * np.sin(place @ mix)))
 
 
 def test_bytes_fall_and_the_scene_stays(scene: AnchorScene) -> None:
@@ -32,7 +31,7 @@ def test_bytes_fall_and_the_scene_stays(scene: AnchorScene) -> None:
     assert after.num_bytes < 0.9 * before.num_bytes
     original = scene_in_order(scene, "morton").anchors
     for name, step in zip(("features", "scalings", "offsets"), scene.coding.config.base_steps, strict=True):
-        error = (getattr(decode_stream(after).scene.anchors, name) - getattr(original, name)).abs()
+        error = np.abs(getattr(decode_stream(after).scene.anchors, name) - getattr(original, name))
         assert error.mean() < 0.3 * step
         assert error.max() < 1.2 * step
 
@@ -41,9 +40,8 @@ def test_only_the_context_model_changes(scene: AnchorScene) -> None:
     refined = refine_context(scene, CONFIG)
     assert refined.anchors is scene.anchors
     assert refined.heads is scene.heads
-    assert refined.coding.context.grid.volume.abs().eq(1).all()
-    assert not torch.equal(refined.coding.context.grid.volume, scene.coding.context.grid.volume)
-    assert not refined.coding.context.prior.output.weight.requires_grad
+    assert (np.abs(refined.coding.context.grid.volume) == 1).all()
+    assert not np.array_equal(refined.coding.context.grid.volume, scene.coding.context.grid.volume)
 
 
 def test_the_seed_decides(scene: AnchorScene) -> None:
@@ -52,14 +50,14 @@ def test_the_seed_decides(scene: AnchorScene) -> None:
         refine_context(scene, c).coding.context.prior.hidden.weight
         for c in (config, config, dataclasses.replace(config, seed=1))
     ]
-    assert torch.equal(weights[0], weights[1])
-    assert not torch.equal(weights[0], weights[2])
+    assert np.array_equal(weights[0], weights[1])
+    assert not np.array_equal(weights[0], weights[2])
 
 
 def test_anchors_that_draw_nothing_have_no_say(scene: AnchorScene) -> None:
-    mask = scene.anchors.mask.clone()
+    mask = scene.anchors.mask.copy()
     mask[:100] = False
-    wild = scene.anchors.features.clone()
+    wild = scene.anchors.features.copy()
     wild[:100] = 1e6
     config = dataclasses.replace(CONFIG, steps=3)
     weights = [
@@ -68,13 +66,13 @@ def test_anchors_that_draw_nothing_have_no_say(scene: AnchorScene) -> None:
         ).coding.context.prior.hidden.weight
         for features in (scene.anchors.features, wild)
     ]
-    assert torch.equal(*weights)
+    assert np.array_equal(*weights)
 
 
 def test_no_steps_and_no_anchors_leave_the_scene_alone(scene: AnchorScene) -> None:
     assert refine_context(scene, RefineConfig(steps=0)) is scene
     empty = dataclasses.replace(
-        scene, anchors=dataclasses.replace(scene.anchors, mask=torch.zeros_like(scene.anchors.mask))
+        scene, anchors=dataclasses.replace(scene.anchors, mask=np.zeros_like(scene.anchors.mask))
     )
     assert refine_context(empty, CONFIG) is empty
 
@@ -86,7 +84,7 @@ def test_progress_is_told(scene: AnchorScene) -> None:
 
 
 def test_bits_that_are_no_number_end_it(scene: AnchorScene) -> None:
-    features = scene.anchors.features.clone()
+    features = scene.anchors.features.copy()
     features[0, 0] = float("nan")
     broken = dataclasses.replace(scene, anchors=dataclasses.replace(scene.anchors, features=features))
     with pytest.raises(DivergedError):

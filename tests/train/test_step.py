@@ -18,7 +18,7 @@ STEP = 2e-3
 def _loss(state: TrainState, dataset: Dataset, config: TrainConfig) -> float:
     """The loss of the next iteration, without learning from it."""
     frozen = dataclasses.replace(config, rates=_still(config))
-    return TrainingStep(frozen, dataset.cameras)(state, 1, prepare_photo(dataset.image(1))).loss
+    return TrainingStep(frozen, dataset.cameras)(state, 1, prepare_photo(torch.from_numpy(dataset.image(1)))).loss
 
 
 def _still(config: TrainConfig) -> object:
@@ -30,7 +30,7 @@ def _still(config: TrainConfig) -> object:
 
 def _trained(dataset: Dataset, config: TrainConfig, iterations: int) -> TrainState:
     state, step = initial_state(dataset, config), TrainingStep(config, dataset.cameras)
-    photo = prepare_photo(dataset.image(1))
+    photo = prepare_photo(torch.from_numpy(dataset.image(1)))
     for _ in range(iterations):
         step(state, 1, photo)
     return state

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from explicit import decode_splats
 from reference.splitmix64 import splitmix64_reference
@@ -112,13 +111,13 @@ def gains_of(stream: SceneStream) -> dict[str, list[float]]:
     found = {}
     for name in concealers_of(stream):
         hints = conceal(decoded, name).hints
-        gains = torch.stack([hints.size_gain, torch.ones_like(hints.size_gain)], dim=1)
+        gains = np.stack([hints.size_gain, np.ones_like(hints.size_gain)], axis=1)
         if hints.opacity_gain is not None:
             gains[:, 1] = hints.opacity_gain
-        found[name] = gains[ranks].double().ravel().tolist()
+        found[name] = gains[ranks].astype(np.float64).ravel().tolist()
         if name == SECTION:  # copies of what arrived are not drawn
-            places = torch.from_numpy(copies_of(decoded)[0])
-            found[name] += (gains[places] * ~decoded.erasures.known[places, None]).double().ravel().tolist()
+            places = copies_of(decoded)[0]
+            found[name] += (gains[places] * ~decoded.erasures.known[places, None]).astype(np.float64).ravel().tolist()
     return found
 
 
@@ -128,25 +127,25 @@ def first_packet(stream: SceneStream) -> list[list[float]]:
         return first_anchors(stream)
     splats, known = decode_splats(stream.with_packets(stream.packets[:1]))
     colours = 0.5 + DC * splats.sh[:, 0]
-    harmonics = splats.sh[:, 1:].flatten(1)
+    harmonics = splats.sh[:, 1:].reshape(len(splats.sh), -1)
     columns = (splats.means, splats.quats, splats.scales, splats.opacities[:, None], colours, harmonics)
     plan, packet = stream.manifest.plan, stream.packets[0]
     places = plan.members(packet.id, packet.num_elements)
     assert known[places].all()
-    return np.concatenate([column.numpy()[places] for column in columns], axis=1).astype(np.float64).tolist()
+    return np.concatenate([column[places] for column in columns], axis=1).astype(np.float64).tolist()
 
 
 def first_anchors(stream: SceneStream) -> list[list[float]]:
     """What `CAMERA` sees of the anchors of a stream's first packet, in the packet's order."""
     partial = stream.with_packets(stream.packets[:1])
     lens = [[200.0, 0, 80], [0, 200.0, 60], [0, 0, 1]]
-    cameras = Cameras(torch.tensor(CAMERA["viewmat"])[None].float(), torch.tensor(lens)[None], 160, 120, ("view",))
+    cameras = Cameras(np.array(CAMERA["viewmat"])[None].astype(np.float32), np.array(lens)[None], 160, 120, ("view",))
     spawned = spawned_gaussians(decode_stream(partial).scene, cameras, 0)
     order = arrange_stream(partial)
     ranks = order.groups.ranks[: order.groups.starts[1]].tolist()
     found = spawned.gaussians
     columns = (found.means, found.quats, found.scales, found.opacities[:, None], found.colors)
-    rows = torch.cat(columns, dim=1).double()[found.opacities >= 1 / 255].tolist()
+    rows = np.concatenate(columns, axis=1).astype(np.float64)[found.opacities >= 1 / 255].tolist()
     owners = spawned.anchor_index[found.opacities >= 1 / 255].tolist()
     assert rows
     return [row for _, row in sorted(zip(owners, rows, strict=True), key=lambda pair: ranks.index(pair[0]))]

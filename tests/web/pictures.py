@@ -49,7 +49,7 @@ def check_pictures(page: Browser, stream: SceneStream, least: float, concealer: 
         camera = {"viewmat": cameras.viewmats[view].tolist(), "focal": float(cameras.Ks[view, 1, 1]), "height": 180}
         picture = page.resolve(f"{ELEMENT}.picture({json.dumps(camera)})").split(",")[1]
         found = np.asarray(Image.open(io.BytesIO(base64.b64decode(picture))).convert("RGB")) / 255.0
-        error = ((found - expected.numpy()) ** 2).mean()
+        error = ((found - expected) ** 2).mean()
         assert -10 * np.log10(error) > least, f"view {view}, {concealer}: {-10 * np.log10(error):.1f} dB"
     page.evaluate(f"{ELEMENT}.view.fix(null); {ELEMENT}.removeAttribute('style')")
     return picture

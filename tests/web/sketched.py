@@ -1,7 +1,6 @@
 """Streams with copies for the concealer `sketch`, and what Python reads of them."""
 
 import numpy as np
-import torch
 
 from conceal.test_sketch import a_sketch
 from splatwire.codec import add_concealment, decode_stream
@@ -33,14 +32,14 @@ def copies_of(partial: Partial) -> tuple[np.ndarray, list[float]]:
     if copies is not None:
         splats = copies.splats
         numbers = (splats.means, splats.scales, splats.quats, splats.opacities)
-        return copies.places.numpy(), torch.cat([part.flatten() for part in numbers]).double().tolist()
+        return copies.places, np.concatenate([part.flatten() for part in numbers]).astype(np.float64).tolist()
     section, prior = section_of(partial), partial[Prior]
     places = np.flatnonzero(section.levels)
-    found = sketched_attributes(section, expected_scalings(prior)[torch.from_numpy(places)])
+    found = sketched_attributes(section, expected_scalings(prior)[places])
     features, scalings, offsets, mask = found
     far = offsets * scalings[:, None, :3] * mask[:, :, None]
-    numbers = (partial.places[torch.from_numpy(places)], features, scalings[:, 3:], far)
-    return places, torch.cat([part.flatten() for part in numbers]).double().tolist()
+    numbers = (partial.places[places], features, scalings[:, 3:], far)
+    return places, np.concatenate([part.flatten() for part in numbers]).astype(np.float64).tolist()
 
 
 def section_of(partial: Partial) -> SketchSection:

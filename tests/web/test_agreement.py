@@ -300,9 +300,9 @@ def lossy_clips(stream: SceneStream, folder: Path) -> Iterator[tuple[Path, list[
         shown = []
         method = replace(clip_concealer("motion"), grow=False)
         for frame in decode_frames(decode_stream(stream.with_packets(kept)).scene, method):
-            s, tracks = frame.scene.splats, torch.from_numpy(frame.tracks)[:, None]
+            s, tracks = frame.scene.splats, frame.tracks[:, None]
             columns = (tracks, s.means, s.quats, s.scales, s.opacities[:, None], 0.5 + DC * s.sh[:, 0])
-            shown.append(torch.cat([column.double() for column in columns], dim=1).tolist())
+            shown.append(np.concatenate([column.astype(np.float64) for column in columns], axis=1).tolist())
         yield path, shown
 
 
@@ -356,7 +356,8 @@ def test_python_and_the_page_agree(tmp_path: Path, part: int) -> None:
     assert LIFETIMES in sections_of(births)
     scattered = torch.Generator().manual_seed(part)
     wild = [
-        replace(s, means=s.means + 0.1 * torch.randn(s.means.shape, generator=scattered)) for s in moving_frames(1000)
+        replace(s, means=s.means + 0.1 * torch.randn(s.means.shape, generator=scattered).numpy())
+        for s in moving_frames(1000)
     ]
     confused = encode_clip(map(Frame.of, wild), ClipOptions(group_frames=4, order="tracked"))[0]
     dark = encode_clip(darkened(moving_frames(300), range(3, 8)), ClipOptions(group_frames=4))[0]

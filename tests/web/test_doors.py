@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from PIL import Image
 
 from explicit import encode_splats
@@ -205,9 +204,7 @@ def taken(page: Browser, pose: list[float]) -> np.ndarray:
 
 def poses_of(cameras: Cameras) -> list[list[float]]:
     """From camera to world, column by column, for cameras that look along -z with y up."""
-    return [
-        (np.linalg.inv(view.numpy()) @ np.diag([1.0, -1.0, -1.0, 1.0])).T.ravel().tolist() for view in cameras.viewmats
-    ]
+    return [(np.linalg.inv(view) @ np.diag([1.0, -1.0, -1.0, 1.0])).T.ravel().tolist() for view in cameras.viewmats]
 
 
 def psnr(first: np.ndarray, second: np.ndarray) -> float:
@@ -221,7 +218,7 @@ def test_playcanvas_draws_an_asset_that_is_a_stream(project: Path) -> None:
     small = replace(small, scales=small.scales * 0.1)
     plain = half_of(encode_splats(small, SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0)))
     asking = add_concealment(plain, ANTIALIASED, b"")
-    expected, other = (render_scene(conceal(decode_stream(each), "grow"), cameras).numpy() for each in (asking, plain))
+    expected, other = (render_scene(conceal(decode_stream(each), "grow"), cameras) for each in (asking, plain))
     assert all(psnr(*pair) < 34 for pair in zip(expected, other, strict=True))
     code, scene = example("splatwire/playcanvas"), ("scene.swz", stream_to_bytes(asking))
     draws(project, "playcanvas", PLAYCANVAS, code, scene, cameras, expected, 36)
@@ -231,11 +228,11 @@ def test_playcanvas_draws_an_asset_that_is_a_stream(project: Path) -> None:
 def test_playcanvas_draws_the_fallback_of_a_gltf_file_with_a_stream(project: Path, stream: SceneStream) -> None:
     """It reads KHR_gaussian_splatting, and does not know EXT_splatwire within."""
     cameras, fallback = tiny_cameras(2, 240, 180), ball(300, degree=0)
-    expected = render_scene(SplatScene(fallback), cameras, background=torch.tensor([0.2, 0.5, 0.8]))
+    expected = render_scene(SplatScene(fallback), cameras, background=np.array([0.2, 0.5, 0.8], np.float32))
     file = project / "scene.glb"
     write_gltf_with_stream(stream_to_bytes(stream), fallback, file)
     scene = ("scene.glb", file.read_bytes())
-    draws(project, "playcanvas", PLAYCANVAS, GLTF, scene, cameras, [p.numpy() for p in expected], 36)
+    draws(project, "playcanvas", PLAYCANVAS, GLTF, scene, cameras, list(expected), 36)
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
@@ -244,8 +241,8 @@ def test_spark_draws_a_stream_between_meshes(project: Path, stream: SceneStream,
     """A mesh in front hides Gaussians; one behind shines through them as a background of its colour does."""
     cameras = tiny_cameras(2, 240, 180)
     grown = conceal(decode_stream(stream), "grow")
-    over = [p.numpy() for p in render_scene(grown, cameras)]
-    green = [p.numpy() for p in render_scene(grown, cameras, background=torch.tensor([0.0, 1.0, 0.0]))]
+    over = list(render_scene(grown, cameras))
+    green = list(render_scene(grown, cameras, background=(0.0, 1.0, 0.0)))
     scene = ("scene.swz", stream_to_bytes(stream))
     for picture, shining in zip(over, green, strict=True):
         picture[:, :90] = (1.0, 0.0, 0.0)
@@ -260,8 +257,8 @@ def test_splat_transform_reads_a_stream(project: Path, stream: SceneStream, tmp_
     called([tool, door, "-p", asked, str(tmp_path / "scene.ply")], project)
     cameras = tiny_cameras(2, 240, 180)
     ours = render_scene(conceal(decode_stream(stream), "drop"), cameras)
-    theirs = render_scene(open_scene(tmp_path / "scene.ply"), cameras, background=torch.tensor([0.2, 0.5, 0.8]))
-    assert psnr(ours.numpy(), theirs.numpy()) > 60
+    theirs = render_scene(open_scene(tmp_path / "scene.ply"), cameras, background=np.array([0.2, 0.5, 0.8], np.float32))
+    assert psnr(ours, theirs) > 60
     [shown] = re.findall(r"```bash\nsplat-transform (.*)\n```", (WEB / "PACKAGE.md").read_text())
     (project / "scene.swz").write_bytes(stream_to_bytes(stream))
     called([tool, *shown.split()], project)

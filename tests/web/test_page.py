@@ -17,6 +17,7 @@ import pytest
 import torch
 from PIL import Image
 
+from close import unit
 from explicit import encode_splats
 from scenes import tiny_scene
 from splatwire.codec import add_concealment, encode_scene
@@ -47,13 +48,12 @@ SMALL = Packetization(block_size=600, lanes=1, grouping="hashed", packet_bytes=7
 
 def ball(count: int = 1500, degree: int = 2) -> Splats:
     rng = torch.Generator().manual_seed(4)
-    directions = torch.nn.functional.normalize(torch.randn(count, 3, generator=rng), dim=1)
-    sh = torch.randn(count, (degree + 1) ** 2, 3, generator=rng) * 0.1
+    directions = unit(torch.randn(count, 3, generator=rng).numpy())
+    sh = torch.randn(count, (degree + 1) ** 2, 3, generator=rng).numpy() * 0.1
     sh[:, 0] += directions
-    return Splats(
-        directions, torch.nn.functional.normalize(torch.randn(count, 4, generator=rng), dim=1),
-        torch.exp(torch.randn(count, 3, generator=rng) * 0.4 - 3), torch.rand(count, generator=rng) * 0.9 + 0.05, sh,
-    )  # fmt: skip
+    quats, sizes = (torch.randn(count, number, generator=rng).numpy() for number in (4, 3))
+    opacities = torch.rand(count, generator=rng).numpy() * 0.9 + 0.05
+    return Splats(directions, unit(quats), np.exp(sizes * 0.4 - 3), opacities, sh)
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +163,7 @@ def test_a_browser_receives_decodes_and_draws(
 def test_gaussians_below_a_pixel_are_as_bright_as_their_file_asks(tmp_path: Path) -> None:
     """With the wish for antialiasing and without it the page draws what the renderer draws; the two differ."""
     splats, means = ball(4000), []
-    small = replace(splats, scales=splats.scales * 0.06, opacities=splats.opacities.clamp(min=0.7))
+    small = replace(splats, scales=splats.scales * 0.06, opacities=splats.opacities.clip(0.7))
     with browser() as page:
         for antialiased in (False, True):
             stream = encode_scene(SplatScene(small, antialiased=antialiased), SMALL, quality=Quality(10.0))

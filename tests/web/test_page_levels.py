@@ -35,15 +35,15 @@ SAID = f"{ELEMENT}.shadowRoot.querySelector('.panel').innerText"
 def ball(count: int) -> SplatScene:
     """Around the origin."""
     splats = some_splats(count)
-    return SplatScene(replace(splats, means=splats.means - splats.means.mean(dim=0)))
+    return SplatScene(replace(splats, means=splats.means - splats.means.mean(axis=0)))
 
 
 def seen_from(stream: SceneStream, distance: float) -> bytes:
     """The stream, looked at first from so many units beside its middle."""
     cameras = tiny_cameras(2, 240, 180)
-    poses = cameras.viewmats.clone()
-    poses[:, :3, :3] = poses.new_tensor(np.eye(3))
-    poses[:, :3, 3] = poses.new_tensor([0.0, 0.0, distance])
+    poses = cameras.viewmats.copy()
+    poses[:, :3, :3] = np.eye(3)
+    poses[:, :3, 3] = (0, 0, distance)
     moved = Cameras(poses, cameras.Ks, cameras.width, cameras.height, cameras.names)
     return stream_to_bytes(add_concealment(stream, SECTION, viewpoint_section(moved)))
 

@@ -12,6 +12,7 @@ import pytest
 import torch
 
 import splatwire
+from close import unit
 from explicit import encode_splats
 from scenes import tiny_causal_scene
 from splatwire.codec import encode_scene
@@ -33,14 +34,14 @@ def workshop() -> None:
 
 def some_splats(count: int, degree: int, seed: int) -> Splats:
     rng = torch.Generator().manual_seed(seed)
-    directions = torch.nn.functional.normalize(torch.randn(count, 3, generator=rng), dim=1)
-    sh = torch.randn(count, (degree + 1) ** 2, 3, generator=rng) * 0.15
+    directions = unit(torch.randn(count, 3, generator=rng).numpy())
+    sh = torch.randn(count, (degree + 1) ** 2, 3, generator=rng).numpy() * 0.15
     sh[:, 0] += directions
     return Splats(
-        40 * directions * (1 + 0.05 * torch.randn(count, 1, generator=rng)),
-        torch.nn.functional.normalize(torch.randn(count, 4, generator=rng), dim=1),
-        torch.exp(torch.randn(count, 3, generator=rng) - 1),
-        torch.rand(count, generator=rng) * 0.98 + 0.01,
+        40 * directions * (1 + 0.05 * torch.randn(count, 1, generator=rng).numpy()),
+        unit(torch.randn(count, 4, generator=rng).numpy()),
+        np.exp(torch.randn(count, 3, generator=rng).numpy() - 1),
+        torch.rand(count, generator=rng).numpy() * 0.98 + 0.01,
         sh,
     )
 
@@ -67,10 +68,10 @@ def anchors() -> dict[str, SceneStream]:
     """Streams of the causal codec: cut by size and in lanes, one tier and two."""
     scene = tiny_causal_scene(seed=6, num_anchors=400)
     packetization = Packetization(block_size=150, lanes=1, grouping="hashed", packet_bytes=900)
-    tiers = torch.arange(400) % 5 != 0
-    smaller = scene.anchors.scalings * torch.where(tiers[:, None], torch.tensor([1.0] * 3 + [0.2] * 3), 1.0)
+    tiers = np.arange(400) % 5 != 0
+    smaller = scene.anchors.scalings * np.where(tiers[:, None], np.array([1.0] * 3 + [0.2] * 3, np.float32), 1.0)
     unlike = replace(scene, anchors=replace(scene.anchors, scalings=smaller))
-    tiered = encode_scene(unlike, packetization, tiers=tiers.to(torch.uint8))
+    tiered = encode_scene(unlike, packetization, tiers=tiers.astype(np.uint8))
     return {
         "anchors": encode_scene(scene, packetization),
         "sketched": with_sketch(encode_scene(scene, packetization)),

@@ -3,6 +3,7 @@
 import time
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -12,6 +13,7 @@ from splatwire.calibrate.views import CalibrationViews, Progress, References, sp
 from splatwire.codec.preview import (
     MAX_PREVIEW_BYTES,
     MOST_AWAY,
+    MOST_LEVELS,
     Preview,
     PreviewFrame,
     gaussians_within,
@@ -20,9 +22,11 @@ from splatwire.codec.preview import (
 )
 from splatwire.errors import InvalidValueError
 from splatwire.model.appearance import Scene
+from splatwire.model.tensors import to_tensors
 from splatwire.ops.knn import nearest_neighbors
 from splatwire.render import iterate_views
 from splatwire.render.backends import create_training_renderer
+from splatwire.render.cpu import render_cpu
 from splatwire.render.importance import footprint_importance
 from splatwire.scene import Gaussians
 from splatwire.train.schedule import half_cosine
@@ -131,6 +135,7 @@ class _Fit:
 
     def __init__(self, scene: Scene, pictures: References, config: PreviewConfig) -> None:
         self._pictures, self._config = pictures, config
+        self._images, self._masks = to_tensors(tuple(pictures.images)), to_tensors(tuple(pictures.masks))
         self._draw = create_training_renderer(torch.device("cpu"))
         self._generator = torch.Generator().manual_seed(config.seed)
         self._rates = torch.tensor(RATES)
@@ -152,8 +157,8 @@ class _Fit:
                 self._move(optimizer)
             optimizer.param_groups[0]["lr"] = 0.02 + 0.98 * half_cosine(step / config.steps)
             view = int(torch.randint(num_views, (1,), generator=self._generator))
-            error = (self._image(self._gaussians(), view) - self._pictures.images[view]).square()
-            mask = self._pictures.masks[view]
+            error = (self._image(self._gaussians(), view) - self._images[view]).square()
+            mask = self._masks[view]
             optimizer.zero_grad()
             (error.mean() if mask is None else error[mask].mean()).backward()
             optimizer.step()
@@ -164,24 +169,24 @@ class _Fit:
         if not self._rounded:
             self._round()
         with torch.no_grad():
-            levels = self.frame.levels(self._raw * self._rates).round().long().numpy()
+            levels = _levels(self.frame, self._raw * self._rates).round().long().numpy()
             red, green, blue = (self._behind * BACKGROUND_RATE * 255).round().int().tolist()
         return Preview(self.frame, (red, green, blue), levels)
 
     def _first(self, scene: Scene, count: int) -> tuple[PreviewFrame, Float[Tensor, "G 10"]]:
         """Elements drawn by their share of the pictures, as far apart as they are large."""
-        share = footprint_importance(scene, self._pictures.cameras).share
+        share = torch.from_numpy(footprint_importance(scene, self._pictures.cameras).share)
         shown = int((share > 0).sum())
         if not shown:
             raise InvalidValueError("no view shows anything of the scene: there is nothing to preview")
         chosen = torch.multinomial(share, min(count, shown), generator=self._generator)
-        places = scene.positions[chosen]
+        places = torch.as_tensor(scene.positions)[chosen]
         middle = places.median(dim=0).values
-        spread = 0.5 * float((self._pictures.cameras.centers - middle).norm(dim=1).median())
+        spread = 0.5 * float((torch.as_tensor(self._pictures.cameras.centers) - middle).norm(dim=1).median())
         frame = PreviewFrame.fitting(middle.tolist(), max(spread, 1e-3), (*_LOWEST[:3], -6.0), (*_HIGHEST[:3], 3.0))
         values = torch.full((len(places), len(RATES)), 0.5)
         values[:, :3] = torch.asinh((places - middle) / frame.spread)
-        near = nearest_neighbors(places, places, 3)[1].amax(dim=1, keepdim=True)
+        near = torch.from_numpy(nearest_neighbors(places, places, 3)[1]).amax(dim=1, keepdim=True)
         values[:, 3:6] = (near / 2 / frame.spread).clamp(min=1e-2).log()
         values[:, 9] = _FIRST_OPACITY
         return frame, values
@@ -189,9 +194,9 @@ class _Fit:
     def _gaussians(self) -> Gaussians:
         values = self._raw * self._rates
         if self._rounded:
-            levels = self.frame.levels(values)
-            values = self.frame.values(levels + (levels.round() - levels).detach())
-        return self.frame.gaussians(values)
+            levels = _levels(self.frame, values)
+            values = _values(self.frame, levels + (levels.round() - levels).detach())
+        return _gaussians(self.frame, values)
 
     def _image(self, gaussians: Gaussians, view: int) -> Float[Tensor, "H W 3"]:
         camera, behind = self._pictures.cameras.select([view]), self._behind * BACKGROUND_RATE
@@ -240,24 +245,47 @@ class _Fit:
         for view in spread_evenly(self._pictures.cameras.num_views, _ERROR_VIEWS):
             colors = now.colors.clone().requires_grad_()
             image = self._image(replace(now, colors=colors), view)
-            error = (image.detach() - self._pictures.images[view]).square().sum(dim=2, keepdim=True)
-            mask = self._pictures.masks[view]
+            error = (image.detach() - self._images[view]).square().sum(dim=2, keepdim=True)
+            mask = self._masks[view]
             error = error if mask is None else error * mask[:, :, None]
             shown += torch.autograd.grad(image.sum(), colors, retain_graph=True)[0][:, 0]
             wrong += torch.autograd.grad((image * error).sum(), colors)[0][:, 0]
         return shown, wrong
 
 
-@torch.no_grad()
 def _scores(scene: Scene, section: bytes, pictures: References, show: Progress) -> dict[str, float]:
     """Mean PSNR of what a receiver of these bytes draws."""
     gaussians, background = preview_gaussians(section)
-    draw, behind = create_training_renderer(torch.device("cpu")), torch.tensor(background)
+    behind = np.array(background, np.float32)
     totals = dict.fromkeys(("background", "preview", "complete"), 0.0)
     for view, complete in enumerate(iterate_views(scene, pictures.cameras)):
-        drawn = draw(gaussians, pictures.cameras.select([view]), background=behind, watched=False).image
-        rows = {"background": behind.expand_as(drawn), "preview": drawn.clamp(0, 1), "complete": complete}
+        drawn = render_cpu(gaussians, pictures.cameras.select([view]), background=behind)[0]
+        rows = {
+            "background": np.broadcast_to(behind, drawn.shape),
+            "preview": np.clip(drawn, 0, 1),
+            "complete": complete,
+        }
         for name, picture in rows.items():
             totals[name] += pictures.psnr(view, picture)
         show("comparing pictures", (view + 1) / len(pictures.images))
     return {name: total / len(pictures.images) for name, total in totals.items()}
+
+
+def _values(frame: PreviewFrame, levels: Float[Tensor, "G 10"]) -> Float[Tensor, "G 10"]:
+    """Does as `PreviewFrame.values`; differentiable."""
+    low, step = to_tensors(frame.scale())
+    return low.to(levels) + levels * step.to(levels)
+
+
+def _levels(frame: PreviewFrame, values: Float[Tensor, "G 10"]) -> Float[Tensor, "G 10"]:
+    """Does as `PreviewFrame.levels`; differentiable."""
+    low, step = to_tensors(frame.scale())
+    most = torch.tensor(MOST_LEVELS).to(values)
+    return ((values - low.to(values)) / step.to(values).clamp(min=1e-12)).clamp(min=0).minimum(most)
+
+
+def _gaussians(frame: PreviewFrame, values: Float[Tensor, "G 10"]) -> Gaussians:
+    """Does as `PreviewFrame.gaussians`; differentiable."""
+    places = torch.tensor(frame.middle).to(values) + frame.spread * torch.sinh(values[:, :3])
+    upright = torch.tensor([1.0, 0.0, 0.0, 0.0]).to(values).repeat(len(values), 1)
+    return Gaussians(places, upright, frame.spread * torch.exp(values[:, 3:6]), values[:, 9], values[:, 6:9])

@@ -4,13 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Bool
-from torch import Tensor
 
 from splatwire.codec.tiers import arrange_stream
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene, Partial
+from splatwire.ops.arrays import to_arrays
 from splatwire.packets import PacketGroups, SceneStream
 from splatwire.scene import Cameras
 
@@ -34,7 +33,7 @@ class CalibrationData:
         """The scene itself."""
         return self.complete.scene
 
-    def pseudo_losses(self, rates: Sequence[float], seed: int | np.random.SeedSequence) -> list[Bool[Tensor, "N"]]:
+    def pseudo_losses(self, rates: Sequence[float], seed: int | np.random.SeedSequence) -> list[Bool[np.ndarray, "N"]]:
         """Draws a loss for each of the rates: which anchors are known after it."""
         seeds = np.random.SeedSequence(seed) if isinstance(seed, int) else seed
         each = zip(rates, seeds.generate_state(len(rates)).tolist(), strict=True)
@@ -59,7 +58,7 @@ def calibration_data(
         raise InvalidValueError("calibration needs the complete scene, and of this one packets were lost")
     if len(groups.starts) < 3:
         raise InvalidValueError("calibration needs a stream of at least two packets")
-    return CalibrationData(complete.to_cpu(), groups, cameras)
+    return CalibrationData(to_arrays(complete), groups, cameras)
 
 
 def dropped_packets(count: int, rate: float, seed: int) -> list[int]:
@@ -67,10 +66,10 @@ def dropped_packets(count: int, rate: float, seed: int) -> list[int]:
     return np.random.default_rng(seed).permutation(count)[: min(max(round(rate * count), 1), count - 1)].tolist()
 
 
-def pseudo_loss(groups: PacketGroups, num_anchors: int, rate: float, seed: int) -> Bool[Tensor, "N"]:
+def pseudo_loss(groups: PacketGroups, num_anchors: int, rate: float, seed: int) -> Bool[np.ndarray, "N"]:
     """Draws which anchors are known after a share of the packets, at least one and not all, was dropped."""
     count = len(groups.starts) - 1
-    known = torch.ones(num_anchors, dtype=torch.bool)
+    known = np.ones(num_anchors, np.bool_)
     for group in dropped_packets(count, rate, seed):
-        known[torch.from_numpy(groups.ranks[groups.starts[group] : groups.starts[group + 1]])] = False
+        known[groups.ranks[groups.starts[group] : groups.starts[group + 1]]] = False
     return known

@@ -18,6 +18,7 @@ from splatwire.conceal.conceal import drawn
 from splatwire.errors import InvalidValueError
 from splatwire.model import Partial, Prior
 from splatwire.model.appearance import Scene
+from splatwire.ops.arrays import to_arrays
 from splatwire.packets import SceneStream
 from splatwire.packets.sections import add_concealment
 from splatwire.render import iterate_views
@@ -110,7 +111,7 @@ def sketch_of(
         raise InvalidValueError("calibration needs the complete scene, and of this one packets were lost")
     if len(stream.packets) < 2:
         raise InvalidValueError("calibration needs a stream of at least two packets")
-    complete = replace(complete.to_cpu(), scene=views.in_front(complete.scene))
+    complete = replace(to_arrays(complete), scene=views.in_front(to_arrays(complete.scene)))
     fit: Callable[..., Sketch] = GaussianSketch.fitted if complete.find(Prior) is None else AnchorSketch.fitted
     most = round(config.share * stream.num_bytes)
     sketch = fit(stream, complete, views.reduced(config.views, config.width).cameras, most, config, show)
@@ -168,7 +169,7 @@ class _Scores:
         return replace(partial, scene=replace(partial.scene, background=self._scene.background))
 
     def _quality_of(self, partial: Partial, proposal: Concealed) -> float:
-        return self._quality(drawn(partial, partial, proposal, "sketch"))
+        return self._quality(drawn(partial, proposal, "sketch"))
 
     def _quality(self, scene: Scene) -> float:
         """Decibels over the views."""

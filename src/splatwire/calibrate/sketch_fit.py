@@ -4,13 +4,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.conceal.sketch.concealer import MAX_LOG_SIZE, expected_scalings
 from splatwire.conceal.sketch.section import MAX_DIRECTION, OFFSET_STEPS, SketchBasis, SketchSection
 from splatwire.model import AnchorScene, ExpectedPlaces, Partial, Prior
+from splatwire.ops.arrays import to_arrays
 from splatwire.render.sensitivity import Sensitivity
 
 BITS_OF_COPY = 60
@@ -94,16 +93,16 @@ def num_candidates(most: int) -> int:
 
 def sketch_material(complete: Partial[AnchorScene], sensitivity: Sensitivity, most: int) -> SketchMaterial:
     """Prepares a complete scene for sketches of at most so many bytes."""
-    anchors = complete.scene.anchors
-    removal = sensitivity.removal.numpy()
+    anchors, found = to_arrays(complete.scene.anchors), dict[str, np.ndarray](vars(to_arrays(sensitivity)))
+    removal = found["removal"]
     num = len(removal)
     order = np.argsort(-removal, kind="stable")
     important = order[: max(round(_BASIS_SHARE * num), min(num, 64))]
     candidates = np.sort(order[: max(min(num_candidates(most), round(_MOST_CANDIDATES * num)), 1)])
-    relative = (anchors.scalings.clamp(min=1e-9) / expected_scalings(complete[Prior])).log()
-    relative = relative.clamp(-MAX_LOG_SIZE, MAX_LOG_SIZE)
-    channels = torch.cat([anchors.features, relative], dim=1).double().numpy()
-    metric = sensitivity.metric.numpy() / num
+    relative = np.log(np.maximum(anchors.scalings, np.float32(1e-9)) / expected_scalings(complete[Prior]))
+    relative = np.clip(relative, -MAX_LOG_SIZE, MAX_LOG_SIZE)
+    channels = np.concatenate([anchors.features, relative], axis=1).astype(np.float64)
+    metric = found["metric"] / num
     metric = metric + np.eye(len(metric)) * max(np.trace(metric) / len(metric) * 1e-4, 1e-30)
     eigenvalues, vectors = np.linalg.eigh(metric)
     whiten, color = np.sqrt(eigenvalues)[:, None] * vectors.T, vectors / np.sqrt(eigenvalues)
@@ -111,22 +110,24 @@ def sketch_material(complete: Partial[AnchorScene], sensitivity: Sensitivity, mo
     covariance = np.atleast_2d(np.cov((channels[important] - mean) @ whiten.T, rowvar=False))
     variances, axes = np.linalg.eigh(covariance)
     variances, axes = variances[::-1], axes[:, ::-1]
-    detail = sensitivity.channels.numpy()[candidates]
+    detail = found["channels"][candidates]
     return SketchMaterial(
         candidates, channels[candidates], mean, axes.T @ whiten, color @ axes, np.sqrt(np.maximum(variances, 0)),
-        np.maximum((detail / np.diag(metric)).mean(axis=1), 1e-12), sensitivity.offsets.numpy()[candidates],
-        removal[candidates], sensitivity.offset_removal.numpy()[candidates],
-        _offsets_of_copies(complete).numpy()[candidates], anchors.mask.numpy()[candidates], num,
+        np.maximum((detail / np.diag(metric)).mean(axis=1), 1e-12), found["offsets"][candidates],
+        removal[candidates], found["offset_removal"][candidates],
+        _offsets_of_copies(complete)[candidates], anchors.mask[candidates], num,
     )  # fmt: skip
 
 
-def _offsets_of_copies(complete: Partial[AnchorScene]) -> Float[Tensor, "N O"]:
+def _offsets_of_copies(complete: Partial[AnchorScene]) -> Float[np.ndarray, "N O"]:
     """Offsets from where a receiver has a lost anchor, which its own packet would have told better."""
-    anchors, guessed = complete.scene.anchors, complete.find(ExpectedPlaces)
+    anchors, guessed = to_arrays(complete.scene.anchors), complete.find(ExpectedPlaces)
+    offsets, rows = anchors.offsets.astype(np.float64), anchors.num_anchors
     if guessed is None:
-        return anchors.offsets.double().flatten(1)
-    moved = (anchors.positions - guessed.positions).double() / anchors.scalings[:, :3].double().clamp(min=1e-9)
-    return (anchors.offsets.double() + moved[:, None] * anchors.mask[:, :, None]).flatten(1)
+        return offsets.reshape(rows, -1)
+    sizes = np.maximum(anchors.scalings[:, :3].astype(np.float64), 1e-9)
+    moved = (anchors.positions - guessed.positions).astype(np.float64) / sizes
+    return (offsets + moved[:, None] * anchors.mask[:, :, None]).reshape(rows, -1)
 
 
 def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> SketchSection:

@@ -71,7 +71,7 @@ class GaussianSketch:
         )  # fmt: skip
         if not float(removal.sum()) > 0:
             raise InvalidValueError("no view shows anything of the scene: there is nothing to calibrate on")
-        ranked = removal.argsort(descending=True, stable=True).numpy()
+        ranked = np.argsort(-removal, kind="stable")
         usual = (*GaussianSketch.growths[0], GaussianSketch.trusts[0])
         everything = GaussianSketch(scene.splats, ranked, info, usual)
         count = _as_many_as_fit(

@@ -2,16 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
-from torch import Tensor
+from PIL import Image
 
 from splatwire.data import Dataset
 from splatwire.metrics import psnr
 from splatwire.model.appearance import Scene
+from splatwire.ops.arrays import to_numpy
 from splatwire.render import iterate_views
 from splatwire.scene import Cameras
 from splatwire.scene.background import Background
@@ -35,9 +35,9 @@ class CalibrationViews:
     """
 
     cameras: Cameras
-    photo: Callable[[int], Tensor] | None = None
+    photo: Callable[[int], Any] | None = None
     background: Background | None = None
-    mask: Callable[[int], Tensor | None] | None = None
+    mask: Callable[[int], Any] | None = None
 
     @staticmethod
     def of_photos(photos: Dataset) -> "CalibrationViews":
@@ -56,9 +56,9 @@ class CalibrationViews:
         size = (cameras.height, cameras.width)
         return CalibrationViews(
             cameras,
-            lambda view: _resized(photo(chosen[view]), size),
+            lambda view: _resized(to_numpy(photo(chosen[view])), size),
             self.background,
-            None if mask is None else lambda view: _resized_mask(mask(chosen[view]), size),
+            None if mask is None else lambda view: _resized_mask(_array(mask(chosen[view])), size),
         )
 
     def in_front(self, scene: AnyScene) -> AnyScene:
@@ -77,17 +77,19 @@ class References:
     """
 
     cameras: Cameras
-    images: list[Tensor]
-    masks: list[Tensor | None]
+    images: list[np.ndarray]
+    masks: list[np.ndarray | None]
 
     @staticmethod
     def of(scene: Scene, views: CalibrationViews) -> "References":
         """Photos where there are some, the complete scene's pictures elsewhere."""
         photo, mask, numbers = views.photo, views.mask, range(views.cameras.num_views)
-        images = list(iterate_views(scene, views.cameras)) if photo is None else [photo(view) for view in numbers]
-        return References(views.cameras, images, [None if mask is None else mask(view) for view in numbers])
+        images = (
+            list(iterate_views(scene, views.cameras)) if photo is None else [to_numpy(photo(view)) for view in numbers]
+        )
+        return References(views.cameras, images, [None if mask is None else _array(mask(view)) for view in numbers])
 
-    def psnr(self, view: int, picture: Float[Tensor, "H W 3"]) -> float:
+    def psnr(self, view: int, picture: Float[Any, "H W 3"]) -> float:
         """Decibels of a picture of a view, at most 100."""
         mask = self.masks[view]
         decibels = psnr(picture[None], self.images[view][None], None if mask is None else mask[None])
@@ -99,15 +101,20 @@ def spread_evenly(total: int, count: int) -> list[int]:
     return np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(int)).tolist()
 
 
-def _resized(image: Float[Tensor, "H W 3"], size: tuple[int, int]) -> Float[Tensor, "H2 W2 3"]:
+def _array(mask: Any) -> np.ndarray | None:
+    return None if mask is None else to_numpy(mask)
+
+
+def _resized(image: Float[np.ndarray, "H W C"], size: tuple[int, int]) -> Float[np.ndarray, "H2 W2 C"]:
     if tuple(image.shape[:2]) == size:
         return image
-    planes = image.permute(2, 0, 1)[None]
-    return torch.nn.functional.interpolate(planes, size, mode="bilinear", antialias=True)[0].permute(1, 2, 0)
+    height, width = size
+    planes = [Image.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(image, 2, 0)]
+    return np.stack([np.asarray(plane.resize((width, height), Image.Resampling.BILINEAR)) for plane in planes], axis=2)
 
 
-def _resized_mask(mask: Bool[Tensor, "H W"] | None, size: tuple[int, int]) -> Bool[Tensor, "H2 W2"] | None:
+def _resized_mask(mask: Bool[np.ndarray, "H W"] | None, size: tuple[int, int]) -> Bool[np.ndarray, "H2 W2"] | None:
     """Where the resized photo is made of pixels that count and of no others."""
     if mask is None:
         return None
-    return _resized((~mask)[..., None].expand(-1, -1, 3).float(), size)[..., 0] == 0
+    return _resized((~mask)[..., None].astype(np.float32), size)[..., 0] == 0

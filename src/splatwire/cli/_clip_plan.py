@@ -113,7 +113,7 @@ def frames_of(files: list[Path], timeline: "Timeline", cameras: "Cameras") -> "P
     Raises:
         InvalidValueError: If there are not as many as the clip has.
     """
-    import torch
+    import numpy as np
 
     from splatwire.clips import read_frames
     from splatwire.clips.damage import sampled
@@ -125,5 +125,5 @@ def frames_of(files: list[Path], timeline: "Timeline", cameras: "Cameras") -> "P
     found = []
     for frame in read_frames([files[number] for number in wanted]):
         scene = frame.scene()
-        found.append(torch.stack([image.cpu() for image in iterate_views(scene, cameras)]).clamp(0, 1))
+        found.append(np.stack(list(iterate_views(scene, cameras))))
     return found

@@ -216,7 +216,7 @@ def draw_clip(
             view = cameras.select([frame.number * cameras.num_views // count])
             image = next(iter(iterate_views(frame.scene, view, renderer=renderer)))
             report("drawing", (frame.number + 1) / count)
-            yield Image.fromarray(to_pixels(image.cpu()))
+            yield Image.fromarray(to_pixels(image))
 
     drawn, times = pictures(), [round(number * 1000 / clip.timeline.rate) for number in range(count + 1)]
     durations = [after - before for before, after in itertools.pairwise(times)]

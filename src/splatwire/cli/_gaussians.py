@@ -35,8 +35,8 @@ def describe_gaussians(splats: "Splats", origin: "Origin" = NO_ORIGIN) -> dict[s
     """
     if not splats.num_gaussians:
         return {"num_gaussians": 0, "degree": splats.degree, "problems": ["no Gaussian is left"]}
-    means, scales = splats.means.double().numpy(), splats.scales.double().numpy()
-    opacities = splats.opacities.double().numpy()
+    means, scales = splats.means.astype(np.float64), splats.scales.astype(np.float64)
+    opacities = splats.opacities.astype(np.float64)
     low, high = np.percentile(means, [_CORE_PERCENT, 100 - _CORE_PERCENT], axis=0)
     return {
         "num_gaussians": splats.num_gaussians,
@@ -53,7 +53,7 @@ def _problems(
     splats: "Splats", means: np.ndarray, scales: np.ndarray, opacities: np.ndarray, core: float
 ) -> list[str]:  # fmt: skip
     middle = np.median(means, axis=0)
-    constant = splats.sh[:, 0].double().numpy() * DC + 0.5
+    constant = splats.sh[:, 0].astype(np.float64) * DC + 0.5
     found = {
         f"farther from the middle than {_FAR:g} times the core": np.linalg.norm(means - middle, axis=1) > _FAR * core,
         "larger than the core": scales.max(axis=1) > core,

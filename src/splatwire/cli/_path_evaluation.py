@@ -4,6 +4,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from splatwire.cli._output import refuse_options
 from splatwire.cli._terminal import print_table
 from splatwire.errors import InvalidValueError
@@ -70,8 +72,6 @@ def evaluate_path(options: "EvaluateOptions", stream: "SceneStream", report: "Re
     Raises:
         SplatwireError: If reference or cameras cannot be read, or the stream has no levels or is not complete.
     """
-    import torch
-
     from splatwire.cli._datagrams import into_datagrams
     from splatwire.cli._scenes import chosen_background
     from splatwire.codec.origin import origin_of_stream
@@ -96,7 +96,7 @@ def evaluate_path(options: "EvaluateOptions", stream: "SceneStream", report: "Re
     pictures = Pictures(walk.times)
     moments = score_walk(
         journey, reference, walk, times, renderer=options.renderer,
-        background=None if background is None else torch.tensor(background),
+        background=None if background is None else np.array(background),
         on_picture=None if options.output is None
         else lambda seconds, shown, truth: pictures.add(seconds, to_pixels(shown), to_pixels(truth)),
         progress=lambda share: report("comparing pictures", share),

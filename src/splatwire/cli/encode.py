@@ -17,7 +17,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.files.kinds import holds_frames
 
 if TYPE_CHECKING:
-    from torch import Tensor
+    import numpy as np
 
     from splatwire.model.appearance import Scene
     from splatwire.packets import Packetization, SceneStream
@@ -252,7 +252,7 @@ class Encode:
             return None
         return open_dataset(self.data, split="train").cameras.relative_to(origin_of(scene))
 
-    def _tiers(self, scene: "Scene", cameras: "Cameras | None") -> "Tensor | None":
+    def _tiers(self, scene: "Scene", cameras: "Cameras | None") -> "np.ndarray | None":
         """Tier of every element; None if there is one."""
         if not self.tiers:
             return None

@@ -64,10 +64,10 @@ class Export:
     def run(self) -> None:
         """Runs the verb."""
         from splatwire.conceal import create_concealer
-        from splatwire.exporters import FitCounts
+        from splatwire.exporters.counts import FitCounts
         from splatwire.model.appearance import explicit_gaussians
         from splatwire.ops.spherical_harmonics import num_functions
-        from splatwire.render import create_renderer
+        from splatwire.render.backends import create_differentiable_renderer
         from splatwire.scene_io import drawable_scene
 
         num_functions(self._degree)
@@ -81,11 +81,11 @@ class Export:
             views = self._views(scene)
             splats = explicit_gaussians(scene)
             if splats is None:
-                from splatwire.exporters import fit_splats
+                from splatwire.exporters.fit import fit_splats
 
                 assert views is not None
                 degree = self._degree
-                draw = create_renderer("cpu")
+                draw = create_differentiable_renderer("cpu")
                 parts = fit_splats(scene, views.fitted_to, draw, degree=degree, counts=counts, progress=show)
                 self._write(parts, scene)
             else:
@@ -207,12 +207,12 @@ def measure(
     Returns:
         Means over the views: PSNR of the two pictures to each other and, where there are photos, of both to them.
     """
-    import torch
+    import numpy as np
 
     from splatwire.metrics import psnr
     from splatwire.render import iterate_views
 
-    background = torch.tensor(scene.background)
+    background = np.array(scene.background)
     rows = []
     shown = (scene, written)
     pairs = zip(*(iterate_views(what, cameras, background=background) for what in shown), strict=True)
@@ -224,7 +224,7 @@ def measure(
             row += [float(psnr(picture[None], photo, masks)[0]) for picture in (neural, explicit)]
         rows.append(row)
         show("measuring", (view + 1) / cameras.num_views)
-    means = torch.tensor(rows, dtype=torch.float64).mean(dim=0).tolist()
+    means = np.mean(rows, axis=0).tolist()
     result: dict[str, Any] = {"num_views": cameras.num_views, "psnr_to_scene": means[0]}
     if photos is not None:
         result |= {"psnr_scene": means[1], "psnr_export": means[2], "psnr_loss": means[1] - means[2]}

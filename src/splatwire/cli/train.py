@@ -112,7 +112,7 @@ class Train:
 
         def save_preview(report: "QualityReport") -> None:
             if self.preview:
-                pixels = (report.preview.clamp(0, 1) * 255).round().to("cpu").numpy().astype(np.uint8)
+                pixels = np.rint(np.clip(report.preview, 0, 1) * 255).astype(np.uint8)
                 with written_whole(self.preview) as unfinished:
                     Image.fromarray(pixels).save(unfinished)
 

@@ -3,9 +3,7 @@
 import itertools
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.codec.schemas.gaussians.attributes import matrices_of
 from splatwire.ops.quaternions import quaternions_of
@@ -16,7 +14,7 @@ _ORDERS = np.array(list(itertools.permutations(range(3))))
 
 def continued(
     previous: Splats, current: Splats, partner: np.ndarray
-) -> tuple[Float[Tensor, "M 4"], Float[Tensor, "M 3"]]:
+) -> tuple[Float[np.ndarray, "M 4"], Float[np.ndarray, "M 3"]]:
     """Quaternions and scales of the same Gaussians, with axes that are nearest to those of their partners.
 
     Args:
@@ -24,15 +22,15 @@ def continued(
         current: The next one.
         partner: Row of the frame before, or -1, int64 (M).
     """
-    quats, scales = current.quats.clone(), current.scales.clone()
+    quats, scales = current.quats.copy(), current.scales.copy()
     rows = np.flatnonzero(partner >= 0)
     if not len(rows):
         return quats, scales
-    old = previous.select(torch.from_numpy(partner[rows]))
-    was = matrices_of(old.quats.numpy().astype(np.float64))
-    now = matrices_of(quats[rows].numpy().astype(np.float64))
+    old = previous.select(partner[rows])
+    was = matrices_of(old.quats.astype(np.float64))
+    now = matrices_of(quats[rows].astype(np.float64))
     dots = np.einsum("nij,nik->njk", was, now)  # axis j before with axis k now
-    logs_was, logs_now = np.log(old.scales.numpy()), np.log(scales[rows].numpy())
+    logs_was, logs_now = np.log(old.scales), np.log(scales[rows])
     gaps = np.abs(logs_was[:, :, None] - logs_now[:, None, :])
     worth = np.abs(dots) - gaps
     axes = np.arange(3)
@@ -45,8 +43,8 @@ def continued(
     mirrored = np.linalg.det(turned) < 0
     weakest = np.abs(along).argmin(axis=1)
     turned[mirrored, :, weakest[mirrored]] *= -1
-    chosen = torch.from_numpy(quaternions_of(turned).astype(np.float32))
-    sides = torch.where((chosen * old.quats).sum(dim=1, keepdim=True) < 0, -1.0, 1.0)
+    chosen = quaternions_of(turned).astype(np.float32)
+    sides = np.where((chosen * old.quats).sum(axis=1, keepdims=True) < 0, np.float32(-1), np.float32(1))
     quats[rows] = chosen * sides
-    scales[rows] = torch.from_numpy(np.take_along_axis(scales[rows].numpy(), order, axis=1))
+    scales[rows] = np.take_along_axis(scales[rows], order, axis=1)
     return quats, scales

@@ -1,12 +1,10 @@
 """A clip without end: chapters, each a clip of its own, so that what is held does not grow."""
 
 from collections.abc import Callable
-from contextlib import nullcontext
 
 from splatwire.clips.encoding import ClipEncoder
 from splatwire.clips.frames import Frame
 from splatwire.clips.options import ClipOptions
-from splatwire.ops.threads import one_torch_thread
 from splatwire.packets import Packet
 from splatwire.scene.splats import Splats
 from splatwire.transport.broadcast import PROTECTION, Broadcast, Edition
@@ -47,14 +45,13 @@ class EndlessClip:
         begins = not self.num_frames % self._options.group_frames
         if begins and self._full and taken.drawn.any():  # a clip begins with something that draws
             self._begin(self.encoder.next_chapter())
-        with one_torch_thread() if self.num_frames > self._options.group_frames else nullcontext():
-            packets = self.encoder.push(taken)
-            self.num_frames += 1
-            if self.num_frames % self._options.group_frames:
-                return None
-            edition = self._add(packets)
-            self._num_served = self.num_frames
-            return edition
+        packets = self.encoder.push(taken)
+        self.num_frames += 1
+        if self.num_frames % self._options.group_frames:
+            return None
+        edition = self._add(packets)
+        self._num_served = self.num_frames
+        return edition
 
     def restart(self) -> None:
         """Drops the group that frames are being gathered for, and begins a chapter that shares nothing with before.

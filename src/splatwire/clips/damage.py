@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from splatwire.clips.concealers import ClipConcealer
 from splatwire.clips.concealment import conceal_group
@@ -24,7 +23,7 @@ LEAST_FACTOR = 0.01
 FRAMES = 3
 """Frames of a group whose pictures are drawn."""
 
-Pictures = list[torch.Tensor]
+Pictures = list[np.ndarray]
 """Of the sampled frames, in order: all views of each, float32 (V, H, W, 3)."""
 
 
@@ -61,7 +60,7 @@ def draw(clip: ClipScene, method: ClipConcealer, cameras: Cameras) -> Pictures:
         poses, after = conceal_group(clip, clip.motion(group, there), group, there, memory, method)
         for index in frames:
             scene = posed(clip, poses, index, clip.timeline.frames_of(group)[index], None).scene
-            found.append(torch.stack([image.cpu() for image in iterate_views(scene, cameras)]).clamp(0, 1))
+            found.append(np.stack(list(iterate_views(scene, cameras))))
         memory = after()
     return found
 
@@ -95,7 +94,7 @@ def measure_clip_damage(
         away = {load.ids[packet] for packet in lost}
         clip = decode_stream(stream.with_packets(p for p in stream.packets if p.id not in away)).scene
         pairs = zip(draw(clip, method, cameras), references, strict=True)
-        mse.append(np.array([((a - b).double().square().mean(dim=(1, 2, 3))).numpy() for a, b in pairs]))
+        mse.append(np.array([((a - b).astype(np.float64) ** 2).mean(axis=(1, 2, 3)) for a, b in pairs]))
         if progress:
             progress((number + 1) / len(SHARES))
     return _curves(shares, np.array(mse) + floor, frames, timeline)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from splatwire.clips.concealers import DEFAULT, ClipConcealer, clip_concealer
 from splatwire.clips.concealment import conceal_group
@@ -154,7 +153,7 @@ def posed(clip: ClipScene, poses: GroupPoses, index: int, number: int, hints: Re
     scene = SplatScene(splats, background=clip.background, antialiased=clip.antialiased, origin=clip.origin)
     if hints is not None:
         opacity = None if hints.opacity_gain is None else hints.opacity_gain[tracks]
-        own = RenderHints(hints.size_gain[tracks], torch.zeros(len(tracks), dtype=torch.bool), opacity)
+        own = RenderHints(hints.size_gain[tracks], np.zeros(len(tracks), np.bool_), opacity)
         scene = replace(scene, splats=SplatScene(splats, own).drawn())
     return ClipFrame(number, scene, tracks, poses.concealed[here])
 
@@ -181,7 +180,7 @@ def moved(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Splats:
 
 def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
     """The attributes as the kernel takes them, in the memory of the Gaussians if that is contiguous."""
-    means, quats, scales, opacities, sh = (values.contiguous().numpy() for values in vars(splats).values())
+    means, quats, scales, opacities, sh = (np.ascontiguousarray(values) for values in vars(splats).values())
     return means, quats, scales, opacities, sh.reshape(len(sh), 3 * sh.shape[1])
 
 
@@ -191,14 +190,14 @@ def grown(clip: ClipScene, there: np.ndarray, group: int) -> RenderHints | None:
     if bool(there[born].all()):
         return None
     index = np.flatnonzero(born)
-    known = torch.from_numpy(there[index])
-    splats = clip.tracks.splats.select(torch.from_numpy(index))
+    known = there[index]
+    splats = clip.tracks.splats.select(index)
     scene = conceal(Partial(SplatScene(splats), Erasures.of_anchors(known)), "grow")
     hints: RenderHints | None = scene.hints
     if hints is None:
         return None
-    size, opacity = torch.ones(clip.num_gaussians), torch.ones(clip.num_gaussians)
+    size, opacity = np.ones(clip.num_gaussians, np.float32), np.ones(clip.num_gaussians, np.float32)
     size[index] = hints.size_gain
     if hints.opacity_gain is not None:
         opacity[index] = hints.opacity_gain
-    return RenderHints(size, torch.zeros(clip.num_gaussians, dtype=torch.bool), opacity)
+    return RenderHints(size, np.zeros(clip.num_gaussians, np.bool_), opacity)

@@ -266,7 +266,7 @@ class ClipEncoder:
             return
         _, here, there = np.intersect1d(first.keys, last.keys, assume_unique=True, return_indices=True)
         before, after = first.splats.sh[here, 1:], last.splats.sh[there, 1:]
-        changed = int(((before - after).abs() > SEEN).flatten(1).any(dim=1).sum())
+        changed = int((np.abs(before - after) > SEEN).any(axis=(1, 2)).sum())
         if changed:
             self._told = True
             LOG.warning(

@@ -4,9 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.channel import LossModel
 from splatwire.channel.transmit import arrival_groups, draw_mask
@@ -87,7 +85,7 @@ class ClipScore:
         return np.subtract(other, own, out=np.zeros_like(own), where=differ)
 
 
-OnPicture = Callable[[int, int, Float[Tensor, "H W 3"]], None]
+OnPicture = Callable[[int, int, Float[np.ndarray, "H W 3"]], None]
 """Called with row (-1 for the reference), frame and picture of the first view."""
 
 
@@ -137,10 +135,10 @@ def score_clip(
     ]
 
 
-def frame_psnr(pictures: Float[Tensor, "V H W 3"], reference: Float[Tensor, "V H W 3"]) -> float:
+def frame_psnr(pictures: Float[np.ndarray, "V H W 3"], reference: Float[np.ndarray, "V H W 3"]) -> float:
     """PSNR of a frame, mean over views, decibels; a view that sees nothing of this frame says nothing of it."""
     views = psnr(pictures, reference)
-    unlike = views[views.isfinite()]
+    unlike = views[np.isfinite(views)]
     return float((unlike if len(unlike) else views).mean())
 
 
@@ -196,9 +194,9 @@ class _Meter:
     def __init__(self) -> None:
         self.psnr: list[float] = []
         self.change: list[float] = []
-        self._before: Tensor | None = None
+        self._before: np.ndarray | None = None
 
-    def add(self, pictures: Float[Tensor, "V H W 3"], reference: Float[Tensor, "V H W 3"]) -> None:
+    def add(self, pictures: Float[np.ndarray, "V H W 3"], reference: Float[np.ndarray, "V H W 3"]) -> None:
         self.psnr.append(frame_psnr(pictures, reference))
         error = pictures - reference  # its change is the picture's change less the reference's
         if self._before is not None:
@@ -206,5 +204,5 @@ class _Meter:
         self._before = error
 
 
-def _pictures(scene: SplatScene, cameras: Cameras, renderer: str) -> Float[Tensor, "V H W 3"]:
-    return torch.stack([image.cpu() for image in iterate_views(scene, cameras, renderer=renderer)]).clamp(0, 1)
+def _pictures(scene: SplatScene, cameras: Cameras, renderer: str) -> Float[np.ndarray, "V H W 3"]:
+    return np.stack(list(iterate_views(scene, cameras, renderer=renderer)))

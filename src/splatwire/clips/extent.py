@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
+from splatwire.ops.arrays import lower_median
 from splatwire.scene.splats import Splats
 
 SAMPLES = 6000
@@ -42,13 +42,13 @@ def ball_of(splats: Splats) -> Ball | None:
     if not splats.num_gaussians:
         return None
     few = slice(None, None, -(-splats.num_gaussians // SAMPLES))
-    means, seen = splats.means[few].double(), splats.opacities[few] >= FAINT
+    means, seen = splats.means[few].astype(np.float64), splats.opacities[few] >= FAINT
     return ball_around(means[seen] if bool(seen.any()) else means)
 
 
-def ball_around(positions: torch.Tensor) -> Ball:
+def ball_around(positions: np.ndarray) -> Ball:
     """A ball around nearly all of some places, (n, 3), n > 0: its middle is their median."""
-    middle = positions.median(dim=0).values
-    away = (positions - middle).norm(dim=1)
-    last = away.kthvalue(int(np.ceil(NEARLY_ALL * len(away)))).values
-    return Ball(middle.double().numpy(), min(float(last), REACH * float(away.median())))
+    middle = lower_median(positions)
+    away = np.linalg.norm(positions - middle, axis=1)
+    last = np.sort(away)[int(np.ceil(NEARLY_ALL * len(away))) - 1]
+    return Ball(middle.astype(np.float64), min(float(last), REACH * float(lower_median(away))))

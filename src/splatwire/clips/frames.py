@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.kinds import SPLATV, STREAMS, file_kind
@@ -162,7 +161,7 @@ class Frame:
     @staticmethod
     def judged(splats: Splats, rows: Rows, antialiased: bool = False, origin: Origin = NO_ORIGIN) -> "Frame":
         """A frame of some Gaussians of which it is known what can be drawn."""
-        return Frame(splats, (rows.kept & (splats.opacities >= FAINTEST)).numpy(), antialiased, origin)
+        return Frame(splats, rows.kept & (splats.opacities >= FAINTEST), antialiased, origin)
 
     def relative_to(self, origin: Origin) -> "Frame":
         """Returns the same frame with positions relative to another origin."""
@@ -171,10 +170,7 @@ class Frame:
     def scene(self, background: Background = BLACK) -> SplatScene:
         """What is drawn of it."""
         return SplatScene(
-            self.splats.select(torch.from_numpy(self.drawn)),
-            background=background,
-            antialiased=self.antialiased,
-            origin=self.origin,
+            self.splats.select(self.drawn), background=background, antialiased=self.antialiased, origin=self.origin
         )
 
 

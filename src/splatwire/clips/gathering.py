@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from splatwire.clips.grouping import MORE_AROUND, NUM_AROUND, Around, NamedFrame, Near, first_of, go_along, sampled
 from splatwire.codec.schemas.tracks.track_group import TrackGroup
@@ -119,7 +118,7 @@ class Gathering:
 
         def first(some: np.ndarray) -> Splats:
             own = first_of(frames, keys[some], begins[some])
-            return replace(own, means=torch.from_numpy(values["means"][some, 0]))
+            return replace(own, means=values["means"][some, 0])
 
         return TrackGroup(keys, begins, ends, Trajectories(**values), first)
 
@@ -135,7 +134,7 @@ def group_of(frames: Sequence[NamedFrame]) -> TrackGroup:
 def _moving(splats: Splats) -> dict[str, np.ndarray]:
     """What can change of Gaussians."""
     names = ("means", "quats", "scales", "opacities")
-    return {**{name: getattr(splats, name).numpy() for name in names}, "colours": splats.sh[:, 0].numpy()}
+    return {**{name: getattr(splats, name) for name in names}, "colours": splats.sh[:, 0]}
 
 
 def _held(values: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> None:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from scipy.spatial import cKDTree
 
 from splatwire.clips.neighbors import smooth_weights
@@ -190,7 +189,7 @@ def first_of(frames: Sequence[NamedFrame], keys: np.ndarray, begins: np.ndarray)
         if len(own) or not number:
             by = np.argsort(frame.keys, kind="stable")
             rows = by[np.searchsorted(frame.keys, keys[own], sorter=by)]
-            parts.append(frame.splats.select(torch.from_numpy(rows)))
+            parts.append(frame.splats.select(rows))
             order.append(own)
-    joined = Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in vars(parts[0])})
-    return joined.select(torch.from_numpy(np.argsort(np.concatenate(order), kind="stable")))
+    joined = Splats(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+    return joined.select(np.argsort(np.concatenate(order), kind="stable"))

@@ -85,7 +85,7 @@ def believed(clip: ClipScene, arrived: GroupPoses, frames: int) -> bool:
         return True
     told = told[:: -(-len(told) // MOST_AROUND)]
     first = arrived.at(0)[told, PLACE]
-    places = clip.tracks.splats.means.numpy()[arrived.tracks[told]] + first
+    places = clip.tracks.splats.means[arrived.tracks[told]] + first
     asked = np.arange(0, len(told), ASKED)
     near = cKDTree(places).query(places[asked], k=NUM_AROUND + 1)[1][:, 1:]
     moved, apart = np.zeros((2, len(asked)))
@@ -112,11 +112,11 @@ def _ask(
         before: What was known then.
         concealer: How many neighbours, and how they are weighed.
     """
-    places = clip.tracks.splats.means.numpy()
+    places = clip.tracks.splats.means
     if origins is not None:
         places = places + before.offsets[:, PLACE]
-        places[tracks[told]] = clip.tracks.splats.means.numpy()[tracks[told]] + origins[:, PLACE]
-    colours = clip.tracks.splats.sh[:, 0].numpy()
+        places[tracks[told]] = clip.tracks.splats.means[tracks[told]] + origins[:, PLACE]
+    colours = clip.tracks.splats.sh[:, 0]
     return Neighbors.of(places, colours, tracks, told, who, concealer.neighbors, smooth=concealer.smooth)
 
 

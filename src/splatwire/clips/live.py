@@ -15,7 +15,7 @@ from splatwire.codec.decoding import runs_of
 from splatwire.codec.memory import allocating, check_memory
 from splatwire.codec.schemas.tracks.decoder import TracksDecoder
 from splatwire.errors import BitstreamError
-from splatwire.ops.threads import allowed_threads, one_torch_thread
+from splatwire.ops.threads import allowed_threads
 from splatwire.packets import Manifest, Packet
 from splatwire.transport.events import Event, PacketArrived, SideInfoArrived
 
@@ -172,21 +172,20 @@ def frames_in_turn(decoder: LiveDecoder, waiting: "queue.SimpleQueue[Event | Non
     Raises:
         BitstreamError: See `LiveDecoder`.
     """
-    with one_torch_thread():  # on few processors, threads of others are in the way
-        packets = list[Packet]()
-        for event in iter(waiting.get, None):
-            if isinstance(event, PacketArrived):
-                packets.append(event.packet)
-                if not waiting.empty():
-                    continue
-            if packets:
-                yield from decoder.add(packets)
-                packets = []
-            if isinstance(event, SideInfoArrived):
-                yield from decoder.grow(event.manifest, event.side_info)
+    packets = list[Packet]()
+    for event in iter(waiting.get, None):
+        if isinstance(event, PacketArrived):
+            packets.append(event.packet)
+            if not waiting.empty():
+                continue
         if packets:
             yield from decoder.add(packets)
-        yield from decoder.finish()
+            packets = []
+        if isinstance(event, SideInfoArrived):
+            yield from decoder.grow(event.manifest, event.side_info)
+    if packets:
+        yield from decoder.add(packets)
+    yield from decoder.finish()
 
 
 def first_frame(sections: Mapping[str, bytes]) -> int:

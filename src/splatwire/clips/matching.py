@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from scipy.spatial import cKDTree
 
 from splatwire.errors import InvalidValueError
@@ -60,7 +59,7 @@ def tracked(previous: Splats, current: Splats) -> bool:
     if count < 3:
         return True
     some = np.unique(np.linspace(0, count - 1, min(count, SAMPLE)).astype(np.int64))
-    looks = [_looks(splats.select(torch.from_numpy(some))) for splats in (previous, current)]
+    looks = [_looks(splats.select(some)) for splats in (previous, current)]
     own = np.median(np.abs(looks[0] - looks[1]).sum(axis=1))
     other = np.median(np.abs(looks[0] - np.roll(looks[1], len(some) // 2, axis=0)).sum(axis=1))
     if other > 0.1 and own < 0.1 * other:
@@ -128,15 +127,15 @@ def aligned(previous: Splats, current: Splats, partner: np.ndarray) -> Splats:
 
 
 def _places(splats: Splats) -> np.ndarray:
-    return splats.means.numpy().astype(np.float64)
+    return splats.means.astype(np.float64)
 
 
 def _looks(splats: Splats) -> np.ndarray:
     """What a Gaussian looks like, whichever way it is turned, float64 (N, 7)."""
-    logs = np.log(np.sort(np.maximum(splats.scales.numpy().astype(np.float64), 1e-12), axis=1))
-    opacities = np.clip(splats.opacities.numpy().astype(np.float64), 1e-4, 1 - 1e-4)
+    logs = np.log(np.sort(np.maximum(splats.scales.astype(np.float64), 1e-12), axis=1))
+    opacities = np.clip(splats.opacities.astype(np.float64), 1e-4, 1 - 1e-4)
     logits = np.log(opacities / (1 - opacities))
-    return np.concatenate([logs, logits[:, None] / 2, splats.sh[:, 0].numpy().astype(np.float64) * 2], axis=1)
+    return np.concatenate([logs, logits[:, None] / 2, splats.sh[:, 0].astype(np.float64) * 2], axis=1)
 
 
 def _affine(places: np.ndarray, now: np.ndarray) -> np.ndarray:

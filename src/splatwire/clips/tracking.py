@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.clips.frames import Frame
@@ -149,4 +148,4 @@ class Tracker:
 
 def _drawn(frame: Frame) -> Splats:
     """What of a frame draws something; itself where all does, for copying takes as long as reading."""
-    return frame.splats if frame.drawn.all() else frame.splats.select(torch.from_numpy(frame.drawn))
+    return frame.splats if frame.drawn.all() else frame.splats.select(frame.drawn)

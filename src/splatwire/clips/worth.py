@@ -41,6 +41,6 @@ def worth_of(manifest: Manifest, side_info: bytes, packets: Sequence[Packet], we
 def worth_of_stream(stream: SceneStream) -> dict[PacketId, float]:
     """The same of all packets of a complete clip, by their names."""
     splats = decode_stream(stream).scene.tracks.splats
-    weights = weights_of(splats.scales.numpy(), splats.opacities.numpy())
+    weights = weights_of(splats.scales, splats.opacities)
     found = worth_of(stream.manifest, stream.side_info, stream.packets, weights)
     return {packet.id: worth for packet, worth in zip(stream.packets, found, strict=True)}

@@ -4,9 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-import torch
 from jaxtyping import Int64
-from torch import Tensor
 
 from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.background import background_sections
@@ -72,7 +70,7 @@ def prepare_anchors(scene: AnchorScene, options: Options, coder: Coder, stated: 
     packetization = options.packetization
     index = coding_order(scene, "morton" if packetization is None else packetization.order)
     packetization = packetization or spread_packetization(len(index))
-    tier_of = np.zeros(len(index), np.uint8) if options.tiers is None else np.asarray(options.tiers)[index.numpy()]
+    tier_of = np.zeros(len(index), np.uint8) if options.tiers is None else np.asarray(options.tiers)[index]
     scene = scene.select(index)
     plan = _plan(scene, packetization, tier_of)
     sections = {**background_sections(scene.background), **metadata_sections(scene.metadata)}
@@ -128,7 +126,7 @@ def scene_in_order(scene: AnchorScene, order: str) -> AnchorScene:
     return scene.select(coding_order(scene, order))
 
 
-def coding_order(scene: AnchorScene, order: str) -> Int64[Tensor, "n"]:
+def coding_order(scene: AnchorScene, order: str) -> Int64[np.ndarray, "n"]:
     """Indices of the scene's drawable anchors, sorted by rank.
 
     Args:
@@ -138,11 +136,11 @@ def coding_order(scene: AnchorScene, order: str) -> Int64[Tensor, "n"]:
     Raises:
         InvalidValueError: If no anchor is left.
     """
-    drawable = scene.drawable.nonzero()[:, 0]
+    drawable = np.flatnonzero(scene.drawable)
     if not len(drawable):
         raise InvalidValueError("the scene has no anchor that draws anything: there is nothing to encode")
     voxels = voxel_indices(scene.anchors.positions[drawable], scene.coding.voxel_size)
-    return drawable[drawable.new_tensor(anchor_order(voxels.numpy(), order))]
+    return drawable[anchor_order(voxels, order)]
 
 
 def _plan(scene: AnchorScene, packetization: Packetization, tier_of: np.ndarray) -> PacketPlan:
@@ -210,7 +208,7 @@ class AnchorDecoder:
         self.sections, self._num = sections, manifest.num_elements
         tiers, sizes = read_tiers(sections, manifest), read_tier_sizes(sections, manifest)
         self.order = tier_order(tiers) if manifest.tiers else None
-        self._said = () if sizes is None else (TierSizes(torch.from_numpy(sizes[tiers])),)
+        self._said = () if sizes is None else (TierSizes(sizes[tiers]),)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         """See `Decoder.working_bytes`: a chunk, or the largest packet."""

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from jaxtyping import UInt8
-from torch import Tensor
 
 from splatwire.codec.registry import schema_named, schema_of
 from splatwire.codec.schema import Options, Prepared, Schema
@@ -26,7 +25,7 @@ def encode_scene(
     scene: Scene | Partial | Splats,
     packetization: Packetization | str | None = None,
     *,
-    tiers: UInt8[Tensor, "N"] | np.ndarray | None = None,
+    tiers: UInt8[np.ndarray, "N"] | None = None,
     quality: object = None,
     classes: np.ndarray | None = None,
     noise: float | None = None,
@@ -72,7 +71,7 @@ def encode_scene(
         if values is not None and np.shape(values) != (scene.num_elements,):
             raise InvalidValueError(f"{name} of shape {np.shape(values)} for {scene.num_elements} {scene.ELEMENTS}")
     if not rows.complete:
-        kept, scene = rows.kept.numpy(), scene.select(rows.kept)
+        kept, scene = rows.kept, scene.select(rows.kept)
         per_element = {name: None if values is None else values[kept] for name, values in per_element.items()}
     options = Options(packetization, quality=quality, noise=noise, threads=threads, **per_element)
     return _encode(schema, schema.prepare(scene, options), threads, progress)

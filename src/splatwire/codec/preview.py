@@ -9,9 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
@@ -36,7 +34,7 @@ SPREADS = (2.0**-20, 2.0**20)
 """Least and largest spread, world units."""
 FARTHEST = 2.0**20
 """Largest coordinate of the middle, world units."""
-_LEVELS = tuple((1 << bits) - 1 for bits in BITS)
+MOST_LEVELS = tuple((1 << bits) - 1 for bits in BITS)
 _GAUSSIAN_BITS = sum(BITS)
 _HEADER_BYTES = 53
 MAX_GAUSSIANS = (MAX_PREVIEW_BYTES - _HEADER_BYTES) * 8 // _GAUSSIAN_BITS
@@ -96,30 +94,29 @@ class PreviewFrame:
             (most[0], most[1], most[2], most[3]),
         )
 
-    def values(self, levels: Float[Tensor, "G 10"]) -> Float[Tensor, "G 10"]:
+    def values(self, levels: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
         """Turns the integers that are sent into numbers: asinh of places, logarithms of sizes, colours, opacity."""
-        low, step = self._scale(levels)
+        low, step = self.scale()
         return low + levels * step
 
-    def levels(self, values: Float[Tensor, "G 10"]) -> Float[Tensor, "G 10"]:
+    def levels(self, values: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
         """Inverse of `values`, not rounded, within what can be sent."""
-        low, step = self._scale(values)
-        most = torch.tensor(_LEVELS).to(values)
-        return ((values - low) / step.clamp(min=1e-12)).clamp(min=0).minimum(most)
+        low, step = self.scale()
+        return np.clip((values - low) / np.maximum(step, 1e-12), 0, np.array(MOST_LEVELS))
 
-    def gaussians(self, values: Float[Tensor, "G 10"]) -> Gaussians:
-        """Turns numbers into Gaussians, whose axes are those of the world; differentiable."""
-        places = torch.tensor(self.middle).to(values) + self.spread * torch.sinh(values[:, :3])
-        upright = torch.tensor([1.0, 0.0, 0.0, 0.0]).to(values).repeat(len(values), 1)
-        return Gaussians(places, upright, self.spread * torch.exp(values[:, 3:6]), values[:, 9], values[:, 6:9])
+    def gaussians(self, values: Float[np.ndarray, "G 10"]) -> Gaussians:
+        """Turns numbers into Gaussians, whose axes are those of the world."""
+        places = np.array(self.middle) + self.spread * np.sinh(values[:, :3])
+        upright = np.tile(np.array([1.0, 0.0, 0.0, 0.0], values.dtype), (len(values), 1))
+        return Gaussians(places, upright, self.spread * np.exp(values[:, 3:6]), values[:, 9], values[:, 6:9])
 
-    def _scale(self, like: Tensor) -> tuple[Float[Tensor, "10"], Float[Tensor, "10"]]:
+    def scale(self) -> tuple[Float[np.ndarray, "10"], Float[np.ndarray, "10"]]:
         """Number at level 0 and the step to the next."""
         half = 0.5 / (1 << BITS[9])
         low = [*self.low[:3], *self.low[3:] * 3, 0.0, 0.0, 0.0, half]
         high = [*self.high[:3], *self.high[3:] * 3, 1.0, 1.0, 1.0, 1 - half]
-        steps = [(most - least) / count for least, most, count in zip(low, high, _LEVELS, strict=True)]
-        return torch.tensor(low, dtype=torch.float64).to(like), torch.tensor(steps, dtype=torch.float64).to(like)
+        steps = [(most - least) / count for least, most, count in zip(low, high, MOST_LEVELS, strict=True)]
+        return np.array(low), np.array(steps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +137,7 @@ class Preview:
         count = len(self.levels)
         if not 1 <= count <= MAX_GAUSSIANS or self.levels.shape != (count, len(BITS)):
             raise InvalidValueError(f"a preview has 1 to {MAX_GAUSSIANS} Gaussians, not {self.levels.shape}")
-        if (self.levels < 0).any() or (self.levels > np.array(_LEVELS)).any():
+        if (self.levels < 0).any() or (self.levels > np.array(MOST_LEVELS)).any():
             raise InvalidValueError("a number of a preview does not fit its bits")
 
     @property
@@ -150,11 +147,8 @@ class Preview:
 
     def gaussians(self) -> Gaussians:
         """What is drawn."""
-        values = self.frame.gaussians(self.frame.values(torch.from_numpy(self.levels).double()))
-        return Gaussians(
-            values.means.float(), values.quats.float(), values.scales.float(), values.opacities.float(),
-            values.colors.float(),
-        )  # fmt: skip
+        values = self.frame.gaussians(self.frame.values(self.levels.astype(np.float64)))
+        return Gaussians(**{name: column.astype(np.float32) for name, column in vars(values).items()})
 
 
 def preview_scene(data: bytes) -> SplatScene:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from splatwire.codec.arrivals import Arrivals
 from splatwire.codec.decoding import open_decoder, runs_of
@@ -103,11 +102,11 @@ class ProgressiveDecoder(Arrivals):
         return places if order is None else order[places]
 
     def snapshot(self) -> Partial:
-        """The scene as it is now, in tensors of its own that never change."""
+        """The scene as it is now, in arrays of its own that never change."""
         with self.lock:
             live = self.partial
-            everyone = torch.arange(live.scene.num_elements)
-            return replace(live, scene=live.scene.select(everyone), erasures=Erasures(live.erasures.received.clone()))
+            everyone = np.arange(live.scene.num_elements)
+            return replace(live, scene=live.scene.select(everyone), erasures=Erasures(live.erasures.received.copy()))
 
     def add(self, packets: Iterable[Packet]) -> np.ndarray:
         """Decodes packets; several at once cost less than one by one.

@@ -26,7 +26,7 @@ def encode_tier_sizes(anchors: Anchors, tiers: np.ndarray, num_tiers: int) -> by
     Returns:
         A byte for each tier.
     """
-    sizes = relative_sizes(anchors.scalings[:, 3:6].numpy(), anchors.mask.sum(dim=1).numpy(), tiers, num_tiers)
+    sizes = relative_sizes(anchors.scalings[:, 3:6], anchors.mask.sum(axis=1), tiers, num_tiers)
     return np.rint(-_STEPS * np.log2(sizes)).clip(max=_MOST).astype(np.uint8).tobytes()
 
 

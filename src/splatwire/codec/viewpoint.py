@@ -3,8 +3,11 @@
 import math
 from collections.abc import Iterable, Mapping
 
+import numpy as np
+
 from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError
+from splatwire.ops.arrays import to_numpy
 from splatwire.scene import Cameras
 
 SECTION = "viewpoint"
@@ -96,16 +99,16 @@ def viewpoint_section(cameras: Cameras) -> bytes:
     Returns:
         Nine `f32`: the eye, the point that it looks at, and the direction that is up there, the mean of all cameras'.
     """
-    centers, turns = cameras.centers.double(), cameras.viewmats[:, :3, :3].double()
-    ahead, up = turns[:, 2], -turns[:, 1].mean(dim=0)
-    across = ahead.new_zeros(3, 3).fill_diagonal_(1) - ahead[:, :, None] * ahead[:, None, :]
+    centers, turns = (to_numpy(a).astype(np.float64) for a in (cameras.centers, cameras.viewmats[:, :3, :3]))
+    ahead, up = turns[:, 2], -turns[:, 1].mean(axis=0)
+    across = np.eye(3) - ahead[:, :, None] * ahead[:, None, :]
     # a little of the identity: parallel axes are near all points alike
-    system = across.sum(dim=0) + 1e-6 * len(centers) * ahead.new_zeros(3, 3).fill_diagonal_(1)
-    meeting = system.inverse() @ ((across @ centers[:, :, None]).sum(dim=0)[:, 0] + 1e-6 * centers.sum(dim=0))
+    system = across.sum(axis=0) + 1e-6 * len(centers) * np.eye(3)
+    meeting = np.linalg.inv(system) @ ((across @ centers[:, :, None]).sum(axis=0)[:, 0] + 1e-6 * centers.sum(axis=0))
     depth = float((meeting - centers[0]) @ ahead[0])
-    least = float((centers - centers[0]).norm(dim=1).mean()) / 2
+    least = float(np.linalg.norm(centers - centers[0], axis=1).mean()) / 2
     target = centers[0] + max(depth, least, 1e-3) * ahead[0]
     writer = ByteWriter()
-    for value in (*centers[0].tolist(), *target.tolist(), *(up / up.norm().clamp(min=1e-9)).tolist()):
+    for value in (*centers[0].tolist(), *target.tolist(), *(up / max(float(np.linalg.norm(up)), 1e-9)).tolist()):
         writer.f32(value)
     return writer.bytes()

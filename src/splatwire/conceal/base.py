@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
-import torch
+import numpy as np
 
 from splatwire.errors import InvalidValueError
 from splatwire.model import Partial, RenderHints
+from splatwire.ops.arrays import to_arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +26,9 @@ class Concealed(RenderHints):
     @staticmethod
     def filled(elements: Any) -> "Concealed":
         """Proposes to draw every element at its own size."""
+        elements = to_arrays(elements)
         count = len(next(iter(vars(elements).values())))
-        return Concealed(torch.ones(count), torch.zeros(count, dtype=torch.bool), elements=elements)
+        return Concealed(np.ones(count, np.float32), np.zeros(count, np.bool_), elements=elements)
 
     @property
     def hints(self) -> RenderHints:

@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-import torch
+import numpy as np
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from splatwire.conceal.base import Concealed, Concealer, check_at_least
 from splatwire.conceal.registry import create_concealer, register_concealer
@@ -55,7 +54,7 @@ class Coarse:
         """See `Concealer`."""
         levels, known = partial[Levels], partial.known
         finest = levels.of == 0
-        fine, coarse = (finest & known).nonzero()[:, 0], ((levels.of == 1) & known).nonzero()[:, 0]
+        fine, coarse = np.flatnonzero(finest & known), np.flatnonzero((levels.of == 1) & known)
         size, gain, left_out = _grown(create_concealer("grow", exponent=self.exponent), partial, finest)
         if len(coarse):
             lost = 1 - len(fine) / max(int(finest.sum()), 1)
@@ -65,74 +64,78 @@ class Coarse:
         return Concealed(size, left_out, gain, shows=True)
 
 
-def _grown(grow: Concealer, partial: Partial, finest: Bool[Tensor, "N"]) -> tuple[Tensor, Tensor, Tensor]:
+def _grown(
+    grow: Concealer, partial: Partial, finest: Bool[np.ndarray, "N"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Gains of size and opacity that `grow` gives the finest level, and what it leaves out, as all coarser levels."""
-    chosen, count = finest.nonzero()[:, 0], len(finest)
+    chosen, count = np.flatnonzero(finest), len(finest)
     erasures = Erasures(partial.erasures.received[chosen])
     own = grow(replace(partial, scene=partial.scene.select(chosen), erasures=erasures, said=()))
-    size, gain, left_out = torch.ones(count), torch.ones(count), torch.ones(count, dtype=torch.bool)
+    size, gain, left_out = np.ones(count, np.float32), np.ones(count, np.float32), np.ones(count, np.bool_)
     size[chosen], left_out[chosen] = own.size_gain, own.left_out
-    gain[chosen] = torch.ones(len(chosen)) if own.opacity_gain is None else own.opacity_gain
+    gain[chosen] = 1 if own.opacity_gain is None else own.opacity_gain
     return size, gain, left_out
 
 
 def _missing(
-    splats: Splats, fine: Tensor, coarse: Tensor, copied: Bool[Tensor, "C"], trust: float
-) -> Float[Tensor, "C"]:
+    splats: Splats, fine: np.ndarray, coarse: np.ndarray, copied: Bool[np.ndarray, "C"], trust: float
+) -> Float[np.ndarray, "C"]:
     """Share of each coarser Gaussian that is missing among those finer ones that arrived."""
     covers = _covers(splats)
-    shown = torch.ones(len(coarse))
+    shown = np.ones(len(coarse), np.float32)
     if not len(fine):
         return shown
     original = _originals(splats, fine, coarse[copied])
-    shown[copied.nonzero()[:, 0][original >= 0]] = 0
-    merged = (~copied).nonzero()[:, 0]
-    rest = torch.ones(len(fine), dtype=torch.bool)
+    shown[np.flatnonzero(copied)[original >= 0]] = 0
+    merged = np.flatnonzero(~copied)
+    rest = np.ones(len(fine), np.bool_)
     rest[original[original >= 0]] = False
     if not len(merged):
         return shown
     part_of = _part_of(splats, fine[rest], coarse[merged])
-    there = torch.zeros(len(merged), dtype=torch.float64).index_add_(0, part_of, covers[fine[rest]])
-    missing = 1 - there / covers[coarse[merged]].clamp(min=1e-300)
-    shown[merged] = (missing.clamp(0, 1) * trust).float()
+    there = np.bincount(part_of, covers[fine[rest]], len(merged))
+    missing = 1 - there / np.maximum(covers[coarse[merged]], 1e-300)
+    shown[merged] = np.clip(missing, 0, 1) * trust
     return shown
 
 
-def _part_of(splats: Splats, fine: Tensor, merged: Tensor) -> Tensor:
+def _part_of(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.ndarray:
     """Which merged Gaussian each finer one was most likely merged into, an index into `merged`.
 
     A merged one has mean, covariance and colour of its group: distances are in its standard deviations.
     """
-    centres, tree = splats.means[merged].double(), NeighborTree(splats.means[merged])
-    scales = splats.scales[merged].double()
-    scales = scales.clamp(min=1e-30).maximum(_THINNEST * scales.max(dim=1, keepdim=True).values)
-    axes = torch.from_numpy(rotation_matrices(splats.quats[merged].double().numpy()))
-    found = torch.empty(len(fine), dtype=torch.int64)
+    centres, tree = splats.means[merged].astype(np.float64), NeighborTree(splats.means[merged])
+    scales = splats.scales[merged].astype(np.float64)
+    scales = np.maximum(np.maximum(scales, 1e-30), _THINNEST * scales.max(axis=1, keepdims=True))
+    axes = rotation_matrices(splats.quats[merged].astype(np.float64))
+    found = np.empty(len(fine), np.int64)
     for begin in range(0, len(fine), _ROWS):
         some = fine[begin : begin + _ROWS]
         near, _ = tree.query(splats.means[some], min(_CANDIDATES, len(merged)))
-        apart = torch.einsum("nkij,nki->nkj", axes[near], splats.means[some].double()[:, None] - centres[near])
-        unlike = (splats.sh[some, None, 0] - splats.sh[merged[near], 0]).double()
-        far = ((apart / scales[near]) ** 2).sum(dim=2) + _COLOUR * (unlike**2).sum(dim=2)
-        found[begin : begin + len(some)] = near.gather(1, far.argmin(dim=1, keepdim=True))[:, 0]
+        apart = np.einsum("nkij,nki->nkj", axes[near], splats.means[some].astype(np.float64)[:, None] - centres[near])
+        unlike = (splats.sh[some, None, 0] - splats.sh[merged[near], 0]).astype(np.float64)
+        far = ((apart / scales[near]) ** 2).sum(axis=2) + _COLOUR * (unlike**2).sum(axis=2)
+        found[begin : begin + len(some)] = np.take_along_axis(near, far.argmin(axis=1)[:, None], axis=1)[:, 0]
     return found
 
 
-def _originals(splats: Splats, fine: Tensor, copies: Tensor) -> Tensor:
+def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarray:
     """Which of the finer Gaussians each copy is of, an index into `fine`; -1 where it did not arrive."""
     near, distance = NeighborTree(splats.means[fine]).query(splats.means[copies], min(_CANDIDATES, len(fine)))
-    found, size = fine[near], splats.scales[copies].sort(dim=1).values[:, 1:].clamp(min=1e-30)
-    sizes = splats.scales[found].sort(dim=2).values[..., 1:].clamp(min=1e-30)
+    found, size = fine[near], np.maximum(np.sort(splats.scales[copies], axis=1)[:, 1:], 1e-30)
+    sizes = np.maximum(np.sort(splats.scales[found], axis=2)[..., 1:], 1e-30)
     differ = (
-        distance / size[:, :1], (sizes / size[:, None]).log().abs().max(dim=2).values,
-        (splats.sh[found, 0] - splats.sh[copies, None, 0]).norm(dim=2),
+        distance / size[:, :1], np.abs(np.log(sizes / size[:, None])).max(axis=2),
+        np.linalg.norm(splats.sh[found, 0] - splats.sh[copies, None, 0], axis=2),
         splats.opacities[found] - splats.opacities[copies, None],
     )  # fmt: skip
-    unlike, best = sum((d / step) ** 2 for d, step in zip(differ, _COPIED, strict=True)).sqrt().min(dim=1)
-    return torch.where(unlike < _SAME, near.gather(1, best[:, None])[:, 0], torch.full_like(best, -1))
+    unlike = np.sqrt(sum((d / step) ** 2 for d, step in zip(differ, _COPIED, strict=True)))
+    best = unlike.argmin(axis=1)[:, None]
+    own = np.take_along_axis(near, best, axis=1)[:, 0]
+    return np.where(np.take_along_axis(unlike, best, axis=1)[:, 0] < _SAME, own, -1)
 
 
-def _covers(splats: Splats) -> Float[Tensor, "N"]:
+def _covers(splats: Splats) -> Float[np.ndarray, "N"]:
     """What each covers from its broad side, times its opacity; square world units."""
-    ordered = splats.scales.double().sort(dim=1).values
-    return splats.opacities.double() * ordered[:, 1] * ordered[:, 2]
+    ordered = np.sort(splats.scales.astype(np.float64), axis=1)
+    return splats.opacities.astype(np.float64) * ordered[:, 1] * ordered[:, 2]

@@ -3,11 +3,12 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from splatwire.conceal.base import Concealed, Concealer
 from splatwire.conceal.registry import check_needs, create_concealer
 from splatwire.errors import InvalidValueError, check_kind
 from splatwire.model.appearance import Partial, Scene
-from splatwire.model.partial import moved
 
 
 def conceal(partial: Partial, concealer: Concealer | str) -> Any:
@@ -21,7 +22,7 @@ def conceal(partial: Partial, concealer: Concealer | str) -> Any:
         concealer: A concealer or its name (`splatwire.conceal.create_concealer`).
 
     Returns:
-        The scene with filled elements and render hints, of the kind and on the device of the input.
+        The scene with filled elements and render hints, of the kind of the input.
 
     Raises:
         UnknownNameError: No concealer has that name.
@@ -33,30 +34,27 @@ def conceal(partial: Partial, concealer: Concealer | str) -> Any:
     check_needs(method, partial)
     if partial.erasures.num_lost == 0:
         return partial.scene
-    here = partial.to_cpu()
-    return drawn(partial, here, method(here), method.name)
+    return drawn(partial, method(partial), method.name)
 
 
-def drawn(partial: Partial, here: Partial, proposal: Concealed, name: str) -> Any:
+def drawn(partial: Partial, proposal: Concealed, name: str) -> Any:
     """The scene that a proposal makes of what arrived.
 
     Args:
         partial: What arrived.
-        here: The same in main memory.
         proposal: What a concealer makes of it.
         name: Of the concealer, for messages.
 
     Raises:
         InvalidValueError: If sizes are wrong, or hints cannot be drawn.
     """
-    proposed = here.filled if proposal.elements is None else proposal.elements
-    _check(proposal, proposed, here, name)
-    elements = here.elements.kept(here.erasures, proposed)
-    device = partial.scene.positions.device
-    hints, own = proposal.hints, here.scene.hints
+    proposed = partial.filled if proposal.elements is None else proposal.elements
+    _check(proposal, proposed, partial, name)
+    elements = partial.elements.kept(partial.erasures, proposed)
+    hints, own = proposal.hints, partial.scene.hints
     if own is not None and not proposal.shows:
         hints = replace(hints, left_out=hints.left_out | own.left_out)
-    return partial.scene.with_elements(moved(elements, device), moved(hints, device))
+    return partial.scene.with_elements(elements, hints)
 
 
 def concealed(loaded: Scene | Partial, concealer: Concealer | str) -> Any:
@@ -71,7 +69,7 @@ def _check(proposal: Concealed, proposed: Any, partial: Partial, name: str) -> N
     shapes = [{n: t.shape for n, t in vars(elements).items()} for elements in (proposed, partial.elements)]
     if rows != {count} or shapes[0] != shapes[1]:
         raise InvalidValueError(f"concealer '{name}' returned {sorted(rows)} rows for {count} {partial.scene.ELEMENTS}")
-    if not bool((hints.size_gain.isfinite() & (hints.size_gain > 0)).all()):
+    if not bool((np.isfinite(hints.size_gain) & (hints.size_gain > 0)).all()):
         raise InvalidValueError(f"concealer '{name}' returned a size gain that is not positive and finite")
-    if not bool((opacity_gain.isfinite() & (opacity_gain >= 0)).all()):
+    if not bool((np.isfinite(opacity_gain) & (opacity_gain >= 0)).all()):
         raise InvalidValueError(f"concealer '{name}' returned an opacity gain that is negative or not finite")

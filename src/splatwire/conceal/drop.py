@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-import torch
+import numpy as np
 
 from splatwire.conceal.base import Concealed
 from splatwire.conceal.registry import register_concealer
@@ -21,4 +21,4 @@ class Drop:
 
     def __call__(self, partial: Partial) -> Concealed:
         """See `Concealer`."""
-        return Concealed(torch.ones_like(partial.places[:, 0]), ~partial.known)
+        return Concealed(np.ones_like(partial.places[:, 0]), ~partial.known)

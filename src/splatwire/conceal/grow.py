@@ -1,11 +1,10 @@
-"""Nothing is invented: what arrived grows over the holes."""
+"""Concealment that enlarges received elements to cover lost ones."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
-import torch
+import numpy as np
 from jaxtyping import Bool, Float, Int64
-from torch import Tensor
 
 from splatwire.conceal.base import Concealed, check_at_least
 from splatwire.conceal.registry import register_concealer
@@ -46,7 +45,7 @@ class Grow:
     exponent: float = 0.5
     max_excess: float = 1.08
     max_gain: float = 4.0
-    nearest: Int64[Tensor, "N k"] | None = field(default=None, compare=False, repr=False)
+    nearest: Int64[np.ndarray, "N k"] | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         check_at_least("number of neighbours", self.neighbors, 1)
@@ -63,26 +62,29 @@ class Grow:
         """The same for many states of one scene: finds neighbours once, if what arrives does not change them."""
         if partial.expectation is None:
             return self  # where a lost element stands depends on those that arrived
-        everyone = torch.ones(partial.scene.num_elements, dtype=torch.bool)
+        everyone = np.ones(partial.scene.num_elements, np.bool_)
         parts = [index for _, index in _neighbors_of(partial.places, everyone, self.neighbors)]
-        return replace(self, nearest=torch.cat(parts))
+        return replace(self, nearest=np.concatenate(parts))
 
     def __call__(self, partial: Partial) -> Concealed:
         """See `Concealer`."""
         known, coverage = partial.known, partial.scene.COVERAGE
         left = 1 - lost_share(partial.places, known, self.neighbors, partial.sizes, self.nearest)
-        left = torch.where(known, self.limited(left, known, partial.tier_sizes), torch.ones_like(left))
+        left = np.where(known, self.limited(left, known, partial.tier_sizes), np.ones_like(left))
         size = left ** -(self.exponent * coverage.size)
         if not coverage.opacity:
             return Concealed(size, ~known)
         opacities = partial.elements.opacities
-        opaque = 1 - (1 - opacities.clamp(max=_MOST_OPAQUE)) ** (left ** -(self.exponent * coverage.opacity))
-        gain = torch.where(known, opaque / opacities.clamp(min=_LEAST_OPAQUE), torch.ones_like(left)).clamp(min=1)
+        opaque = 1 - (1 - np.minimum(opacities, _MOST_OPAQUE)) ** (left ** -(self.exponent * coverage.opacity))
+        gain = np.maximum(np.where(known, opaque / np.maximum(opacities, _LEAST_OPAQUE), np.ones_like(left)), 1)
         return Concealed(size, ~known, gain)
 
     def gain(
-        self, left: Float[Tensor, "M"], known: Bool[Tensor, "N"], tier_sizes: Float[Tensor, "N"] | None = None
-    ) -> Float[Tensor, "M"]:
+        self,
+        left: Float[np.ndarray, "M"],
+        known: Bool[np.ndarray, "N"],
+        tier_sizes: Float[np.ndarray, "N"] | None = None,
+    ) -> Float[np.ndarray, "M"]:
         """Gains where some share of the neighbours is left.
 
         Args:
@@ -93,31 +95,34 @@ class Grow:
         return self.limited(left, known, tier_sizes) ** -self.exponent
 
     def limited(
-        self, left: Float[Tensor, "M"], known: Bool[Tensor, "N"], tier_sizes: Float[Tensor, "N"] | None = None
-    ) -> Float[Tensor, "M"]:
+        self,
+        left: Float[np.ndarray, "M"],
+        known: Bool[np.ndarray, "N"],
+        tier_sizes: Float[np.ndarray, "N"] | None = None,
+    ) -> Float[np.ndarray, "M"]:
         """Shares that are left, kept so large that no gain is beyond its limit; arguments as of `gain`."""
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
         overall = max(received_share(known, tier_sizes), 1e-9) if len(known) else 1.0
         most = min(self.max_gain, self.max_excess * overall**-self.exponent)
         least = most ** (-1 / self.exponent) if self.exponent else 1.0
-        return left.clamp(min=least)
+        return np.maximum(left, left.dtype.type(least))
 
 
-def received_share(known: Bool[Tensor, "N"], tier_sizes: Float[Tensor, "N"] | None = None) -> float:
+def received_share(known: Bool[np.ndarray, "N"], tier_sizes: Float[np.ndarray, "N"] | None = None) -> float:
     """Share of a scene that was received: of its elements, or of the sizes that their tiers have."""
     if tier_sizes is None:
-        return float(known.double().mean())
-    sizes = tier_sizes.double()
+        return float(known.mean())
+    sizes = tier_sizes.astype(np.float64)
     return float((sizes * known).sum() / sizes.sum())
 
 
 def lost_share(
-    positions: Float[Tensor, "N 3"],
-    known: Bool[Tensor, "N"],
+    positions: Float[np.ndarray, "N 3"],
+    known: Bool[np.ndarray, "N"],
     neighbors: int,
-    weights: Float[Tensor, "N"] | None = None,
-    nearest: Int64[Tensor, "N k"] | None = None,
-) -> Float[Tensor, "N"]:
+    weights: Float[np.ndarray, "N"] | None = None,
+    nearest: Int64[np.ndarray, "N k"] | None = None,
+) -> Float[np.ndarray, "N"]:
     """Share of what is lost among the nearest others of each received anchor; 0 for lost and for lonely anchors.
 
     Args:
@@ -127,31 +132,33 @@ def lost_share(
         weights: How much each anchor counts, above 0; all alike if not given.
         nearest: Those others, where they are known.
     """
-    share = torch.zeros(len(positions), dtype=positions.dtype)
-    weight = torch.ones(len(positions), dtype=torch.float64) if weights is None else weights.double()
+    share = np.zeros(len(positions), positions.dtype)
+    weight = np.ones(len(positions)) if weights is None else weights.astype(np.float64)
     lost = weight * ~known
     if bool(known.all()) or not bool(known.any()):
         return share
-    there = known.nonzero()[:, 0]
+    there = np.flatnonzero(known)
     found = _neighbors_of(positions, known, neighbors) if nearest is None else [(there, nearest[there])]
     for own, index in found:
         if index.shape[1]:
-            share[own] = lost_share_among(index, lost, weight).to(share.dtype)
+            share[own] = lost_share_among(index, lost, weight).astype(share.dtype)
     return share
 
 
 def _neighbors_of(
-    positions: Float[Tensor, "N 3"], which: Bool[Tensor, "N"], neighbors: int
-) -> Iterator[tuple[Int64[Tensor, "m"], Int64[Tensor, "m k"]]]:
+    positions: Float[np.ndarray, "N 3"], which: Bool[np.ndarray, "N"], neighbors: int
+) -> Iterator[tuple[Int64[np.ndarray, "m"], Int64[np.ndarray, "m k"]]]:
     """Some elements at a time, and the nearest others of each."""
     tree = NeighborTree(positions)
-    for own in which.nonzero()[:, 0].split(_CHUNK):
+    chosen = np.flatnonzero(which)
+    for first in range(0, len(chosen), _CHUNK):
+        own = chosen[first : first + _CHUNK]
         yield own, nearest_others(tree, positions[own], own, neighbors)[0]
 
 
 def lost_share_among(
-    neighbors: Int64[Tensor, "M k"], lost: Float[Tensor, "N"], weights: Float[Tensor, "N"]
-) -> Float[Tensor, "M"]:
+    neighbors: Int64[np.ndarray, "M k"], lost: Float[np.ndarray, "N"], weights: Float[np.ndarray, "N"]
+) -> Float[np.ndarray, "M"]:
     """Share of what is lost among given neighbours.
 
     Args:
@@ -159,4 +166,4 @@ def lost_share_among(
         lost: What each anchor counts where it is lost, 0 where it was received.
         weights: What each anchor counts.
     """
-    return lost[neighbors].sum(dim=1) / weights[neighbors].sum(dim=1)
+    return lost[neighbors].sum(axis=1) / weights[neighbors].sum(axis=1)

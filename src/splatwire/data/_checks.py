@@ -5,7 +5,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
-import torch
 
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.scene import Cameras
@@ -49,8 +48,8 @@ def make_cameras(
     origin = choose_origin(-np.einsum("cij,ci->cj", poses[:, :3, :3], poses[:, :3, 3]), wide=False)
     poses[:, :3, 3] += poses[:, :3, :3] @ np.array(origin)
     return Cameras(
-        viewmats=torch.from_numpy(poses.astype(np.float32)),
-        Ks=torch.from_numpy(np.asarray(intrinsics, dtype=np.float32)),
+        viewmats=poses.astype(np.float32),
+        Ks=np.asarray(intrinsics, dtype=np.float32),
         width=width,
         height=height,
         names=tuple(names),

@@ -12,6 +12,7 @@ from splatwire.errors import DatasetError
 from splatwire.files.capped import read_json
 from splatwire.files.kinds import is_not
 from splatwire.files.whole import write_whole
+from splatwire.ops.arrays import to_numpy
 from splatwire.scene import Cameras
 from splatwire.scene.origin import NO_ORIGIN
 
@@ -29,7 +30,7 @@ def save_cameras(cameras: Cameras, path: Path) -> None:
     Raises:
         OSError: If the file cannot be written.
     """
-    world = replace(cameras, viewmats=cameras.viewmats.double()).relative_to(NO_ORIGIN)
+    world = replace(cameras, viewmats=to_numpy(cameras.viewmats).astype(np.float64)).relative_to(NO_ORIGIN)
     views = [
         {"name": name, "viewmat": viewmat.tolist(), "K": K.tolist()}
         for name, viewmat, K in zip(cameras.names, world.viewmats, cameras.Ks, strict=True)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from splatwire.data import _colmap_binary, _colmap_text
 from splatwire.data._checks import pinhole
@@ -113,7 +112,7 @@ def read_points(folder: Path) -> SparsePoints | None:
         positions = positions.astype(np.float32)
     if not np.isfinite(positions).all():
         raise DatasetError(f"{folder}: a point of points3D is not finite")
-    return SparsePoints(torch.from_numpy(positions), torch.from_numpy(colors.astype(np.float32) / 255))
+    return SparsePoints(positions, colors.astype(np.float32) / 255)
 
 
 def _read(folder: Path, what: str):  # type: ignore[no-untyped-def]  # the type follows from `what`

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from splatwire.data import bungee
 from splatwire.data._checks import child, make_cameras, view_names
@@ -54,7 +53,7 @@ class Dataset:
         """Number of views."""
         return self.cameras.num_views
 
-    def image(self, view: int) -> Float[Tensor, "H W 3"]:
+    def image(self, view: int) -> Float[np.ndarray, "H W 3"]:
         """Loads the photo of a view as RGB in [0, 1], undistorted where its lens bends rays.
 
         Raises:
@@ -65,7 +64,7 @@ class Dataset:
         bent = self.undistortions[view] if self.undistortions else None
         return photo if bent is None else bent.image(photo)
 
-    def mask(self, view: int) -> Bool[Tensor, "H W"] | None:
+    def mask(self, view: int) -> Bool[np.ndarray, "H W"] | None:
         """Loads the mask of a view, True where its photo counts; None where all of it does.
 
         Raises:

@@ -6,9 +6,8 @@ from dataclasses import astuple, dataclass
 from typing import ClassVar
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
-from torch import Tensor
+from scipy.ndimage import map_coordinates
 
 from splatwire.errors import DatasetError
 
@@ -134,13 +133,13 @@ class Undistortion:
         fx, fy, cx, cy = self.photo
         return np.array([[self.zoom * fx, 0, cx], [0, self.zoom * fy, cy], [0, 0, 1]])
 
-    def image(self, photo: Float[Tensor, "H W C"]) -> Float[Tensor, "H W C"]:
+    def image(self, photo: Float[np.ndarray, "H W C"]) -> Float[np.ndarray, "H W C"]:
         """What a pinhole camera would have seen: bicubic between the photo's pixels."""
-        return _sampled(photo, _grid(self), "bicubic").clamp(0, 1)
+        return np.clip(_sampled(photo, _grid(self), 3), 0, 1)
 
-    def mask(self, mask: Bool[Tensor, "H W"]) -> Bool[Tensor, "H W"]:
+    def mask(self, mask: Bool[np.ndarray, "H W"]) -> Bool[np.ndarray, "H W"]:
         """The mask of a photo, for that picture: the nearest pixel's."""
-        return _sampled(mask[:, :, None].float(), _grid(self), "nearest")[:, :, 0] > 0.5
+        return _sampled(mask[:, :, None], _grid(self), 0)[:, :, 0]
 
 
 def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Undistortion:
@@ -184,17 +183,16 @@ def _fits(lens: LensModel, photo: tuple[float, ...], zoom: float, width: int, he
 
 
 @functools.lru_cache(_CACHED)
-def _grid(view: Undistortion) -> Float[Tensor, "1 H W 2"]:
-    """Where each pixel of the pinhole camera's picture lies in the photo, in `grid_sample`'s units of -1 to 1."""
+def _grid(view: Undistortion) -> Float[np.ndarray, "2 H W"]:
+    """Row and column in the photo of each pixel of the pinhole camera's picture."""
     fx, fy, cx, cy = view.photo
     rays_x = (np.arange(view.width) + 0.5 - cx) / (view.zoom * fx)
     rays_y = (np.arange(view.height) + 0.5 - cy) / (view.zoom * fy)
     x, y = view.lens.distort(*np.meshgrid(rays_x, rays_y))
-    grid = np.stack([2 * (fx * x + cx) / view.width - 1, 2 * (fy * y + cy) / view.height - 1], axis=-1)
-    return torch.from_numpy(grid[None].astype(np.float32))
+    return np.stack([fy * y + cy - 0.5, fx * x + cx - 0.5]).astype(np.float32)
 
 
-def _sampled(pixels: Float[Tensor, "H W C"], grid: Float[Tensor, "1 H W 2"], mode: str) -> Float[Tensor, "H W C"]:
-    planes = pixels.permute(2, 0, 1)[None]
-    found = torch.nn.functional.grid_sample(planes, grid, mode=mode, padding_mode="border", align_corners=False)
-    return found[0].permute(1, 2, 0).contiguous()
+def _sampled(pixels: np.ndarray, grid: Float[np.ndarray, "2 H W"], order: int) -> np.ndarray:
+    """Pixels (H, W, C) at places between them, by splines of an order."""
+    planes = [map_coordinates(plane, grid, order=order, mode="nearest") for plane in np.moveaxis(pixels, 2, 0)]
+    return np.stack(planes, axis=2)

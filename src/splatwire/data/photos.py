@@ -4,10 +4,8 @@ import struct
 from pathlib import Path
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
 from PIL import Image, ImageOps
-from torch import Tensor
 
 from splatwire.errors import MALFORMED, DatasetError
 from splatwire.files.kinds import is_not
@@ -62,7 +60,7 @@ def _orientation(image: Image.Image) -> object:
 
 def load_photo(
     path: Path, size: tuple[int, int] | None = None, background: Background = BLACK, *, upright: bool = False
-) -> Float[Tensor, "H W 3"]:
+) -> Float[np.ndarray, "H W 3"]:
     """Loads an image as RGB in [0, 1].
 
     Args:
@@ -94,10 +92,10 @@ def load_photo(
     if size is not None and size != (pixels.shape[1], pixels.shape[0]):
         whole = Image.fromarray(np.rint(pixels * 255).astype(np.uint8))
         pixels = np.asarray(whole.resize(size, Image.Resampling.BICUBIC), dtype=np.float32) / 255
-    return torch.from_numpy(np.ascontiguousarray(pixels))
+    return np.ascontiguousarray(pixels)
 
 
-def load_mask(path: Path, size: tuple[int, int]) -> Bool[Tensor, "H W"]:
+def load_mask(path: Path, size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
     """Loads a mask: True where a pixel counts, that is, where the file is brighter than middle grey.
 
     Args:
@@ -115,7 +113,7 @@ def load_mask(path: Path, size: tuple[int, int]) -> Bool[Tensor, "H W"]:
             grey = np.asarray(image.convert("L").resize(size, Image.Resampling.NEAREST))
         except (OSError, SyntaxError, struct.error, *MALFORMED) as error:
             raise DatasetError(f"{path}: the mask is damaged: {error}") from error
-    return torch.from_numpy(grey > 127)
+    return grey > 127
 
 
 def limited_size(width: int, height: int, max_width: int | None) -> tuple[int, int]:

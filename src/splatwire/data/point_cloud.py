@@ -4,9 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.errors import DatasetError
 from splatwire.formats.ply_file import read_ply_elements
@@ -24,8 +22,8 @@ class SparsePoints:
         colors: RGB in [0, 1].
     """
 
-    positions: Float[Tensor, "P 3"]
-    colors: Float[Tensor, "P 3"]
+    positions: Float[np.ndarray, "P 3"]
+    colors: Float[np.ndarray, "P 3"]
 
     @property
     def num_points(self) -> int:
@@ -53,4 +51,4 @@ def read_point_cloud(path: Path) -> SparsePoints:
         columns = [vertices.rows[color] for color in _COLORS]
         full = 255 if all(column.dtype.kind in "iu" for column in columns) else 1
         colors = np.clip(np.stack(columns, axis=1).astype(np.float32) / full, 0, 1)
-    return SparsePoints(torch.from_numpy(positions), torch.from_numpy(colors))
+    return SparsePoints(positions, colors)

@@ -1,10 +1,9 @@
 """The loss map: where the elements of a view fall on its picture, and which of them were lost."""
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
-from torch import Tensor
 
+from splatwire.ops.arrays import to_numpy
 from splatwire.scene import Cameras
 
 LOST_COLOR = (226, 74, 51)
@@ -15,11 +14,11 @@ _DOT = 2
 
 
 def draw_loss_map(
-    positions: Float[Tensor, "N 3"],
-    known: Bool[Tensor, "N"],
+    positions: Float[np.ndarray, "N 3"],
+    known: Bool[np.ndarray, "N"],
     cameras: Cameras,
     view: int,
-    picture: Float[Tensor, "H W 3"],
+    picture: Float[np.ndarray, "H W 3"],
 ) -> np.ndarray:
     """Draws every element as a dot on a dimmed grey picture: received ones blue, lost ones red and on top.
 
@@ -33,15 +32,15 @@ def draw_loss_map(
     Returns:
         RGB, uint8, H W 3.
     """
-    grey = (picture.mean(dim=2, keepdim=True).expand(-1, -1, 3) * 0.55 + 0.45) * 255
-    canvas = grey.numpy().astype(np.uint8)
-    pose, K = cameras.viewmats[view], cameras.Ks[view]
+    grey = (np.repeat(picture.mean(axis=2, keepdims=True), 3, axis=2) * 0.55 + 0.45) * 255
+    canvas = grey.astype(np.uint8)
+    pose, K = to_numpy(cameras.viewmats[view]), to_numpy(cameras.Ks[view])
     local = positions @ pose[:3, :3].T + pose[:3, 3]
-    x = torch.floor(local[:, 0] / local[:, 2] * K[0, 0] + K[0, 2])
-    y = torch.floor(local[:, 1] / local[:, 2] * K[1, 1] + K[1, 2])
+    x = np.floor(local[:, 0] / local[:, 2] * K[0, 0] + K[0, 2])
+    y = np.floor(local[:, 1] / local[:, 2] * K[1, 1] + K[1, 2])
     inside = (local[:, 2] > NEAR_DEPTH) & (x >= 0) & (y >= 0) & (x < cameras.width) & (y < cameras.height)
     for shown, color in ((inside & known, RECEIVED_COLOR), (inside & ~known, LOST_COLOR)):
-        columns, rows = x[shown].long().numpy(), y[shown].long().numpy()
+        columns, rows = x[shown].astype(np.int64), y[shown].astype(np.int64)
         for dx, dy in np.ndindex(_DOT, _DOT):
             canvas[np.minimum(rows + dy, cameras.height - 1), np.minimum(columns + dx, cameras.width - 1)] = color
     return canvas

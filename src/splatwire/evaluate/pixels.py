@@ -2,19 +2,20 @@
 
 import base64
 import io
+from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from PIL import Image
-from torch import Tensor
+
+from splatwire.ops.arrays import to_numpy
 
 ERROR_GAIN = 4
 
 
-def to_pixels(image: Float[Tensor, "H W 3"]) -> np.ndarray:
+def to_pixels(image: Float[Any, "H W 3"]) -> np.ndarray:
     """Rounds RGB in [0, 1] to bytes."""
-    return (image.clamp(0, 1) * 255 + 0.5).to(torch.uint8).cpu().numpy()
+    return (np.clip(to_numpy(image), 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
 def error_map(pixels: np.ndarray, reference: np.ndarray) -> np.ndarray:

@@ -2,15 +2,16 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
-import torch
+import numpy as np
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError
 from splatwire.metrics import black_outside, psnr, ssim
 from splatwire.model.appearance import Scene
+from splatwire.ops.arrays import to_numpy
 from splatwire.render import iterate_views
 from splatwire.scene import Cameras
 from splatwire.scene.background import Background
@@ -30,18 +31,18 @@ class ReferenceViews:
     """
 
     cameras: Cameras
-    load: Callable[[int], Tensor]
+    load: Callable[[int], Any]
     source: str
     background: Background | None = None
-    load_mask: Callable[[int], Tensor | None] | None = None
+    load_mask: Callable[[int], Any] | None = None
 
-    def reference(self, view: int) -> Float[Tensor, "H W 3"]:
+    def reference(self, view: int) -> Float[np.ndarray, "H W 3"]:
         """Returns the reference picture of a view, black outside its mask.
 
         Raises:
             InvalidValueError: If it is not of the cameras' size.
         """
-        image = self.load(view)
+        image = to_numpy(self.load(view))
         if tuple(image.shape) != (self.cameras.height, self.cameras.width, 3):
             size = f"{self.cameras.width} x {self.cameras.height}"
             raise InvalidValueError(f"reference of view {self.cameras.names[view]} is {tuple(image.shape)}, not {size}")
@@ -53,11 +54,12 @@ class ReferenceViews:
         """Whether any view may have a mask."""
         return self.load_mask is not None
 
-    def mask(self, view: int) -> Bool[Tensor, "H W"] | None:
+    def mask(self, view: int) -> Bool[np.ndarray, "H W"] | None:
         """Returns where the picture of a view counts; None where all of it does."""
-        return None if self.load_mask is None else self.load_mask(view)
+        mask = None if self.load_mask is None else self.load_mask(view)
+        return None if mask is None else to_numpy(mask)
 
-    def compared(self, view: int, image: Float[Tensor, "H W 3"]) -> "Compared":
+    def compared(self, view: int, image: Float[np.ndarray, "H W 3"]) -> "Compared":
         """Puts a picture of a view beside its reference, both black where nothing counts."""
         reference, mask = self.reference(view)[None], self.mask(view)
         if mask is None:
@@ -75,9 +77,9 @@ class Compared:
         mask: True where pixels count; None where all do.
     """
 
-    image: Float[Tensor, "1 H W 3"]
-    reference: Float[Tensor, "1 H W 3"]
-    mask: Bool[Tensor, "1 H W"] | None
+    image: Float[np.ndarray, "1 H W 3"]
+    reference: Float[np.ndarray, "1 H W 3"]
+    mask: Bool[np.ndarray, "1 H W"] | None
 
     def psnr(self) -> float:
         """Decibels of what counts."""
@@ -112,8 +114,7 @@ def views_of(
     cameras: Cameras,
     renderer: str,
     background: Background | None = None,
-) -> Iterable[Float[Tensor, "H W 3"]]:
-    """Draws view after view, on the CPU; in front of the scene's own background where none is given."""
-    behind = None if background is None else torch.tensor(background)
-    for image in iterate_views(scene, cameras, renderer=renderer, background=behind):
-        yield image.cpu()
+) -> Iterable[Float[np.ndarray, "H W 3"]]:
+    """Draws view after view; in front of the scene's own background where none is given."""
+    behind = None if background is None else np.array(background)
+    return iterate_views(scene, cameras, renderer=renderer, background=behind)

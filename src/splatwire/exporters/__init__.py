@@ -1,4 +1,1 @@
-"""Exporters: scenes of ours as explicit Gaussians, which other programs open."""
-
-from splatwire.exporters.fit import FitCounts as FitCounts
-from splatwire.exporters.fit import fit_splats as fit_splats
+"""Exporters: scenes of ours as explicit Gaussians, which other programs open; `splatwire.exporters.fit` needs torch."""

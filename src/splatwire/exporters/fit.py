@@ -1,18 +1,21 @@
 """Explicit Gaussians that look like a neural scene: each is fitted alone, to what the heads say in many views."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from typing import cast
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.errors import InvalidValueError
+from splatwire.exporters.counts import FitCounts
 from splatwire.exporters.neural import Slots, SlotView, slot_view, slots_of
 from splatwire.exporters.visibility import MIN_ALPHA, Draw, visible_areas
 from splatwire.model import AnchorScene, Scene
+from splatwire.model.tensors import to_tensors
+from splatwire.ops.arrays import to_numpy
 from splatwire.ops.quaternions import rotation_rows
-from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions, sh_basis
+from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions, sh_functions
 from splatwire.scene import Cameras
 from splatwire.scene.origin import NO_ORIGIN
 from splatwire.scene.splats import Splats
@@ -24,23 +27,6 @@ RIDGE = 3e-4
 _CONSTANT_RIDGE = 1e-6
 _CHUNK = 2048
 _SMALLEST_SCALE = 1e-9
-
-
-@dataclass
-class FitCounts:
-    """What became of a scene's Gaussians; filled while the fit runs.
-
-    Attributes:
-        possible: Gaussians that the scene can have.
-        unseen: Left out because no view sees them.
-        faint: Left out because their mean opacity is below 1/255.
-        written: Fitted.
-    """
-
-    possible: int = 0
-    unseen: int = 0
-    faint: int = 0
-    written: int = 0
 
 
 def fit_splats(
@@ -74,6 +60,7 @@ def fit_splats(
         InvalidValueError: If the degree is not supported, or no view sees anything.
     """
     assert isinstance(scene, AnchorScene)
+    scene = cast(AnchorScene, to_tensors(scene))
     num_functions(degree)
     cameras = cameras.relative_to(NO_ORIGIN)
     if cameras.num_views < 1:
@@ -85,7 +72,7 @@ def fit_splats(
     slots = slots_of(scene)
     counts.possible = slots.num_slots
     areas = visible_areas(scene, slots, cameras, draw, lambda share: report("measuring visibility", share))
-    centers = cameras.centers.to(slots.means)
+    centers = torch.as_tensor(cameras.centers).to(slots.means)
     for first in range(0, slots.num_slots, _CHUNK):
         last = min(first + _CHUNK, slots.num_slots)
         yield _fit_part(scene, slots.part(first, last), areas[:, first:last].float(), centers, degree, counts)
@@ -105,8 +92,7 @@ def _fit_part(
     seen = [slot_view(scene, slots, centers[view]) for view in views.tolist()]
     if not seen:
         counts.unseen += slots.num_slots
-        empty = slots.means[:0]
-        return Splats(empty, empty.new_zeros(0, 4), empty, empty.new_zeros(0), empty.new_zeros(0, (degree + 1) ** 2, 3))
+        return Splats.empty(0, degree)
     areas = areas[views].T
     strength = torch.stack([view.opacities for view in seen], dim=1).clamp(min=0)
     weights = areas * strength
@@ -122,7 +108,8 @@ def _fit_part(
     directions = torch.nn.functional.normalize(means[:, None] - centers[views], dim=2)
     colors = torch.stack([view.colors[kept] for view in seen], dim=1)
     quats, scales = _mean_shape(seen, kept, shares)
-    return Splats(means, quats, scales, opacities[kept], fit_sh(directions, colors, shares, degree))
+    columns = (means, quats, scales, opacities[kept], fit_sh(directions, colors, shares, degree))
+    return Splats(*(to_numpy(column) for column in columns))
 
 
 def fit_sh(
@@ -139,7 +126,8 @@ def fit_sh(
     Returns:
         Coefficients whose sum plus 0.5 is the colour.
     """
-    basis = sh_basis(directions.double(), degree)
+    x, y, z = directions.double().unbind(dim=-1)
+    basis = torch.stack(sh_functions(x, y, z, degree), dim=-1)
     weighted = (basis * shares[:, :, None].double()).transpose(1, 2)
     degrees = torch.tensor([l for l in range(degree + 1) for _ in range(2 * l + 1)], dtype=torch.float64)  # noqa: E741
     gram = weighted @ basis + torch.diag(RIDGE * degrees.square() + _CONSTANT_RIDGE)

@@ -28,12 +28,12 @@ def viser_arguments(scene: Scene) -> dict[str, Any]:
         InvalidValueError: If the scene's Gaussians depend on the view.
     """
     splats = _explicit(scene)
-    axes = rotation_matrices(splats.quats.numpy()) * splats.scales.numpy()[:, None, :]
+    axes = rotation_matrices(splats.quats) * splats.scales[:, None, :]
     return {
-        "centers": splats.means.numpy(),
+        "centers": splats.means,
         "covariances": axes @ axes.transpose(0, 2, 1),
         "rgbs": _colours(splats),
-        "opacities": splats.opacities.numpy()[:, None],
+        "opacities": splats.opacities[:, None],
     }
 
 
@@ -51,16 +51,16 @@ def rerun_arguments(scene: Scene) -> dict[str, Any]:
         InvalidValueError: If the scene's Gaussians depend on the view.
     """
     splats = _explicit(scene)
-    seen = np.concatenate([_colours(splats), splats.opacities.numpy()[:, None]], axis=1)
+    seen = np.concatenate([_colours(splats), splats.opacities[:, None]], axis=1)
     found = {
-        "centers": splats.means.numpy(),
-        "scales": splats.scales.numpy(),
-        "quaternions": np.roll(splats.quats.numpy(), -1, axis=1),
+        "centers": splats.means,
+        "scales": splats.scales,
+        "quaternions": np.roll(splats.quats, -1, axis=1),
         "colors": np.rint(seen * 255).astype(np.uint8),
     }
     if splats.degree > 0:
         harmonics = np.zeros((splats.num_gaussians, num_functions(MAX_DEGREE) - 1, 3), np.float32)
-        harmonics[:, : splats.sh.shape[1] - 1] = splats.sh[:, 1:].numpy()
+        harmonics[:, : splats.sh.shape[1] - 1] = splats.sh[:, 1:]
         found |= {"sh_coefficients": harmonics, "spherical_harmonics_degree": splats.degree}
     return found
 
@@ -75,4 +75,4 @@ def _explicit(scene: Scene) -> Splats:
 
 
 def _colours(splats: Splats) -> np.ndarray:
-    return (0.5 + DC * splats.sh[:, 0].numpy()).clip(0, 1)
+    return (0.5 + DC * splats.sh[:, 0]).clip(0, 1)

@@ -42,7 +42,7 @@ def visible_areas(
     """
     areas = torch.zeros(cameras.num_views, slots.num_slots, dtype=torch.bfloat16)
     for view in range(cameras.num_views):
-        center = cameras.centers[view].to(slots.means)
+        center = torch.as_tensor(cameras.centers[view]).to(slots.means)
         seen = visible_anchors(scene.anchors, cameras, view)[slots.anchor_index].nonzero()[:, 0]
         part = Slots(slots.anchor_index[seen], slots.offset_index[seen], slots.means[seen])
         if part.num_slots:

@@ -7,7 +7,6 @@ turn, reflect, scale and stretch Gaussians.
 """
 
 import numpy as np
-import torch
 
 from splatwire.ops.quaternions import quaternions_of, rotation_matrices
 from splatwire.ops.spherical_harmonics import sh_basis
@@ -21,9 +20,9 @@ GLTF_FLIPS = (-1.0, -1.0, 1.0)
 
 def harmonic_signs(flips: tuple[float, float, float], degree: int) -> np.ndarray:
     """What flipping two axes does to the coefficients of a degree: 1 or -1 for each, float32."""
-    somewhere = torch.tensor([0.36, 0.48, 0.8])  # no basis function is 0 there
-    signs = (sh_basis(somewhere * torch.tensor(flips), degree) / sh_basis(somewhere, degree)).round()
-    return np.asarray(signs.numpy(), np.float32)
+    somewhere = np.array([0.36, 0.48, 0.8])  # no basis function is 0 there
+    signs = np.rint(sh_basis(somewhere * np.array(flips), degree) / sh_basis(somewhere, degree))
+    return signs.astype(np.float32)
 
 
 def flip_axes(splats: Splats, flips: tuple[float, float, float]) -> Splats:
@@ -33,11 +32,10 @@ def flip_axes(splats: Splats, flips: tuple[float, float, float]) -> Splats:
         splats: The Gaussians.
         flips: 1 or -1 for x, y and z, with two of them -1.
     """
-    signs = torch.tensor(flips)
-    harmonics = torch.from_numpy(harmonic_signs(flips, splats.degree))
+    signs, harmonics = np.array(flips, np.float32), harmonic_signs(flips, splats.degree)
     return Splats(
         means=splats.means * signs,
-        quats=splats.quats * torch.cat([torch.ones(1), signs]),
+        quats=splats.quats * np.concatenate([np.ones(1, np.float32), signs]),
         scales=splats.scales,
         opacities=splats.opacities,
         sh=splats.sh * harmonics[:, None],
@@ -74,8 +72,8 @@ def harmonic_transform(orthogonal: np.ndarray, degree: int) -> np.ndarray:
     """
     directions = np.random.default_rng(0).normal(size=(64, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    after = sh_basis(torch.from_numpy(directions), degree).numpy()
-    before = sh_basis(torch.from_numpy(directions @ orthogonal), degree).numpy()
+    after = sh_basis(directions, degree)
+    before = sh_basis(directions @ orthogonal, degree)
     return np.asarray(np.linalg.lstsq(after, before, rcond=None)[0])
 
 
@@ -103,22 +101,22 @@ def transform_splats(splats: Splats, matrix: np.ndarray, translation: np.ndarray
     found = Splats.empty(splats.num_gaussians, splats.degree)
     for begin in range(0, splats.num_gaussians, _ROWS):
         part = splats.run(begin, min(begin + _ROWS, splats.num_gaussians))
-        means = part.means.double().numpy() @ matrix.T
+        means = part.means.astype(np.float64) @ matrix.T
         if similar:
             # A point reflection changes no covariance, so a reflection turns Gaussians as its negative does.
             turn = quaternions_of(orthogonal[None] * np.sign(np.linalg.det(orthogonal)))[0]
-            quats, scales = quaternion_product(turn, part.quats.double().numpy()), part.scales.double().numpy()
+            quats, scales = quaternion_product(turn, part.quats.astype(np.float64)), part.scales.astype(np.float64)
             scales = scales * stretch.mean()
         else:
-            axes = rotation_matrices(part.quats.double().numpy()) * part.scales.double().numpy()[:, None, :]
-            finite = np.isfinite(axes).all(axis=(1, 2))
+            axes = rotation_matrices(part.quats.astype(np.float64)) * part.scales.astype(np.float64)[:, None, :]
+            finite: np.ndarray = np.asarray(np.isfinite(axes).all(axis=(1, 2)))
             turned, scales, _ = np.linalg.svd(np.where(finite[:, None, None], matrix @ axes, 0))
             turned *= np.sign(np.linalg.det(turned))[:, None, None]
             quats = np.where(finite[:, None], quaternions_of(turned), np.nan)
-        sh = np.einsum("ij,njc->nic", harmonics, part.sh.double().numpy())
+        sh = np.einsum("ij,njc->nic", harmonics, part.sh.astype(np.float64))
         moved = means if translation is None else means + translation
-        arrays = (moved, quats, scales, part.opacities.numpy(), sh)
-        found.fill(begin, Splats(*(torch.from_numpy(np.ascontiguousarray(array, np.float32)) for array in arrays)))
+        arrays = (moved, quats, scales, part.opacities, sh)
+        found.fill(begin, Splats(*(np.ascontiguousarray(array, np.float32) for array in arrays)))
     return found
 
 

@@ -5,7 +5,6 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.ops.spherical_harmonics import num_functions
@@ -77,11 +76,11 @@ def build_splats(
     lengths = np.linalg.norm(wide, axis=1, keepdims=True)
     lengths[lengths < _MIN_LENGTH] = np.nan
     return Splats(
-        means=_tensor(means),
-        quats=_tensor(wide / lengths),
-        scales=_tensor(sizes),
-        opacities=_tensor(np.clip(opacities, 0, 1)),
-        sh=_tensor(sh),
+        means=_column(means),
+        quats=_column(wide / lengths),
+        scales=_column(sizes),
+        opacities=_column(np.clip(opacities, 0, 1)),
+        sh=_column(sh),
     )
 
 
@@ -97,8 +96,8 @@ def _sizes_of_logs(logs: np.ndarray) -> np.ndarray:
     return np.exp(np.where(logs > MAX_LOG_SCALE, np.inf, np.maximum(logs, -MAX_LOG_SCALE)).astype(np.float32))
 
 
-def _tensor(values: np.ndarray) -> torch.Tensor:
-    return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
+def _column(values: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(values, dtype=np.float32)
 
 
 def concatenate(parts: Sequence[Splats]) -> Splats:
@@ -121,7 +120,7 @@ def concatenate(parts: Sequence[Splats]) -> Splats:
 def of_degree(splats: Splats, degree: int) -> Splats:
     """Gaussians with harmonics of a degree that is not lower than theirs; new ones are 0."""
     missing = num_functions(degree) - splats.sh.shape[1]
-    return splats if not missing else replace(splats, sh=torch.nn.functional.pad(splats.sh, (0, 0, 0, missing)))
+    return splats if not missing else replace(splats, sh=np.pad(splats.sh, ((0, 0), (0, missing), (0, 0))))
 
 
 def filled(path: Path, parts: Iterable[Splats]) -> Iterator[Splats]:
@@ -157,7 +156,7 @@ def join(path: Path, parts: Iterable[Splats]) -> Splats:
         InvalidValueError: If there is no Gaussian, degrees differ, or a number is not one of a Gaussian.
     """
     pieces = list(filled(path, parts))
-    whole = Splats(**{f.name: torch.cat([getattr(p, f.name) for p in pieces]).detach().cpu() for f in fields(Splats)})
-    if not all(torch.isfinite(value).all() for value in vars(whole).values()) or not (whole.scales > 0).all():
+    whole = Splats(**{f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Splats)})
+    if not all(np.isfinite(value).all() for value in vars(whole).values()) or not (whole.scales > 0).all():
         raise InvalidValueError("a Gaussian has a number that is not finite, or a size that is not positive")
     return whole

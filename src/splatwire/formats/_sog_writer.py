@@ -43,19 +43,19 @@ def write_sog(
 ) -> int:
     """Writes a bundled SOG, Gaussians in Morton order; see `splatwire.formats.write_splats`."""
     splats = _without_costs(join(path, parts), path, outliers)
-    means = splats.means.double().numpy()
+    means = splats.means.astype(np.float64)
     order = spatial_order(find_outliers(means))
     pictures: dict[str, np.ndarray] = {}
     meta = {"version": 2, "asset": asset_of(metadata), "count": len(means)}
     if antialiased:
         meta["antialias"] = True
     meta["means"] = _means(means[order], pictures)
-    logs = np.log(splats.scales.numpy()[order])
+    logs = np.log(splats.scales[order])
     meta["scales"] = _coded("scales", logs, np.full(len(logs), 255, np.uint8), pictures)
-    pictures["quats.webp"] = _rotations(splats.quats.numpy()[order])
+    pictures["quats.webp"] = _rotations(splats.quats[order])
     meta["quats"] = {"files": ["quats.webp"]}
-    sh = splats.sh.numpy()[order]
-    opacities = np.rint(splats.opacities.numpy()[order] * 255).clip(0, 255).astype(np.uint8)
+    sh = splats.sh[order]
+    opacities = np.rint(splats.opacities[order] * 255).clip(0, 255).astype(np.uint8)
     meta["sh0"] = _coded("sh0", sh[:, 0], opacities, pictures)
     if splats.degree:
         meta["shN"] = _harmonics(sh[:, 1:], splats.degree, pictures)
@@ -68,7 +68,7 @@ def write_sog(
 
 def _without_costs(splats: Splats, path: Path, treatment: Outliers) -> Splats:
     """Treats outliers that would make the range of positions more than `_MOST_RANGE` times that of all others."""
-    column = find_outliers(splats.means.numpy())
+    column = find_outliers(splats.means)
     logs, others = _logs(column.values), _logs(column.others)
     low, high = others.min(axis=0), others.max(axis=0)
     span, whole = high - low, np.ptp(logs, axis=0)

@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from splatwire.errors import DatasetError
 from splatwire.files.whole import written_whole
@@ -138,8 +137,8 @@ def write_compressed_ply(
     remarks += metadata_comments(metadata)
     splats = _sorted(join(path, parts), path, outliers)
     splats = _scales_and_colours(splats, path, outliers)
-    means, quats, scales, sh = (t.numpy() for t in (splats.means, splats.quats, splats.scales, splats.sh))
-    color = np.concatenate([sh[:, 0] * np.float32(DC) + np.float32(0.5), splats.opacities.numpy()[:, None]], axis=1)
+    means, quats, scales, sh = splats.means, splats.quats, splats.scales, splats.sh
+    color = np.concatenate([sh[:, 0] * np.float32(DC) + np.float32(0.5), splats.opacities[:, None]], axis=1)
     logs = np.log(scales).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
     bounds, shares = zip(*(_normalised(values) for values in (means, logs, color[:, :3])), strict=True)
     rgba = np.concatenate([shares[2], color[:, 3:].clip(0, 1)], axis=1)
@@ -156,13 +155,13 @@ def write_compressed_ply(
 
 def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
     """Sorts Gaussians in space, and treats outliers that share a chunk with others at a cost to these."""
-    column = find_outliers(splats.means.numpy())
-    splats = splats.select(torch.from_numpy(spatial_order(column)))
+    column = find_outliers(splats.means)
+    splats = splats.select(spatial_order(column))
     usual = int((~column.outside).sum())
     first, end = usual // CHUNK * CHUNK, min(-(-usual // CHUNK) * CHUNK, splats.num_gaussians)
     if end == usual:
         return splats
-    places, tops = splats.means.double().numpy()[first:end], np.array([(1 << width) - 1 for width in _WIDE])
+    places, tops = splats.means[first:end].astype(np.float64), np.array([(1 << width) - 1 for width in _WIDE])
     low, high = column.middle - column.reach, column.middle + column.reach
     spans = [np.ptp(some, axis=0) / tops for some in (places, places.clip(low, high), places[: usual - first])]
     whole, clamped, alone = (float(span.max()) for span in spans)
@@ -175,8 +174,8 @@ def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Splats:
     """Treats outliers of scales and colours that make visible steps in their chunks."""
-    logs = np.log(splats.scales.double().numpy()).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
-    colours = splats.sh[:, 0].double().numpy() * DC
+    logs = np.log(splats.scales.astype(np.float64)).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
+    colours = splats.sh[:, 0].astype(np.float64) * DC
     kept = np.ones(splats.num_gaussians, bool)
     for what, values, top in (("scales", logs, (1 << _WIDE[1]) - 1), ("colours", colours, (1 << _BYTES[0]) - 1)):
         column = find_outliers(values)
@@ -193,16 +192,17 @@ def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Spla
             kept &= ~column.outside
         elif treatment == "clamp":
             splats = _with_values(splats, what, column.outside, near)
-    return splats if kept.all() else splats.select(torch.from_numpy(kept))
+    return splats if kept.all() else splats.select(kept)
 
 
 def _with_values(splats: Splats, what: str, rows: np.ndarray, values: np.ndarray) -> Splats:
     """The Gaussians with other logarithms of scales, or colours less 0.5, in some rows."""
-    index = (torch.from_numpy(np.flatnonzero(rows)),)
     if what == "scales":
-        return replace(splats, scales=splats.scales.index_put(index, torch.from_numpy(np.exp(values[rows])).float()))
-    sh = splats.sh.clone()
-    sh[index[0], 0] = torch.from_numpy(values[rows] / DC).float()
+        scales = splats.scales.copy()
+        scales[rows] = np.exp(values[rows])
+        return replace(splats, scales=scales)
+    sh = splats.sh.copy()
+    sh[rows, 0] = values[rows] / DC
     return replace(splats, sh=sh)
 
 

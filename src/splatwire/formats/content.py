@@ -36,4 +36,4 @@ class FileContent:
         """Returns the same content with an origin near the Gaussians where `choose_origin` finds one."""
         if self.origin != NO_ORIGIN:
             return self
-        return self.relative_to(choose_origin(self.splats.means.numpy(), wide=False))
+        return self.relative_to(choose_origin(self.splats.means, wide=False))

@@ -195,7 +195,7 @@ class _Gltf:
                 self._path, instance.node,
             )  # fmt: skip
         moved = transform_splats(splats, matrix, shift)
-        moved.scales.clamp_(min=_SMALLEST)
+        np.maximum(moved.scales, np.float32(_SMALLEST), out=moved.scales)
         return moved
 
     def _primitive(self, primitive: dict[str, Any]) -> Splats:

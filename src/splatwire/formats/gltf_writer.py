@@ -109,13 +109,13 @@ def _put_stream(document: dict[str, Any], num_bytes: int, num_padded: int) -> No
 
 def _columns(splats: Splats) -> dict[str, np.ndarray]:
     """What the attributes hold, all of whole words of four bytes."""
-    sh, opacities = splats.sh.numpy(), splats.opacities.numpy()[:, None]
+    sh, opacities = splats.sh, splats.opacities[:, None]
     seen = np.concatenate([0.5 + DC * sh[:, 0], opacities], axis=1)
     columns = {
-        "POSITION": splats.means.numpy(),
+        "POSITION": splats.means,
         "COLOR_0": np.rint(seen.clip(0, 1) * 255).astype(np.uint8),
-        f"{EXTENSION}:ROTATION": np.roll(splats.quats.numpy(), -1, axis=1),
-        f"{EXTENSION}:SCALE": splats.scales.numpy(),
+        f"{EXTENSION}:ROTATION": np.roll(splats.quats, -1, axis=1),
+        f"{EXTENSION}:SCALE": splats.scales,
         f"{EXTENSION}:OPACITY": opacities,
     }
     for band in range(splats.degree + 1):

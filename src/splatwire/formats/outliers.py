@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
-import torch
 
 from splatwire.errors import UnknownNameError
 from splatwire.ops.morton import MAX_AXIS_BITS, morton_encode
@@ -120,14 +119,15 @@ def pull_into_box(splats: Splats, index: np.ndarray, middle: np.ndarray, low: np
         low: Least coordinates of the box, (3).
         high: Largest coordinates of the box, (3).
     """
-    places, at = splats.means.double().numpy()[index], torch.from_numpy(index)
+    places, scales = splats.means[index].astype(np.float64), splats.scales.copy()
     ways = places - middle
     with np.errstate(divide="ignore", invalid="ignore"):
         room = np.where(ways > 0, (high - middle) / ways, np.where(ways < 0, (low - middle) / ways, np.inf))
     factors = np.minimum(room.min(axis=1), 1)[:, None]
-    near = torch.from_numpy(middle + ways * factors).float()
-    sizes = (splats.scales[at].double() * torch.from_numpy(factors)).float().clamp(min=torch.finfo(torch.float32).tiny)
-    return replace(splats, means=splats.means.index_put((at,), near), scales=splats.scales.index_put((at,), sizes))
+    means = splats.means.copy()
+    means[index] = middle + ways * factors
+    scales[index] = np.maximum(scales[index] * factors, np.finfo(np.float32).tiny)
+    return replace(splats, means=means, scales=scales)
 
 
 def treated_positions(
@@ -138,8 +138,8 @@ def treated_positions(
         return splats
     if treatment == "clamp":
         return pull_into_box(splats, index, middle, low, high)
-    kept = torch.ones(splats.num_gaussians, dtype=torch.bool)
-    kept[torch.from_numpy(index)] = False
+    kept = np.ones(splats.num_gaussians, np.bool_)
+    kept[index] = False
     return splats.select(kept)
 
 

@@ -194,10 +194,10 @@ def _header(count: int, degree: int, note: PlyNote | None, digest: str, remarks:
 
 
 def _rows(part: Splats) -> np.ndarray:
-    means, quats, scales, sh = (t.detach().cpu().numpy() for t in (part.means, part.quats, part.scales, part.sh))
-    opacities = part.opacities.detach().cpu().double().clamp(_MIN_OPACITY, 1 - _MIN_OPACITY)
+    means, quats, scales, sh = part.means, part.quats, part.scales, part.sh
+    opacities = np.clip(part.opacities.astype(np.float64), _MIN_OPACITY, 1 - _MIN_OPACITY)
     rest = sh[:, 1:].transpose(0, 2, 1).reshape(len(means), -1)
-    logits = opacities.logit().numpy()[:, None]
+    logits = np.log(opacities / (1 - opacities))[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(scales)
     rows = np.concatenate([means, np.zeros_like(means), sh[:, 0], rest, logits, logs, quats], axis=1)

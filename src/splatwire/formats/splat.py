@@ -52,7 +52,7 @@ def write_splat(parts: Iterable[Splats], path: Path) -> int:
 
 def _records(part: Splats) -> np.ndarray:
     tensors = (part.means, part.scales, part.sh[:, 0], part.opacities, part.quats)
-    means, scales, constant, opacities, quats = (t.detach().cpu().numpy() for t in tensors)
+    means, scales, constant, opacities, quats = (t for t in tensors)
     if not all(np.isfinite(values).all() for values in (means, scales, constant, opacities, quats)):
         raise InvalidValueError("a Gaussian has a number that is not finite")
     records = np.empty(part.num_gaussians, dtype=RECORD)

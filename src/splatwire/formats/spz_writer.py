@@ -70,7 +70,7 @@ def write_spz(
     if not all(1 <= number <= 8 for number in harmonic_bits):
         raise InvalidValueError(f"harmonics of an SPZ have 1 to 8 bits, of degree 1 and beyond, not {harmonic_bits}")
     splats = flip_axes(_without_costs(join(path, parts), path, outliers), SPZ_FLIPS)
-    bits = _fraction_bits(float(splats.means.abs().max()))
+    bits = _fraction_bits(float(np.abs(splats.means).max()))
     columns = [column.tobytes() for column in _columns(splats, bits, harmonic_bits)]
     write = _write_plain if version == 4 else _write_gzip
     records = write_records(metadata)
@@ -83,7 +83,7 @@ def write_spz(
 
 def _without_costs(splats: Splats, path: Path, treatment: Outliers) -> Splats:
     """Treats outliers that would take fraction bits from the positions of all others; what bits cost is logged."""
-    column = find_outliers(splats.means.numpy())
+    column = find_outliers(splats.means)
     farthest, others = (float(np.abs(some).max()) for some in (column.values, column.others))
     bits = _fraction_bits(others)
     limit = _MOST / 2**bits
@@ -129,14 +129,14 @@ def _fraction_bits(farthest: float) -> int:
 
 
 def _columns(splats: Splats, bits: int, harmonic_bits: tuple[int, int]) -> list[np.ndarray]:
-    fixed = np.rint(splats.means.double().numpy() * 2**bits).astype("<i4")
-    sh = splats.sh.numpy()
+    fixed = np.rint(splats.means.astype(np.float64) * 2**bits).astype("<i4")
+    sh = splats.sh
     columns = [
         np.ascontiguousarray(fixed).view(np.uint8).reshape(-1, 3, 4)[:, :, :3],
-        _byte(splats.opacities.numpy() * 255),
+        _byte(splats.opacities * 255),
         _byte((sh[:, 0] * COLOR_SCALE + 0.5) * 255),
-        _byte((np.log(splats.scales.numpy()) + 10) * 16),
-        _pack_smallest_three(splats.quats.numpy()),
+        _byte((np.log(splats.scales) + 10) * 16),
+        _pack_smallest_three(splats.quats),
         np.concatenate([_harmonic(sh[:, 1:4], harmonic_bits[0]), _harmonic(sh[:, 4:], harmonic_bits[1])], axis=1),
     ]
     return [np.ascontiguousarray(column) for column in columns if column.size]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import torch
+import numpy as np
 
 from splatwire.errors import DatasetError
 from splatwire.files.capped import read_json
@@ -181,7 +181,7 @@ def _widened(joined: Splats | None, count: int, total: int, degree: int) -> Spla
 def _gathered(index: Path, folder: Path, runs: list[Piece]) -> Splats:
     """The Gaussians of some runs of a chunk; each belongs to one run."""
     splats = read_sog(folder).splats
-    taken = torch.zeros(splats.num_gaussians, dtype=torch.bool)
+    taken = np.zeros(splats.num_gaussians, np.bool_)
     for run in runs:
         own = slice(run.offset, run.offset + run.count)
         if own.stop > len(taken) or bool(taken[own].any()):

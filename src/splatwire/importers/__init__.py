@@ -1,4 +1,6 @@
-"""Importers: models that other programs trained, as scenes of ours."""
+"""Importers: models that other programs trained, as scenes of ours; `hacpp` and `scaffold`, which need torch."""
 
-from splatwire.importers.hacpp import import_hacpp as import_hacpp
-from splatwire.importers.scaffold import import_scaffold as import_scaffold
+from splatwire.packets import ANCHORS
+
+HACPP_CODEC = ANCHORS
+"""Codec of the scenes that `hacpp` and `scaffold` import."""

@@ -4,6 +4,7 @@ import torch
 from torch import Tensor
 
 from splatwire.model import ContextModel, HashGrid, HashGridConfig, Linear, Mlp, ModelConfig
+from splatwire.model.tensors import to_tensors
 from splatwire.scene import AnchorLayout, Anchors
 
 GRID = HashGridConfig(1, (3,), (3,), 5, 5)
@@ -20,6 +21,7 @@ def plain_context(anchors: Anchors, layout: AnchorLayout) -> tuple[ContextModel,
     Such a scene can be encoded. Its size is that of independent channels with Gaussian distributions, so it is much
     larger than what training with a context model gives.
     """
+    anchors = to_tensors(anchors)
     offsets = anchors.offsets.flatten(1)
     groups = [(t.mean(dim=0), t.std(dim=0, correction=0).clamp(min=_MIN_SPREAD))
               for t in (anchors.features, anchors.scalings, offsets)]  # fmt: skip

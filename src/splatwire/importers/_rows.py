@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.formats.ply_file import PlyElement
@@ -36,15 +35,15 @@ def anchors_on_grid(
         DatasetError: If none can be drawn, or they do not stand on a grid.
     """
     anchors = Anchors(
-        positions=torch.from_numpy(vertices.select(["x", "y", "z"])),
-        features=torch.from_numpy(vertices.columns("f_anchor_feat_", feature_dim)),
-        scalings=torch.from_numpy(scalings),
-        offsets=torch.from_numpy(np.ascontiguousarray(offsets)),
-        mask=torch.from_numpy(mask),
+        positions=vertices.select(["x", "y", "z"]),
+        features=vertices.columns("f_anchor_feat_", feature_dim),
+        scalings=scalings,
+        offsets=np.ascontiguousarray(offsets),
+        mask=mask,
     )
     anchors = drawable_anchors(anchors, vertices.path)
     found = load_voxel_size(model_dir)
-    voxel_size, source = found or (infer_voxel_size(anchors.positions.numpy()), None)
+    voxel_size, source = found or (infer_voxel_size(anchors.positions), None)
     try:
         positions = voxel_positions(voxel_indices(anchors.positions, voxel_size), voxel_size)
     except InvalidValueError as error:

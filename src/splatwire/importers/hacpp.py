@@ -19,12 +19,10 @@ from splatwire.importers._hacpp_files import (
 from splatwire.importers._hacpp_networks import channel_networks, hash_grid, two_layer_network
 from splatwire.importers._rows import anchors_on_grid, offsets_of
 from splatwire.model import AnchorScene, ContextModel, GaussianHeads, HacppCoding, Mlp, ModelConfig
-from splatwire.packets import ANCHORS
+from splatwire.ops.arrays import to_arrays
 from splatwire.scene import AnchorLayout, Anchors
 
 _MASK_THRESHOLD = 0.01
-CODEC = ANCHORS
-"""What codes the scenes."""
 
 
 def import_hacpp(model_dir: Path) -> AnchorScene:
@@ -72,7 +70,7 @@ def import_hacpp(model_dir: Path) -> AnchorScene:
         raise DatasetError(f"{checkpoint_path}: {error.args[0]}") from error
     anchors, voxel_size = _anchors(vertices, layout, model_dir)
     context, background = ContextModel(grid, prior, channel), load_background(model_dir)
-    return AnchorScene(anchors, heads, HacppCoding(context, voxel_size, config), background=background)
+    return to_arrays(AnchorScene(anchors, heads, HacppCoding(context, voxel_size, config), background=background))
 
 
 def _checkpoint(path: Path) -> Mapping[str, Any]:

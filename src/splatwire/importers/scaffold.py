@@ -21,6 +21,7 @@ from splatwire.importers._plain_context import plain_context
 from splatwire.importers._rows import anchors_on_grid, offsets_of
 from splatwire.importers._torchscript import is_torchscript, read_torchscript_weights
 from splatwire.model import AnchorScene, GaussianHeads, HacppCoding, Linear, Mlp
+from splatwire.ops.arrays import to_arrays
 from splatwire.scene import AnchorLayout, Anchors
 
 _FILES = {"opacity_mlp": 1, "cov_mlp": 7, "color_mlp": 3}
@@ -59,7 +60,8 @@ def import_scaffold(model_dir: Path, *, appearance: int | None = None) -> Anchor
     anchors, voxel_size = _anchors(vertices, feature_dim, num_offsets, model_dir)
     groups = tuple(len(part) for part in np.array_split(np.arange(feature_dim), min(_GROUPS, feature_dim)))
     context, config = plain_context(anchors, AnchorLayout(feature_dim, num_offsets, groups))
-    return AnchorScene(anchors, heads, HacppCoding(context, voxel_size, config), background=load_background(model_dir))
+    coding, background = HacppCoding(context, voxel_size, config), load_background(model_dir)
+    return to_arrays(AnchorScene(anchors, heads, coding, background=background))
 
 
 def _states(iteration: Path) -> dict[str, Mapping[str, Tensor]]:

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from splatwire.levels.merging import footprints, reduced
 from splatwire.levels.tiles import LevelShape, level_shapes
@@ -46,7 +45,7 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
         progress: Called with the share of the work that is done.
     """
     shapes = level_shapes(scene.num_elements, tile)
-    order = torch.from_numpy(kd_order(scene.splats.means.numpy(), _nested(shapes)))
+    order = kd_order(scene.splats.means, _nested(shapes))
     sizes = [shape.count for shape in shapes]
     whole, end = Splats.empty(sum(sizes), scene.splats.degree), sum(sizes)
     finest = whole.run(end - sizes[0], end)
@@ -77,7 +76,7 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
         metadata=scene.metadata,
         level_sizes=levels,
     )
-    return Built(made, order.numpy(), old, np.concatenate(errors[::-1]))
+    return Built(made, order, old, np.concatenate(errors[::-1]))
 
 
 def _nested(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:

@@ -11,7 +11,7 @@ from splatwire.codec.schemas.gaussians.quality import Quality, quality_of
 from splatwire.errors import InvalidValueError
 from splatwire.levels.building import Built, build_levels
 from splatwire.model import SplatScene
-from splatwire.ops.threads import one_blas_thread, one_torch_thread
+from splatwire.ops.threads import one_blas_thread
 from splatwire.packets import PRESETS, Packetization, SceneStream
 from splatwire.packets.limits import SCHEMAS
 from splatwire.packets.tile_index import with_tile_index
@@ -62,11 +62,11 @@ def encode_levels(
         raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
     report = progress or (lambda share: None)
     with one_blas_thread(), ThreadPoolExecutor(1) as beside:
-        building = beside.submit(_built, scene, packetization.block_size, lambda share: report(BUILDING * share))
+        building = beside.submit(build_levels, scene, packetization.block_size, lambda share: report(BUILDING * share))
         found = classes() if callable(classes) else classes
         built = building.result()
     if found is not None and not rows.complete:
-        found = found[rows.kept.numpy()]
+        found = found[rows.kept]
     if quality is None and found is not None and not scene.splats.degree:
         quality = WALKED
     stream = encode_scene(
@@ -74,11 +74,6 @@ def encode_levels(
         progress=lambda share: report(BUILDING + (1 - BUILDING) * share),
     )  # fmt: skip
     return with_tile_index(stream, built.errors)
-
-
-def _built(scene: SplatScene, tile: int, progress: Callable[[float], None]) -> Built:
-    with one_torch_thread():
-        return build_levels(scene, tile, progress)
 
 
 def _classes(built: Built, classes: np.ndarray | None, quality: str | Quality | None) -> np.ndarray:

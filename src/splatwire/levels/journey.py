@@ -6,9 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.codec import decode_stream
 from splatwire.levels.delivery import Delivery, Link, deliver
@@ -23,7 +21,7 @@ from splatwire.render import Renderer, render_scene
 
 SETTLED_DB = 1.0
 """A view has settled when it is so near to what it is with everything there, decibels."""
-OnPicture = Callable[[float, Float[Tensor, "H W 3"], Float[Tensor, "H W 3"]], None]
+OnPicture = Callable[[float, Float[np.ndarray, "H W 3"], Float[np.ndarray, "H W 3"]], None]
 """Called with a time, the picture and that of the reference."""
 
 
@@ -62,7 +60,7 @@ class Moment:
 
 def score_walk(
     show: Show, reference: Scene, walk: Walk, times: Sequence[float], *, renderer: str | Renderer = "cpu",
-    background: Float[Tensor, "3"] | None = None, on_picture: OnPicture | None = None,
+    background: Float[np.ndarray, "3"] | None = None, on_picture: OnPicture | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[Moment]:  # fmt: skip
     """Compares what is drawn along a walk with a reference.
@@ -77,14 +75,14 @@ def score_walk(
         on_picture: Gets the pictures.
         progress: Called with the share of the work that is done.
     """
-    moments, behind = [], torch.tensor(reference.background) if background is None else background
+    moments, behind = [], np.array(reference.background) if background is None else background
     for number, seconds in enumerate(times):
         camera = walk.at(seconds)
         look = look_of(camera)
         here = show.shown(seconds, look)
         scenes = (reference, here, show.complete(look))
         pictures = [render_scene(scene, camera, renderer=renderer, background=behind) for scene in scenes]
-        now, later = (float(psnr(picture, pictures[0])) for picture in pictures[1:])
+        now, later = (float(psnr(picture, pictures[0])[0]) for picture in pictures[1:])
         moments.append(Moment(seconds, now, later, show.bytes_at(seconds), here.num_elements))
         if on_picture:
             on_picture(seconds, pictures[1][0], pictures[0][0])
@@ -158,14 +156,14 @@ class Journey:
         drawn = np.zeros(self.tiles.num_tiles + 1, dtype=bool)  # the last one is what the finest level stands for
         drawn[list(cut_of(self.tiles, there, look).drawn)] = True
         shown = (drawn[self.delivery.blocks] & came)[self.packet_of] & ~drawn[self.instead_of]
-        return self.scene.select(torch.from_numpy(shown))
+        return self.scene.select(shown)
 
 
 def _instead_of(tiles: Tiles, tile_of: np.ndarray, scene: Scene) -> np.ndarray:
     """Finer tile that each Gaussian stands for."""
     splats = explicit_gaussians(scene)
     assert splats is not None  # nothing else has levels
-    order, means = np.argsort(tile_of, kind="stable"), splats.means.numpy().astype(np.float64)
+    order, means = np.argsort(tile_of, kind="stable"), splats.means.astype(np.float64)
     found, edges = np.empty(len(order), dtype=np.int64), np.searchsorted(tile_of[order], np.arange(tiles.num_tiles + 1))
     for tile, (first, end) in enumerate(itertools.pairwise(edges.tolist())):
         found[order[first:end]] = stands_for(tiles, tile, means[order[first:end]])

@@ -1,7 +1,6 @@
 """Few Gaussians in the place of many: the large ones stay, and the rest are merged with those beside them."""
 
 import numpy as np
-import torch
 
 from splatwire.ops.kd_order import kd_order
 from splatwire.ops.quaternions import quaternions_of, rotation_matrices
@@ -17,7 +16,7 @@ SMALLEST = 1e-12
 
 def footprints(splats: Splats) -> np.ndarray:
     """What each Gaussian covers from its broad side, times its opacity: float64 (N), square world units."""
-    return masses(splats.opacities.numpy(), splats.scales.numpy())
+    return masses(splats.opacities, splats.scales)
 
 
 def masses(opacities: np.ndarray, scales: np.ndarray) -> np.ndarray:
@@ -46,11 +45,11 @@ def reduced(splats: Splats, count: int, mass: np.ndarray | None = None) -> tuple
     by_mass = np.argpartition(-mass, kept) if kept else np.arange(len(mass))
     large, rest = np.sort(by_mass[:kept]), np.sort(by_mass[kept:])
     edges = np.arange(count - kept + 1) * len(rest) // (count - kept)
-    alike = np.concatenate([_relative(splats.means.numpy()[rest]), COLOUR * splats.sh.numpy()[rest, 0]], axis=1)
+    alike = np.concatenate([_relative(splats.means[rest]), COLOUR * splats.sh[rest, 0]], axis=1)
     rest = rest[kd_order(alike, [edges.astype(np.int64)])]
-    merged, squares = _merged(splats.select(torch.from_numpy(rest)), mass[rest], edges[:-1])
-    both = (splats.select(torch.from_numpy(large)), merged)
-    joined = {name: torch.cat([getattr(part, name) for part in both]) for name in vars(splats)}
+    merged, squares = _merged(splats.select(rest), mass[rest], edges[:-1])
+    both = (splats.select(large), merged)
+    joined = {name: np.concatenate([getattr(part, name) for part in both]) for name in vars(splats)}
     return Splats(**joined), kept, float(np.sqrt(squares / max(mass.sum(), 1e-300)))
 
 
@@ -77,7 +76,7 @@ def _merged(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[Splat
         shape = (-1, *[1] * (values.ndim - 1))
         return np.add.reduceat(values * weight.reshape(shape), starts) / total.reshape(shape)
 
-    means = splats.means.numpy().astype(np.float64)
+    means = splats.means.astype(np.float64)
     centres = mean(means)
     apart = means - np.repeat(centres, sizes, axis=0)
     own = _covariances(splats)
@@ -89,18 +88,15 @@ def _merged(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[Splat
     opacities = np.minimum(total / covered, MOST_OPAQUE)
     new = {
         "means": centres, "quats": _quaternions(vectors), "scales": scales, "opacities": opacities,
-        "sh": mean(splats.sh.numpy().astype(np.float64)),
+        "sh": mean(splats.sh.astype(np.float64)),
     }  # fmt: skip
     squares = float((mass * (apart**2).sum(axis=1)).sum())
-    return Splats(**{name: torch.from_numpy(column.astype(np.float32)) for name, column in new.items()}), squares
+    return Splats(**{name: column.astype(np.float32) for name, column in new.items()}), squares
 
 
 def _covariances(splats: Splats) -> np.ndarray:
     """Covariance of each Gaussian, float64 (N, 3, 3)."""
-    axes = (
-        rotation_matrices(splats.quats.numpy().astype(np.float64))
-        * splats.scales.numpy().astype(np.float64)[:, None, :]
-    )
+    axes = rotation_matrices(splats.quats.astype(np.float64)) * splats.scales.astype(np.float64)[:, None, :]
     return axes @ axes.transpose(0, 2, 1)
 
 

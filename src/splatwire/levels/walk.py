@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from scipy.spatial.transform import Rotation, Slerp
 
 from splatwire.errors import InvalidValueError
@@ -40,13 +39,13 @@ class Walk:
         before = min(int(place), max(last - 1, 0))
         if not last:
             return cameras
-        share, pair = place - before, cameras.viewmats[before : before + 2].double().numpy()
+        share, pair = place - before, cameras.viewmats[before : before + 2].astype(np.float64)
         turn = Slerp([0, 1], Rotation.from_matrix(pair[:, :3, :3]))(share).as_matrix()
         eyes = [-pose[:3, :3].T @ pose[:3, 3] for pose in pair]
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = turn, -turn @ ((1 - share) * eyes[0] + share * eyes[1])
         near = cameras.select([before + round(share)])
-        return replace(near, viewmats=torch.from_numpy(pose[None].astype(np.float32)))
+        return replace(near, viewmats=pose[None].astype(np.float32))
 
     def look(self, seconds: float) -> Look:
         """The same for the choice of tiles."""
@@ -61,4 +60,4 @@ class Walk:
 
 def look_of(camera: Cameras) -> Look:
     """What the choice of tiles knows of the first of some cameras."""
-    return Look(camera.viewmats[0].double().numpy(), float(camera.Ks[0, 0, 0]), camera.width, camera.height)
+    return Look(camera.viewmats[0].astype(np.float64), float(camera.Ks[0, 0, 0]), camera.width, camera.height)

@@ -1,15 +1,12 @@
-"""How far a picture, or what a mask leaves of it, is from a reference: PSNR, SSIM, LPIPS; one number per view."""
+"""Distances of pictures from references, inside masks: PSNR and SSIM; LPIPS (`splatwire.metrics.lpips`) needs torch."""
 
-from splatwire.metrics.lpips import Lpips, find_lpips
 from splatwire.metrics.masks import black_outside
 from splatwire.metrics.psnr import decibels, psnr, psnr_by_channel
 from splatwire.metrics.ssim import ssim
 
 __all__ = [
-    "Lpips",
     "black_outside",
     "decibels",
-    "find_lpips",
     "psnr",
     "psnr_by_channel",
     "ssim",

@@ -4,14 +4,17 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.errors import DatasetError, UnknownNameError
 from splatwire.files.tensors import check_tensor_file
+from splatwire.metrics.lpips_files import find_lpips_files
+from splatwire.ops.arrays import to_numpy
 
 MAX_WEIGHT_BYTES = 1 << 30
 """torchvision's VGG16 has half of this."""
@@ -24,13 +27,10 @@ class _Backbone:
     """A stack of convolutions in stages; what leaves a stage is compared, then pooled into the next.
 
     Attributes:
-        file: Name of the weight file in a weight folder.
         pool: Kernel of the max pooling (stride 2) before a stage, per stage; 0 for none.
         stages: The convolutions of each stage.
     """
 
-    file: str
-    linear_file: str
     pool: tuple[int, ...]
     stages: tuple[tuple[Convolution, ...], ...]
 
@@ -41,8 +41,6 @@ def _vgg_stage(channels: int, *keys: int) -> tuple[Convolution, ...]:
 
 _BACKBONES = {
     "vgg": _Backbone(
-        "vgg16_features.pth",
-        "lpips_lin_vgg.pth",
         (0, 2, 2, 2, 2),
         (
             _vgg_stage(64, 0, 2),
@@ -53,8 +51,6 @@ _BACKBONES = {
         ),
     ),
     "alex": _Backbone(
-        "alexnet_features.pth",
-        "lpips_lin_alex.pth",
         (0, 3, 3, 0, 0),
         (((0, 64, 11, 4, 2),), ((3, 192, 5, 1, 2),), ((6, 384, 3, 1, 1),), ((8, 256, 3, 1, 1),), ((10, 256, 3, 1, 1),)),
     ),
@@ -77,20 +73,21 @@ class Lpips:
     linear: tuple[Tensor, ...]
 
     @torch.no_grad()
-    def __call__(self, images: Float[Tensor, "C H W 3"], references: Float[Tensor, "C H W 3"]) -> Float[Tensor, "C"]:
+    def __call__(self, images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"]) -> Float[np.ndarray, "C"]:
         """Computes the distance of each view to its reference; 0 where they are equal.
 
         Args:
             images: RGB in [0, 1], at least 64 pixels on each side.
             references: RGB in [0, 1].
         """
-        pairs = zip(images.split(1), references.split(1), strict=True)  # one view at a time bounds the memory
-        return torch.cat([self.distance(self.features(a), self.features(b)) for a, b in pairs])
+        pairs = zip(images, references, strict=True)  # one view at a time bounds the memory
+        each = [self.distance(self.features(a[None]), self.features(b[None])) for a, b in pairs]
+        return np.concatenate([to_numpy(distance) for distance in each])
 
     @torch.no_grad()
-    def features(self, images: Float[Tensor, "C H W 3"]) -> tuple[Tensor, ...]:
+    def features(self, images: Float[Any, "C H W 3"]) -> tuple[Tensor, ...]:
         """Returns the unit-length features of each stage, so that one reference can serve many comparisons."""
-        x = images.permute(0, 3, 1, 2) * 2 - 1
+        x = torch.from_numpy(to_numpy(images)).permute(0, 3, 1, 2) * 2 - 1
         x = (x - x.new_tensor(_SHIFT).view(1, 3, 1, 1)) / x.new_tensor(_SCALE).view(1, 3, 1, 1)
         layout, outputs = _BACKBONES[self.network], []
         for pool, stage in zip(layout.pool, layout.stages, strict=True):
@@ -139,23 +136,14 @@ def load_lpips(backbone: str | os.PathLike[str], linear: str | os.PathLike[str],
 def find_lpips(network: str = "vgg") -> Lpips | None:
     """Loads LPIPS from where the environment says, or returns None: a report then says that the weights are absent.
 
-    `SPLATWIRE_LPIPS_BACKBONE` and `SPLATWIRE_LPIPS_LINEAR` name the two files; otherwise `SPLATWIRE_LPIPS_DIR` names a
-    folder with `vgg16_features.pth` and `lpips_lin_vgg.pth` (`alexnet_features.pth`, `lpips_lin_alex.pth`).
+    The environment names them as `splatwire.metrics.lpips_files.find_lpips_files` says.
 
     Raises:
         DatasetError: The environment names a file that is missing or holds something else.
         UnknownNameError: No such network.
     """
-    layout = _layout(network)
-    backbone, linear = os.environ.get("SPLATWIRE_LPIPS_BACKBONE"), os.environ.get("SPLATWIRE_LPIPS_LINEAR")
-    if backbone and linear:
-        return load_lpips(backbone, linear, network)
-    if backbone or linear:
-        raise DatasetError("SPLATWIRE_LPIPS_BACKBONE and SPLATWIRE_LPIPS_LINEAR must be set together")
-    folder = os.environ.get("SPLATWIRE_LPIPS_DIR")
-    if not folder or not (Path(folder) / layout.file).exists():
-        return None
-    return load_lpips(Path(folder) / layout.file, Path(folder) / layout.linear_file, network)
+    files = find_lpips_files(network)
+    return None if files is None else load_lpips(*files, network)
 
 
 def _layout(network: str) -> _Backbone:

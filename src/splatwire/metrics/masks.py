@@ -1,13 +1,15 @@
-"""Pictures of which only a part counts: what a mask leaves out has no influence on any figure."""
+"""Pictures of which only a part counts: pixels outside of a mask have no influence on any figure."""
 
-import torch
+from typing import Any
+
+import numpy as np
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from splatwire.errors import InvalidValueError
+from splatwire.ops.arrays import to_numpy
 
 
-def black_outside(images: Float[Tensor, "C H W 3"], masks: Bool[Tensor, "C H W"]) -> Float[Tensor, "C H W 3"]:
+def black_outside(images: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"]) -> Float[np.ndarray, "C H W 3"]:
     """Turns everything outside the masks black, as what is beyond the border is to a convolution.
 
     A metric that looks at neighbourhoods (SSIM, LPIPS) gets both pictures so: equal outside, whatever was there.
@@ -16,10 +18,13 @@ def black_outside(images: Float[Tensor, "C H W 3"], masks: Bool[Tensor, "C H W"]
         images: RGB in [0, 1].
         masks: True where pixels count.
     """
-    return torch.where(masks[..., None], images, torch.zeros_like(images))
+    pictures = to_numpy(images)
+    return np.where(to_numpy(masks)[..., None], pictures, pictures.dtype.type(0))
 
 
-def mean_inside(values: Float[Tensor, "C H W 3"], masks: Bool[Tensor, "C H W"] | None = None) -> Float[Tensor, "C"]:
+def mean_inside(
+    values: Float[np.ndarray, "C H W 3"], masks: Bool[Any, "C H W"] | None = None
+) -> Float[np.ndarray, "C"]:
     """Means of each view over the pixels that count and all channels.
 
     Args:
@@ -30,8 +35,8 @@ def mean_inside(values: Float[Tensor, "C H W 3"], masks: Bool[Tensor, "C H W"] |
         InvalidValueError: If a mask leaves nothing of its view.
     """
     if masks is None:
-        return values.mean(dim=(1, 2, 3))
-    left = masks.sum(dim=(1, 2))
+        return values.mean(axis=(1, 2, 3))
+    left = to_numpy(masks).sum(axis=(1, 2))
     if not bool((left > 0).all()):
         raise InvalidValueError("a mask leaves nothing of its picture to compare")
-    return black_outside(values, masks).sum(dim=(1, 2, 3)) / (3 * left)
+    return (black_outside(values, masks).sum(axis=(1, 2, 3)) / (3 * left)).astype(values.dtype)

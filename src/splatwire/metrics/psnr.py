@@ -1,20 +1,23 @@
 """Peak signal-to-noise ratio."""
 
-import torch
+from typing import Any
+
+import numpy as np
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from splatwire.metrics.masks import black_outside, mean_inside
+from splatwire.ops.arrays import to_numpy
 
 
-def decibels(mse: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+def decibels(mse: Float[Any, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """PSNR of mean squared errors of values in [0, 1]; infinite for 0."""
-    return -10 * torch.log10(mse)
+    with np.errstate(divide="ignore"):
+        return -10 * np.log10(np.asarray(to_numpy(mse)))
 
 
 def psnr(
-    images: Float[Tensor, "C H W 3"], references: Float[Tensor, "C H W 3"], masks: Bool[Tensor, "C H W"] | None = None
-) -> Float[Tensor, "C"]:
+    images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"] | None = None
+) -> Float[np.ndarray, "C"]:
     """Computes the PSNR of each view over all its pixels and channels, as published tables do.
 
     Args:
@@ -28,12 +31,13 @@ def psnr(
     Raises:
         InvalidValueError: If a mask leaves nothing of its view.
     """
+    ours, theirs = to_numpy(images), to_numpy(references)
     if masks is not None:
-        images, references = black_outside(images, masks), black_outside(references, masks)
-    return decibels(mean_inside((images - references).square(), masks))
+        ours, theirs = black_outside(ours, masks), black_outside(theirs, masks)
+    return decibels(mean_inside((ours - theirs) ** 2, masks))
 
 
-def psnr_by_channel(images: Float[Tensor, "C H W 3"], references: Float[Tensor, "C H W 3"]) -> Float[Tensor, "C"]:
+def psnr_by_channel(images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"]) -> Float[np.ndarray, "C"]:
     """Computes the mean of the PSNRs of the three channels, what the training logs of 3DGS and HAC++ call PSNR.
 
     It is never below `psnr`, by up to some tenths of a decibel; not for tables.
@@ -45,5 +49,4 @@ def psnr_by_channel(images: Float[Tensor, "C H W 3"], references: Float[Tensor, 
     Returns:
         Decibels, one per view.
     """
-    mse = (images - references).square().mean(dim=(1, 2))
-    return decibels(mse).mean(dim=1)
+    return decibels(((to_numpy(images) - to_numpy(references)) ** 2).mean(axis=(1, 2))).mean(axis=1)

@@ -1,10 +1,12 @@
 """Structural similarity with the constants that 3DGS and its successors use."""
 
-import torch
+from typing import Any
+
+import numpy as np
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from splatwire.metrics.masks import black_outside, mean_inside
+from splatwire.ops.arrays import to_numpy
 
 WINDOW = 11
 SIGMA = 1.5
@@ -12,9 +14,9 @@ _C1, _C2 = 0.01**2, 0.03**2
 
 
 def ssim(
-    images: Float[Tensor, "C H W 3"], references: Float[Tensor, "C H W 3"], masks: Bool[Tensor, "C H W"] | None = None
-) -> Float[Tensor, "C"]:
-    """Computes the mean SSIM of each view (`ssim_map`); differentiable.
+    images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"] | None = None
+) -> Float[np.ndarray, "C"]:
+    """Computes the mean SSIM of each view (`ssim_map`).
 
     Args:
         images: RGB in [0, 1].
@@ -33,7 +35,7 @@ def ssim(
     return mean_inside(ssim_map(images, references), masks)
 
 
-def ssim_map(images: Float[Tensor, "C H W 3"], references: Float[Tensor, "C H W 3"]) -> Float[Tensor, "C H W 3"]:
+def ssim_map(images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"]) -> Float[np.ndarray, "C H W 3"]:
     """Computes SSIM at every pixel and channel.
 
     Gaussian window of 11x11 and sigma 1.5, population variances, zeros beyond the border as in 3DGS: the outer 5
@@ -46,20 +48,19 @@ def ssim_map(images: Float[Tensor, "C H W 3"], references: Float[Tensor, "C H W 
     Returns:
         SSIM per pixel and channel.
     """
-    moments = torch.cat([images, references, images * images, references * references, images * references])
-    mean_x, mean_y, xx, yy, xy = _blur(moments).chunk(5)
+    x, y = to_numpy(images), to_numpy(references)
+    mean_x, mean_y, xx, yy, xy = (_blur(moment) for moment in (x, y, x * x, y * y, x * y))
     var_x, var_y, cov = xx - mean_x * mean_x, yy - mean_y * mean_y, xy - mean_x * mean_y
     luminance = (2 * mean_x * mean_y + _C1) / (mean_x * mean_x + mean_y * mean_y + _C1)
     return luminance * (2 * cov + _C2) / (var_x + var_y + _C2)
 
 
-def _blur(images: Float[Tensor, "B H W 3"]) -> Float[Tensor, "B H W 3"]:
-    """Gaussian blur, one axis after the other; the channels-last view is what makes the convolution quick."""
-    x = torch.arange(WINDOW, dtype=torch.float64) - WINDOW // 2
-    taps = torch.exp(-x * x / (2 * SIGMA**2))
-    taps = (taps / taps.sum()).to(images)
-    planes = images.permute(0, 3, 1, 2)
-    column = taps.view(1, 1, WINDOW, 1).expand(3, 1, WINDOW, 1)
-    planes = torch.nn.functional.conv2d(planes, column, padding=(WINDOW // 2, 0), groups=3)
-    planes = torch.nn.functional.conv2d(planes, column.transpose(2, 3), padding=(0, WINDOW // 2), groups=3)
-    return planes.permute(0, 2, 3, 1)
+def _blur(images: Float[np.ndarray, "C H W 3"]) -> Float[np.ndarray, "C H W 3"]:
+    """Blurs with the Gaussian window, one axis after the other; zeros beyond the border."""
+    from scipy.ndimage import correlate1d  # takes long to load
+
+    x = np.arange(WINDOW) - WINDOW // 2
+    taps = np.exp(-x * x / (2 * SIGMA**2))
+    taps /= taps.sum()
+    columns = correlate1d(images, taps, axis=1, mode="constant")
+    return correlate1d(columns, taps, axis=2, mode="constant")

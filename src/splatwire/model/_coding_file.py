@@ -3,8 +3,6 @@
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatwire.errors import MALFORMED, InvalidValueError
 from splatwire.model._scene_reader import MAX_WIDTH, SceneReader
@@ -12,6 +10,7 @@ from splatwire.model.anchor_scene import ContextModel, HacppCoding, HashGrid
 from splatwire.model.causal import CausalCoding, CausalConfig
 from splatwire.model.config import HashGridConfig, ModelConfig
 from splatwire.model.networks import Mlp
+from splatwire.ops.arrays import to_numpy
 from splatwire.scene import AnchorLayout
 
 CAUSAL = "causal"
@@ -38,7 +37,7 @@ def coding_header(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
     return {"config": {"layout": vars(config.layout), "grid": grid, "base_steps": steps}}
 
 
-def coding_tensors(coding: HacppCoding | CausalCoding) -> dict[str, Tensor]:
+def coding_tensors(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
     """The tensors of a model besides those of its networks, by name."""
     if isinstance(coding, CausalCoding):
         return {f"causal.{name}": getattr(coding, name) for name in _CAUSAL_TENSORS}
@@ -74,13 +73,13 @@ def read_coding(
     return HacppCoding(ContextModel(_read_grid(reader, config), prior, channel), voxel_size, config)
 
 
-def _pack_signs(signs: Tensor) -> Tensor:
-    return torch.from_numpy(np.packbits(signs.detach().cpu().numpy().reshape(-1) > 0))
+def _pack_signs(signs: Any) -> np.ndarray:
+    return np.packbits(to_numpy(signs).reshape(-1) > 0)
 
 
-def _unpack_signs(bits: Tensor, shape: tuple[int, ...]) -> Tensor:
-    flat = np.unpackbits(bits.numpy(), count=int(np.prod(shape)))
-    return torch.from_numpy(flat.astype(np.int8) * 2 - 1).reshape(shape)
+def _unpack_signs(bits: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    flat = np.unpackbits(bits, count=int(np.prod(shape)))
+    return (flat.astype(np.int8) * 2 - 1).reshape(shape)
 
 
 def _read_grid(reader: SceneReader, config: ModelConfig) -> HashGrid:
@@ -89,7 +88,7 @@ def _read_grid(reader: SceneReader, config: ModelConfig) -> HashGrid:
     signs = {}
     for name, shape in shapes.items():
         num_bytes = (int(np.prod([*shape], dtype=object)) + 7) // 8
-        signs[name] = _unpack_signs(reader.tensor(f"grid.{name}_bits", (num_bytes,), torch.uint8), shape)
+        signs[name] = _unpack_signs(reader.tensor(f"grid.{name}_bits", (num_bytes,), np.uint8), shape)
     bounds = [reader.tensor(f"grid.{name}", (3,)) for name in ("bounds_min", "bounds_max")]
     if not bool((bounds[0] < bounds[1]).all()):
         raise reader.error("grid.bounds_min is not below grid.bounds_max on every axis")

@@ -5,9 +5,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import torch
+import numpy as np
 from safetensors import SafetensorError, safe_open
-from torch import Tensor
 
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.files.kinds import PARTIAL, SCENE, TENSORS, file_kind, is_not
@@ -16,7 +15,7 @@ from splatwire.model.tensor_file import parse_header
 from splatwire.model.voxels import check_voxel_size, voxel_indices
 from splatwire.scene.background import BLACK, Background, check_background
 
-_TYPES = {torch.float32: "F32", torch.bool: "BOOL", torch.uint8: "U8"}
+_TYPES = {np.float32: "F32", np.bool_: "BOOL", np.uint8: "U8"}
 MAX_WIDTH = 4096
 
 
@@ -64,7 +63,7 @@ class SceneReader:
             raise self.error(f"tensor '{name}' is a single number")
         return shape[0]
 
-    def tensor(self, name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32) -> Tensor:
+    def tensor(self, name: str, shape: tuple[int, ...], dtype: type = np.float32) -> np.ndarray:
         """Reads a tensor; its shape and type are checked before anything is allocated.
 
         Raises:
@@ -73,10 +72,10 @@ class SceneReader:
         found, kind = self.shape(name), self._file.get_slice(name).get_dtype()
         if found != shape or kind != _TYPES[dtype]:
             raise self.error(f"tensor '{name}' is {kind} {found}, expected {_TYPES[dtype]} {shape}")
-        value: Tensor = self._file.get_tensor(name)
-        if dtype == torch.float32 and not bool(torch.isfinite(value).all()):
+        value: np.ndarray = self._file.get_tensor(name)
+        if dtype is np.float32 and not bool(np.isfinite(value).all()):
             raise self.error(f"tensor '{name}' is not finite everywhere")
-        if dtype == torch.bool and bool((value.view(torch.uint8) > 1).any()):
+        if dtype is np.bool_ and bool((value.view(np.uint8) > 1).any()):
             raise self.error(f"tensor '{name}' holds a truth value that is neither 0 nor 1")
         self._left.discard(name)
         return value
@@ -105,7 +104,7 @@ class SceneReader:
             float(slope),
         )
 
-    def voxel_size(self, positions: Tensor) -> float:
+    def voxel_size(self, positions: np.ndarray) -> float:
         """Reads the voxel size and checks that the positions are multiples of it.
 
         Raises:
@@ -151,7 +150,7 @@ def open_scene_file(path: Path, file_format: str, version: int, kind: str | None
     if file_kind(path) not in (SCENE, PARTIAL, TENSORS):
         raise BitstreamError(is_not(path, "a scene file"))
     try:
-        with safe_open(path, framework="pt") as file:
+        with safe_open(path, framework="np") as file:
             header = _read_header(path, file.metadata(), file_format, version)
             if kind is not None and header["kind"] != kind:
                 raise BitstreamError(f"{path}: holds a {header['kind']!r}, not a {kind!r} scene")

@@ -1,10 +1,10 @@
 """A whole scene: anchors, the networks that draw them, and the context model that codes them."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import numpy as np
 from jaxtyping import Bool, Float, Int8
-from torch import Tensor
 
 from splatwire.errors import check_kind
 from splatwire.model.causal import CausalCoding
@@ -48,10 +48,10 @@ class HashGrid:
         bounds_max: Upper corner.
     """
 
-    volume: Int8[Tensor, "rows3 D"]
-    planes: Int8[Tensor, "3 rows2 D"]
-    bounds_min: Float[Tensor, "3"]
-    bounds_max: Float[Tensor, "3"]
+    volume: Int8[Any, "rows3 D"]
+    planes: Int8[Any, "3 rows2 D"]
+    bounds_min: Float[Any, "3"]
+    bounds_max: Float[Any, "3"]
 
     __repr__ = summary_repr
 
@@ -127,7 +127,7 @@ class AnchorScene:
         return self.anchors
 
     @property
-    def positions(self) -> Float[Tensor, "N 3"]:
+    def positions(self) -> Float[Any, "N 3"]:
         """Where its elements are."""
         return self.anchors.positions
 
@@ -136,7 +136,7 @@ class AnchorScene:
         """Number of its elements, N."""
         return self.anchors.num_anchors
 
-    def select(self, index: Tensor) -> "AnchorScene":
+    def select(self, index: Any) -> "AnchorScene":
         """The scene with the elements at `index` (integers or a boolean mask over N), hints left out."""
         return replace(self, anchors=self.anchors.select(index), hints=None)
 
@@ -145,7 +145,7 @@ class AnchorScene:
         return replace(self, anchors=elements, hints=hints)
 
     @property
-    def drawable(self) -> Bool[Tensor, "N"]:
+    def drawable(self) -> Bool[np.ndarray, "N"]:
         """Elements that any view can draw: those that are worth a packet."""
         return self.rows().kept
 

@@ -3,17 +3,18 @@
 Each kind of scene registers here (`functools.singledispatch`), others may do so from outside.
 """
 
+from dataclasses import replace
 from functools import singledispatch
 
-import torch
+import numpy as np
 
 from splatwire.errors import InvalidValueError
 from splatwire.model.anchor_scene import AnchorScene
-from splatwire.model.compiled_heads import drawn_gaussians
-from splatwire.model.gaussian_heads import SpawnedGaussians, spawn_gaussians, visible_anchors
+from splatwire.model.compiled_heads import SpawnedGaussians, drawn_gaussians, drawn_with_anchors
 from splatwire.model.partial import Partial
 from splatwire.model.scene import Scene
 from splatwire.model.splat_scene import SplatScene
+from splatwire.ops.arrays import to_numpy
 from splatwire.packets import SceneStream
 from splatwire.scene import Cameras, Gaussians
 from splatwire.scene.metadata import NO_METADATA, SceneMetadata
@@ -74,7 +75,7 @@ def gaussians_of_view(scene: Scene, cameras: Cameras, view: int) -> Gaussians:
 @gaussians_of_view.register
 def _(scene: SplatScene, cameras: Cameras, view: int) -> Gaussians:
     splats, cameras = scene.drawn(), cameras.relative_to(scene.origin)
-    return splats.seen_from(cameras.centers[view].to(splats.means))
+    return splats.seen_from(to_numpy(cameras.centers[view]))
 
 
 @gaussians_of_view.register
@@ -84,27 +85,25 @@ def _(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
 
 @singledispatch
 def spawned_gaussians(scene: Scene, cameras: Cameras, view: int) -> SpawnedGaussians:
-    """What camera `view` sees of a complete scene, each Gaussian with its element; differentiable, without hints.
+    """What camera `view` sees of a complete scene, each Gaussian with its element, without hints.
 
     Without a registration of its own, an element is one Gaussian.
     """
-    own = torch.arange(scene.num_elements)
-    return SpawnedGaussians(gaussians_of_view(scene, cameras, view), own, torch.zeros_like(own))
+    own = np.arange(scene.num_elements)
+    return SpawnedGaussians(gaussians_of_view(scene, cameras, view), own, np.zeros_like(own))
 
 
 @spawned_gaussians.register
 def _(scene: SplatScene, cameras: Cameras, view: int) -> SpawnedGaussians:
-    own = torch.arange(scene.num_elements)
+    own = np.arange(scene.num_elements)
     cameras = cameras.relative_to(scene.origin)
-    seen = scene.splats.seen_from(cameras.centers[view].to(scene.positions))
-    return SpawnedGaussians(seen, own, torch.zeros_like(own))
+    seen = scene.splats.seen_from(to_numpy(cameras.centers[view]))
+    return SpawnedGaussians(seen, own, np.zeros_like(own))
 
 
 @spawned_gaussians.register
 def _(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
-    center = cameras.centers[view].to(scene.positions)
-    visible = visible_anchors(scene.anchors, cameras, view) & scene.anchors.mask.any(dim=1)
-    return spawn_gaussians(scene.anchors, scene.heads, center, visible)
+    return drawn_with_anchors(replace(scene, hints=None), cameras, view)
 
 
 @singledispatch

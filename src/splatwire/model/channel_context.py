@@ -7,7 +7,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.model.anchor_scene import ContextModel
-from splatwire.model.prior_field import MIN_SCALE, PriorOutputs
+from splatwire.model.prior import MIN_SCALE
+from splatwire.model.prior_field import PriorOutputs
 from splatwire.reprs import summary_repr
 
 

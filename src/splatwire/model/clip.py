@@ -7,7 +7,6 @@ from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from splatwire.errors import InvalidValueError
 from splatwire.model.scene import Coverage, RenderHints
@@ -145,7 +144,7 @@ class ClipScene:
         return self.tracks.splats
 
     @property
-    def positions(self) -> Float[Tensor, "T 3"]:
+    def positions(self) -> Float[np.ndarray, "T 3"]:
         """Where tracks are born."""
         return self.tracks.splats.means
 
@@ -160,7 +159,7 @@ class ClipScene:
         return self.tracks.splats.num_gaussians
 
     @property
-    def drawable(self) -> Bool[Tensor, "T"]:
+    def drawable(self) -> Bool[np.ndarray, "T"]:
         """Bases that any view can draw."""
         return self.rows().kept
 
@@ -185,7 +184,7 @@ class ClipScene:
             self.tracks.splats, background=self.background, antialiased=self.antialiased, origin=self.origin
         )
 
-    def select(self, index: Tensor) -> "ClipScene":
+    def select(self, index: np.ndarray) -> "ClipScene":
         """The clip itself: which of its elements are there is for its motion to say."""
         return self
 

@@ -1,32 +1,16 @@
-"""From anchors to the Gaussians of one view (HAC++, decoding of a view)."""
+"""From anchors to the Gaussians of one view (HAC++, decoding of a view), in torch and differentiable."""
 
-from dataclasses import dataclass
+from typing import Any
 
 import torch
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from splatwire.model.anchor_scene import AnchorScene, GaussianHeads
-from splatwire.model.projection import project
-from splatwire.reprs import summary_repr
+from splatwire.model.compiled_heads import SpawnedGaussians
+from splatwire.model.tensor_projection import project_tensors
+from splatwire.model.tensors import to_tensors
 from splatwire.scene import Anchors, Cameras, Gaussians
-
-
-@dataclass(frozen=True, eq=False)
-class SpawnedGaussians:
-    """The Gaussians of a view and where each of them comes from.
-
-    Attributes:
-        gaussians: Anchor by anchor, offsets ascending.
-        anchor_index: The anchor of each Gaussian.
-        offset_index: Its offset within the anchor.
-    """
-
-    gaussians: Gaussians
-    anchor_index: Int64[Tensor, "G"]
-    offset_index: Int64[Tensor, "G"]
-
-    __repr__ = summary_repr
 
 
 def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
@@ -46,11 +30,14 @@ def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gauss
 
 def generate_spawned(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
     """The same as `generate_gaussians`, each Gaussian with its anchor."""
+    scene = to_tensors(scene)
     visible = visible_anchors(scene.anchors, cameras, view) & scene.anchors.mask.any(dim=1)
-    size_gain, opacity_gain, hints = None, None, scene.hints
+    size_gain: Any = None
+    opacity_gain: Any = None
+    hints: Any = scene.hints
     if hints is not None:
         visible, size_gain, opacity_gain = visible & ~hints.left_out, hints.size_gain, hints.opacity_gain
-    center = cameras.centers[view].to(scene.anchors.positions)
+    center = torch.as_tensor(cameras.centers[view]).to(scene.anchors.positions)
     return spawn_gaussians(scene.anchors, scene.heads, center, visible, size_gain=size_gain, opacity_gain=opacity_gain)
 
 
@@ -61,7 +48,7 @@ def visible_anchors(anchors: Anchors, cameras: Cameras, view: int) -> Bool[Tenso
     An anchor is projected as a Gaussian of its first three scalings, unrotated; it is kept when it is deeper than 0.2
     and its square of three standard deviations meets a tile of the image.
     """
-    projected = project(anchors.positions, anchors.scalings[:, :3], None, cameras, view)
+    projected = project_tensors(anchors.positions, anchors.scalings[:, :3], None, cameras, view)
     return projected.touches_image(cameras.width, cameras.height)
 
 

@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-import torch
+import numpy as np
 from jaxtyping import Bool, UInt8
-from torch import Tensor
 
 from splatwire.model.scene import RenderHints
 from splatwire.model.splat_scene import SplatScene
@@ -23,11 +22,11 @@ class LevelScene(SplatScene):
 
     __repr__ = summary_repr
 
-    def select(self, index: Tensor) -> "LevelScene":
+    def select(self, index: np.ndarray) -> "LevelScene":
         """See `SplatScene.select`; elements stay in their order."""
-        chosen = torch.zeros(self.num_elements, dtype=torch.bool)
+        chosen = np.zeros(self.num_elements, np.bool_)
         chosen[index] = True
-        left = tuple(int(part.sum()) for part in chosen.split(list(self.level_sizes)))
+        left = tuple(int(part.sum()) for part in np.split(chosen, np.cumsum(self.level_sizes)[:-1]))
         return replace(super().select(chosen), level_sizes=left)
 
 
@@ -40,13 +39,13 @@ class Levels:
         classes: Class of precision of each, 0 for the least.
     """
 
-    of: UInt8[Tensor, "N"]
-    classes: UInt8[Tensor, "N"]
+    of: UInt8[np.ndarray, "N"]
+    classes: UInt8[np.ndarray, "N"]
 
     __repr__ = summary_repr
 
     @property
-    def copied(self) -> Bool[Tensor, "N"]:
+    def copied(self) -> Bool[np.ndarray, "N"]:
         """Which stand for themselves: a coarser level has them from a finer one, in the finer of its two classes."""
         coarser = self.of > 0
         return coarser & (self.classes == self.classes[coarser].max()) if bool(coarser.any()) else coarser
@@ -54,4 +53,4 @@ class Levels:
     @property
     def hints(self) -> RenderHints:
         """Draws the finest level."""
-        return RenderHints(torch.ones(len(self.of)), self.of > 0)
+        return RenderHints(np.ones(len(self.of), np.float32), self.of > 0)

@@ -1,10 +1,11 @@
-"""Small multi-layer perceptrons as frozen data, evaluated by a pure function."""
+"""Small multi-layer perceptrons as frozen data: numpy arrays, or torch tensors while they are trained."""
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
-import torch
+import numpy as np
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.reprs import summary_repr
 
@@ -18,8 +19,8 @@ class Linear:
         bias: One value per output.
     """
 
-    weight: Float[Tensor, "out in"]
-    bias: Float[Tensor, "out"]
+    weight: Float[Any, "out in"]
+    bias: Float[Any, "out"]
 
     __repr__ = summary_repr
 
@@ -40,13 +41,19 @@ class Mlp:
 
     __repr__ = summary_repr
 
-    def __call__(self, x: Float[Tensor, "N in"]) -> Float[Tensor, "N out"]:
-        """Evaluates the network on a batch."""
-        h = torch.nn.functional.linear(x, self.hidden.weight, self.hidden.bias)
-        h = torch.nn.functional.leaky_relu(h, self.negative_slope) if self.negative_slope else torch.relu(h)
-        return torch.nn.functional.linear(h, self.output.weight, self.output.bias)
+    def __call__(self, x: Float[Any, "N in"]) -> Float[Any, "N out"]:
+        """Evaluates the network on a batch; `x` is of the library of the weights."""
+        if not isinstance(x, np.ndarray):
+            from torch.nn import functional  # the caller has loaded it
+
+            h = functional.linear(x, self.hidden.weight, self.hidden.bias)
+            h = functional.leaky_relu(h, self.negative_slope) if self.negative_slope else functional.relu(h)
+            return functional.linear(h, self.output.weight, self.output.bias)
+        h = x @ self.hidden.weight.T + self.hidden.bias
+        h = np.maximum(h, 0) + self.negative_slope * np.minimum(h, 0) if self.negative_slope else np.maximum(h, 0)
+        return h @ self.output.weight.T + self.output.bias
 
     @property
     def num_parameters(self) -> int:
         """Number of weights and biases."""
-        return sum(t.numel() for layer in (self.hidden, self.output) for t in (layer.weight, layer.bias))
+        return sum(math.prod(t.shape) for layer in (self.hidden, self.output) for t in (layer.weight, layer.bias))

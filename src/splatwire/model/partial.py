@@ -1,23 +1,21 @@
 """What a decoder returns: a scene of which some elements may be lost, and all that the stream says of them."""
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
-import torch
+import numpy as np
 from jaxtyping import Bool, Float, Int64
-from torch import Tensor
 
 from splatwire.errors import InvalidValueError
 from splatwire.model.scene import Scene
+from splatwire.ops.arrays import to_numpy
 from splatwire.reprs import summary_repr
 from splatwire.scene import Erasures
 from splatwire.scene.splats import Splats
 
 S = TypeVar("S", bound=Scene)
 Said = TypeVar("Said")
-Moved = TypeVar("Moved")
 
 
 @runtime_checkable
@@ -28,7 +26,7 @@ class Expectation(Protocol):
     def num_elements(self) -> int:
         """Elements, N."""
 
-    def expected_log_sizes(self) -> Float[Tensor, "N"]:
+    def expected_log_sizes(self) -> Float[np.ndarray, "N"]:
         """Logarithm of the size that is expected of each element."""
 
     def filled(self, elements: Any, erasures: Erasures) -> Any:
@@ -43,7 +41,7 @@ class ExpectedPlaces:
         positions: World coordinates; lost elements stand there.
     """
 
-    positions: Float[Tensor, "N 3"]
+    positions: Float[Any, "N 3"]
 
     __repr__ = summary_repr
 
@@ -56,7 +54,7 @@ class TierSizes:
         sizes: Relative to other tiers, above 0, of received and lost elements alike.
     """
 
-    sizes: Float[Tensor, "N"]
+    sizes: Float[Any, "N"]
 
     __repr__ = summary_repr
 
@@ -72,7 +70,7 @@ class Copies:
             that is lost, and how much of the scene-free network's change of them is taken.
     """
 
-    places: Int64[Tensor, "C"]
+    places: Int64[np.ndarray, "C"]
     splats: Splats
     growth: tuple[float, float, float]
 
@@ -135,12 +133,12 @@ class Partial(Generic[S]):
         return self.scene.elements
 
     @property
-    def known(self) -> Bool[Tensor, "N"]:
+    def known(self) -> Bool[np.ndarray, "N"]:
         """Elements of which everything was received."""
         return self.erasures.known
 
     @property
-    def places(self) -> Float[Tensor, "N 3"]:
+    def places(self) -> Float[Any, "N 3"]:
         """Where elements are for the search of neighbours: lost and received ones are measured alike."""
         expected = self.find(ExpectedPlaces)
         return self.scene.positions if expected is None else expected.positions
@@ -151,22 +149,22 @@ class Partial(Generic[S]):
         return next((record for record in self.said if isinstance(record, Expectation)), None)
 
     @property
-    def log_sizes(self) -> Float[Tensor, "N"]:
+    def log_sizes(self) -> Float[np.ndarray, "N"]:
         """Logarithm of the size that is expected of each element."""
         expected = self.expectation
-        return self.elements.log_sizes if expected is None else expected.expected_log_sizes()
+        return to_numpy(self.elements.log_sizes if expected is None else expected.expected_log_sizes())
 
     @property
-    def tier_sizes(self) -> Float[Tensor, "N"] | None:
+    def tier_sizes(self) -> Float[np.ndarray, "N"] | None:
         """Size of each one's tier; None where the side information does not say."""
         tiers = self.find(TierSizes)
         return None if tiers is None else tiers.sizes
 
     @property
-    def sizes(self) -> Float[Tensor, "N"]:
+    def sizes(self) -> Float[np.ndarray, "N"]:
         """What an element counts for among its neighbours, float64: the size of its tier, or else its own."""
         tiers = self.tier_sizes
-        return self.log_sizes.double().exp() if tiers is None else tiers.double()
+        return np.exp(self.log_sizes.astype(np.float64)) if tiers is None else to_numpy(tiers).astype(np.float64)
 
     @property
     def filled(self) -> Any:
@@ -174,32 +172,12 @@ class Partial(Generic[S]):
         expected = self.expectation
         return self.elements if expected is None else expected.filled(self.elements, self.erasures)
 
-    def without(self, known: Bool[Tensor, "N"]) -> "Partial[S]":
+    def without(self, known: Bool[np.ndarray, "N"]) -> "Partial[S]":
         """The same when only some elements are there, as if the packets of the others had not come."""
         there = self.scene.elements.arrived(known, self.places)
         return replace(
             self, scene=self.scene.with_elements(there, self.scene.hints), erasures=Erasures.of_anchors(known)
         )
-
-    def to_cpu(self) -> "Partial[S]":
-        """The same in main memory, where neighbour search and kernels work; networks stay where they are."""
-        return self.to("cpu")
-
-    def to(self, device: torch.device | str) -> "Partial[S]":
-        """The same on a device; networks stay where they are."""
-        scene = self.scene.with_elements(moved(self.scene.elements, device), moved(self.scene.hints, device))
-        return replace(self, scene=scene, erasures=moved(self.erasures, device), said=moved(self.said, device))
-
-
-def moved(value: Moved, device: torch.device | str) -> Moved:
-    """The same tensors, tuples and records of them on a device."""
-    if isinstance(value, Tensor):
-        return value.to(device)  # type: ignore[return-value]
-    if isinstance(value, tuple):
-        return tuple(moved(part, device) for part in value)  # type: ignore[return-value]
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return replace(value, **{name: moved(part, device) for name, part in vars(value).items()})
-    return value
 
 
 def _rows(said: tuple[Any, ...]) -> set[int]:

@@ -1,14 +1,18 @@
 """What the side information predicts about an anchor before any packet has arrived."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
-import torch
+import numpy as np
 from jaxtyping import Float
-from torch import Tensor
 
+from splatwire.ops.arrays import to_numpy, where
 from splatwire.reprs import summary_repr
 from splatwire.scene import Anchors, Attribute, Erasures
 from splatwire.scene.anchors import mean_log_size
+
+MIN_SCALE = 1e-9
+"""Floor of every predicted standard deviation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,9 +25,9 @@ class AttributePrior:
         step: Quantisation step, one per anchor.
     """
 
-    mean: Float[Tensor, "N D"]
-    scale: Float[Tensor, "N D"]
-    step: Float[Tensor, "N 1"]
+    mean: Float[Any, "N D"]
+    scale: Float[Any, "N D"]
+    step: Float[Any, "N 1"]
 
     __repr__ = summary_repr
 
@@ -42,7 +46,7 @@ class Prior:
     feature: AttributePrior
     scaling: AttributePrior
     offset: AttributePrior
-    context: Float[Tensor, "N H"]
+    context: Float[Any, "N H"]
 
     __repr__ = summary_repr
 
@@ -51,7 +55,7 @@ class Prior:
         """Anchors, N."""
         return len(self.context)
 
-    def expected_log_sizes(self) -> Float[Tensor, "N"]:
+    def expected_log_sizes(self) -> Float[Any, "N"]:
         """Mean logarithm of the three sizes of an anchor's Gaussians, as predicted."""
         return mean_log_size(self.scaling.mean)
 
@@ -59,20 +63,20 @@ class Prior:
         """The anchors with every gap filled by the prior's mean; where the mask is missing, every offset exists."""
         missing = ~erasures.received
 
-        def choose(attribute: Attribute, filled: Tensor, decoded: Tensor) -> Tensor:
-            return torch.where(missing[:, int(attribute)].view(-1, *[1] * (decoded.dim() - 1)), filled, decoded)
+        def choose(attribute: Attribute, filled: Any, decoded: Any) -> Any:
+            return where(missing[:, int(attribute)].reshape(-1, *[1] * (decoded.ndim - 1)), filled, decoded)
 
         scalings = plausible_scalings(elements, erasures, self.scaling.mean)
         return replace(
             elements,
             features=choose(Attribute.FEATURE, self.feature.mean, elements.features),
             scalings=choose(Attribute.SCALING, scalings, elements.scalings),
-            offsets=choose(Attribute.OFFSET, self.offset.mean.view(elements.offsets.shape), elements.offsets),
+            offsets=choose(Attribute.OFFSET, self.offset.mean.reshape(elements.offsets.shape), elements.offsets),
             mask=elements.mask | missing[:, int(Attribute.MASK), None],
         )
 
 
-def plausible_scalings(anchors: Anchors, erasures: Erasures, scalings: Float[Tensor, "M 6"]) -> Float[Tensor, "M 6"]:
+def plausible_scalings(anchors: Anchors, erasures: Erasures, scalings: Float[Any, "M 6"]) -> Float[Any, "M 6"]:
     """Raises estimated sizes to the smallest received size per channel: an estimate may fall below zero.
 
     Where nothing was received the floor is zero.
@@ -83,5 +87,8 @@ def plausible_scalings(anchors: Anchors, erasures: Erasures, scalings: Float[Ten
         scalings: The estimates.
     """
     received = anchors.scalings[erasures.column(Attribute.SCALING)]
-    floor = received.amin(dim=0) if len(received) else torch.zeros(6, dtype=scalings.dtype)
-    return torch.maximum(scalings, floor)
+    if not len(received):
+        return where(scalings > 0, scalings, 0)
+    if isinstance(scalings, np.ndarray):
+        return np.maximum(scalings, to_numpy(received).min(axis=0))
+    return scalings.maximum(received.amin(0))

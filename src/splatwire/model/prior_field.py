@@ -9,11 +9,9 @@ from torch import Tensor
 from splatwire.model.anchor_scene import ContextModel
 from splatwire.model.config import ModelConfig
 from splatwire.model.hash_grid import interpolate_hash_grid
-from splatwire.model.prior import AttributePrior, Prior
+from splatwire.model.prior import MIN_SCALE, AttributePrior, Prior
 from splatwire.reprs import summary_repr
 
-MIN_SCALE = 1e-9
-"""Floor of every predicted standard deviation."""
 _CHUNK = 32768
 
 

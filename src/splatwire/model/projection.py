@@ -5,10 +5,10 @@ Image coordinates here are 3DGS's: the centre of the top-left pixel is (0, 0), h
 
 from dataclasses import dataclass
 
-import torch
+import numpy as np
 from jaxtyping import Bool, Float
-from torch import Tensor
 
+from splatwire.ops.arrays import to_numpy
 from splatwire.reprs import summary_repr
 from splatwire.scene import Cameras
 
@@ -33,35 +33,35 @@ class Projected:
         radii: Three standard deviations along the longest axis, rounded up to whole pixels; 0 where too near.
     """
 
-    means2d: Float[Tensor, "N 2"]
-    covs2d: Float[Tensor, "N 3"]
-    depths: Float[Tensor, "N"]
-    radii: Float[Tensor, "N"]
+    means2d: Float[np.ndarray, "N 2"]
+    covs2d: Float[np.ndarray, "N 3"]
+    depths: Float[np.ndarray, "N"]
+    radii: Float[np.ndarray, "N"]
 
     __repr__ = summary_repr
 
-    def tile_rectangles(self, width: int, height: int) -> Float[Tensor, "N 4"]:
+    def tile_rectangles(self, width: int, height: int) -> Float[np.ndarray, "N 4"]:
         """Returns the tiles that each Gaussian is listed in: left, top, right, bottom (exclusive), in tiles."""
-        grid = torch.tensor([-(-width // TILE), -(-height // TILE)], dtype=self.radii.dtype, device=self.radii.device)
+        grid = np.array([-(-width // TILE), -(-height // TILE)], self.radii.dtype)
         radius = self.radii[:, None]
-        low = torch.floor((self.means2d - radius) / TILE)
-        high = torch.floor((self.means2d + radius + (TILE - 1)) / TILE)
-        return torch.cat([low.clamp(min=0).minimum(grid), high.clamp(min=0).minimum(grid)], dim=1).detach()
+        low = np.floor((self.means2d - radius) / TILE)
+        high = np.floor((self.means2d + radius + (TILE - 1)) / TILE)
+        return np.concatenate([np.clip(low, 0, grid), np.clip(high, 0, grid)], axis=1)
 
-    def touches_image(self, width: int, height: int) -> Bool[Tensor, "N"]:
+    def touches_image(self, width: int, height: int) -> Bool[np.ndarray, "N"]:
         """Tells which Gaussians are far enough and listed in at least one tile (HAC++, decoding of a view)."""
         tiles = self.tile_rectangles(width, height)
         return (self.radii > 0) & (tiles[:, 2] > tiles[:, 0]) & (tiles[:, 3] > tiles[:, 1])
 
 
 def project(
-    means: Float[Tensor, "N 3"],
-    scales: Float[Tensor, "N 3"],
-    rotations: Float[Tensor, "N 3 3"] | None,
+    means: Float[np.ndarray, "N 3"],
+    scales: Float[np.ndarray, "N 3"],
+    rotations: Float[np.ndarray, "N 3 3"] | None,
     cameras: Cameras,
     view: int,
 ) -> Projected:
-    """Projects Gaussians; differentiable in `means`, `scales` and `rotations`.
+    """Projects Gaussians; `splatwire.model.tensor_projection` is the differentiable twin.
 
     Args:
         means: World coordinates.
@@ -74,32 +74,33 @@ def project(
         The Gaussians on the image. The covariance is J W S W^T J^T + 0.3 I with the Jacobian J taken at the centre,
         clamped to 1.3 times the half field of view (HAC++, decoding of a view).
     """
-    pose, K = cameras.viewmats[view].to(means), cameras.Ks[view].to(means)
+    pose, K = (to_numpy(values[view]).astype(means.dtype) for values in (cameras.viewmats, cameras.Ks))
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
     local = means @ pose[:3, :3].T + pose[:3, 3]
+    half, wide = means.dtype.type(0.5), means.dtype.type(DILATION)
     near = local[:, 2] <= NEAR_DEPTH
-    z = torch.where(near, torch.ones_like(local[:, 2]), local[:, 2])
+    z = np.where(near, means.dtype.type(1), local[:, 2])
     x, y = local[:, 0] / z, local[:, 1] / z
-    means2d = torch.stack([fx * x + (cx - 0.5), fy * y + (cy - 0.5)], dim=1)
+    means2d = np.stack([fx * x + (cx - half), fy * y + (cy - half)], axis=1)
 
     margin_x, margin_y = FRUSTUM_MARGIN * cameras.width / (2 * fx), FRUSTUM_MARGIN * cameras.height / (2 * fy)
-    x = torch.clamp(x, -cx / fx - margin_x, (cameras.width - cx) / fx + margin_x)
-    y = torch.clamp(y, -cy / fy - margin_y, (cameras.height - cy) / fy + margin_y)
+    x = np.clip(x, -cx / fx - margin_x, (cameras.width - cx) / fx + margin_x)
+    y = np.clip(y, -cy / fy - margin_y, (cameras.height - cy) / fy + margin_y)
     # Rows of J W: how the pixel moves with each world axis.
     row_x = (fx / z)[:, None] * (pose[0, :3] - x[:, None] * pose[2, :3])
     row_y = (fy / z)[:, None] * (pose[1, :3] - y[:, None] * pose[2, :3])
     if rotations is not None:
-        row_x = torch.einsum("ni,nij->nj", row_x, rotations)
-        row_y = torch.einsum("ni,nij->nj", row_y, rotations)
+        row_x = np.einsum("ni,nij->nj", row_x, rotations)
+        row_y = np.einsum("ni,nij->nj", row_y, rotations)
     row_x, row_y = row_x * scales, row_y * scales
-    xx, yy = (row_x * row_x).sum(dim=1) + DILATION, (row_y * row_y).sum(dim=1) + DILATION
-    covs2d = torch.stack([xx, (row_x * row_y).sum(dim=1), yy], dim=1)
-    return Projected(means2d, covs2d, local[:, 2], _radii(covs2d.detach(), near))
+    xx, yy = (row_x * row_x).sum(axis=1) + wide, (row_y * row_y).sum(axis=1) + wide
+    covs2d = np.stack([xx, (row_x * row_y).sum(axis=1), yy], axis=1)
+    return Projected(means2d, covs2d, local[:, 2], _radii(covs2d, near))
 
 
-def _radii(covs2d: Float[Tensor, "N 3"], near: Bool[Tensor, "N"]) -> Float[Tensor, "N"]:
+def _radii(covs2d: Float[np.ndarray, "N 3"], near: Bool[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
     """Whole pixels that hold three standard deviations; the 0.1 under the root is 3DGS's floor."""
-    xx, xy, yy = covs2d.unbind(dim=1)
+    xx, xy, yy = covs2d.T
     middle = (xx + yy) / 2
-    longest = middle + torch.sqrt((middle * middle - (xx * yy - xy * xy)).clamp(min=0.1))
-    return torch.where(near, torch.zeros_like(longest), torch.ceil(3 * torch.sqrt(longest)))
+    longest = middle + np.sqrt(np.maximum(middle * middle - (xx * yy - xy * xy), 0.1))
+    return np.where(near, covs2d.dtype.type(0), np.ceil(3 * np.sqrt(longest)))

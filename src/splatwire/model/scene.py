@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
+import numpy as np
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from splatwire.reprs import summary_repr
 from splatwire.scene import Erasures
@@ -24,9 +24,9 @@ class RenderHints:
         opacity_gain: Factor on the opacity of the element's Gaussians, which stays at most 1; None for none anywhere.
     """
 
-    size_gain: Float[Tensor, "N"]
-    left_out: Bool[Tensor, "N"]
-    opacity_gain: Float[Tensor, "N"] | None = None
+    size_gain: Float[Any, "N"]
+    left_out: Bool[Any, "N"]
+    opacity_gain: Float[Any, "N"] | None = None
 
     __repr__ = summary_repr
 
@@ -46,16 +46,16 @@ class Coverage:
 
 @runtime_checkable
 class Elements(Protocol):
-    """N things with a place, a size and named columns: tensors of N rows, one a field."""
+    """N things with a place, a size and named columns: arrays of N rows, one a field."""
 
     @property
-    def log_sizes(self) -> Float[Tensor, "N"]:
+    def log_sizes(self) -> Float[Any, "N"]:
         """Logarithm of the size of each, of the order of a length in world units."""
 
-    def select(self: Own, index: Tensor) -> Own:
+    def select(self: Own, index: np.ndarray) -> Own:
         """Those at `index`."""
 
-    def arrived(self: Own, known: Bool[Tensor, "N"], places: Float[Tensor, "N 3"]) -> Own:
+    def arrived(self: Own, known: Bool[np.ndarray, "N"], places: Float[np.ndarray, "N 3"]) -> Own:
         """What a receiver has when only some of them came; the others are expected at `places`."""
 
     def kept(self: Own, erasures: Erasures, proposed: Own) -> Own:
@@ -83,7 +83,7 @@ class Scene(Protocol):
         """Its elements (`Elements`)."""
 
     @property
-    def positions(self) -> Float[Tensor, "N 3"]:
+    def positions(self) -> Float[Any, "N 3"]:
         """Where they are."""
 
     @property
@@ -91,7 +91,7 @@ class Scene(Protocol):
         """How many."""
 
     @property
-    def drawable(self) -> Bool[Tensor, "N"]:
+    def drawable(self) -> Bool[np.ndarray, "N"]:
         """Those that any view can draw: worth a packet."""
 
     def rows(self) -> Rows:
@@ -105,7 +105,7 @@ class Scene(Protocol):
     def facts(self) -> dict[str, int | float]:
         """What a person may want to know of it, by name."""
 
-    def select(self: Own, index: Tensor) -> Own:
+    def select(self: Own, index: np.ndarray) -> Own:
         """The scene with the elements at `index`, hints left out."""
 
     def with_elements(self: Own, elements: Any, hints: RenderHints | None = None) -> Own:

@@ -3,8 +3,9 @@
 import hashlib
 from dataclasses import fields
 
-import torch
+import numpy as np
 
+from splatwire.ops.arrays import to_numpy
 from splatwire.scene import Anchors
 from splatwire.scene.splats import Splats
 
@@ -23,8 +24,8 @@ def scene_digest(elements: Anchors | Splats) -> str:
     """
     digest = hashlib.sha256(b"splatwire/scene-digest/1\0")
     for field in fields(elements):
-        tensor = getattr(elements, field.name).detach().cpu()
-        plain = tensor.numpy().astype("u1" if tensor.dtype == torch.bool else "<f4", order="C", copy=False)
-        digest.update(f"{field.name}{tuple(tensor.shape)}\0".encode())
+        values = to_numpy(getattr(elements, field.name))
+        plain = values.astype("u1" if values.dtype == np.bool_ else "<f4", order="C", copy=False)
+        digest.update(f"{field.name}{values.shape}\0".encode())
         digest.update(plain.data)
     return digest.hexdigest()

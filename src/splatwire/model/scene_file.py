@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatwire.errors import BitstreamError, check_kind
 from splatwire.model._coding_file import coding_header, coding_networks, coding_tensors, read_coding, read_config
@@ -132,7 +130,7 @@ def save_partial(partial: Partial[AnchorScene], path: Path) -> None:
             tensors[f"prior.{name}.{part}"] = getattr(attribute, part)
     header = _header(partial.scene, PARTIAL)
     for name, content in partial.sections.items():
-        tensors[f"concealment.{name}"] = torch.from_numpy(np.frombuffer(content, dtype=np.uint8).copy())
+        tensors[f"concealment.{name}"] = np.frombuffer(content, dtype=np.uint8)
     if partial.sections:
         header["concealment"] = sorted(partial.sections)
     write_tensors(tensors, header, path)
@@ -148,7 +146,7 @@ def load_partial(path: Path) -> Partial[AnchorScene]:
     with open_scene_file(path, FORMAT, VERSION, PARTIAL) as reader:
         scene = _read_scene(reader)
         count, layout = scene.anchors.num_anchors, scene.coding.config.layout
-        received = reader.tensor("erasures.received", (count, len(Attribute)), torch.bool)
+        received = reader.tensor("erasures.received", (count, len(Attribute)), np.bool_)
         attributes = {}
         for name, channels in zip(_ATTRIBUTES, (layout.feature_dim, 6, 3 * layout.num_offsets), strict=True):
             attributes[name] = AttributePrior(
@@ -181,7 +179,7 @@ def _read_concealment(reader: SceneReader) -> dict[str, bytes]:
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise reader.error("the header's list of what was left for concealers is damaged")
     sizes = {name: reader.length(f"concealment.{name}") for name in names}
-    return {n: reader.tensor(f"concealment.{n}", (size,), torch.uint8).numpy().tobytes() for n, size in sizes.items()}
+    return {n: reader.tensor(f"concealment.{n}", (size,), np.uint8).tobytes() for n, size in sizes.items()}
 
 
 def _networks(scene: AnchorScene) -> dict[str, Mlp]:
@@ -202,7 +200,7 @@ def _header(scene: AnchorScene, kind: str) -> dict[str, Any]:
     }
 
 
-def _scene_tensors(scene: AnchorScene) -> dict[str, Tensor]:
+def _scene_tensors(scene: AnchorScene) -> dict[str, Any]:
     tensors = {f"anchors.{name}": value for name, value in vars(scene.anchors).items()}
     for prefix, network in _networks(scene).items():
         for layer in ("hidden", "output"):
@@ -220,7 +218,7 @@ def _read_concealed(reader: SceneReader) -> tuple[AnchorScene, Erasures | None]:
     scene, erasures = _read_scene(reader), None
     if reader.header.get("erasures"):
         shape = (scene.anchors.num_anchors, len(Attribute))
-        erasures = Erasures(reader.tensor("erasures.received", shape, torch.bool))
+        erasures = Erasures(reader.tensor("erasures.received", shape, np.bool_))
     reader.finish()
     return scene, erasures
 
@@ -239,7 +237,7 @@ def _read_scene(reader: SceneReader) -> AnchorScene:
     hints = None
     if reader.header.get("hints"):
         count = anchors.num_anchors
-        left_out = reader.tensor("hints.left_out", (count,), torch.bool)
+        left_out = reader.tensor("hints.left_out", (count,), np.bool_)
         opacity_gain = reader.tensor("hints.opacity_gain", (count,)) if reader.has("hints.opacity_gain") else None
         hints = RenderHints(reader.tensor("hints.size_gain", (count,)), left_out, opacity_gain)
     metadata = metadata_from_json(reader.header.get("metadata"))
@@ -253,5 +251,5 @@ def _read_anchors(reader: SceneReader, layout: AnchorLayout) -> Anchors:
         features=reader.tensor("anchors.features", (count, layout.feature_dim)),
         scalings=reader.tensor("anchors.scalings", (count, 6)),
         offsets=reader.tensor("anchors.offsets", (count, layout.num_offsets, 3)),
-        mask=reader.tensor("anchors.mask", (count, layout.num_offsets), torch.bool),
+        mask=reader.tensor("anchors.mask", (count, layout.num_offsets), np.bool_),
     )

@@ -4,8 +4,8 @@ import functools
 from dataclasses import dataclass, replace
 from typing import ClassVar, TypeVar
 
+import numpy as np
 from jaxtyping import Bool, Float, Int64, UInt8
-from torch import Tensor
 
 from splatwire.errors import InvalidValueError, check_kind
 from splatwire.model.scene import Coverage, RenderHints
@@ -36,12 +36,12 @@ class SplatCoding:
     unit: int
     coarsest: int
     bases: tuple[int, ...]
-    transform: Int64[Tensor, "K K"]
-    classes: UInt8[Tensor, "N"]
+    transform: Int64[np.ndarray, "K K"]
+    classes: UInt8[np.ndarray, "N"]
 
     __repr__ = summary_repr
 
-    def select(self, index: Tensor) -> "SplatCoding":
+    def select(self, index: np.ndarray) -> "SplatCoding":
         """The steps of the Gaussians at `index`."""
         return replace(self, classes=self.classes[index])
 
@@ -91,7 +91,7 @@ class SplatScene:
         return self.splats
 
     @property
-    def positions(self) -> Float[Tensor, "N 3"]:
+    def positions(self) -> Float[np.ndarray, "N 3"]:
         """Where its elements are."""
         return self.splats.means
 
@@ -100,7 +100,7 @@ class SplatScene:
         """Number of its elements, N."""
         return self.splats.num_gaussians
 
-    def select(self: Own, index: Tensor) -> Own:
+    def select(self: Own, index: np.ndarray) -> Own:
         """The scene with the elements at `index` (integers or a boolean mask over N), hints left out."""
         coding = None if self.coding is None else self.coding.select(index)
         return replace(self, splats=self.splats.select(index), hints=None, coding=coding)
@@ -111,7 +111,7 @@ class SplatScene:
         return replace(self, splats=elements, hints=hints, coding=self.coding if same else None)
 
     @property
-    def drawable(self) -> Bool[Tensor, "N"]:
+    def drawable(self) -> Bool[np.ndarray, "N"]:
         """Elements that any view can draw: those that are worth a packet."""
         return self.rows().kept
 
@@ -140,5 +140,5 @@ class SplatScene:
         kept, hints = ~self.hints.left_out, self.hints
         splats = replace(self.splats, scales=self.splats.scales * hints.size_gain[:, None])
         if hints.opacity_gain is not None:
-            splats = replace(splats, opacities=(splats.opacities * hints.opacity_gain).clamp(max=1))
+            splats = replace(splats, opacities=np.minimum(splats.opacities * hints.opacity_gain, np.float32(1)))
         return splats.select(kept)

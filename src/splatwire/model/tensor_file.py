@@ -5,22 +5,22 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import torch
+import numpy as np
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
-from torch import Tensor
+from safetensors.numpy import save_file
 
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.files.capped import open_regular
 from splatwire.files.kinds import is_not
 from splatwire.files.whole import written_whole
+from splatwire.ops.arrays import to_numpy
 
 
-def write_tensors(tensors: Mapping[str, Tensor], header: dict[str, Any], path: Path) -> None:
+def write_tensors(tensors: Mapping[str, Any], header: dict[str, Any], path: Path) -> None:
     """Writes tensors with a JSON header beside the old file, which it then replaces.
 
     Args:
-        tensors: Tensors of any shape and device; they may share memory.
+        tensors: Numpy arrays, or torch tensors on any device; they may share memory.
         header: What `json` can write; it becomes the only metadata entry, because safetensors writes several in no
             fixed order.
         path: The file. It gets the permissions of any new file; safetensors itself would make it private.
@@ -28,7 +28,7 @@ def write_tensors(tensors: Mapping[str, Tensor], header: dict[str, Any], path: P
     Raises:
         OSError: If the file cannot be written.
     """
-    plain = _apart(tensors)
+    plain = {name: np.ascontiguousarray(to_numpy(value)) for name, value in tensors.items()}
     with written_whole(path) as unfinished:
         unfinished.touch()
         permissions = unfinished.stat().st_mode & 0o777
@@ -39,20 +39,7 @@ def write_tensors(tensors: Mapping[str, Tensor], header: dict[str, Any], path: P
         unfinished.chmod(permissions)
 
 
-def _apart(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Tensors in main memory of which no two share it, as safetensors insists: those that do are copied."""
-    plain, taken = {}, set[int]()
-    for name, value in tensors.items():
-        own = value.detach().cpu().contiguous()
-        memory = own.untyped_storage()
-        if memory.nbytes() != own.nbytes or memory.data_ptr() in taken:
-            own = own.clone()
-        taken.add(own.untyped_storage().data_ptr())
-        plain[name] = own
-    return plain
-
-
-def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, Tensor], dict[str, Any]]:
+def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Reads what `write_tensors` wrote.
 
     Args:
@@ -61,7 +48,7 @@ def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, Tensor]
         version: The header's `version`.
 
     Returns:
-        The tensors, on the CPU, and the header.
+        The arrays, and the header.
 
     Raises:
         UnsupportedVersionError: If it is of a version that this release does not read.
@@ -69,7 +56,7 @@ def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, Tensor]
     """
     open_regular(path, BitstreamError).close()
     try:
-        with safe_open(path, framework="pt") as file:
+        with safe_open(path, framework="np") as file:
             header = parse_header((file.metadata() or {}).get("splatwire"))
             if header.get("format") != form:
                 raise BitstreamError(is_not(path, f"a file of {form}"))
@@ -87,34 +74,6 @@ def parse_header(text: str | None) -> dict[str, Any]:
     except (ValueError, RecursionError):
         header = None
     return header if isinstance(header, dict) else {}
-
-
-def load_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], where: str) -> None:
-    """Puts tensors into a network, strictly.
-
-    Raises:
-        BitstreamError: If one is missing, too many, of another size, or not finite.
-    """
-    check_tensors(network, tensors, where)
-    network.load_state_dict({name: value.float() for name, value in tensors.items()})
-
-
-def check_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], where: str) -> None:
-    """Checks that tensors are those of a network, which may be on the device `meta` and so have no memory.
-
-    Raises:
-        BitstreamError: If one is missing, too many, of another size, or not finite.
-    """
-    wanted = network.state_dict()
-    if set(tensors) != set(wanted):
-        odd = sorted(set(tensors) ^ set(wanted))
-        raise BitstreamError(f"{where}tensors of the network are missing or unknown: {', '.join(odd[:3])}")
-    for name, value in wanted.items():
-        found = tensors[name]
-        if found.shape != value.shape or not found.dtype.is_floating_point:
-            raise BitstreamError(f"{where}'{name}' is {found.dtype} {tuple(found.shape)}, not {tuple(value.shape)}")
-        if not bool(found.isfinite().all()):
-            raise BitstreamError(f"{where}'{name}' of the network is not finite")
 
 
 def tensor_bytes(path: Path) -> dict[str, int]:

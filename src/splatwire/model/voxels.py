@@ -1,18 +1,19 @@
 """Anchor positions as whole multiples of the voxel size."""
 
 import math
+from typing import Any
 
-import torch
+import numpy as np
 from jaxtyping import Float, Int64
-from torch import Tensor
 
 from splatwire.errors import InvalidValueError
+from splatwire.ops.arrays import to_numpy
 
 MAX_VOXEL_INDEX = (1 << 21) - 1
 """Largest index whose neighbours a float32 position still tells apart with a margin."""
 
 
-def voxel_indices(positions: Float[Tensor, "N 3"], voxel_size: float) -> Int64[Tensor, "N 3"]:
+def voxel_indices(positions: Float[Any, "N 3"], voxel_size: float) -> Int64[np.ndarray, "N 3"]:
     """Returns the integers that `positions` are multiples of; the inverse of `voxel_positions`.
 
     Args:
@@ -24,27 +25,28 @@ def voxel_indices(positions: Float[Tensor, "N 3"], voxel_size: float) -> Int64[T
             within what float32 can resolve.
     """
     check_voxel_size(voxel_size)
-    exact = positions.double() / voxel_size
-    if not bool(torch.isfinite(exact).all()):
+    with np.errstate(over="ignore"):  # looked for in the next line
+        exact = to_numpy(positions).astype(np.float64) / voxel_size
+    if not bool(np.isfinite(exact).all()):
         raise InvalidValueError("anchor positions must be finite")
-    indices = torch.round(exact)
+    indices = np.rint(exact)
     # Two roundings to float32 (of the voxel size and of the product) move a position by up to 2**-23 of itself. Nothing
     # moves a position away from 0: a tolerance there would put a whole scene into one voxel of a far too large size.
-    off = (exact - indices).abs() > indices.abs() * 2.0**-22
-    wrong = off.any(dim=1) | (indices.abs() > MAX_VOXEL_INDEX).any(dim=1)
+    off = np.abs(exact - indices) > np.abs(indices) * 2.0**-22
+    wrong = off.any(axis=1) | (np.abs(indices) > MAX_VOXEL_INDEX).any(axis=1)
     if bool(wrong.any()):
-        first = int(wrong.nonzero()[0, 0])
+        first = int(wrong.argmax())
         raise InvalidValueError(
             f"{int(wrong.sum())} of {len(positions)} anchor positions are not whole multiples (up to "
             f"{MAX_VOXEL_INDEX}) of the voxel size {voxel_size}; the first is anchor {first} at "
             f"{positions[first].tolist()}"
         )
-    return indices.to(torch.int64)
+    return indices.astype(np.int64)
 
 
-def voxel_positions(indices: Int64[Tensor, "N 3"], voxel_size: float) -> Float[Tensor, "N 3"]:
+def voxel_positions(indices: Int64[Any, "N 3"], voxel_size: float) -> Float[np.ndarray, "N 3"]:
     """Returns the world coordinates of voxel `indices`: float32 of the float64 product, alike on every machine."""
-    return (indices.double() * voxel_size).float()
+    return (to_numpy(indices).astype(np.float64) * voxel_size).astype(np.float32)
 
 
 def check_voxel_size(voxel_size: float) -> None:

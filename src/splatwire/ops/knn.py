@@ -1,9 +1,11 @@
 """Exact nearest neighbours of points in space."""
 
+from typing import Any
+
 import numpy as np
-import torch
 from jaxtyping import Float, Int64
-from torch import Tensor
+
+from splatwire.ops.arrays import to_numpy
 
 _CHUNK = 1 << 15
 _LEAF_SIZE = 32
@@ -19,18 +21,20 @@ class NeighborTree:
     apart by the tree's own (repeatable) order.
 
     Args:
-        support: The points, on any device.
+        support: The points, a numpy array or a torch tensor.
     """
 
-    def __init__(self, support: Float[Tensor, "S 3"]) -> None:
+    def __init__(self, support: Float[Any, "S 3"]) -> None:
         from scipy.spatial import cKDTree
 
-        points = support.detach().cpu().double().numpy()
+        points = to_numpy(support).astype(np.float64)
         self.num_points = len(points)
         # Splitting at the middle of a box builds twice as fast as at the median and is no slower to search.
         self._tree = cKDTree(points, leafsize=_LEAF_SIZE, balanced_tree=False, compact_nodes=False)
 
-    def query(self, queries: Float[Tensor, "Q 3"], k: int) -> tuple[Int64[Tensor, "Q kept"], Float[Tensor, "Q kept"]]:
+    def query(
+        self, queries: Float[Any, "Q 3"], k: int
+    ) -> tuple[Int64[np.ndarray, "Q kept"], Float[np.ndarray, "Q kept"]]:
         """Finds the `min(k, S)` points nearest to each query, nearest first.
 
         Args:
@@ -38,26 +42,26 @@ class NeighborTree:
             k: Number of neighbours.
 
         Returns:
-            Indices of the points, and their distances in the dtype of the queries, on the device of the queries.
+            Indices of the points, and their distances in the dtype of the queries.
         """
         kept = max(0, min(k, self.num_points))
-        index = torch.empty(len(queries), kept, dtype=torch.int64)
-        distance = torch.empty(len(queries), kept, dtype=queries.dtype)
+        given = to_numpy(queries)
+        index, distance = np.empty((len(given), kept), np.int64), np.empty((len(given), kept), given.dtype)
         wanted = min(kept + _SPARE, self.num_points)
-        if kept and len(queries):
-            points = queries.detach().cpu().double().numpy()
+        if kept and len(given):
+            points = given.astype(np.float64)
             for start in range(0, len(points), _CHUNK):
                 rows = slice(start, start + _CHUNK)
                 far, near = self._tree.query(points[rows], k=np.arange(1, wanted + 1), workers=-1)
                 _order_ties(far, near)
-                index[rows] = torch.from_numpy(near[:, :kept])
-                distance[rows] = torch.from_numpy(far[:, :kept]).to(queries.dtype)
-        return index.to(queries.device), distance.to(queries.device)
+                index[rows] = near[:, :kept]
+                distance[rows] = far[:, :kept]
+        return index, distance
 
 
 def nearest_neighbors(
-    support: Float[Tensor, "S 3"], queries: Float[Tensor, "Q 3"], k: int
-) -> tuple[Int64[Tensor, "Q kept"], Float[Tensor, "Q kept"]]:
+    support: Float[Any, "S 3"], queries: Float[Any, "Q 3"], k: int
+) -> tuple[Int64[np.ndarray, "Q kept"], Float[np.ndarray, "Q kept"]]:
     """Finds the `kept = min(k, S)` support points nearest to each query, nearest first; ties go to the lower index.
 
     Args:
@@ -72,8 +76,8 @@ def nearest_neighbors(
 
 
 def nearest_others(
-    tree: NeighborTree, points: Float[Tensor, "Q 3"], own: Int64[Tensor, "Q"], k: int
-) -> tuple[Int64[Tensor, "Q kept"], Float[Tensor, "Q kept"]]:
+    tree: NeighborTree, points: Float[Any, "Q 3"], own: Int64[Any, "Q"], k: int
+) -> tuple[Int64[np.ndarray, "Q kept"], Float[np.ndarray, "Q kept"]]:
     """Finds the `min(k, S - 1)` nearest neighbours of points that are in the tree themselves, without themselves.
 
     Args:
@@ -86,16 +90,17 @@ def nearest_others(
         Indices into the cloud, and distances. A twin at the same position is a neighbour like any other.
     """
     index, distance = tree.query(points, k + 1)
+    own = to_numpy(own)
     if index.shape[1] == 0:
         return index, distance
     # Nearly always a point is its own first neighbour, at distance 0; twins are put right row by row.
-    rows = (index[:, 0] != own).nonzero()[:, 0]
+    rows = np.flatnonzero(index[:, 0] != own)
     twins, twin_distance = index[rows], distance[rows]
     itself = twins == own[rows, None]
-    itself[:, -1] |= ~itself.any(dim=1)  # more than k twins hid it: one of the equals goes instead
-    index, distance = index[:, 1:].contiguous(), distance[:, 1:].contiguous()
-    index[rows] = twins[~itself].view(len(rows), index.shape[1])
-    distance[rows] = twin_distance[~itself].view(len(rows), index.shape[1])
+    itself[:, -1] |= ~itself.any(axis=1)  # more than k twins hid it: one of the equals goes instead
+    index, distance = index[:, 1:].copy(), distance[:, 1:].copy()
+    index[rows] = twins[~itself].reshape(len(rows), index.shape[1])
+    distance[rows] = twin_distance[~itself].reshape(len(rows), index.shape[1])
     return index, distance
 
 

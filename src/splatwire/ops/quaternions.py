@@ -1,15 +1,12 @@
 """Unit quaternions (w, x, y, z)."""
 
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
-from torch import Tensor
-
-Number = TypeVar("Number", float, np.ndarray, Tensor)
 
 
-def rotation_rows(w: Number, x: Number, y: Number, z: Number) -> list[list[Number]]:
-    """The rotation matrix of quaternions, row by row: of single numbers, or of as many as arrays hold."""
+def rotation_rows(w: Any, x: Any, y: Any, z: Any) -> list[list[Any]]:
+    """Rotation matrix of quaternions, row by row; components are numbers, arrays or tensors of one shape."""
     return [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],

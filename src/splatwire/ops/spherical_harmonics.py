@@ -1,10 +1,10 @@
 """Real spherical harmonics up to degree 3, in the order and with the signs of the 3DGS file format."""
 
 import math
+from typing import Any
 
-import torch
+import numpy as np
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.errors import InvalidValueError
 
@@ -36,7 +36,7 @@ def degree_of(functions: int) -> int:
     return degree
 
 
-def sh_basis(directions: Float[Tensor, "*batch 3"], degree: int) -> Float[Tensor, "*batch D"]:
+def sh_basis(directions: Float[np.ndarray, "*batch 3"], degree: int) -> Float[np.ndarray, "*batch D"]:
     """Evaluates the basis functions.
 
     They are sqrt(2) times imaginary part (m < 0) or real part (m > 0) of the complex harmonics with the
@@ -51,8 +51,23 @@ def sh_basis(directions: Float[Tensor, "*batch 3"], degree: int) -> Float[Tensor
         InvalidValueError: If the degree is not supported.
     """
     num_functions(degree)
-    x, y, z = directions.unbind(dim=-1)
-    parts = [torch.full_like(x, DC)]
+    parts = sh_functions(directions[..., 0], directions[..., 1], directions[..., 2], degree)
+    return np.stack(parts, axis=-1)
+
+
+def sh_functions(x: Any, y: Any, z: Any, degree: int) -> list[Any]:
+    """Evaluates each basis function of `sh_basis`; works with numpy arrays and with torch tensors.
+
+    Args:
+        x: First components of unit vectors.
+        y: Second components, of the same shape.
+        z: Third components, of the same shape.
+        degree: 0 to 3.
+
+    Returns:
+        `(degree + 1) ** 2` arrays of the shape of `x`.
+    """
+    parts = [x * 0 + DC]
     if degree >= 1:
         first = math.sqrt(3 / (4 * math.pi))
         parts += [-first * y, first * z, -first * x]
@@ -66,4 +81,4 @@ def sh_basis(directions: Float[Tensor, "*batch 3"], degree: int) -> Float[Tensor
         parts += [-outer * y * (3 * x * x - y * y), mixed * x * y * z, -middle * y * (4 * z * z - x * x - y * y)]
         parts += [polar * z * (2 * z * z - 3 * x * x - 3 * y * y), -middle * x * (4 * z * z - x * x - y * y)]
         parts += [mixed / 2 * z * (x * x - y * y), -outer * x * (x * x - 3 * y * y)]
-    return torch.stack(parts, dim=-1)
+    return parts

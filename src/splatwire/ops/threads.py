@@ -10,7 +10,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-import torch
 from threadpoolctl import ThreadpoolController
 
 Item = TypeVar("Item")
@@ -18,9 +17,9 @@ Result = TypeVar("Result")
 
 
 @functools.cache
-def _libraries(kind: str) -> ThreadpoolController:
-    """The loaded libraries of a kind, "blas" or "openmp": to look for them takes 100 times longer than a limit."""
-    return ThreadpoolController().select(user_api=kind)
+def _matrix_library() -> ThreadpoolController:
+    """The loaded matrix library; finding it takes 100 times longer than setting its limit."""
+    return ThreadpoolController().select(user_api="blas")
 
 
 class _Holders:
@@ -32,7 +31,7 @@ class _Holders:
     def enter(self) -> None:
         with self.lock:
             if self.num == 0:
-                self.limit.enter_context(_libraries("blas").limit(limits=1))
+                self.limit.enter_context(_matrix_library().limit(limits=1))
             self.num += 1
 
     def leave(self) -> None:
@@ -59,24 +58,24 @@ def one_blas_thread() -> Iterator[None]:
         _HOLDERS.leave()
 
 
-@contextmanager
-def one_torch_thread() -> Iterator[None]:
-    """Keeps torch's loops to the calling thread, and lets all others have theirs.
+_LIMIT = threading.Event()
+"""Set while work of this process stays on one thread."""
 
-    `torch.set_num_threads` would also tell every thread that first uses torch meanwhile, for good. Nor does calling it
-    once last: numba's parallel kernels set the number of OpenMP threads, which is torch's too, whenever they run.
-    """
-    torch.get_num_threads()  # a thread's first question sets its number: before the limit, not over it
-    with _libraries("openmp").limit(limits=1):
-        yield
+
+def use_single_thread() -> None:
+    """Keeps the shared work of this process to the calling thread, for good: for worker processes."""
+    _LIMIT.set()
 
 
 def allowed_threads() -> int:
-    """Threads that work may use here: no more than processors, than torch's number (`OMP_NUM_THREADS`) or numba's."""
+    """Number of threads that work may use here: at most the processors, `OMP_NUM_THREADS` and numba's number."""
     from numba import config
 
+    if _LIMIT.is_set():
+        return 1
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(processors, torch.get_num_threads(), config.NUMBA_NUM_THREADS))
+    asked = os.environ.get("OMP_NUM_THREADS", "")
+    return max(1, min(processors, int(asked) if asked.isdecimal() else processors, config.NUMBA_NUM_THREADS))
 
 
 @functools.cache

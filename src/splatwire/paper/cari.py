@@ -12,8 +12,9 @@ from splatwire.conceal.registry import register_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.model import Partial, Prior
 from splatwire.model.prior import plausible_scalings
-from splatwire.ops.knn import NeighborTree, nearest_others
+from splatwire.model.tensors import to_tensors
 from splatwire.paper.fill import MaskVote, attributes_by_gap, weighted_mean, weighted_mean_of_existing
+from splatwire.paper.neighbors import TensorTree, nearest_other_points
 from splatwire.paper.ridge import ridge_correction
 from splatwire.paper.signature import (
     AttributeGroup,
@@ -100,6 +101,7 @@ class Cari:
 
     def __call__(self, context: Partial) -> Concealed:
         """See `Concealer`."""
+        context = to_tensors(context)
         fixed = _prepare(context, self)
         estimate = _Estimate(
             residuals_of(context),
@@ -132,7 +134,7 @@ class _Fixed:
     groups: tuple[AttributeGroup, ...]
     unit_context: Float[Tensor, "N H"]
     certainty: Float[Tensor, "N G"]
-    everyone: NeighborTree
+    everyone: TensorTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +152,7 @@ def _prepare(context: Partial, settings: Cari) -> _Fixed:
         attribute_groups(context[AnchorLayout]),
         unit_rows(context[Prior].context),
         (sigma + settings.epsilon) ** -settings.uncertainty_exponent,
-        NeighborTree(context.places),
+        TensorTree(context.places),
     )
 
 
@@ -194,13 +196,13 @@ def _candidates(
     """Yields, chunk by chunk, queries, their nearest candidates ("Q L") and distances."""
     positions = fixed.context.places
     support = received.nonzero()[:, 0]
-    tree = NeighborTree(positions[support]) if first else fixed.everyone
+    tree = TensorTree(positions[support]) if first else fixed.everyone
     for queries in (~received).nonzero()[:, 0].split(_CHUNK):
         if first:
             index, distance = tree.query(positions[queries], settings.candidates)
             yield queries, support[index], distance
         else:
-            yield queries, *nearest_others(tree, positions[queries], queries, settings.candidates)
+            yield queries, *nearest_other_points(tree, positions[queries], queries, settings.candidates)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,9 +11,10 @@ from splatwire.conceal.base import Concealed, check_at_least
 from splatwire.conceal.registry import register_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.model import Partial, Prior
-from splatwire.ops.knn import NeighborTree
+from splatwire.model.tensors import to_tensors
 from splatwire.paper.fill import MaskVote, attributes_by_gap, weighted_mean, weighted_mean_of_existing
 from splatwire.paper.mahalanobis import MahalanobisSearch
+from splatwire.paper.neighbors import TensorTree
 from splatwire.scene import Anchors, Attribute
 
 _CHUNK = 1 << 14
@@ -54,6 +55,7 @@ class Idw:
 
     def __call__(self, context: Partial) -> Concealed:
         """See `Concealer`."""
+        context = to_tensors(context)
         filled = context.filled
         for received, attributes in attributes_by_gap(context):
             for queries, index, weight in self.neighborhoods(context, received):
@@ -62,11 +64,12 @@ class Idw:
 
     def neighborhoods(self, context: Partial, received: Bool[Tensor, "N"]) -> Iterator[tuple[Tensor, ...]]:
         """Yields, chunk by chunk, the anchors not received, their neighbours ("Q k") and weights that sum to 1."""
+        context, received = to_tensors((context, received))
         support, lost = received.nonzero()[:, 0], (~received).nonzero()[:, 0]
         if not len(support):
             return
         positions = context.places
-        near: NeighborTree | MahalanobisSearch = NeighborTree(positions[support])
+        near: TensorTree | MahalanobisSearch = TensorTree(positions[support])
         if self.metric == "mahalanobis":
             near = MahalanobisSearch(positions[support], _extents(context)[support])
         for queries in lost.split(_CHUNK):
@@ -150,6 +153,7 @@ class PriorMean:
 
     def __call__(self, context: Partial) -> Concealed:
         """See `Concealer`."""
+        context = to_tensors(context)
         filled = context.filled
         received = context.erasures.column(Attribute.MASK)
         for queries, index, weight in Idw(neighbors=self.neighbors).neighborhoods(context, received):

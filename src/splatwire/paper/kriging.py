@@ -12,8 +12,9 @@ from splatwire.conceal.registry import register_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.model import Partial, Prior
 from splatwire.model.prior import plausible_scalings
-from splatwire.ops.knn import NeighborTree, nearest_others
+from splatwire.model.tensors import to_tensors
 from splatwire.paper.fill import MaskVote, attributes_by_gap
+from splatwire.paper.neighbors import TensorTree, nearest_other_points
 from splatwire.scene import Anchors, Attribute
 
 _CHUNK = 1 << 12
@@ -81,6 +82,7 @@ class Kriging:
 
     def __call__(self, context: Partial) -> Concealed:
         """See `Concealer`. Where no anchor has an attribute, the prior's mean is left."""
+        context = to_tensors(context)
         filled = context.filled
         inputs = regression_inputs(context) if self.target == "regression" else None
         for received, attributes in attributes_by_gap(context):
@@ -101,8 +103,8 @@ class Kriging:
         rng = torch.Generator().manual_seed(self.seed)
         chosen = torch.randperm(len(support), generator=rng)[: self.sample].sort().values
         positions = context.places
-        index, distance = nearest_others(
-            NeighborTree(positions[support]), positions[support[chosen]], chosen, self.neighbors
+        index, distance = nearest_other_points(
+            TensorTree(positions[support]), positions[support[chosen]], chosen, self.neighbors
         )
         own, index = support[chosen], support[index]
         best = [(values.error(own, torch.zeros_like(values.residual[own])), Correlogram(0.0, 1.0)) for values in fields]
@@ -253,7 +255,7 @@ def _neighborhoods(
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
     """Yields, chunk by chunk, queries, their nearest received anchors and the distances."""
     positions, support = context.places, received.nonzero()[:, 0]
-    tree = NeighborTree(positions[support])
+    tree = TensorTree(positions[support])
     for queries in (~received).nonzero()[:, 0].split(_CHUNK):
         index, distance = tree.query(positions[queries], neighbors)
         yield queries, support[index], distance

@@ -62,7 +62,7 @@ class MahalanobisSearch:
 
     def _bound(self, queries: Float[Tensor, "Q 3"], x: np.ndarray, kept: int) -> np.ndarray:
         """A squared distance within which there are as many points as are wanted: those nearest by Euclid say one."""
-        index = self._tree.query(queries, 2 * kept)[0].numpy()
+        index = self._tree.query(queries, 2 * kept)[0]
         own = np.empty_like(self._order)
         own[self._order] = np.arange(len(self._order))
         gaps = (x[:, None] - self._places[own[index]]) / self._extents[own[index]]

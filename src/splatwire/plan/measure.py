@@ -3,11 +3,10 @@
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Bool, UInt8
-from torch import Tensor
 
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.codec.preview import preview_scene
@@ -16,6 +15,8 @@ from splatwire.conceal import conceal, create_concealer
 from splatwire.conceal.grow import Grow
 from splatwire.errors import InvalidValueError
 from splatwire.model.appearance import Partial, Scene, origin_of
+from splatwire.ops.arrays import to_numpy
+from splatwire.ops.twister import Twister
 from splatwire.packets import SceneStream, send_sequence
 from splatwire.packets.sections import sections_of
 from splatwire.plan.damage import BLANK_PSNR, Damage, Offer
@@ -51,7 +52,7 @@ class LossyPictures:
         cameras: Cameras,
         concealer: str,
         *,
-        photos: Sequence[Tensor] = (),
+        photos: Sequence[Any] = (),
         base_mse: float = ASSUMED_BASE_MSE,
     ) -> None:
         lost = complete.erasures.num_lost
@@ -61,22 +62,22 @@ class LossyPictures:
             raise InvalidValueError(f"{len(photos)} photos of {cameras.num_views} views")
         self.num_elements = complete.scene.num_elements
         self._complete, self._cameras = complete, cameras
-        self._references = list(photos) or list(iterate_views(complete.scene, cameras))
+        self._references = [to_numpy(photo) for photo in photos] or list(iterate_views(complete.scene, cameras))
         self._base = 0.0 if photos else base_mse
         chosen = create_concealer(concealer)
         self._concealer = chosen.knowing(complete) if isinstance(chosen, Grow) else chosen
 
-    def scene(self, known: Bool[Tensor, "N"]) -> Scene:
+    def scene(self, known: Bool[np.ndarray, "N"]) -> Scene:
         """The concealed scene."""
         return self._complete.scene if bool(known.all()) else conceal(self._complete.without(known), self._concealer)
 
-    def errors(self, known: Bool[Tensor, "N"]) -> np.ndarray:
+    def errors(self, known: Bool[np.ndarray, "N"]) -> np.ndarray:
         """Mean squared error of each view for the elements that are there, float64 (views)."""
         pictures = iterate_views(self.scene(known), self._cameras)
         pairs = zip(pictures, self._references, strict=True)
-        return self._base + np.array([float((image - truth).double().square().mean()) for image, truth in pairs])
+        return self._base + np.array([_mean_square(image - truth) for image, truth in pairs])
 
-    def psnr(self, known: Bool[Tensor, "N"]) -> float:
+    def psnr(self, known: Bool[np.ndarray, "N"]) -> float:
         """Mean PSNR of the views, decibels."""
         return float((-10 * np.log10(self.errors(known))).mean())
 
@@ -88,13 +89,17 @@ class LossyPictures:
         """
         scene = replace(preview_scene(preview), origin=origin_of(self._complete.scene))
         pictures = iterate_views(scene, self._cameras)
-        errors = [float((a - b).double().square().mean()) for a, b in zip(pictures, self._references, strict=True)]
+        errors = [_mean_square(a - b) for a, b in zip(pictures, self._references, strict=True)]
         return float((-10 * np.log10(self._base + np.array(errors))).mean())
+
+
+def _mean_square(error: np.ndarray) -> float:
+    return float((error.astype(np.float64) ** 2).mean())
 
 
 def measure_damage(
     pictures: LossyPictures,
-    tiers: UInt8[Tensor, "N"],
+    tiers: UInt8[np.ndarray, "N"],
     *,
     shares: tuple[float, ...] = SHARES,
     seed: int = 0,
@@ -112,13 +117,12 @@ def measure_damage(
     Returns:
         The damage; what measured less than a smaller loss is raised to it.
     """
-    rng = torch.Generator().manual_seed(seed)
-    draw, num_tiers = torch.rand(len(tiers), generator=rng), int(tiers.max()) + 1
-    place = torch.empty(len(tiers))
+    draw, num_tiers = Twister(seed).uniform(len(tiers)), int(tiers.max()) + 1
+    place = np.empty(len(tiers), np.float32)
     for tier in range(num_tiers):  # a share of each tier, not of all anchors
-        members = (tiers == tier).nonzero()[:, 0]
-        place[members[draw[members].argsort()]] = torch.arange(len(members)) / len(members)
-    base = float(pictures.errors(torch.ones(len(tiers), dtype=torch.bool)).mean())
+        members = np.flatnonzero(tiers == tier)
+        place[members[draw[members].argsort(kind="stable")]] = np.arange(len(members)) / len(members)
+    base = float(pictures.errors(np.ones(len(tiers), np.bool_)).mean())
     mse = np.zeros((num_tiers, len(shares)))
     for tier in range(num_tiers):
         for s, share in enumerate(shares[1:], start=1):
@@ -146,7 +150,7 @@ def offer_of(
         progress: Called with the share of the work that is done.
     """
     sections = sections_of(stream)
-    tiers, preview = torch.from_numpy(read_tiers(sections, stream.manifest)), sections.get(PREVIEW, b"")
+    tiers, preview = read_tiers(sections, stream.manifest), sections.get(PREVIEW, b"")
     damage = measure_damage(pictures, tiers, seed=seed, progress=progress)
     members = packet_members(stream)
 
@@ -158,15 +162,15 @@ def offer_of(
     return Offer(StreamLoad.of_stream(stream), damage, picture, concealment_bytes + len(preview), len(preview), blank)
 
 
-def packet_members(stream: SceneStream) -> list[Tensor]:
+def packet_members(stream: SceneStream) -> list[np.ndarray]:
     """Elements of each packet of a complete stream, by rank, in sending order."""
     groups, packets = arrange_stream(stream)
     cuts = [groups.ranks[a:b].copy() for a, b in itertools.pairwise(groups.starts)]
-    ranks = {p.id: torch.from_numpy(cut) for p, cut in zip(packets, cuts, strict=True) if p is not None}
+    ranks = {p.id: cut for p, cut in zip(packets, cuts, strict=True) if p is not None}
     return [ranks[packet.id] for packet in send_sequence(stream, "tiers")]
 
 
-def known_elements(members: Sequence[Tensor], packets: np.ndarray, num_elements: int) -> Bool[Tensor, "N"]:
+def known_elements(members: Sequence[np.ndarray], packets: np.ndarray, num_elements: int) -> Bool[np.ndarray, "N"]:
     """Elements that are there if some packets are.
 
     Args:
@@ -174,7 +178,7 @@ def known_elements(members: Sequence[Tensor], packets: np.ndarray, num_elements:
         packets: Which packets are there, bool (P).
         num_elements: N.
     """
-    known = torch.zeros(num_elements, dtype=torch.bool)
+    known = np.zeros(num_elements, np.bool_)
     for place in np.flatnonzero(packets).tolist():
         known[members[place]] = True
     return known

@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from splatwire.model.projection import DILATION, project
-from splatwire.render.reference import rotation_matrices
+from splatwire.ops.quaternions import rotation_matrices
 from splatwire.scene import Cameras, Gaussians
 
 LEAST = 1e-3
@@ -19,7 +21,7 @@ def compensated(gaussians: Gaussians, cameras: Cameras, view: int) -> Gaussians:
         view: Which of them.
     """
     seen = project(gaussians.means, gaussians.scales, rotation_matrices(gaussians.quats), cameras, view)
-    xx, xy, yy = seen.covs2d.unbind(dim=1)
+    xx, xy, yy = seen.covs2d.T
     before, after = (xx - DILATION) * (yy - DILATION) - xy * xy, xx * yy - xy * xy
-    share = (before.clamp(min=0) / after).sqrt().clamp(min=LEAST)
+    share = np.maximum(np.sqrt(np.maximum(before, 0) / after), LEAST)
     return replace(gaussians, opacities=gaussians.opacities * share)

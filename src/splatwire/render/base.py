@@ -1,10 +1,10 @@
 """What a renderer is, and the names of the ones there are."""
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
+import numpy as np
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.scene import Cameras, Gaussians
 
@@ -14,8 +14,8 @@ class Renderer(Protocol):
     """Draws Gaussians; the conventions are those of 3DGS, whatever the backend."""
 
     def __call__(
-        self, gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"]
-    ) -> Float[Tensor, "C H W 3"]:
+        self, gaussians: Gaussians, cameras: Cameras, *, background: Float[np.ndarray, "3"]
+    ) -> Float[np.ndarray, "C H W 3"]:
         """Draws the same Gaussians in every view.
 
         Args:
@@ -24,7 +24,7 @@ class Renderer(Protocol):
             background: RGB behind everything.
 
         Returns:
-            RGB, not clamped, on the device of the Gaussians.
+            RGB, not clamped, float32.
         """
         ...
 
@@ -39,11 +39,11 @@ class Drawing:
             for those that are not drawn; None if nobody asked for it.
     """
 
-    image: Float[Tensor, "H W 3"]
-    centers: Float[Tensor, "1 G 2"] | None
+    image: Float[Any, "H W 3"]
+    centers: Float[Any, "1 G 2"] | None
 
     @property
-    def d_centers(self) -> Float[Tensor, "G 2"] | None:
+    def d_centers(self) -> Float[Any, "G 2"] | None:
         """Gradient in the 2D centres, per pixel; None if nobody asked for it, and before `backward`."""
         return None if self.centers is None or self.centers.grad is None else self.centers.grad[0]
 
@@ -53,7 +53,7 @@ class TrainingRenderer(Protocol):
     """Draws one view where the Gaussians are, differentiable, and tells what pulls at their 2D centres."""
 
     def __call__(
-        self, gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], watched: bool
+        self, gaussians: Gaussians, cameras: Cameras, *, background: Float[Any, "3"], watched: bool
     ) -> Drawing:
         """Draws the only view of `cameras`.
 

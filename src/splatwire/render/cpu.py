@@ -6,13 +6,11 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.model.projection import DILATION, FRUSTUM_MARGIN, NEAR_DEPTH, TILE
+from splatwire.ops.arrays import to_numpy
 from splatwire.ops.threads import allowed_threads, share
-from splatwire.render.base import Drawing
 from splatwire.scene import Cameras, Gaussians
 
 MAX_ENTRIES = 1 << 20
@@ -25,32 +23,27 @@ _GLIBC_LARGEST = (32 << 20) - 8192  # bytes: no larger block changes what it kee
 
 
 def render_cpu(
-    gaussians: Gaussians,
-    cameras: Cameras,
-    *,
-    background: Float[Tensor, "3"],
-    probe: Float[Tensor, "C G 2"] | None = None,
-) -> Float[Tensor, "C H W 3"]:
-    """Draws Gaussians with the compiled rasteriser, in float32; differentiable in the Gaussians and the background.
+    gaussians: Gaussians, cameras: Cameras, *, background: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "C H W 3"]:
+    """Draws Gaussians with the compiled rasteriser, in float32; `splatwire.render.differentiable` follows gradients.
 
     Args:
         gaussians: What to draw.
         cameras: Where from, one or more views.
         background: RGB behind everything.
-        probe: Zeros that are added to nothing; their gradient becomes that of the 2D centres, in pixels.
 
     Returns:
-        RGB, not clamped, on the device of the Gaussians.
+        RGB, not clamped, float32.
     """
-    _keep_freed_memory()
-    fields = (gaussians.means, gaussians.quats, gaussians.scales, gaussians.opacities, gaussians.colors)
-    inputs = [t.to("cpu", torch.float32).contiguous() for t in (*fields, background)]
-    views = []
-    for view in range(cameras.num_views):
-        shift = None if probe is None else probe[view]
-        views.append(_Rasterize.apply(cameras, view, shift, *inputs))
-    pictures = torch.stack(views) if len(views) > 1 else views[0][None]  # large pictures take long to copy
-    return pictures.to(gaussians.means.device)
+    keep_freed_memory()
+    arrays, behind = float_arrays(gaussians), np.asarray(background, np.float32)
+    views = [Picture(arrays, cameras, view, kept=False).draw(behind)[0] for view in range(cameras.num_views)]
+    return np.stack(views) if len(views) > 1 else views[0][None]  # large pictures take long to copy
+
+
+def float_arrays(gaussians: Gaussians) -> list[np.ndarray]:
+    """Means, quats, scales, opacities and colors as contiguous arrays of float32."""
+    return [np.ascontiguousarray(to_numpy(values), np.float32) for values in vars(gaussians).values()]
 
 
 def each_gradient_cpu(
@@ -58,8 +51,9 @@ def each_gradient_cpu(
     cameras: Cameras,
     d_image: Callable[[tuple[int, ...]], Iterator[np.ndarray]],
     use: Callable[..., None],
+    background: np.ndarray | None = None,
 ) -> None:
-    """Draws a view before black and hands on gradients as they are found, without torch's bookkeeping.
+    """Draws a view and hands on gradients as they are found.
 
     Args:
         gaussians: What to draw, float32 on the CPU.
@@ -67,51 +61,23 @@ def each_gradient_cpu(
         d_image: Gives gradients by the picture, of the shape that it is called with, float32, one after another.
         use: Called with a slice of the Gaussians and the gradients of their means, quats, scales, opacities and
             colors, by several threads.
+        background: RGB behind everything, float32 (3); None for black.
     """
-    _keep_freed_memory()
-    arrays = [t.detach().contiguous().numpy() for t in vars(gaussians).values()]
-    picture = _Picture(arrays, cameras, 0, kept=True)
-    image, _ = picture.draw(np.zeros(3, np.float32))
+    keep_freed_memory()
+    arrays = float_arrays(gaussians)
+    picture = Picture(arrays, cameras, 0, kept=True)
+    image, _ = picture.draw(np.zeros(3, np.float32) if background is None else background)
     for gradient in d_image(image.shape):
         picture.each_gradient(arrays, image, gradient, use)
 
 
-def draw_cpu(gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], watched: bool) -> Drawing:
-    """Draws a view for training; see `splatwire.render.base.TrainingRenderer`."""
-    probe = torch.zeros(1, gaussians.num_gaussians, 2, requires_grad=True) if watched else None
-    return Drawing(render_cpu(gaussians, cameras, background=background, probe=probe)[0], probe)
-
-
 @functools.cache
-def _keep_freed_memory() -> None:
+def keep_freed_memory() -> None:
     """Has glibc keep twice the size of the largest block that was freed, 64 MiB at most, instead of giving it back.
 
     Every picture needs as much room as the last one; as fresh pages it costs a tenth of the picture's time.
     """
     np.empty(_GLIBC_LARGEST, np.uint8)
-
-
-class _Rasterize(torch.autograd.Function):
-    """One view. Inputs after the probe: means, quats, scales, opacities, colors, background."""
-
-    @staticmethod
-    def forward(ctx: Any, cameras: Cameras, view: int, probe: Tensor | None, *inputs: Tensor) -> Tensor:
-        *arrays, background = (t.detach().numpy() for t in inputs)
-        picture = _Picture(arrays, cameras, view, kept=any(ctx.needs_input_grad))
-        image, left_over = picture.draw(background)
-        ctx.picture, ctx.left_over, ctx.has_probe = picture, left_over, probe is not None
-        result = torch.from_numpy(image)
-        ctx.save_for_backward(*inputs, result)
-        return result
-
-    @staticmethod
-    def backward(ctx: Any, *d_images: Tensor) -> tuple[Any, ...]:
-        *inputs, _, image = ctx.saved_tensors  # saved tensors refuse to be used after a change in place
-        d_image = d_images[0].detach().to(torch.float32).contiguous().numpy()
-        gradients = ctx.picture.gradients([t.detach().numpy() for t in inputs], image.detach().numpy(), d_image)
-        d_background = np.einsum("hw,hwc->c", ctx.left_over, d_image)
-        *d_inputs, d_probe = (torch.from_numpy(g) for g in gradients)
-        return None, None, d_probe if ctx.has_probe else None, *d_inputs, torch.from_numpy(d_background)
 
 
 class _Band(NamedTuple):
@@ -126,7 +92,7 @@ class _Band(NamedTuple):
     place_starts: np.ndarray
 
 
-class _Picture:
+class Picture:
     """One view's projected Gaussians and, where they are kept, the lists of them per tile.
 
     Threads share the Gaussians by pieces and the picture by bands of tile rows. No pixel depends on how it is cut.
@@ -275,8 +241,8 @@ def _cuts(entries: np.ndarray, num_bands: int) -> list[int]:
 
 def _camera_arguments(cameras: Cameras, view: int) -> tuple[Any, ...]:
     """Pose, intrinsics, size and constants as the projection kernels take them."""
-    pose = cameras.viewmats[view].to("cpu", torch.float64).contiguous().numpy()
-    K = cameras.Ks[view].to("cpu", torch.float64)
+    pose = np.ascontiguousarray(to_numpy(cameras.viewmats[view]), np.float64)
+    K = to_numpy(cameras.Ks[view]).astype(np.float64)
     intrinsics = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
     constants = (NEAR_DEPTH, DILATION, FRUSTUM_MARGIN, float(TILE))
     return pose, intrinsics, cameras.width, cameras.height, constants

@@ -2,9 +2,10 @@
 
 from dataclasses import replace
 
-import torch
+import numpy as np
 
 from splatwire.model.appearance import Scene, explicit_gaussians, origin_of
+from splatwire.ops.arrays import lower_median
 from splatwire.render.importance import orbiting_cameras, outward_coverage, surrounding_cameras
 from splatwire.render.up import up_of
 from splatwire.scene import Cameras
@@ -39,7 +40,7 @@ def framing_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
     if splats is None or not splats.num_gaussians or not num_views:
         return surrounding_cameras(scene, num_views, size)
     coverage = outward_coverage(splats, num_views, size)
-    if float((coverage > 1).float().mean()) >= _ENCLOSING:
+    if float((coverage > 1).mean()) >= _ENCLOSING:
         return surrounding_cameras(scene, num_views, size)
     middle, radius = _sphere(splats)
     return replace(orbiting_cameras(middle, radius, num_views, up_of(scene), size), origin=origin_of(scene))
@@ -48,10 +49,10 @@ def framing_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
 def _sphere(splats: Splats) -> tuple[list[float], float]:
     """Middle and radius, world units, of a sphere around nearly all Gaussians."""
     seen = splats.means[splats.opacities >= _FAINT]
-    places = (seen if len(seen) else splats.means).detach().cpu().double()
+    places = (seen if len(seen) else splats.means).astype(np.float64)
     places = places[:: -(-len(places) // _MOST)]
-    low, high = places.quantile(places.new_tensor([_EDGE, 1 - _EDGE]), dim=0)
+    low, high = np.quantile(places, [_EDGE, 1 - _EDGE], axis=0)
     middle = (low + high) / 2
-    away = (places - middle).norm(dim=1)
-    radius = min(float(away.quantile(_NEARLY_ALL)), _REACH * float(away.median()))
-    return middle.tolist(), radius if radius > 0 else max(float(torch.as_tensor(splats.scales).max()), 1e-6)
+    away = np.linalg.norm(places - middle, axis=1)
+    radius = min(float(np.quantile(away, _NEARLY_ALL)), _REACH * float(lower_median(away)))
+    return middle.tolist(), radius if radius > 0 else max(float(splats.scales.max()), 1e-6)

@@ -3,21 +3,21 @@
 import math
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
-import torch
+import numpy as np
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.errors import InvalidValueError
 from splatwire.model.appearance import Scene, explicit_gaussians, origin_of, spawned_gaussians
 from splatwire.model.projection import project
-from splatwire.render.reference import rotation_matrices
+from splatwire.ops.arrays import lower_median, to_numpy
+from splatwire.ops.quaternions import rotation_matrices
 from splatwire.scene import Cameras, Gaussians
 from splatwire.scene.importance import Importance
 from splatwire.scene.splats import Splats
 
 
-@torch.no_grad()
 def footprint_importance(scene: Scene, cameras: Cameras) -> Importance:
     """Computes each element's share of the pictures: opacity times projected area of its Gaussians, over all views.
 
@@ -29,21 +29,21 @@ def footprint_importance(scene: Scene, cameras: Cameras) -> Importance:
         cameras: Where it is looked at from; training cameras, or `surrounding_cameras`.
     """
     cameras = cameras.relative_to(origin_of(scene))
-    footprint = torch.zeros(scene.num_elements, dtype=torch.float64)
+    footprint = np.zeros(scene.num_elements)
     for view in range(cameras.num_views):
         spawned = spawned_gaussians(scene, cameras, view)
         area = _footprints(spawned.gaussians, cameras, view)
-        footprint.index_add_(0, spawned.anchor_index.cpu(), area.double().cpu())
-    return Importance.of_footprints(footprint.to(scene.positions))
+        footprint += np.bincount(spawned.anchor_index, area, scene.num_elements)
+    return Importance.of_footprints(footprint.astype(np.float32))
 
 
-def _footprints(gaussians: Gaussians, cameras: Cameras, view: int) -> Float[Tensor, "G"]:
+def _footprints(gaussians: Gaussians, cameras: Cameras, view: int) -> Float[np.ndarray, "G"]:
     """Opacity times area in square pixels; 0 for Gaussians beside the image."""
     projected = project(gaussians.means, gaussians.scales, rotation_matrices(gaussians.quats), cameras, view)
-    xx, xy, yy = projected.covs2d.unbind(dim=1)
-    area = math.pi * (xx * yy - xy * xy).clamp(min=0).sqrt()
+    xx, xy, yy = projected.covs2d.T
+    area = math.pi * np.sqrt(np.maximum(xx * yy - xy * xy, 0))
     seen = projected.touches_image(cameras.width, cameras.height)
-    return gaussians.opacities * area.clamp(max=cameras.width * cameras.height) * seen
+    return gaussians.opacities * np.minimum(area, cameras.width * cameras.height) * seen
 
 
 def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> Cameras:
@@ -65,7 +65,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
         return cameras_around(scene.positions, num_views, size)
     near = replace(cameras_around(splats.means, num_views, size), origin=origin_of(scene))
     far, outwards = _moved(near, splats.means, _FAR), _turned(near)
-    poses = near.viewmats.clone()
+    poses = near.viewmats.copy()
     poses[1::2] = far.viewmats[1::2]
     for view in range(2, num_views, 4):
         if float(_footprints(splats.seen_from(near.centers[view]), outwards, view).sum()) > _FULL * size * size:
@@ -73,7 +73,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
     return replace(near, viewmats=poses)
 
 
-def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[Tensor, "V"]:
+def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndarray, "V"]:
     """Measures what cameras around the middle of a scene see when they look away from it.
 
     Args:
@@ -89,9 +89,9 @@ def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[Tensor,
     """
     near = cameras_around(splats.means, num_views, size)
     outwards, step = _turned(near), -(-splats.num_gaussians // _MOST_MEASURED)
-    few = splats.select(torch.arange(0, splats.num_gaussians, step))
+    few = splats.select(np.arange(0, splats.num_gaussians, step))
     shown = [_footprints(few.seen_from(near.centers[view]), outwards, view).sum() for view in range(num_views)]
-    return torch.stack(shown).float() * step / size**2
+    return np.array(shown, np.float32) * step / size**2
 
 
 _MOST_MEASURED = 100_000
@@ -104,22 +104,22 @@ _FULL = 1.0
 """Footprints of a view, over the area of its picture, from which it shows more than nothing."""
 
 
-def _moved(cameras: Cameras, positions: Float[Tensor, "N 3"], factor: float) -> Cameras:
+def _moved(cameras: Cameras, positions: Float[np.ndarray, "N 3"], factor: float) -> Cameras:
     """The same cameras farther away from the middle of a scene."""
-    middle = positions.median(dim=0).values
-    poses = cameras.viewmats.clone()
+    middle = lower_median(positions)
+    poses = cameras.viewmats.copy()
     places = middle + factor * (cameras.centers - middle)
-    poses[:, :3, 3] = -torch.einsum("vij,vj->vi", poses[:, :3, :3], places)
+    poses[:, :3, 3] = -np.einsum("vij,vj->vi", poses[:, :3, :3], places)
     return replace(cameras, viewmats=poses)
 
 
 def _turned(cameras: Cameras) -> Cameras:
     """The same cameras looking the other way."""
-    poses = torch.tensor([-1.0, 1.0, -1.0, 1.0])[:, None] * cameras.viewmats
+    poses = np.array([[-1], [1], [-1], [1]], np.float32) * cameras.viewmats
     return replace(cameras, viewmats=poses)
 
 
-def cameras_around(positions: Float[Tensor, "N 3"], num_views: int = 16, size: int = 256) -> Cameras:
+def cameras_around(positions: Float[Any, "N 3"], num_views: int = 16, size: int = 256) -> Cameras:
     """Places cameras evenly on a sphere around the middle of a scene, looking inwards.
 
     The middle is the median of the anchors, the radius twice their median distance from it: the far background of an
@@ -134,10 +134,10 @@ def cameras_around(positions: Float[Tensor, "N 3"], num_views: int = 16, size: i
         InvalidValueError: If there is no view, no pixel or no anchor.
     """
     _check(num_views, size, len(positions))
-    places = positions.detach().cpu().double()
-    middle = places.median(dim=0).values
-    radius = max(2 * float((places - middle).norm(dim=1).median()), 0.5)
-    place = torch.arange(num_views, dtype=torch.float64) + 0.5
+    places = to_numpy(positions).astype(np.float64)
+    middle = lower_median(places)
+    radius = max(2 * float(lower_median(np.linalg.norm(places - middle, axis=1))), 0.5)
+    place = np.arange(num_views) + 0.5
     return _around(middle, radius, 1 - 2 * place / num_views, place * math.pi * (3 - math.sqrt(5)), size)
 
 
@@ -170,14 +170,14 @@ def orbiting_cameras(
         InvalidValueError: If there is no view or no pixel.
     """
     _check(num_views, size, 1)
-    turn = torch.tensor(_UPRIGHT[up], dtype=torch.float64)
-    place = torch.arange(num_views, dtype=torch.float64)
-    height, angle = torch.full_like(place, -0.25), place * 2 * math.pi / max(num_views, 1)
-    upright = turn @ torch.tensor([*middle], dtype=torch.float64)
+    turn = np.array(_UPRIGHT[up])
+    place = np.arange(num_views, dtype=np.float64)
+    height, angle = np.full_like(place, -0.25), place * 2 * math.pi / max(num_views, 1)
+    upright = turn @ np.array([*middle], np.float64)
     around = _around(upright, _ROOM * radius / math.sin(math.pi / 6), height, angle, size)
-    turned = torch.eye(4, dtype=torch.float64)
+    turned = np.eye(4)
     turned[:3, :3] = turn
-    return replace(around, viewmats=(around.viewmats.double() @ turned).float())
+    return replace(around, viewmats=(around.viewmats.astype(np.float64) @ turned).astype(np.float32))
 
 
 def _check(num_views: int, size: int, count: int) -> None:
@@ -187,20 +187,26 @@ def _check(num_views: int, size: int, count: int) -> None:
 
 
 def _around(
-    middle: Float[Tensor, "3"], radius: float, height: Float[Tensor, "V"], turn: Float[Tensor, "V"], size: int
+    middle: Float[np.ndarray, "3"],
+    radius: float,
+    height: Float[np.ndarray, "V"],
+    turn: Float[np.ndarray, "V"],
+    size: int,
 ) -> Cameras:
     """Cameras that look inwards from these heights and angles on a sphere."""
     num_views = len(height)
-    ring = (1 - height * height).sqrt()
-    outwards = torch.stack([ring * turn.cos(), height, ring * turn.sin()], dim=1)
-    right = torch.linalg.cross(torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64).expand_as(outwards), -outwards)
-    right = torch.where(right.norm(dim=1, keepdim=True) > 1e-6, right, right.new_tensor([1.0, 0.0, 0.0]))
-    right = torch.nn.functional.normalize(right, dim=1)
-    down = torch.linalg.cross(-outwards, right)
-    poses = torch.eye(4, dtype=torch.float64).repeat(num_views, 1, 1)
-    poses[:, :3, :3] = torch.stack([right, down, -outwards], dim=1)
-    poses[:, :3, 3] = -torch.einsum("vij,vj->vi", poses[:, :3, :3], middle + radius * outwards)
+    ring = np.sqrt(1 - height * height)
+    outwards = np.stack([ring * np.cos(turn), height, ring * np.sin(turn)], axis=1)
+    right = np.cross(np.array([0.0, 1.0, 0.0]), -outwards)
+    right = np.where(np.linalg.norm(right, axis=1, keepdims=True) > 1e-6, right, [1.0, 0.0, 0.0])
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    down = np.cross(-outwards, right)
+    poses = np.tile(np.eye(4), (num_views, 1, 1))
+    poses[:, :3, :3] = np.stack([right, down, -outwards], axis=1)
+    poses[:, :3, 3] = -np.einsum("vij,vj->vi", poses[:, :3, :3], middle + radius * outwards)
     focal = size / 2 / math.tan(math.pi / 6)
-    intrinsics = torch.tensor([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]]).repeat(num_views, 1, 1)
+    intrinsics = np.tile(
+        np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]], np.float32), (num_views, 1, 1)
+    )
     names = tuple(f"around_{view:03d}" for view in range(num_views))
-    return Cameras(poses.float(), intrinsics, size, size, names)
+    return Cameras(poses.astype(np.float32), intrinsics, size, size, names)

@@ -6,24 +6,22 @@ is taken into account; so each gets one class, an octave of step sizes.
 """
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
-import torch
 from jaxtyping import Float64
 
 from splatwire.model.appearance import Scene, explicit_gaussians, origin_of
+from splatwire.ops.arrays import to_numpy
 from splatwire.ops.kd_order import kd_order
 from splatwire.ops.rising import rising
-from splatwire.ops.threads import one_torch_thread, share
+from splatwire.ops.threads import share
+from splatwire.ops.twister import Twister
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
-from splatwire.render.backends import create_renderer
-from splatwire.render.base import Renderer
-from splatwire.render.cpu import each_gradient_cpu
+from splatwire.render.backends import gradient_source
 from splatwire.render.importance import cameras_around
-from splatwire.scene import Cameras, Gaussians
+from splatwire.scene import Cameras
 from splatwire.scene.splats import Splats
 
 PART = 1 << 18
@@ -100,14 +98,13 @@ def precision_classes(
         cameras = cameras if cameras is not None else cameras_around(splats.means, VIEWS, SIZE)
         return _classes(splats, cameras, probes, seed, renderer)
     edges = np.arange(count + 1, dtype=np.int64) * splats.num_gaussians // count
-    order, classes = kd_order(splats.means.numpy(), [edges]), np.empty(splats.num_gaussians, np.int8)
+    order, classes = kd_order(splats.means, [edges]), np.empty(splats.num_gaussians, np.int8)
 
     def look(ends: tuple[int, int]) -> None:
         members = np.sort(order[slice(*ends)])
-        with one_torch_thread():
-            some = splats.select(torch.from_numpy(members))
-            around = cameras_around(some.means, VIEWS_OF_PART, SIZE)
-            classes[members] = _classes(some, around, probes, seed, renderer)
+        some = splats.select(members)
+        around = cameras_around(some.means, VIEWS_OF_PART, SIZE)
+        classes[members] = _classes(some, around, probes, seed, renderer)
 
     share(look, list(itertools.pairwise(edges.tolist())))
     return classes
@@ -115,11 +112,11 @@ def precision_classes(
 
 def _classes(splats: Splats, cameras: Cameras, probes: int, seed: int, renderer: str) -> np.ndarray:
     found = _sensitivities(splats, cameras, probes, seed, renderer)
-    low, middle, high = (np.log2(scales.astype(np.float64)) for scales in rising(splats.scales.numpy()))
+    low, middle, high = (np.log2(scales.astype(np.float64)) for scales in rising(splats.scales))
     least = np.median(high) - _MOST_SMALL
     size, width = np.maximum(high, least), np.maximum(middle, np.maximum(high, least) - _MOST_THIN)
     area, long, thin = size + width, size - width, np.minimum(np.maximum(width - low, 0), _MOST_THIN)
-    shape = np.stack([area, long, thin, np.log2(np.maximum(splats.opacities.numpy().astype(np.float64), 1 / 512))])
+    shape = np.stack([area, long, thin, np.log2(np.maximum(splats.opacities.astype(np.float64), 1 / 512))])
     weights = {**_WEIGHTS, "colour": 12.0 if splats.degree else 3.0}
     # Of flat disks, needles and points only what their missing axes leave alone says how much of them is seen.
     odd = (high < least) | (middle < size - _MOST_THIN) | (low < width - _MOST_THIN)
@@ -139,41 +136,27 @@ def _sensitivities(
     splats: Splats, cameras: Cameras, probes: int, seed: int, renderer: str
 ) -> dict[str, Float64[np.ndarray, "G"]]:
     """Mean squared change of pictures for each attribute, per scalar: squared gradients of random signs."""
-    rng, num = torch.Generator().manual_seed(seed), splats.num_gaussians
-    logs, order = splats.scales.log2().sort(dim=1, descending=True)
-    spun = torch.where(logs[:, 1] - logs[:, 2] >= logs[:, 0] - logs[:, 1], 2, 0)
-    quats = torch.nn.functional.normalize(splats.quats, dim=1)
-    known = tuple(t.contiguous().numpy() for t in (splats.scales, quats, splats.opacities, order, spun))
+    rng, num = Twister(seed), splats.num_gaussians
+    order = np.argsort(-splats.scales, axis=1, kind="stable")
+    low, middle, high = np.log2(np.stack(rising(splats.scales)))
+    spun = np.where(middle - low >= high - middle, 2, 0)
+    quats = splats.quats / np.maximum(np.linalg.norm(splats.quats, axis=1, keepdims=True), np.float32(1e-12))
+    known = tuple(np.ascontiguousarray(t) for t in (splats.scales, quats, splats.opacities, order, spun))
     sums = np.zeros((num, NUM_SUMS))
 
     def signs(shape: tuple[int, ...]) -> Iterator[np.ndarray]:
         for _ in range(probes):
-            yield (torch.randint(0, 2, shape, generator=rng) * 2 - 1).float().numpy()
+            yield rng.signs(shape)
 
     def add(some: slice, *gradients: np.ndarray) -> None:
         size = len(gradients[0])
         add_squared(*gradients, *(values[some] for values in known), sums[some], 0, size)
 
-    find = each_gradient_cpu if renderer == "cpu" else partial(_each_gradient, create_renderer(renderer))
+    find = gradient_source(renderer)
     for view in range(cameras.num_views):
         if view == 0 or splats.degree:  # without harmonics all views see the same colours
-            seen = splats.seen_from(cameras.centers[view].to(splats.means))
-            seen = replace(seen, colors=seen.colors.clamp(max=BRIGHTEST))
+            seen = splats.seen_from(to_numpy(cameras.centers[view]))
+            seen = replace(seen, colors=np.minimum(seen.colors, np.float32(BRIGHTEST)))
         find(seen, cameras.select([view]), signs, add)
     scale = 1 / (probes * cameras.num_views * cameras.width * cameras.height * 3)
     return {name: sums[:, column] * scale for column, name in enumerate(_SLOPES)}
-
-
-def _each_gradient(
-    draw: Renderer,
-    gaussians: Gaussians,
-    cameras: Cameras,
-    d_image: Callable[[tuple[int, ...]], Iterator[np.ndarray]],
-    use: Callable[..., None],
-) -> None:
-    """See `each_gradient_cpu`, of any renderer."""
-    inputs = [t.detach().clone().requires_grad_() for t in vars(gaussians).values()]
-    picture = draw(Gaussians(*inputs), cameras, background=torch.zeros(3))[0]
-    for gradient in d_image(tuple(picture.shape)):
-        found = torch.autograd.grad(picture, inputs, torch.from_numpy(gradient).to(picture), retain_graph=True)
-        use(slice(0, gaussians.num_gaussians), *(g.contiguous().numpy() for g in found))

@@ -5,16 +5,16 @@ Sums of squares over pixels are estimated with random signs: for signs e, the me
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
-import torch
+import numpy as np
 from jaxtyping import Float64
-from torch import Tensor
 
 from splatwire.errors import InvalidValueError
 from splatwire.model.appearance import Scene, origin_of, spawned_gaussians
-from splatwire.render.backends import create_renderer
+from splatwire.ops.twister import Twister
+from splatwire.render.backends import gradient_source
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.render import iterate_views
 from splatwire.scene import Cameras
@@ -34,7 +34,7 @@ class Thinned:
     """
 
     scene: Scene
-    kept: Tensor
+    kept: np.ndarray
     psnr: float
 
 
@@ -56,12 +56,11 @@ def thinned(
         raise InvalidValueError(f"a share of {share:g} of {scene.num_elements:,} {scene.ELEMENTS} cannot be kept")
     seen_from = surrounding_cameras(scene) if cameras is None else cameras
     errors = removal_errors(scene, seen_from, progress=progress)
-    best = errors.argsort(descending=True, stable=True)[: round(share * scene.num_elements)]
-    kept = best.sort().values
+    kept = np.sort(np.argsort(-errors, kind="stable")[: round(share * scene.num_elements)])
     left = scene.select(kept)
     others = surrounding_cameras(scene, COMPARED_VIEWS, COMPARED_SIZE)
     pairs = zip(iterate_views(left, others), iterate_views(scene, others), strict=True)
-    error = [float((ours - whole).double().square().mean()) for ours, whole in pairs]
+    error = [float(((ours - whole).astype(np.float64) ** 2).mean()) for ours, whole in pairs]
     return Thinned(left, kept, sum(-10 * math.log10(max(e, 1e-10)) for e in error) / len(error))
 
 
@@ -73,7 +72,7 @@ def removal_errors(
     seed: int = 0,
     renderer: str = "cpu",
     progress: Callable[[float], None] | None = None,
-) -> Float64[Tensor, "N"]:
+) -> Float64[np.ndarray, "N"]:
     """Estimates the mean squared error of pictures, to first order, if each element alone is left out.
 
     Args:
@@ -84,20 +83,25 @@ def removal_errors(
         renderer: Name of a differentiable renderer.
         progress: Called with the share of views that is done.
     """
-    draw, rng = create_renderer(renderer), torch.Generator().manual_seed(seed)
+    find, rng, total = gradient_source(renderer), Twister(seed), np.zeros(scene.num_elements)
     cameras = cameras.relative_to(origin_of(scene))
-    behind, total = torch.tensor(scene.background), torch.zeros(scene.num_elements, dtype=torch.float64)
+    behind = np.array(scene.background, np.float32)
     for view in range(cameras.num_views):
-        with torch.no_grad():
-            spawned = spawned_gaussians(scene, cameras, view)
-        presence = torch.ones_like(spawned.gaussians.opacities, requires_grad=True)
-        gaussians = replace(spawned.gaussians, opacities=spawned.gaussians.opacities * presence)
-        picture = draw(gaussians, cameras.select([view]), background=behind)[0]
-        for probe in range(probes):
-            signs = (torch.randint(0, 2, picture.shape, generator=rng) * 2 - 1).to(picture)
-            (gradient,) = torch.autograd.grad((picture * signs).sum(), presence, retain_graph=probe < probes - 1)
-            each = torch.zeros_like(total).index_add_(0, spawned.anchor_index, gradient.double())
-            total += each**2
+        spawned = spawned_gaussians(scene, cameras, view)
+        opacities = spawned.gaussians.opacities
+        slopes = np.zeros(len(opacities))
+
+        def add(some: slice, *gradients: np.ndarray, slopes: np.ndarray = slopes, at: np.ndarray = opacities) -> None:
+            slopes[some] = gradients[3].astype(np.float64) * at[some]
+
+        def signs(
+            shape: tuple[int, ...], slopes: np.ndarray = slopes, own: np.ndarray = spawned.anchor_index
+        ) -> Iterator[np.ndarray]:
+            for _ in range(probes):
+                yield rng.signs(shape)
+                total[:] += np.bincount(own, slopes, len(total)) ** 2
+
+        find(spawned.gaussians, cameras.select([view]), signs, add, behind)
         if progress:
             progress((view + 1) / cameras.num_views)
     return total / max(probes * cameras.num_views * cameras.width * cameras.height * 3, 1)

@@ -13,9 +13,10 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from splatwire.model import AnchorScene
-from splatwire.model.compiled_heads import drawn_with_anchors
-from splatwire.model.gaussian_heads import SpawnedGaussians, spawn_gaussians
-from splatwire.render.backends import create_renderer
+from splatwire.model.compiled_heads import SpawnedGaussians, drawn_with_anchors
+from splatwire.model.gaussian_heads import spawn_gaussians
+from splatwire.model.tensors import to_tensors
+from splatwire.render.backends import create_differentiable_renderer
 from splatwire.render.sensitivity import Sensitivity
 from splatwire.scene import Anchors, Cameras, Gaussians
 
@@ -44,14 +45,15 @@ def quick_sensitivity(
         seed: Of the signs.
         progress: Called with the share of views that is done.
     """
-    a, draw, rng = scene.anchors, create_renderer("cpu"), torch.Generator().manual_seed(seed)
+    scene = to_tensors(scene)
+    a, draw, rng = scene.anchors, create_differentiable_renderer("cpu"), torch.Generator().manual_seed(seed)
     (num, count), width, first = a.mask.shape, a.features.shape[1] + a.scalings.shape[1], cameras.num_views // 2
     removal, offsets = (torch.zeros(size, dtype=torch.float64) for size in ((num,), (num, count)))
     rows, parts = torch.empty(0, dtype=torch.int64), list[_Through]()
     for view in range(cameras.num_views):
         if view == first:
             rows = removal.argsort(descending=True, stable=True)[:chosen].sort().values
-        seen = drawn_with_anchors(scene, cameras, view)
+        seen = to_tensors(drawn_with_anchors(scene, cameras, view))
         leaves = [getattr(seen.gaussians, name).requires_grad_() for name in _FIELDS]
         picture = draw(Gaussians(*leaves), cameras.select([view]), background=torch.tensor(scene.background))[0]
         place = seen.anchor_index * count + seen.offset_index
@@ -101,7 +103,7 @@ def _through(
     inputs = [t[rows].clone().requires_grad_() for t in (a.features, a.scalings, a.offsets)]
     own = Anchors(a.positions[rows], inputs[0], inputs[1], inputs[2], a.mask[rows])
     everything = torch.ones(len(rows), dtype=torch.bool)
-    again = spawn_gaussians(own, scene.heads, cameras.centers[view].to(a.positions), everything)
+    again = spawn_gaussians(own, scene.heads, torch.as_tensor(cameras.centers[view]).to(a.positions), everything)
     place = torch.full((a.num_anchors * count,), -1, dtype=torch.int64)
     place[seen.anchor_index * count + seen.offset_index] = torch.arange(len(seen.anchor_index))
     place = place[rows[again.anchor_index] * count + again.offset_index]

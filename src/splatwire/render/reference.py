@@ -4,7 +4,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.model.projection import TILE, Projected, project
+from splatwire.model.projection import TILE
+from splatwire.model.tensor_projection import ProjectedTensors, project_tensors
 from splatwire.ops.quaternions import rotation_rows
 from splatwire.scene import Cameras, Gaussians
 
@@ -32,12 +33,12 @@ def rotation_matrices(quats: Float[Tensor, "N 4"]) -> Float[Tensor, "N 3 3"]:
 def _render_view(
     gaussians: Gaussians, cameras: Cameras, view: int, background: Float[Tensor, "3"]
 ) -> Float[Tensor, "H W 3"]:
-    flat = project(gaussians.means, gaussians.scales, rotation_matrices(gaussians.quats), cameras, view)
+    flat = project_tensors(gaussians.means, gaussians.scales, rotation_matrices(gaussians.quats), cameras, view)
     return render_projected(flat, gaussians.opacities, gaussians.colors, cameras, background)
 
 
 def render_projected(
-    flat: Projected,
+    flat: ProjectedTensors,
     opacities: Float[Tensor, "G"],
     colors: Float[Tensor, "G 3"],
     cameras: Cameras,
@@ -46,7 +47,7 @@ def render_projected(
     """Draws Gaussians that are on the image already; of the cameras, only the size of their images counts."""
     order = torch.argsort(flat.depths.detach(), stable=True)
     order = order[flat.touches_image(cameras.width, cameras.height)[order]]
-    flat = Projected(flat.means2d[order], flat.covs2d[order], flat.depths[order], flat.radii[order])
+    flat = ProjectedTensors(flat.means2d[order], flat.covs2d[order], flat.depths[order], flat.radii[order])
     opacities, colors = opacities[order], colors[order]
     bands = []
     for top in range(0, cameras.height, _ROWS_AT_A_TIME):
@@ -56,7 +57,7 @@ def render_projected(
 
 
 def _render_rows(
-    flat: Projected,
+    flat: ProjectedTensors,
     opacities: Float[Tensor, "G"],
     colors: Float[Tensor, "G 3"],
     background: Float[Tensor, "3"],

@@ -3,16 +3,16 @@
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
-import torch
+import numpy as np
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.data.camera_file import load_cameras
 from splatwire.errors import InvalidValueError, check_kind
 from splatwire.model.appearance import Scene, antialiased, as_scene, gaussians_of_view, origin_of
 from splatwire.model.partial import Partial
-from splatwire.ops.threads import one_torch_thread
+from splatwire.ops.arrays import to_numpy
 from splatwire.render.antialiasing import compensated
 from splatwire.render.backends import create_renderer
 from splatwire.render.base import Renderer
@@ -29,8 +29,8 @@ def iterate_views(
     cameras: Cameras | str | os.PathLike[str],
     *,
     renderer: str | Renderer = "cpu",
-    background: Float[Tensor, "3"] | Sequence[float] | None = None,
-) -> Iterator[Float[Tensor, "H W 3"]]:
+    background: Float[np.ndarray, "3"] | Sequence[float] | None = None,
+) -> Iterator[Float[np.ndarray, "H W 3"]]:
     """Draws one view after another, so that a caller need not hold all pictures.
 
     Args:
@@ -40,7 +40,7 @@ def iterate_views(
         background: RGB behind everything, 0 to 1; the scene's own where absent.
 
     Yields:
-        One picture per camera, RGB clamped to [0, 1]. No gradients: training calls the renderer itself.
+        One picture per camera, RGB clamped to [0, 1]. Training calls a differentiable renderer itself.
 
     Raises:
         UnknownNameError: No renderer has that name.
@@ -52,7 +52,7 @@ def iterate_views(
     draw = create_renderer(renderer) if isinstance(renderer, str) else renderer
     if not callable(draw):
         raise InvalidValueError(f"expected a renderer or its name such as 'cpu', not {draw!r:.60}")
-    behind = torch.tensor(drawn.background) if background is None else _color(background)
+    behind = _color(drawn.background if background is None else background)
     return _views(drawn, seen.relative_to(origin_of(drawn)), draw, behind)
 
 
@@ -69,29 +69,26 @@ def cameras_of(cameras: Cameras | str | os.PathLike[str]) -> Cameras:
     return cameras
 
 
-def _color(background: Float[Tensor, "3"] | Sequence[float]) -> Float[Tensor, "3"]:
-    """Returns a colour as a tensor."""
+def _color(background: Any) -> Float[np.ndarray, "3"]:
+    """Returns a colour as an array."""
     try:
-        found = torch.as_tensor(background, dtype=torch.float32)
-    except (TypeError, ValueError, RuntimeError):
-        found = torch.empty(0)
+        found = np.array(to_numpy(background), np.float32)
+    except (TypeError, ValueError):
+        found = np.empty(0, np.float32)
     if found.shape != (3,):
         raise InvalidValueError(f"a background is three numbers from 0 to 1, not {summarize(background)}")
     return found
 
 
 def _views(
-    scene: Scene, cameras: Cameras, draw: Renderer, background: Float[Tensor, "3"]
-) -> Iterator[Float[Tensor, "H W 3"]]:
+    scene: Scene, cameras: Cameras, draw: Renderer, background: Float[np.ndarray, "3"]
+) -> Iterator[Float[np.ndarray, "H W 3"]]:
     for view in range(cameras.num_views):
-        with torch.no_grad():  # inside the loop: a generator must not hold the mode while its caller works
-            gaussians = gaussians_of_view(scene, cameras, view)
-            if antialiased(scene):
-                gaussians = compensated(gaussians, cameras, view)
-            image = draw(gaussians, cameras.select([view]), background=background.to(gaussians.means))[0]
-            with one_torch_thread():  # its own threads would go on spinning while the next picture needs processors
-                image.clamp_(0, 1)
-        yield image
+        gaussians = gaussians_of_view(scene, cameras, view)
+        if antialiased(scene):
+            gaussians = compensated(gaussians, cameras, view)
+        image = draw(gaussians, cameras.select([view]), background=background)[0]
+        yield np.clip(image, 0, 1, out=image)
 
 
 def render_scene(
@@ -99,9 +96,9 @@ def render_scene(
     cameras: Cameras | str | os.PathLike[str],
     *,
     renderer: str | Renderer = "cpu",
-    background: Float[Tensor, "3"] | Sequence[float] | None = None,
+    background: Float[np.ndarray, "3"] | Sequence[float] | None = None,
     progress: Progress | None = None,
-) -> Float[Tensor, "C H W 3"]:
+) -> Float[np.ndarray, "C H W 3"]:
     """Draws every view of `cameras`; arguments and errors as in `iterate_views`.
 
     Args:
@@ -115,10 +112,9 @@ def render_scene(
         RGB in [0, 1].
     """
     cameras = cameras_of(cameras)
-    images = torch.empty(cameras.num_views, cameras.height, cameras.width, 3)
+    images = np.empty((cameras.num_views, cameras.height, cameras.width, 3), np.float32)
     for view, image in enumerate(iterate_views(scene, cameras, renderer=renderer, background=background)):
-        with one_torch_thread():  # see `_views`
-            images[view] = image
+        images[view] = image
         if progress is not None:
             progress(view + 1, cameras.num_views)
     return images

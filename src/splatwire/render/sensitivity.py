@@ -6,6 +6,7 @@ Sums of squares over pixels are estimated with random signs: for signs e, the me
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from jaxtyping import Float, Float64
@@ -13,7 +14,8 @@ from torch import Tensor
 
 from splatwire.model import AnchorScene
 from splatwire.model.gaussian_heads import spawn_gaussians, visible_anchors
-from splatwire.render.backends import create_renderer
+from splatwire.model.tensors import to_tensors
+from splatwire.render.backends import create_differentiable_renderer
 from splatwire.scene import Cameras
 
 
@@ -29,11 +31,11 @@ class Sensitivity:
         metric: `channels` as a full matrix, summed over all anchors.
     """
 
-    removal: Float64[Tensor, "N"]
-    offset_removal: Float64[Tensor, "N K"]
-    channels: Float64[Tensor, "N D"]
-    offsets: Float64[Tensor, "N K"]
-    metric: Float64[Tensor, "D D"]
+    removal: Float64[Any, "N"]
+    offset_removal: Float64[Any, "N K"]
+    channels: Float64[Any, "N D"]
+    offsets: Float64[Any, "N K"]
+    metric: Float64[Any, "D D"]
 
 
 def render_sensitivity(
@@ -58,7 +60,8 @@ def render_sensitivity(
         renderer: Name of a differentiable renderer.
         progress: Called with the share of views that is done.
     """
-    a, draw, rng = scene.anchors, create_renderer(renderer), torch.Generator().manual_seed(seed)
+    scene = to_tensors(scene)
+    a, draw, rng = scene.anchors, create_differentiable_renderer(renderer), torch.Generator().manual_seed(seed)
     num, count, width = a.num_anchors, a.mask.shape[1], a.features.shape[1] + a.scalings.shape[1]
     behind = torch.tensor(scene.background) if background is None else background
     sizes = ((num,), (num, count), (num, width), (num, count), (width, width))
@@ -67,7 +70,10 @@ def render_sensitivity(
         inputs = [t.detach().clone().requires_grad_() for t in (a.features, a.scalings, a.offsets)]
         moved = replace(a, features=inputs[0], scalings=inputs[1], offsets=inputs[2])
         spawned = spawn_gaussians(
-            moved, scene.heads, cameras.centers[view].to(a.positions), visible_anchors(a, cameras, view)
+            moved,
+            scene.heads,
+            torch.as_tensor(cameras.centers[view]).to(a.positions),
+            visible_anchors(a, cameras, view),
         )
         presence = torch.ones_like(spawned.gaussians.opacities, requires_grad=True)
         gaussians = replace(spawned.gaussians, opacities=spawned.gaussians.opacities * presence)

@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
-import torch
+import numpy as np
 
 from splatwire.model import SplatScene
 from splatwire.model.appearance import Scene, explicit_gaussians
+from splatwire.ops.arrays import lower_median
 from splatwire.render.render import render_scene
 from splatwire.scene import Cameras
 
@@ -36,32 +37,33 @@ def up_of(scene: Scene) -> str:
     if splats is None or splats.num_gaussians == 0:
         return "-y"
     step = -(-splats.num_gaussians // MOST)
-    few = splats.select(torch.arange(0, splats.num_gaussians, step))
+    few = splats.select(np.arange(0, splats.num_gaussians, step))
     splats = replace(few, scales=few.scales * step**0.5)  # each stands for as many
-    middle = splats.means.median(dim=0).values
-    away = (splats.means - middle).norm(dim=1)
-    radius = min(float(away.kthvalue(-(-len(away) * 98 // 100)).values), 4 * float(away.median()))
+    middle = lower_median(splats.means)
+    away = np.linalg.norm(splats.means - middle, axis=1)
+    radius = min(float(np.sort(away)[-(-len(away) * 98 // 100) - 1]), 4 * float(lower_median(away)))
     if not radius > 0:
         return "-y"
-    across, height, along = splats.means.std(dim=0, correction=0).tolist()
+    across, height, along = splats.means.std(axis=0).tolist()
     if height < FLAT * min(across, along):
-        low, ground, high = splats.means[:, 1].quantile(splats.means.new_tensor([0.02, 0.5, 0.98])).tolist()
+        low, ground, high = np.quantile(splats.means[:, 1], [0.02, 0.5, 0.98]).tolist()
         return "y" if high - ground > CERTAIN * (ground - low) else "-y"
     above, below = (_brightness(SplatScene(splats), middle, radius, down) for down in (1.0, -1.0))
     return "y" if below > CERTAIN * above > 0 else "-y"
 
 
-def _brightness(scene: Scene, middle: torch.Tensor, radius: float, down: float) -> float:
+def _brightness(scene: Scene, middle: np.ndarray, radius: float, down: float) -> float:
     """Mean luminance of what is seen along the y axis; 0 where nothing is."""
-    pose = torch.eye(4)
-    pose[:3, :3] = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, -down], [0.0, down, 0.0]])
+    pose = np.eye(4, dtype=np.float32)
+    pose[:3, :3] = [[1.0, 0.0, 0.0], [0.0, 0.0, -down], [0.0, down, 0.0]]
     pose[:3, 3] = -pose[:3, :3] @ middle
     pose[2, 3] += AWAY * radius
     focal, half = SIDE * AWAY / 2.1, SIDE / 2
-    lens = torch.tensor([[[focal, 0.0, half], [0.0, focal, half], [0.0, 0.0, 1.0]]])
+    lens = np.array([[[focal, 0.0, half], [0.0, focal, half], [0.0, 0.0, 1.0]]], np.float32)
     cameras = Cameras(pose[None], lens, SIDE, SIDE, ("up",))
-    dark, light = (next(iter(render_scene(scene, cameras, background=torch.full((3,), level)))) for level in (0.0, 1.0))
-    there = 1 - (light - dark).mean(dim=2)
+    grey = (np.full(3, level, np.float32) for level in (0, 1))
+    dark, light = (render_scene(scene, cameras, background=behind)[0] for behind in grey)
+    there = 1 - (light - dark).mean(axis=2)
     seen = there > 0.5
-    luminance = dark @ dark.new_tensor([0.3, 0.6, 0.1])
+    luminance = dark @ np.array([0.3, 0.6, 0.1], np.float32)
     return float((luminance[seen] / there[seen]).mean()) if bool(seen.any()) else 0.0

@@ -2,15 +2,16 @@
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
-import torch
+import numpy as np
 from jaxtyping import Bool, Float
-from torch import Tensor
 
+from splatwire.ops.arrays import lower_median, to_numpy, where
 from splatwire.reprs import summary_repr
 from splatwire.scene.attributes import Attribute
 from splatwire.scene.erasures import Erasures
-from splatwire.scene.shapes import Shape, check_tensors
+from splatwire.scene.shapes import Shape, check_arrays
 
 MIN_SIZE = 1e-9
 """Sizes are kept above this before their logarithm is taken, world units."""
@@ -24,7 +25,7 @@ _SHAPES: dict[str, Shape] = {
 
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """N anchors with K offsets and F feature channels each, on any device.
+    """N anchors with K offsets and F feature channels each: numpy arrays, or torch tensors while a scene is trained.
 
     Attributes:
         positions: World coordinates.
@@ -35,16 +36,16 @@ class Anchors:
         mask: True where the offset's Gaussian exists.
     """
 
-    positions: Float[Tensor, "N 3"]
-    features: Float[Tensor, "N F"]
-    scalings: Float[Tensor, "N 6"]
-    offsets: Float[Tensor, "N K 3"]
-    mask: Bool[Tensor, "N K"]
+    positions: Float[Any, "N 3"]
+    features: Float[Any, "N F"]
+    scalings: Float[Any, "N 6"]
+    offsets: Float[Any, "N K 3"]
+    mask: Bool[Any, "N K"]
 
     __repr__ = summary_repr
 
     def __post_init__(self) -> None:
-        check_tensors(self, _SHAPES, boolean=("mask",))
+        check_arrays(self, _SHAPES, boolean=("mask",))
 
     @property
     def num_anchors(self) -> int:
@@ -52,20 +53,20 @@ class Anchors:
         return int(self.positions.shape[0])
 
     @property
-    def present_offsets(self) -> Float[Tensor, "N K 3"]:
+    def present_offsets(self) -> Float[Any, "N K 3"]:
         """Offsets, zero where masked out, whatever was there."""
-        return torch.where(self.mask[:, :, None], self.offsets, torch.zeros_like(self.offsets))
+        return where(self.mask[:, :, None], self.offsets, 0)
 
-    def select(self, index: Tensor) -> "Anchors":
+    def select(self, index: Any) -> "Anchors":
         """Returns the anchors at `index` (integers or a boolean mask over N), in that order."""
         return Anchors(**{f.name: getattr(self, f.name)[index] for f in dataclasses.fields(self)})
 
     @property
-    def log_sizes(self) -> Float[Tensor, "N"]:
+    def log_sizes(self) -> Float[Any, "N"]:
         """Mean logarithm of the sizes of each one's Gaussians."""
         return mean_log_size(self.scalings)
 
-    def arrived(self, known: Bool[Tensor, "N"], places: Float[Tensor, "N 3"]) -> "Anchors":
+    def arrived(self, known: Bool[Any, "N"], places: Float[Any, "N 3"]) -> "Anchors":
         """Returns what a receiver has when only some of them came: of the others nothing but where they stand.
 
         Args:
@@ -73,20 +74,18 @@ class Anchors:
             places: Where the others stand.
         """
 
-        def gap(values: Tensor, instead: Tensor | None = None) -> Tensor:
-            there = known.view(-1, *[1] * (values.dim() - 1))
-            return torch.where(there, values, torch.zeros_like(values) if instead is None else instead)
+        def gap(values: Any, instead: Any = 0) -> Any:
+            return where(known.reshape(-1, *[1] * (values.ndim - 1)), values, instead)
 
         places = gap(self.positions, places)
         return Anchors(places, gap(self.features), gap(self.scalings), gap(self.offsets), gap(self.mask))
 
     def kept(self, erasures: Erasures, proposed: "Anchors") -> "Anchors":
         """Returns what was received of these, and the rest of `proposed`; what does not exist has no offset."""
-        received = erasures.received.to(self.positions.device)
+        received = erasures.received
 
-        def merge(attribute: Attribute, decoded: Tensor, filled: Tensor) -> Tensor:
-            column = received[:, int(attribute)].view(-1, *[1] * (decoded.dim() - 1))
-            return torch.where(column, decoded, filled)
+        def merge(attribute: Attribute, decoded: Any, filled: Any) -> Any:
+            return where(received[:, int(attribute)].reshape(-1, *[1] * (decoded.ndim - 1)), decoded, filled)
 
         mask = merge(Attribute.MASK, self.mask, proposed.mask)
         return Anchors(
@@ -97,13 +96,9 @@ class Anchors:
             mask,
         )
 
-    def to(self, device: torch.device | str) -> "Anchors":
-        """Returns the same anchors on `device`."""
-        return Anchors(**{f.name: getattr(self, f.name).to(device) for f in dataclasses.fields(self)})
 
-
-def mean_log_size(scalings: Float[Tensor, "N 6"]) -> Float[Tensor, "N"]:
+def mean_log_size(scalings: Float[Any, "N 6"]) -> Float[Any, "N"]:
     """Mean logarithm of the sizes of anchors' Gaussians, given scalings, which may be predicted ones."""
-    size = scalings[:, 3:]
-    typical = float(size.clamp(min=0).median()) if len(size) else 0.0
-    return size.clamp(min=max(_SMALLEST * typical, MIN_SIZE)).log().mean(dim=1)
+    size = to_numpy(scalings)[:, 3:]
+    typical = float(lower_median(np.maximum(size, 0).ravel())) if len(size) else 0.0
+    return np.log(np.maximum(size, size.dtype.type(max(_SMALLEST * typical, MIN_SIZE)))).mean(axis=1)

@@ -1,15 +1,16 @@
 """Pinhole cameras: OpenCV world-to-camera matrices and intrinsics in pixels."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
-import torch
+import numpy as np
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.errors import InvalidValueError
+from splatwire.ops.arrays import to_numpy
 from splatwire.reprs import summary_repr
 from splatwire.scene.origin import NO_ORIGIN, Origin
-from splatwire.scene.shapes import check_tensors
+from splatwire.scene.shapes import check_arrays
 
 MAX_PIXELS = 1 << 27
 """More than any camera has (134 million); as float32 a picture of them takes 1.6 GB."""
@@ -33,6 +34,8 @@ def check_size(width: int, height: int) -> None:
 class Cameras:
     """C pinhole cameras of one image size.
 
+    Matrices are numpy arrays of float32; training makes the same of torch tensors on its device.
+
     Attributes:
         viewmats: World-to-camera matrices, OpenCV axes (x right, y down, z forward).
         Ks: Intrinsics in pixels; the centre of the top-left pixel is (0.5, 0.5).
@@ -42,8 +45,8 @@ class Cameras:
         origin: World coordinates that the matrices are relative to.
     """
 
-    viewmats: Float[Tensor, "C 4 4"]
-    Ks: Float[Tensor, "C 3 3"]
+    viewmats: Float[Any, "C 4 4"]
+    Ks: Float[Any, "C 3 3"]
     width: int
     height: int
     names: tuple[str, ...]
@@ -52,7 +55,7 @@ class Cameras:
     __repr__ = summary_repr
 
     def __post_init__(self) -> None:
-        check_tensors(self, {"viewmats": ("C", 4, 4), "Ks": ("C", 3, 3)})
+        check_arrays(self, {"viewmats": ("C", 4, 4), "Ks": ("C", 3, 3)})
         if len(self.names) != self.viewmats.shape[0]:
             raise InvalidValueError(f"{len(self.names)} names for {self.viewmats.shape[0]} cameras")
         check_size(self.width, self.height)
@@ -63,19 +66,19 @@ class Cameras:
         return len(self.names)
 
     @property
-    def centers(self) -> Float[Tensor, "C 3"]:
+    def centers(self) -> Float[Any, "C 3"]:
         """Camera centres in world coordinates, relative to `origin`."""
         rotation, translation = self.viewmats[:, :3, :3], self.viewmats[:, :3, 3]
-        return -torch.einsum("cij,ci->cj", rotation, translation)
+        return -(rotation * translation[:, :, None]).sum(1)
 
     def relative_to(self, origin: Origin) -> "Cameras":
         """Returns the same cameras with matrices that are relative to another origin."""
         if origin == self.origin:
             return self
-        shift = torch.tensor(origin, dtype=torch.float64) - torch.tensor(self.origin, dtype=torch.float64)
-        poses = self.viewmats.double()
-        poses[:, :3, 3] += torch.einsum("cij,j->ci", poses[:, :3, :3], shift.to(poses.device))
-        return replace(self, viewmats=poses.to(self.viewmats.dtype), origin=origin)
+        viewmats = to_numpy(self.viewmats)
+        poses = viewmats.astype(np.float64)
+        poses[:, :3, 3] += poses[:, :3, :3] @ (np.array(origin) - np.array(self.origin))
+        return replace(self, viewmats=poses.astype(viewmats.dtype), origin=origin)
 
     def select(self, views: list[int]) -> "Cameras":
         """Returns the cameras at the given indices, in that order."""
@@ -85,5 +88,6 @@ class Cameras:
     def scaled(self, factor: float) -> "Cameras":
         """Returns cameras of images `factor` times as wide and high (both sides rounded to whole pixels)."""
         width, height = max(1, round(self.width * factor)), max(1, round(self.height * factor))
-        scale = torch.tensor([width / self.width, height / self.height, 1.0], dtype=self.Ks.dtype)
-        return replace(self, Ks=self.Ks * scale[None, :, None].to(self.Ks), width=width, height=height)
+        Ks = to_numpy(self.Ks)
+        scale = np.array([[width / self.width], [height / self.height], [1.0]], Ks.dtype)
+        return replace(self, Ks=Ks * scale, width=width, height=height)

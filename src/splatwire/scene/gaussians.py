@@ -1,12 +1,12 @@
 """Explicit Gaussians of one view: what a rasteriser draws."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.reprs import summary_repr
-from splatwire.scene.shapes import Shape, check_tensors
+from splatwire.scene.shapes import Shape, check_arrays
 
 _SHAPES: dict[str, Shape] = {
     "means": ("G", 3), "quats": ("G", 4), "scales": ("G", 3), "opacities": ("G",), "colors": ("G", 3),
@@ -17,6 +17,8 @@ _SHAPES: dict[str, Shape] = {
 class Gaussians:
     """G anisotropic Gaussians with one colour each (view dependence is already resolved).
 
+    Fields are numpy arrays of float32; training makes the same of torch tensors.
+
     Attributes:
         means: World coordinates of the centres.
         quats: Unit quaternions, (w, x, y, z).
@@ -25,16 +27,16 @@ class Gaussians:
         colors: RGB in [0, 1].
     """
 
-    means: Float[Tensor, "G 3"]
-    quats: Float[Tensor, "G 4"]
-    scales: Float[Tensor, "G 3"]
-    opacities: Float[Tensor, "G"]
-    colors: Float[Tensor, "G 3"]
+    means: Float[Any, "G 3"]
+    quats: Float[Any, "G 4"]
+    scales: Float[Any, "G 3"]
+    opacities: Float[Any, "G"]
+    colors: Float[Any, "G 3"]
 
     __repr__ = summary_repr
 
     def __post_init__(self) -> None:
-        check_tensors(self, _SHAPES)
+        check_arrays(self, _SHAPES)
 
     @property
     def num_gaussians(self) -> int:

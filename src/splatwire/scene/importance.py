@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import torch
+import numpy as np
 from jaxtyping import Bool, Float, UInt8
-from torch import Tensor
 
 from splatwire.reprs import summary_repr
 
@@ -18,22 +17,22 @@ class Importance:
         share: Not negative; sums to 1, or is 0 everywhere if no anchor was seen.
     """
 
-    share: Float[Tensor, "N"]
+    share: Float[np.ndarray, "N"]
 
     __repr__ = summary_repr
 
     def __post_init__(self) -> None:
-        if not bool((self.share.isfinite() & (self.share >= 0)).all()):
+        if not bool((np.isfinite(self.share) & (self.share >= 0)).all()):
             raise ValueError("shares of importance must be finite and not negative")
 
     @staticmethod
-    def of_footprints(footprint: Float[Tensor, "N"]) -> "Importance":
+    def of_footprints(footprint: Float[np.ndarray, "N"]) -> "Importance":
         """Normalises footprints (any unit, not negative) to shares."""
-        total = footprint.double().sum()
-        share = torch.where(total > 0, footprint.double() / total.clamp(min=1e-300), 0.0)
-        return Importance(share.to(footprint.dtype))
+        total = footprint.sum(dtype=np.float64)
+        share = footprint / max(total, 1e-300) if total > 0 else np.zeros(len(footprint))
+        return Importance(share.astype(footprint.dtype))
 
-    def top(self, fraction: float) -> Bool[Tensor, "N"]:
+    def top(self, fraction: float) -> Bool[np.ndarray, "N"]:
         """Picks the most important anchors: `fraction` of all, rounded; equal shares: the lower index first.
 
         Raises:
@@ -41,12 +40,12 @@ class Importance:
         """
         if not 0 <= fraction <= 1:
             raise ValueError(f"a fraction of anchors must be in [0, 1], not {fraction!r}")
-        chosen = torch.zeros(len(self.share), dtype=torch.bool, device=self.share.device)
-        order = self.share.argsort(descending=True, stable=True)
+        chosen = np.zeros(len(self.share), np.bool_)
+        order = np.argsort(-self.share, kind="stable")
         chosen[order[: round(fraction * len(order))]] = True
         return chosen
 
-    def tiers(self, fractions: Sequence[float], among: Bool[Tensor, "N"] | None = None) -> UInt8[Tensor, "N"]:
+    def tiers(self, fractions: Sequence[float], among: Bool[np.ndarray, "N"] | None = None) -> UInt8[np.ndarray, "N"]:
         """Groups anchors by importance: tier 0 is the top share, tier 1 the next one, the last what is left.
 
         Args:
@@ -58,9 +57,9 @@ class Importance:
         """
         if sum(fractions) > 1 + 1e-9 or len(fractions) > 255 or not all(0 <= f <= 1 for f in fractions):
             raise ValueError(f"shares of tiers must be in [0, 1] and add up to at most 1, not {list(fractions)}")
-        counted = torch.ones_like(self.share, dtype=torch.bool) if among is None else among
-        order = torch.where(counted, self.share, -1.0).argsort(descending=True, stable=True)
-        tiers = torch.full(self.share.shape, len(fractions), dtype=torch.uint8, device=self.share.device)
+        counted = np.ones(len(self.share), np.bool_) if among is None else among
+        order = np.argsort(-np.where(counted, self.share, -1.0), kind="stable")
+        tiers = np.full(self.share.shape, len(fractions), np.uint8)
         ends, number = [0], int(counted.sum())
         for tier, fraction in enumerate(fractions):
             ends.append(round(min(sum(fractions[:tier]) + fraction, 1) * number))

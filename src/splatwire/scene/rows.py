@@ -6,13 +6,12 @@ single numbers. The rule is applied where Gaussians and anchors come in (readers
 """
 
 import logging
-from collections.abc import Iterator
 from dataclasses import dataclass
 
-import torch
+import numpy as np
 from jaxtyping import Bool
-from torch import Tensor
 
+from splatwire.ops.arrays import to_numpy
 from splatwire.reprs import summary_repr
 from splatwire.scene.anchors import Anchors
 from splatwire.scene.splats import Splats
@@ -35,7 +34,7 @@ class Rows:
         first_invalid: The first of those, counted from 0; None if there is none.
     """
 
-    kept: Bool[Tensor, "N"]
+    kept: Bool[np.ndarray, "N"]
     num_invisible: int
     num_invalid: int
     first_invalid: int | None
@@ -69,43 +68,43 @@ def rows_of_splats(splats: Splats) -> Rows:
     return _rows([good & drawn for good, drawn in found], [good for good, _ in found])
 
 
-def _judged(some: Splats) -> tuple[Tensor, Tensor]:
+def _judged(some: Splats) -> tuple[np.ndarray, np.ndarray]:
     """Which Gaussians can be drawn, and which are not transparent: column by column, seven times as fast as by rows."""
     # Whatever the direction, a colour is less.
-    colours = 2 * (some.sh.abs().flatten(1) @ torch.ones(3 * some.sh.shape[1]))
-    sizes, turns = some.scales.unbind(dim=1), some.quats.unbind(dim=1)
-    odd = colours - colours  # 0 of what is finite, else no number
-    for values in (*some.means.unbind(dim=1), *sizes, *turns, some.opacities):
-        odd += values - values
+    sizes, turns = some.scales.T, some.quats.T
+    with np.errstate(invalid="ignore", over="ignore"):
+        colours = 2 * (np.abs(some.sh).reshape(len(some.sh), -1) @ np.ones(3 * some.sh.shape[1], np.float32))
+        odd = colours - colours  # 0 of what is finite, else no number
+        for values in (*some.means.T, *sizes, *turns, some.opacities):
+            odd += values - values
     good = (odd == 0) & (some.opacities <= 1)
     for size in sizes:
         good &= size > 0
-    return good & (sum(turn.abs() for turn in turns) != 0), some.opacities > 0
+    return good & (sum(np.abs(turn) for turn in turns) != 0), some.opacities > 0
 
 
 def rows_of_anchors(anchors: Anchors) -> Rows:
     """Judges anchors: those with an offset draw something; offsets that are masked out are not looked at."""
     drawn, valid = [], []
     for begin in range(0, anchors.num_anchors, ROWS):
-        some = anchors.select(torch.arange(begin, min(begin + ROWS, anchors.num_anchors), device=anchors.mask.device))
-        good = _finite(some.positions, some.features, some.scalings, some.present_offsets)
-        good &= (some.scalings >= 0).all(dim=1)
-        drawn.append(good & some.mask.any(dim=1))
-        valid.append(good | ~some.mask.any(dim=1))
+        some = anchors.select(slice(begin, begin + ROWS))
+        fields = (some.positions, some.features, some.scalings, some.present_offsets, some.mask)
+        positions, features, scalings, offsets, mask = (to_numpy(values) for values in fields)
+        good = _finite(positions, features, scalings, offsets) & (scalings >= 0).all(axis=1)
+        drawn.append(good & mask.any(axis=1))
+        valid.append(good | ~mask.any(axis=1))
     return _rows(drawn, valid)
 
 
-def _rows(drawn: list[Tensor], valid: list[Tensor]) -> Rows:
-    kept = torch.cat(drawn) if drawn else torch.zeros(0, dtype=torch.bool)
-    bad = ~torch.cat(valid) if valid else kept
+def _rows(drawn: list[np.ndarray], valid: list[np.ndarray]) -> Rows:
+    kept = np.concatenate(drawn) if drawn else np.zeros(0, np.bool_)
+    bad = ~np.concatenate(valid) if valid else kept
     num_invalid = int(bad.sum())
-    first = int(bad.int().argmax()) if num_invalid else None
+    first = int(bad.argmax()) if num_invalid else None
     return Rows(kept, len(kept) - int(kept.sum()) - num_invalid, num_invalid, first)
 
 
-def _finite(*columns: Tensor) -> Tensor:
-    return torch.stack(list(_rowwise(columns))).all(dim=0)
-
-
-def _rowwise(columns: tuple[Tensor, ...]) -> Iterator[Tensor]:
-    return (values.flatten(1).isfinite().all(dim=1) if values.dim() > 1 else values.isfinite() for values in columns)
+def _finite(*columns: np.ndarray) -> np.ndarray:
+    """Mask of rows whose numbers are finite in each column, bool (N)."""
+    rows = len(columns[0])
+    return np.logical_and.reduce([np.isfinite(values.reshape(rows, -1)).all(axis=1) for values in columns])

@@ -4,18 +4,17 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from splatwire.files.large import large_empty
+from splatwire.ops.rising import rising
 from splatwire.ops.spherical_harmonics import degree_of, num_functions, sh_basis
 from splatwire.reprs import summary_repr
 from splatwire.scene.anchors import MIN_SIZE
 from splatwire.scene.erasures import Erasures
 from splatwire.scene.gaussians import Gaussians
 from splatwire.scene.origin import Origin
-from splatwire.scene.shapes import Shape, check_tensors
+from splatwire.scene.shapes import Shape, check_arrays
 
 ROWS = 1 << 16
 """So many rows are copied at a time."""
@@ -38,16 +37,16 @@ class Splats:
             plus their sum.
     """
 
-    means: Float[Tensor, "G 3"]
-    quats: Float[Tensor, "G 4"]
-    scales: Float[Tensor, "G 3"]
-    opacities: Float[Tensor, "G"]
-    sh: Float[Tensor, "G D 3"]
+    means: Float[np.ndarray, "G 3"]
+    quats: Float[np.ndarray, "G 4"]
+    scales: Float[np.ndarray, "G 3"]
+    opacities: Float[np.ndarray, "G"]
+    sh: Float[np.ndarray, "G D 3"]
 
     __repr__ = summary_repr
 
     def __post_init__(self) -> None:
-        check_tensors(self, _SHAPES)
+        check_arrays(self, _SHAPES, tensors=False)
         degree_of(self.sh.shape[1])
 
     @property
@@ -65,15 +64,15 @@ class Splats:
         """Room for so many Gaussians, in a temporary file where it is large; what is there is undefined."""
         shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (num_functions(degree), 3)}
         rows = {name: large_empty((count, *shape), np.float32) for name, shape in shapes.items()}
-        return Splats(**{name: torch.from_numpy(values) for name, values in rows.items()})
+        return Splats(**rows)
 
     def run(self, begin: int, end: int) -> "Splats":
         """The Gaussians from one place to another; they share their memory with these."""
         return Splats(**{f.name: getattr(self, f.name)[begin:end] for f in dataclasses.fields(self)})
 
-    def gathered(self, index: Tensor) -> "Splats":
-        """`select` for many Gaussians: what is found lies where `empty` puts it. Not differentiable."""
-        places = index.nonzero()[:, 0] if index.dtype == torch.bool else index
+    def gathered(self, index: np.ndarray) -> "Splats":
+        """Does as `select` for many Gaussians; the result is allocated by `empty`."""
+        places = np.flatnonzero(index) if index.dtype == np.bool_ else index
         found = Splats.empty(len(places), self.degree)
         for begin in range(0, len(places), ROWS):
             found.fill(begin, self.select(places[begin : begin + ROWS]))
@@ -84,11 +83,11 @@ class Splats:
         for name, values in vars(self.run(begin, begin + some.num_gaussians)).items():
             values[:] = getattr(some, name)
 
-    def select(self, index: Tensor) -> "Splats":
+    def select(self, index: np.ndarray) -> "Splats":
         """Returns the Gaussians at `index` (integers or a boolean mask over G), in that order."""
-        places = index.nonzero()[:, 0] if index.dtype == torch.bool else index
-        # brackets take up to twenty times as long
-        return Splats(**{f.name: getattr(self, f.name).index_select(0, places) for f in dataclasses.fields(self)})
+        places = np.flatnonzero(index) if index.dtype == np.bool_ else index
+        # brackets take several times as long
+        return Splats(**{f.name: getattr(self, f.name).take(places, axis=0) for f in dataclasses.fields(self)})
 
     def at_most_degree(self, degree: int) -> "Splats":
         """Returns the Gaussians without the spherical harmonics above a degree.
@@ -105,41 +104,45 @@ class Splats:
         """
         if before == after:
             return self
-        shift = torch.tensor(before, dtype=torch.float64) - torch.tensor(after, dtype=torch.float64)
-        means = torch.from_numpy(large_empty((self.num_gaussians, 3), np.float32))
+        shift = np.array(before) - np.array(after)
+        means = large_empty((self.num_gaussians, 3), np.float32)
         for begin in range(0, self.num_gaussians, ROWS):
-            means[begin : begin + ROWS] = (self.means[begin : begin + ROWS].double() + shift).float()
+            means[begin : begin + ROWS] = self.means[begin : begin + ROWS].astype(np.float64) + shift
         return dataclasses.replace(self, means=means)
 
     @property
-    def log_axes(self) -> Float[Tensor, "G 3"]:
+    def log_axes(self) -> Float[np.ndarray, "G 3"]:
         """Logarithms of the standard deviations along the axes, largest first."""
-        return self.scales.clamp(min=MIN_SIZE).log().sort(dim=1, descending=True).values
+        low, middle, high = rising(np.log(np.maximum(self.scales, np.float32(MIN_SIZE))))
+        return np.stack([high, middle, low], axis=1)
 
     @property
-    def log_sizes(self) -> Float[Tensor, "G"]:
+    def log_sizes(self) -> Float[np.ndarray, "G"]:
         """Logarithm of the size of each, the geometric mean of its axes."""
-        return self.log_axes.mean(dim=1)
+        return self.log_axes.mean(axis=1)
 
-    def arrived(self, known: Bool[Tensor, "G"], places: Float[Tensor, "G 3"]) -> "Splats":
+    def arrived(self, known: Bool[np.ndarray, "G"], places: Float[np.ndarray, "G 3"]) -> "Splats":
         """Returns what a receiver has when only some of them came; lost ones look as they did, and have no opacity."""
-        opacities = torch.where(known, self.opacities, torch.zeros_like(self.opacities))
-        return dataclasses.replace(self, means=torch.where(known[:, None], self.means, places), opacities=opacities)
+        opacities = np.where(known, self.opacities, np.float32(0))
+        return dataclasses.replace(self, means=np.where(known[:, None], self.means, places), opacities=opacities)
 
     def kept(self, erasures: Erasures, proposed: "Splats") -> "Splats":
         """Returns those of these that were received, and the rest of `proposed`."""
         if proposed is self:
             return self
-        known, merged = erasures.known.to(self.means.device), {}
+        known, merged = erasures.known, {}
         for name, own in vars(self).items():
-            merged[name] = torch.where(known.view(-1, *[1] * (own.dim() - 1)), own, getattr(proposed, name))
+            merged[name] = np.where(known.reshape(-1, *[1] * (own.ndim - 1)), own, getattr(proposed, name))
         return Splats(**merged)
 
-    def seen_from(self, camera_center: Float[Tensor, "3"]) -> Gaussians:
+    def seen_from(self, camera_center: Float[np.ndarray, "3"]) -> Gaussians:
         """Returns the Gaussians with the colours that a camera at `camera_center` sees.
 
-        Colours are cut at 0, as every 3DGS renderer does, and may exceed 1. Differentiable.
+        Colours are cut at 0, as every 3DGS renderer does, and may exceed 1.
         """
-        directions = torch.nn.functional.normalize(self.means - camera_center, dim=1)
-        colors = torch.einsum("gd,gdc->gc", sh_basis(directions, self.degree), self.sh) + 0.5
-        return Gaussians(self.means, self.quats, self.scales, self.opacities, colors.clamp(min=0))
+        rays = self.means - camera_center
+        with np.errstate(over="ignore"):  # a Gaussian too far away has no direction
+            distances = np.linalg.norm(rays, axis=1, keepdims=True)
+        directions = rays / np.maximum(distances, np.float32(1e-12))
+        colors = np.einsum("gd,gdc->gc", sh_basis(directions, self.degree), self.sh) + np.float32(0.5)
+        return Gaussians(self.means, self.quats, self.scales, self.opacities, np.maximum(colors, np.float32(0)))

@@ -79,7 +79,7 @@ def _note_of(scene: Scene) -> PlyNote | None:
         if scene.hints.opacity_gain is not None or not bool((scene.hints.size_gain == 1).all()):
             return None
         coding = coding.select(~scene.hints.left_out)
-    return PlyNote(coding_to_bytes(coding), coding.classes.numpy())
+    return PlyNote(coding_to_bytes(coding), coding.classes)
 
 
 def save_decoded(partial: Partial, concealer: Concealer | None, path: Path, *, outliers: Outliers = DEFAULT) -> Scene:

@@ -9,7 +9,8 @@ from torch import Tensor
 
 from splatwire.entropy.rate import bits
 from splatwire.model import Linear, Mlp
-from splatwire.model.causal import FORM, CausalConfig, CausalPrediction, place_inputs, predict_causal
+from splatwire.model.causal import FORM, CausalConfig
+from splatwire.model.causal_prediction import CausalPrediction, place_inputs, predict_causal
 from splatwire.train.config import TrainConfig
 from splatwire.train.context import AnchorCache, SampleRate, Seen, straight_through_masks
 from splatwire.train.initial import place_bounds

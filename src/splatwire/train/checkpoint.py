@@ -13,6 +13,7 @@ from torch import Tensor
 
 from splatwire.errors import MALFORMED, BitstreamError, InvalidValueError
 from splatwire.model.tensor_file import read_tensors, write_tensors
+from splatwire.model.tensors import to_tensors
 from splatwire.train.config import TrainConfig
 from splatwire.train.initial import parameter_shapes
 from splatwire.train.state import GrowthStatistics, Moments, Steering, TrainState
@@ -65,9 +66,9 @@ def load_checkpoint(path: Path) -> tuple[TrainState, TrainConfig]:
         UnsupportedVersionError: If it is of a version that this release does not read.
         BitstreamError: If the file is absent or no checkpoint, or something in it is missing or does not fit.
     """
-    tensors, header = read_tensors(path, FORMAT, VERSION)
+    arrays, header = read_tensors(path, FORMAT, VERSION)
     try:
-        return _state(header, tensors)
+        return _state(header, to_tensors(arrays))
     except MALFORMED as error:
         raise BitstreamError(f"{path}: the checkpoint is damaged: {error}") from error
 

@@ -9,7 +9,8 @@ from torch import Tensor
 
 from splatwire.entropy.rate import bits, gaussian_likelihood, mixture_likelihood
 from splatwire.model import Linear, Mlp, ModelConfig
-from splatwire.model.prior_field import MIN_SCALE, PriorOutputs, split_prior_outputs
+from splatwire.model.prior import MIN_SCALE
+from splatwire.model.prior_field import PriorOutputs, split_prior_outputs
 from splatwire.train.config import TrainConfig
 from splatwire.train.grid import GridCorners, find_corners, sign_bits
 from splatwire.train.initial import grid_bounds

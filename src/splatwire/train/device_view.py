@@ -45,7 +45,7 @@ class ViewConstants:
 
     @staticmethod
     def of(cameras: Cameras) -> "ViewConstants":
-        """Returns the constants of cameras, where these are."""
+        """Returns the constants of cameras, whose fields are tensors, on their device."""
         sides = (cameras.width, cameras.height)
         size, tiled = (cameras.Ks.new_tensor(values) for values in (sides, [-(-side // TILE) * TILE for side in sides]))
         focals, middles = cameras.Ks.diagonal(dim1=1, dim2=2)[:, :2].contiguous(), cameras.Ks[:, :2, 2].contiguous()

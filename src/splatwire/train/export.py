@@ -6,6 +6,7 @@ from torch import Tensor
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene, ContextModel, GaussianHeads, HacppCoding, HashGrid, Linear, Mlp, ModelConfig
 from splatwire.model.causal import CausalCoding, CausalConfig
+from splatwire.ops.arrays import to_arrays
 from splatwire.scene import Anchors
 from splatwire.train.averaging import averaged
 from splatwire.train.causal import causal_networks
@@ -21,7 +22,7 @@ def export_scene(state: TrainState, config: TrainConfig, device: torch.device | 
     Args:
         state: The state; left as it is.
         config: The recipe.
-        device: Where the scene is wanted; the CPU if absent.
+        device: Where the work is done; the CPU if absent.
 
     Raises:
         InvalidValueError: If no anchor is left.
@@ -40,7 +41,7 @@ def export_scene(state: TrainState, config: TrainConfig, device: torch.device | 
     )
     heads = GaussianHeads(*(copied_mlp(mlp) for mlp in vars(networks.heads).values()))
     coding = _causal(state, config.causal) if isinstance(config.model, CausalConfig) else _hacpp(state, config.hacpp)
-    return AnchorScene(anchors, heads, coding, background=config.background)
+    return to_arrays(AnchorScene(anchors, heads, coding, background=config.background))
 
 
 def _causal(state: TrainState, model: CausalConfig) -> CausalCoding:

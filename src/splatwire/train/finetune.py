@@ -9,6 +9,7 @@ from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene, CausalCoding, HacppCoding, Mlp
 from splatwire.model.scene import Scene
+from splatwire.model.tensors import to_tensors
 from splatwire.model.voxels import voxel_indices
 from splatwire.train.config import Marks, TrainConfig
 from splatwire.train.initial import camera_extent, parameter_shapes
@@ -77,6 +78,7 @@ def state_of_scene(scene: AnchorScene, dataset: Dataset, config: TrainConfig) ->
     Raises:
         InvalidValueError: If the scene's networks are not those of this trainer, or positions are not whole voxels.
     """
+    scene = to_tensors(scene)
     anchors = scene.anchors
     absent, present = MASK_LOGITS
     logs = anchors.scalings.clamp(min=_SMALLEST_SCALING).log()
@@ -93,7 +95,7 @@ def state_of_scene(scene: AnchorScene, dataset: Dataset, config: TrainConfig) ->
     _check(tensors, parameter_shapes(config, anchors.num_anchors))
     return TrainState(
         iteration=0,
-        voxels=voxel_indices(anchors.positions, scene.coding.voxel_size),
+        voxels=torch.from_numpy(voxel_indices(anchors.positions, scene.coding.voxel_size)),
         voxel_size=scene.coding.voxel_size,
         parameters={name: value.float().clone().contiguous().requires_grad_() for name, value in tensors.items()},
         moments={},

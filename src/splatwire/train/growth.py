@@ -51,7 +51,7 @@ def gather_statistics(
 
 def on_image(gaussians: Gaussians, cameras: Cameras, view: int) -> Bool[Tensor, "G"]:
     """Tells which Gaussians' three standard deviations may meet the image, by a sphere around their longest axis."""
-    pose, K = cameras.viewmats[view].to(gaussians.means), cameras.Ks[view].to(gaussians.means)
+    pose, K = (torch.as_tensor(values[view]).to(gaussians.means) for values in (cameras.viewmats, cameras.Ks))
     local = gaussians.means @ pose[:3, :3].T + pose[:3, 3]
     z = local[:, 2].clamp(min=NEAR_DEPTH)
     x, y = K[0, 0] * local[:, 0] / z + K[0, 2], K[1, 1] * local[:, 1] / z + K[1, 2]

@@ -1,5 +1,6 @@
 """Which anchors of a run matter most, and those first."""
 
+import numpy as np
 import torch
 
 from splatwire.render.importance import footprint_importance
@@ -18,4 +19,4 @@ def importance_of(state: TrainState, config: TrainConfig, cameras: Cameras) -> I
 
 def order_anchors(state: TrainState, importance: Importance) -> None:
     """Sorts the rows of a state, most important first."""
-    keep_anchors(state, importance.share.argsort(descending=True, stable=True).to(state.device))
+    keep_anchors(state, torch.from_numpy(np.argsort(-importance.share, kind="stable")).to(state.device))

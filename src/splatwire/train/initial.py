@@ -14,6 +14,7 @@ from splatwire.model.appearance import explicit_gaussians, origin_of
 from splatwire.model.causal import FORM, CausalConfig
 from splatwire.model.scene import Scene
 from splatwire.model.voxels import voxel_positions
+from splatwire.ops.arrays import to_numpy
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene import Cameras
 from splatwire.scene.origin import NO_ORIGIN
@@ -53,10 +54,11 @@ def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
     points = _points(dataset, config, generator)
     voxel_size = config.voxel_size or _derived_voxel_size(points)
     voxels = _voxels(points, voxel_size)
-    _check_seen(dataset, voxel_positions(voxels, voxel_size))
+    positions = torch.from_numpy(voxel_positions(voxels, voxel_size))
+    _check_seen(dataset, positions)
     parameters = {**anchor_parameters(voxels, voxel_size, config), **_networks(config, generator)}
     causal = isinstance(config.model, CausalConfig)
-    bounds_min, bounds_max = place_bounds(voxels) if causal else grid_bounds(voxel_positions(voxels, voxel_size))
+    bounds_min, bounds_max = place_bounds(voxels) if causal else grid_bounds(positions)
     return TrainState(
         iteration=0,
         voxels=voxels,
@@ -86,13 +88,13 @@ def points_of(scene: Scene) -> SparsePoints:
     shown = splats.select(splats.opacities > 1 / 255)
     if not shown.num_gaussians:
         raise InvalidValueError("all Gaussians to start from are transparent")
-    return SparsePoints(shown.means, (0.5 + DC * shown.sh[:, 0]).clamp(0, 1))
+    return SparsePoints(shown.means, np.clip(0.5 + DC * shown.sh[:, 0], 0, 1))
 
 
 def camera_extent(cameras: Cameras) -> float:
     """Returns 1.1 times the largest distance of a camera from the mean of all, world units (HAC++, training)."""
-    centers = cameras.centers.double()
-    return 1.1 * float(torch.linalg.vector_norm(centers - centers.mean(dim=0), dim=1).max())
+    centers = to_numpy(cameras.centers).astype(np.float64)
+    return 1.1 * float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max())
 
 
 def grid_bounds(positions: Float[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
@@ -116,7 +118,9 @@ def place_bounds(voxels: Int64[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Floa
 def anchor_parameters(voxels: Int64[Tensor, "N 3"], voxel_size: float, config: TrainConfig) -> dict[str, Tensor]:
     """Returns the parameters of first anchors: sizes from their distance to each other, everything else neutral."""
     layout = config.model.layout
-    squared = _mean_squared_distance(voxel_positions(voxels, voxel_size)).clamp(min=_MIN_SQUARED_DISTANCE)
+    squared = _mean_squared_distance(torch.from_numpy(voxel_positions(voxels, voxel_size))).clamp(
+        min=_MIN_SQUARED_DISTANCE
+    )
     return {
         "features": torch.zeros(len(voxels), layout.feature_dim),
         "log_scalings": (0.5 * squared.log()).float()[:, None].repeat(1, log_scalings_dim(config)),
@@ -133,7 +137,7 @@ def _place(dataset: Dataset) -> Path:
 def _check_cameras(cameras: Cameras, place: Path) -> None:
     if cameras.num_views < 2:
         raise DatasetError(f"{place}: training needs at least 2 views, and there is {cameras.num_views}")
-    if not (bool(torch.isfinite(cameras.viewmats).all()) and bool(torch.isfinite(cameras.Ks).all())):
+    if not (np.isfinite(cameras.viewmats).all() and np.isfinite(cameras.Ks).all()):
         raise DatasetError(f"{place}: a camera's pose or intrinsics are not finite")
     if camera_extent(cameras) < 1e-9:
         raise DatasetError(f"{place}: all cameras stand at the same place: depth cannot be learnt from them")
@@ -141,7 +145,7 @@ def _check_cameras(cameras: Cameras, place: Path) -> None:
 
 def _points(dataset: Dataset, config: TrainConfig, generator: torch.Generator) -> Tensor:
     if dataset.points is not None and dataset.points.num_points:
-        points = dataset.points.positions.double()
+        points = torch.as_tensor(dataset.points.positions).double()
         points = points[torch.isfinite(points).all(dim=1)]
         if len(points) < 4:
             raise DatasetError(
@@ -157,7 +161,7 @@ def _points(dataset: Dataset, config: TrainConfig, generator: torch.Generator) -
 
 def _looked_at(cameras: Cameras) -> tuple[Float[Tensor, "3"], float]:
     """The point nearest to all optical axes, and the median distance of the cameras from it."""
-    axes, centers = cameras.viewmats[:, 2, :3].double(), cameras.centers.double()
+    axes, centers = torch.as_tensor(cameras.viewmats)[:, 2, :3].double(), torch.as_tensor(cameras.centers).double()
     across = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
     # a little pull to the mean camera keeps the solution finite when all axes are parallel
     matrix = across.sum(dim=0) + 1e-6 * len(axes) * torch.eye(3, dtype=torch.float64)
@@ -200,8 +204,8 @@ def _check_seen(dataset: Dataset, positions: Float[Tensor, "N 3"]) -> None:
     cameras, blind = dataset.cameras, []
     homogeneous = torch.cat([positions, torch.ones(len(positions), 1)], dim=1)
     for view in range(cameras.num_views):
-        local = homogeneous @ cameras.viewmats[view, :3].T.to(positions)
-        pixels = local @ cameras.Ks[view].T.to(positions)
+        local = homogeneous @ torch.as_tensor(cameras.viewmats[view, :3]).T.to(positions)
+        pixels = local @ torch.as_tensor(cameras.Ks[view]).T.to(positions)
         x, y = pixels[:, 0] / local[:, 2], pixels[:, 1] / local[:, 2]
         inside = (local[:, 2] > 0.2) & (x > 0) & (x < cameras.width) & (y > 0) & (y < cameras.height)
         if not bool(inside.any()):

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from splatwire.render.backends import create_training_renderer
 from splatwire.render.base import TrainingRenderer
-from splatwire.render.cpu import draw_cpu
+from splatwire.render.differentiable import draw_cpu
 from splatwire.train.adam import AdamUpdate, adam_update
 from splatwire.train.grid import GridCorners, interpolate_signs
 from splatwire.train.losses import Photo, photometric_loss, prepare_photo

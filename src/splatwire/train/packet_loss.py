@@ -17,6 +17,7 @@ from splatwire.codec.geometry import anchor_order
 from splatwire.codec.tier_sizes import relative_sizes
 from splatwire.conceal import Grow
 from splatwire.conceal.grow import lost_share_among
+from splatwire.ops.arrays import to_numpy
 from splatwire.ops.knn import NeighborTree, nearest_others
 from splatwire.packets import CAUSAL, HEADER_BYTES, Packetization, PacketPlan, packetization_named
 from splatwire.scene import Cameras
@@ -70,7 +71,7 @@ class PacketLosses:
         self._config, self._model, self._cache = config, model, cache
         self._models = tuple(parse_loss(text) for text in config.losses.models)
         self._voxels: Tensor | None = None
-        self._neighbors = torch.empty(0, 0, dtype=torch.int64)
+        self._neighbors = np.empty((0, 0), np.int64)
         self._order = torch.empty(0, dtype=torch.int64)
 
     def active(self, state: TrainState) -> bool:
@@ -158,22 +159,23 @@ class PacketLosses:
         arrived[self._order] = known
         gain = torch.ones(state.num_anchors, device=state.device)
         if self._neighbors.shape[1]:
+            received = to_numpy(known)
             tier_sizes = self._tier_sizes(state, known) if cut_off else None
             size = tier_sizes
             if size is None:
-                size = mean_log_size(self._model.expected_scalings(state, self._order)).double().exp()
-            share = lost_share_among(self._neighbors[known], size * ~known, size)
-            gain[known] = _GROW.gain(1 - share.float(), known, tier_sizes)
+                size = np.exp(mean_log_size(self._model.expected_scalings(state, self._order)).astype(np.float64))
+            share = lost_share_among(self._neighbors[received], size * ~received, size).astype(np.float32)
+            gain[known] = torch.from_numpy(_GROW.gain(1 - share, received, tier_sizes)).to(gain)
         gain_of = torch.empty_like(gain)
         gain_of[self._order] = gain
         return Loss(arrived, gain_of)
 
-    def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[Tensor, "N"]:
+    def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
         """Sizes by rank of two tiers, what arrived and what did not, as a stream that is cut off between them says."""
         tiers = (~known).long().cpu().numpy()
         sizes = state.scalings()[self._order, 3:6].cpu().numpy()
         gaussians = state.masks(self._config.mask_threshold)[self._order].sum(dim=1).cpu().numpy()
-        return torch.from_numpy(relative_sizes(sizes, gaussians, tiers, 2)[tiers]).to(state.device)
+        return relative_sizes(sizes, gaussians, tiers, 2)[tiers]
 
     def _arrange(self, state: TrainState) -> None:
         """The anchors by rank, and the neighbours of each rank; computed again only when the anchors change."""
@@ -182,7 +184,7 @@ class PacketLosses:
         order = anchor_order(state.voxels.cpu().numpy(), "morton")
         self._order = torch.from_numpy(order).to(state.device)
         positions = self._cache.positions(state)[self._order]
-        own = torch.arange(state.num_anchors, device=state.device)
+        own = np.arange(state.num_anchors)
         self._neighbors, _ = nearest_others(NeighborTree(positions), positions, own, _GROW.neighbors)
         self._voxels = state.voxels
 

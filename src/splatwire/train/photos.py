@@ -41,10 +41,11 @@ class PhotoStore:
         pixels = dataset.cameras.width * dataset.cameras.height
         near = device_bytes // (3 * pixels)
         self._bytes: list[UInt8[Tensor, "H W 3"]] = [
-            torch.round(dataset.image(view) * 255).to(torch.uint8).to(device if view < near else "cpu")
+            torch.round(torch.as_tensor(dataset.image(view)) * 255).to(torch.uint8).to(device if view < near else "cpu")
             for view in range(dataset.num_views)
         ]
-        self._masks = [dataset.mask(view) for view in range(dataset.num_views)]
+        masks = [dataset.mask(view) for view in range(dataset.num_views)]
+        self._masks = [None if mask is None else torch.as_tensor(mask) for mask in masks]
         blank = [name for name, mask in zip(dataset.cameras.names, self._masks, strict=True) if _blank(mask)]
         if blank:
             raise DatasetError(f"the mask of view '{blank[0]}' leaves nothing of its photo: remove the view")

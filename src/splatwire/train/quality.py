@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 
-import torch
+import numpy as np
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.data import Dataset
 from splatwire.metrics import psnr, ssim
 from splatwire.model import AnchorScene
+from splatwire.ops.arrays import to_numpy
 from splatwire.render.base import Renderer
 from splatwire.render.render import iterate_views
 
@@ -29,7 +29,7 @@ class QualityReport:
     psnr: float
     ssim: float
     num_views: int
-    preview: Float[Tensor, "H W2 3"]
+    preview: Float[np.ndarray, "H W2 3"]
 
 
 def assess_scene(
@@ -47,16 +47,16 @@ def assess_scene(
     count = min(num_views, dataset.num_views)
     views = [i * dataset.num_views // count for i in range(count)]
     chosen = dataset.select(views)
-    background = torch.tensor(dataset.background)
+    background = np.array(dataset.background)
     scores: list[tuple[float, float]] = []
     preview = None
     for i, drawn in enumerate(iterate_views(scene, chosen.cameras, renderer=renderer, background=background)):
-        photo, image = chosen.image(i), drawn.cpu()
+        photo, image = to_numpy(chosen.image(i)), drawn
         mask = chosen.mask(i)
         compared = (image[None], photo[None], None if mask is None else mask[None])
         scores.append((float(psnr(*compared)[0]), float(ssim(*compared)[0])))
         if preview is None:
-            preview = torch.cat([photo, image], dim=1)
+            preview = np.concatenate([photo, image], axis=1)
     assert preview is not None
-    means = torch.tensor(scores, dtype=torch.float64).mean(dim=0)
+    means = np.mean(scores, axis=0)
     return QualityReport(iteration, float(means[0]), float(means[1]), count, preview)

@@ -17,6 +17,8 @@ from torch import Tensor
 from splatwire.model import AnchorScene, CausalCoding, ContextModel, HashGrid, HashGridConfig, Linear, Mlp, ModelConfig
 from splatwire.model.hash_grid import unit_coordinates
 from splatwire.model.prior_field import PriorOutputs, split_prior_outputs, typical_spread
+from splatwire.model.tensors import to_tensors
+from splatwire.ops.arrays import to_arrays
 from splatwire.scene import Anchors
 from splatwire.train.config import RefineConfig
 from splatwire.train.context import AttributeBits, adaptive_steps, attribute_bits
@@ -111,12 +113,13 @@ def refine_context(
     Raises:
         DivergedError: If the bits stop being finite.
     """
-    config = config or RefineConfig()
+    config, given = config or RefineConfig(), scene
     if isinstance(scene.coding, CausalCoding):
         return refine_causal(scene, config, progress=progress)
+    scene = to_tensors(scene)
     alive = scene.anchors.mask.any(dim=1).nonzero()[:, 0]
     if not config.steps or not len(alive):
-        return scene
+        return given
     fixed, outputs = _fixed(scene, scene.anchors.select(alive))
     units = _units(outputs, scene.hacpp.config)
     prior = _ScaledMlp(scene.hacpp.context.prior, units[0])
@@ -132,7 +135,7 @@ def refine_context(
         copied_mlp(prior.mlp()),
         tuple(copied_mlp(part.mlp()) for part in channels),
     )
-    return dataclasses.replace(scene, coding=dataclasses.replace(scene.hacpp, context=context))
+    return dataclasses.replace(given, coding=dataclasses.replace(given.hacpp, context=to_arrays(context)))
 
 
 def _loss(

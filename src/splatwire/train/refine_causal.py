@@ -7,7 +7,9 @@ import torch
 from torch import Tensor
 
 from splatwire.model import AnchorScene, CausalCoding, Linear, Mlp
-from splatwire.model.causal import place_inputs
+from splatwire.model.causal_prediction import place_inputs
+from splatwire.model.tensors import to_tensors
+from splatwire.ops.arrays import to_arrays
 from splatwire.train.causal import channel_steps, number_bits_of
 from splatwire.train.config import RefineConfig
 from splatwire.train.export import copied_mlp
@@ -30,10 +32,11 @@ def refine_causal(
     Raises:
         DivergedError: If the bits stop being finite.
     """
+    given, scene = scene, to_tensors(scene)
     coding = scene.causal
     alive = scene.anchors.mask.any(dim=1)
     if not config.steps or not bool(alive.any()):
-        return scene
+        return given
     place, values, mask = _fixed(scene, coding, alive)
     networks = {name: _trained(network) for name, network in coding.networks.items()}
     layers = [layer for mlp in networks.values() for layer in (mlp.hidden, mlp.output)]
@@ -46,7 +49,7 @@ def refine_causal(
 
     fit_samples([(parameters, config.network_rate)], len(place), config, loss_of, progress)
     fitted = {name: copied_mlp(network) for name, network in networks.items()}
-    return dataclasses.replace(scene, coding=dataclasses.replace(coding, networks=fitted))
+    return dataclasses.replace(given, coding=dataclasses.replace(given.causal, networks=to_arrays(fitted)))
 
 
 def _fixed(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> tuple[Tensor, list[Tensor], Tensor]:

@@ -9,7 +9,6 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from splatwire.model import GaussianHeads, Linear, Mlp
-from splatwire.model.voxels import voxel_positions
 from splatwire.train.config import LossWeights
 
 ANCHOR_PARAMETERS = ("features", "log_scalings", "offsets", "mask_logits")
@@ -164,7 +163,7 @@ class TrainState:
     @property
     def positions(self) -> Float[Tensor, "N 3"]:
         """World coordinates of the anchors."""
-        return voxel_positions(self.voxels, self.voxel_size)
+        return (self.voxels.double() * self.voxel_size).float()  # as `voxel_positions`, on the device of the voxels
 
     @property
     def device(self) -> torch.device:

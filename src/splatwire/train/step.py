@@ -10,7 +10,8 @@ from torch import Tensor
 
 from splatwire.errors import DivergedError
 from splatwire.model.gaussian_heads import SpawnedGaussians, spawn_gaussians
-from splatwire.model.projection import project
+from splatwire.model.tensor_projection import project_tensors
+from splatwire.model.tensors import to_tensors
 from splatwire.render.base import Drawing
 from splatwire.scene import Anchors, Cameras, Gaussians
 from splatwire.train import device_view
@@ -78,11 +79,12 @@ class TrainingStep:
     """
 
     def __init__(self, config: TrainConfig, cameras: Cameras, kernels: Kernels = COMPILED) -> None:
-        self._config, self._cameras, self._kernels = config, cameras, kernels
+        self._config, self._cameras, self._kernels = config, to_tensors(cameras), kernels
         self._cache = AnchorCache(config)
         self._model = trained_model(config, kernels, self._cache)
         self._losses = PacketLosses(config, self._model, self._cache)
-        self._views = device_view.ViewConstants.of(cameras) if kernels.asynchronous else None
+        self._views = device_view.ViewConstants.of(self._cameras) if kernels.asynchronous else None
+        cameras = self._cameras
         self._centers, self._background = cameras.centers, cameras.Ks.new_tensor(config.background)
 
     def __call__(self, state: TrainState, view: int, photo: Photo) -> StepReport:
@@ -147,7 +149,7 @@ class TrainingStep:
             logs = state.parameters["log_scalings"]
             sizes = logs[:, : 3 if logs.shape[1] == 6 else 1].exp()
             return device_view.visible_anchors(self._views, view, positions, sizes).nonzero()[:, 0]
-        projected = project(positions, state.scalings()[:, :3], None, self._cameras, view)
+        projected = project_tensors(positions, state.scalings()[:, :3], None, self._cameras, view)
         return projected.touches_image(self._cameras.width, self._cameras.height).nonzero()[:, 0]
 
     def _seen(

@@ -1,7 +1,7 @@
 """The loop around the step: views in random order, test pictures, checkpoints, news for whoever listens."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -9,6 +9,7 @@ import torch
 from splatwire.data import Dataset
 from splatwire.errors import DatasetError, DivergedError
 from splatwire.model import AnchorScene
+from splatwire.model.tensors import to_tensors
 from splatwire.render.backends import create_renderer
 from splatwire.scene import Cameras
 from splatwire.train.checkpoint import save_checkpoint
@@ -159,7 +160,7 @@ class _Run:
     def _cameras(self) -> Cameras:
         """The training cameras where the state is, so that they are not sent there in each iteration."""
         cameras = self.train.cameras
-        return replace(cameras, viewmats=cameras.viewmats.to(self.device), Ks=cameras.Ks.to(self.device))
+        return to_tensors(cameras, self.device)
 
     def _keep(self, state: TrainState) -> None:
         last = state.iteration == self.config.marks.iterations

@@ -11,9 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int64
-from torch import Tensor
 
 from splatwire.byte_io import ByteWriter
 from splatwire.codec import decode_stream, schema_named
@@ -24,6 +22,7 @@ from splatwire.conceal.sketch.section import SECTION as SKETCH
 from splatwire.conceal.sketch.section import read_sketch
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.model import AnchorScene, Mlp, Partial, Prior
+from splatwire.ops.arrays import lower_median, to_arrays, to_numpy
 from splatwire.packets import COLUMNS, Manifest, Packet, SceneStream, make_packet
 from splatwire.packets.limits import MAX_DATAGRAM_BYTES
 from splatwire.packets.sections import split_sections, write_sections
@@ -58,7 +57,7 @@ def columns_of(stream: SceneStream, progress: Callable[[float], None] | None = N
     groups, packets = arrange_stream(stream)
     pieces = zip(packets, itertools.pairwise(groups.starts), strict=True)
     columns = (
-        columns_packet(packet, rows_of(partial.scene.anchors, torch.from_numpy(groups.ranks[a:b].copy())), manifest)
+        columns_packet(packet, rows_of(partial.scene.anchors, groups.ranks[a:b].copy()), manifest)
         for packet, (a, b) in pieces
         if packet is not None
     )
@@ -90,9 +89,9 @@ def columns_packet(packet: Packet, payload: bytes, manifest: Manifest) -> Packet
 
 
 def _side_info(partial: Partial[AnchorScene], sections: Mapping[str, bytes]) -> bytes:
-    anchors, layout = partial.scene.anchors, partial.scene.coding.config.layout
-    middle = anchors.positions.median(dim=0).values.double()
-    size = float((anchors.positions - middle).norm(dim=1).median())
+    anchors, layout = to_arrays(partial.scene.anchors), partial.scene.coding.config.layout
+    middle = lower_median(anchors.positions).astype(np.float64)
+    size = float(lower_median(np.linalg.norm(anchors.positions - middle, axis=1)))
     writer = ByteWriter()
     writer.u8(VERSION)
     writer.unsigned(layout.feature_dim)
@@ -102,55 +101,56 @@ def _side_info(partial: Partial[AnchorScene], sections: Mapping[str, bytes]) -> 
     passed = {name: content for name, content in sections.items() if name in _PASSED_ON}
     if SKETCH in sections:
         passed["copies"] = _copies(partial, sections[SKETCH])
-    heads = partial.scene.heads
+    heads = to_arrays(partial.scene.heads)
     networks = b"".join(map(_mlp_bytes, (heads.opacity, heads.covariance, heads.color)))
     parts = (writer.bytes(), networks, _float_bytes(expected_columns(partial)))
     return b"".join(map(framed, parts)) + write_sections(passed)
 
 
-def expected_columns(partial: Partial[AnchorScene]) -> Float[Tensor, "N 6"]:
+def expected_columns(partial: Partial[AnchorScene]) -> Float[np.ndarray, "N 6"]:
     """What a concealer asks of every anchor: place, expected size, logarithms of how far features and lengths are off.
 
     The twin of the last two is `splatwire.conceal.scene_free.signature`; the spread of features is the expected
     one, which is known before anything arrives.
     """
-    prior, features = partial[Prior], partial[Prior].feature
-    spread = (features.mean.var(dim=0, correction=0) + (features.scale**2).mean(dim=0)).sqrt()
-    feature = features.scale @ (1 / spread.clamp(min=1e-6)) / len(spread)
-    length = prior.scaling.scale.mean(dim=1) / prior.scaling.mean.abs().mean(dim=1).clamp(min=SMALLEST)
-    doubts = [value.clamp(*limits).log() for value, limits in zip((feature, length), _DOUBTS, strict=True)]
-    size = prior.expected_log_sizes().exp()
-    return torch.cat([partial.scene.positions, torch.stack([size, *doubts], dim=1)], dim=1)
+    prior = to_arrays(partial[Prior])
+    features = prior.feature
+    spread = np.sqrt(features.mean.var(axis=0) + (features.scale**2).mean(axis=0))
+    feature = features.scale @ (1 / np.maximum(spread, 1e-6)) / len(spread)
+    length = prior.scaling.scale.mean(axis=1) / np.maximum(np.abs(prior.scaling.mean).mean(axis=1), SMALLEST)
+    doubts = [np.log(np.clip(value, *limits)) for value, limits in zip((feature, length), _DOUBTS, strict=True)]
+    size = np.exp(prior.expected_log_sizes())
+    return np.concatenate([to_numpy(partial.scene.positions), np.stack([size, *doubts], axis=1)], axis=1)
 
 
-def rows_of(anchors: Anchors, ranks: Int64[Tensor, "n"]) -> bytes:
+def rows_of(anchors: Anchors, ranks: Int64[np.ndarray, "n"]) -> bytes:
     """Payload of the packet that holds some anchors.
 
     Returns:
         For each anchor float32 features, scale (the largest of three), mean logarithm of the three, sizes, offsets in
         units of the scale; then for each a byte per offset, 1 where it exists.
     """
-    some = anchors.select(ranks)
-    scales = some.scalings[:, :3].clamp(min=SMALLEST)
-    largest = scales.amax(dim=1)
+    some = to_arrays(anchors).select(ranks)
+    scales = np.maximum(some.scalings[:, :3], np.float32(SMALLEST))
+    largest = scales.max(axis=1)
     offsets = some.offsets * (some.scalings[:, :3] / largest[:, None])[:, None]
-    form = torch.stack([largest, scales.log().mean(dim=1)], dim=1)
-    rows = torch.cat([some.features, form, some.scalings[:, 3:], offsets.flatten(1)], dim=1)
-    return _float_bytes(rows) + some.mask.to(torch.uint8).numpy().tobytes()
+    form = np.stack([largest, np.log(scales).mean(axis=1)], axis=1)
+    rows = np.concatenate([some.features, form, some.scalings[:, 3:], offsets.reshape(len(ranks), -1)], axis=1)
+    return _float_bytes(rows) + some.mask.astype(np.uint8).tobytes()
 
 
 def _copies(partial: Partial[AnchorScene], section: bytes) -> bytes:
     """The anchors of a sketch, and the growth around them."""
     sketch = read_sketch(section, sizes_of(partial), buckets_of(partial))
-    ranks = torch.from_numpy(np.flatnonzero(sketch.levels > 0))
-    nothing = partial.without(torch.zeros(partial.scene.num_elements, dtype=torch.bool))
+    ranks = np.flatnonzero(sketch.levels > 0)
+    nothing = partial.without(np.zeros(partial.scene.num_elements, np.bool_))
     drawn = with_sketch(nothing, sketch).scene.anchors
     writer = ByteWriter()
     for value in (sketch.exponent, sketch.max_excess, sketch.trust):
         writer.f32(value)
     writer.unsigned(len(ranks))
     return (
-        writer.bytes() + ranks.numpy().astype("<u4").tobytes() + _float_bytes(drawn.positions[ranks])
+        writer.bytes() + ranks.astype("<u4").tobytes() + _float_bytes(drawn.positions[ranks])
         + rows_of(drawn, ranks)
     )  # fmt: skip
 
@@ -163,5 +163,5 @@ def _mlp_bytes(mlp: Mlp) -> bytes:
     return writer.bytes() + b"".join(map(_float_bytes, layers))
 
 
-def _float_bytes(values: Tensor) -> bytes:
-    return values.detach().numpy().astype("<f4").tobytes()
+def _float_bytes(values: np.ndarray) -> bytes:
+    return values.astype("<f4").tobytes()

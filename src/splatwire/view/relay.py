@@ -4,8 +4,6 @@ import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import TypeAlias
 
-import torch
-
 from splatwire.codec import ProgressiveDecoder
 from splatwire.errors import MissingSideInfoError
 from splatwire.packets import Manifest, Packet, file_head, file_record
@@ -128,6 +126,6 @@ class Relay:
         if self._columns is not None:
             decoder, manifest = self._columns
             decoder.add([packet])
-            ranks = torch.from_numpy(decoder.members(packet))
+            ranks = decoder.members(packet)
             packet = columns_packet(packet, rows_of(decoder.partial.scene.anchors, ranks), manifest)
         return file_record(packet.data)

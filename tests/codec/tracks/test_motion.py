@@ -115,11 +115,9 @@ def test_polynomials_are_orthonormal_and_rise_in_degree(frames):
 
 def test_trajectories_come_back_from_their_coefficients():
     frames = moving_frames(200, 6)
-    stacked = {
-        name: np.stack([getattr(f, name).numpy() for f in frames], axis=1) for name in ("means", "quats", "scales")
-    }
+    stacked = {name: np.stack([getattr(f, name) for f in frames], axis=1) for name in ("means", "quats", "scales")}
     opacities = np.full((200, 6), 0.5, np.float32)
-    moves = Trajectories(**stacked, opacities=opacities, colours=np.stack([f.sh[:, 0].numpy() for f in frames], axis=1))
+    moves = Trajectories(**stacked, opacities=opacities, colours=np.stack([f.sh[:, 0] for f in frames], axis=1))
     here = np.arange(200)
     targets = targets_of(moves, moves.at(here, np.zeros(200, np.int64)), here, 30, 0)
     offsets = np.stack([offsets_at(np.rint(targets.coefficients), 6, frame, 30, 0) for frame in range(6)], axis=2)

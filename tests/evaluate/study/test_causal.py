@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
+from close import unit
 from scenes import tiny_cameras, tiny_causal_scene
 from splatwire.codec import encode_scene
 from splatwire.data import save_cameras
@@ -56,9 +58,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = tiny_causal_scene(seed=5, num_anchors=180)
     save_scene(scene, folder / "tiny.scene")
     write_stream(encode_scene(scene, Packetization(block_size=60)), folder / "tiny.swz")
-    means = torch.randn(180, 3, generator=torch.Generator().manual_seed(0))
-    turns = torch.nn.functional.normalize(torch.ones(180, 4), dim=1)
-    splats = Splats(means, turns, torch.full((180, 3), 0.1), torch.full((180,), 0.5), torch.zeros(180, 1, 3))
+    means = torch.randn(180, 3, generator=torch.Generator().manual_seed(0)).numpy()
+    turns = unit(np.ones((180, 4), np.float32))
+    splats = Splats(
+        means,
+        turns,
+        np.full((180, 3), 0.1, np.float32),
+        np.full((180,), 0.5, np.float32),
+        np.zeros((180, 1, 3), np.float32),
+    )
     write_stream(encode_scene(SplatScene(splats), Packetization(block_size=60)), folder / "explicit.swz")
     save_cameras(tiny_cameras(1, 48, 36), folder / "cameras.json")
     return folder

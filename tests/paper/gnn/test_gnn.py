@@ -4,12 +4,14 @@ from pathlib import Path
 import pytest
 import torch
 
-from conceal.gaps import CONTEXT_DIM, LAYOUT, only, permuted, random_context
+from conceal.gaps import CONTEXT_DIM, LAYOUT, only, permuted
+from paper.contexts import estimate, random_context
 from paper.gnn.lively import SMALL, lively_network
 from reference.mahalanobis import plain_nearest
 from splatwire.conceal import concealer_names, create_concealer
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.model import Partial, Prior
+from splatwire.model.tensors import to_tensors
 from splatwire.paper import Cari, Gnn, GnnSettings, GnnWeights, Idw, PriorMean
 from splatwire.paper.gnn import GNN_PRESETS, load_weights, save_weights
 from splatwire.paper.gnn.fusion import branches, fuse
@@ -51,16 +53,16 @@ def test_the_paper_preset() -> None:
 def test_with_thresholds_above_one_the_result_is_the_interpolation(interpolation: str, separated: bool) -> None:
     context = random_context(150, 2, separated=separated)
     never = dataclasses.replace(SMALL, interpolation=interpolation, feature_threshold=1.01)
-    result = Gnn(lively(context, never))(context).elements
+    result = estimate(Gnn(lively(context, never)), context)
     other = Cari() if interpolation == "cari" else Idw(neighbors=6, metric="mahalanobis")
-    expected = other(context).elements
+    expected = estimate(other, context)
     assert all(torch.equal(getattr(result, part), getattr(expected, part)) for part in PARTS)
 
 
 def test_by_default_only_features_differ_from_the_interpolation() -> None:
     context = random_context(150, 3)
     lost = ~context.erasures.known
-    result, expected = Gnn(lively(context))(context).elements, Cari()(context).elements
+    result, expected = estimate(Gnn(lively(context)), context), estimate(Cari(), context)
     assert (result.features != expected.features)[lost].float().mean() > 0.9
     assert all(torch.equal(getattr(result, part), getattr(expected, part)) for part in PARTS[1:])
 
@@ -102,11 +104,11 @@ def test_the_papers_fallback_of_features_never_fires() -> None:
 def test_full_attributes_obey_the_mask_head_and_stay_plausible() -> None:
     context = random_context(150, 5)
     settings = dataclasses.replace(SMALL, scaling_threshold=0.0, offset_threshold=0.0)
-    result = context.elements.kept(context.erasures, Gnn(lively(context, settings))(context).elements)
+    result = context.elements.kept(context.erasures, estimate(Gnn(lively(context, settings)), context))
     lost = ~context.erasures.known
     assert bool((result.offsets[~result.mask] == 0).all())
     assert bool((result.scalings[lost] >= context.scene.anchors.scalings[~lost].amin(dim=0)).all())
-    assert not torch.equal(result.mask, Cari()(context).elements.mask)
+    assert not torch.equal(result.mask, estimate(Cari(), context).mask)
 
 
 def test_inputs_are_those_of_the_paper() -> None:
@@ -125,8 +127,8 @@ def test_inputs_are_those_of_the_paper() -> None:
 def test_in_preset_paper_queries_hold_idw_and_fall_back_to_cari() -> None:
     context, paper = random_context(120, 6), GNN_PRESETS["paper"]
     graph = build_graph(context, paper)
-    idw = Idw(neighbors=24, metric="mahalanobis")(context).elements.select(graph.queries)
-    cari = Cari()(context).elements.select(graph.queries)
+    idw = estimate(Idw(neighbors=24, metric="mahalanobis"), context).select(graph.queries)
+    cari = estimate(Cari(), context).select(graph.queries)
     assert torch.equal(attribute_columns(graph.given), attribute_columns(idw))
     assert torch.equal(attribute_columns(graph.interpolated), attribute_columns(cari))
     assert torch.equal(query_inputs(context, graph)[:, 3 + CONTEXT_DIM + 32 :][:, :10], idw.features)
@@ -150,8 +152,8 @@ def test_an_untrained_network_draws_the_priors_mean() -> None:
     for baseline in ("prior", "interpolation"):
         settings = dataclasses.replace(SMALL, baseline=baseline)
         untrained = InpaintingNetwork(InputSizes(LAYOUT, CONTEXT_DIM), settings).eval()
-        result = Gnn(GnnWeights(untrained, scene_fingerprint(context), {}))(context).elements
-        expected = context[Prior].feature.mean if baseline == "prior" else Cari()(context).elements.features
+        result = estimate(Gnn(GnnWeights(untrained, scene_fingerprint(context), {})), context)
+        expected = context[Prior].feature.mean if baseline == "prior" else estimate(Cari(), context).features
         lost = ~context.erasures.known
         assert torch.equal(result.features[lost], expected[lost])
 
@@ -159,24 +161,24 @@ def test_an_untrained_network_draws_the_priors_mean() -> None:
 def test_order_and_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     context = random_context(120, 7)
     weights = lively(context)
-    whole = Gnn(weights)(context).elements.features
+    whole = estimate(Gnn(weights), context).features
     monkeypatch.setattr("splatwire.paper.gnn.concealer._CHUNK", 7)
     monkeypatch.setattr("splatwire.paper.gnn.concealer._SOURCE_CHUNK", 11)
-    torch.testing.assert_close(Gnn(weights)(context).elements.features, whole, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(estimate(Gnn(weights), context).features, whole, rtol=1e-4, atol=1e-5)
     order = torch.randperm(120, generator=torch.Generator().manual_seed(1))
     shuffled = permuted(context, order)
     other = dataclasses.replace(weights, fingerprint=scene_fingerprint(shuffled))
-    torch.testing.assert_close(Gnn(other)(shuffled).elements.features, whole[order], rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(estimate(Gnn(other), shuffled).features, whole[order], rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("received", [0, 1, 3, 100])
 def test_hardly_anything_received(received: int) -> None:
     whole = random_context(100, 8, loss=0)
-    context = only(whole, torch.arange(100) < received)
-    result = context.elements.kept(context.erasures, Gnn(lively(context))(context).elements)
+    context = to_tensors(only(whole, torch.arange(100) < received))
+    result = context.elements.kept(context.erasures, estimate(Gnn(lively(context)), context))
     assert all(bool(getattr(result, part).isfinite().all()) for part in PARTS[:3])
     if received == 0:
-        assert torch.equal(result.features, PriorMean()(context).elements.features)
+        assert torch.equal(result.features, estimate(PriorMean(), context).features)
     if received == 100:
         assert torch.equal(result.features, whole.elements.features)
 
@@ -186,7 +188,7 @@ def test_values_that_are_not_finite_are_never_used() -> None:
     weights = lively(context)
     with torch.no_grad():
         weights.network.regressors[0][3].bias.fill_(float("nan"))
-    assert torch.equal(Gnn(weights)(context).elements.features, Cari()(context).elements.features)
+    assert torch.equal(estimate(Gnn(weights), context).features, estimate(Cari(), context).features)
 
 
 def test_weights_survive_a_file(tmp_path: Path) -> None:
@@ -196,11 +198,12 @@ def test_weights_survive_a_file(tmp_path: Path) -> None:
     loaded = load_weights(tmp_path / "w.safetensors")
     assert loaded.settings == SMALL
     assert loaded.validation == {"gain": 0.5}
-    expected = Gnn(weights)(context).elements.features
-    assert torch.equal(create_concealer(f"gnn:{tmp_path / 'w.safetensors'}")(context).elements.features, expected)
+    expected = estimate(Gnn(weights), context).features
+    from_file = estimate(create_concealer(f"gnn:{tmp_path / 'w.safetensors'}"), context)
+    assert torch.equal(from_file.features, expected)
     save_weights(weights, tmp_path / "half", precision="float16")
     assert (tmp_path / "half").stat().st_size < 0.65 * (tmp_path / "w.safetensors").stat().st_size
-    torch.testing.assert_close(Gnn(tmp_path / "half")(context).elements.features, expected, rtol=0.05, atol=0.05)
+    torch.testing.assert_close(estimate(Gnn(tmp_path / "half"), context).features, expected, rtol=0.05, atol=0.05)
 
 
 def test_bad_weights_are_refused(tmp_path: Path) -> None:

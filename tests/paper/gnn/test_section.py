@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 import torch
 
-from conceal.gaps import CONTEXT_DIM, LAYOUT, changed, random_context
+from conceal.gaps import CONTEXT_DIM, LAYOUT, changed
+from paper.contexts import estimate, random_context
 from paper.gnn.lively import lively_network
 from splatwire.conceal import create_concealer
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError, UnsupportedVersionError
 from splatwire.model import Partial, Prior
+from splatwire.model.tensors import to_tensors
 from splatwire.paper import Gnn, GnnSettings, GnnWeights, Kriging
 from splatwire.paper.gnn import load_weights, rounded_weights, save_weights, write_section
 from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes
@@ -48,21 +50,21 @@ def test_weights_in_the_stream_do_what_the_same_weights_in_a_file_do(
     context = random_context(150, 2)
     sent = write_section(lively(context, settings), bits)
     save_weights(rounded_weights(lively(context, settings), context, bits), tmp_path / "w")
-    from_stream = Gnn()(carrying(context, sent)).elements
-    from_file = create_concealer(f"gnn:{tmp_path / 'w'}")(context).elements
+    from_stream = estimate(Gnn(), carrying(context, sent))
+    from_file = estimate(create_concealer(f"gnn:{tmp_path / 'w'}"), context)
     assert all(torch.equal(getattr(from_stream, part), getattr(from_file, part)) for part in PARTS)
     assert load_weights(tmp_path / "w").settings == settings
-    assert not torch.equal(from_stream.features, Kriging()(context).elements.features)
+    assert not torch.equal(from_stream.features, estimate(Kriging(), context).features)
 
 
 def test_more_bits_are_more_bytes_and_less_error() -> None:
     context = random_context(150, 3)
-    exact = Gnn(lively(context))(context).elements.features
+    exact = estimate(Gnn(lively(context)), context).features
     sizes, errors = [], []
     for bits in (2, 3, 4, 5, 6):
         section = write_section(lively(context), bits)
         sizes.append(len(section))
-        errors.append(float((Gnn()(carrying(context, section)).elements.features - exact).abs().mean()))
+        errors.append(float((estimate(Gnn(), carrying(context, section)).features - exact).abs().mean()))
     assert sizes == sorted(sizes)
     assert errors[0] > 4 * errors[-1]
     weights = sum(p.numel() for n, p in lively(context).network.named_parameters() if p.dim() == 2)
@@ -141,7 +143,7 @@ def test_damaged_weights_are_an_error_or_other_weights_but_never_nan() -> None:
             if damaged:
                 damaged[rng.integers(len(damaged))] = rng.integers(256)
         try:
-            result = context.elements.kept(context.erasures, Gnn()(carrying(context, bytes(damaged))).elements)
+            result = context.elements.kept(context.erasures, estimate(Gnn(), carrying(context, bytes(damaged))))
         except SplatwireError:
             refused += 1
         else:
@@ -164,9 +166,9 @@ def test_few_known_anchors_and_no_losses(known: int) -> None:
         offsets=a.offsets * keep[:, :, None],
         mask=a.mask & keep,
     )  # fmt: skip
-    context = changed(context, anchors=anchors, erasures=Erasures.of_anchors(rows))
+    context = changed(context, anchors=anchors, erasures=to_tensors(Erasures.of_anchors(rows)))
     section = write_section(lively(context, FULL), 4)
-    result = context.elements.kept(context.erasures, Gnn()(carrying(context, section)).elements)
+    result = context.elements.kept(context.erasures, estimate(Gnn(), carrying(context, section)))
     assert all(bool(getattr(result, part).isfinite().all()) for part in PARTS[:3])
     assert torch.equal(result.features[rows], a.features[rows])
     if known == 0:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import torch
+import numpy as np
 
 from splatwire.conceal.base import Concealed, check_at_least
 from splatwire.conceal.registry import register_concealer
@@ -55,12 +55,11 @@ class SceneFree:
         """`scene_free`."""
         return "scene_free"
 
-    @torch.no_grad()
     def __call__(self, partial: Partial) -> Concealed:
         """See `Concealer`."""
-        rows = partial.known.nonzero()[:, 0]
+        rows = np.flatnonzero(partial.known)
         if not len(rows):
-            ones = torch.ones_like(partial.log_sizes)
+            ones = np.ones_like(partial.log_sizes)
             return Concealed(ones, ~partial.known, ones)
         if partial.expectation is None:
             return grown(partial, rows, self._elements(element_inputs(partial)))

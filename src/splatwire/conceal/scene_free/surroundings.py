@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 from jaxtyping import Bool, Float, Int64
-from torch import Tensor
 
 from splatwire.model import Partial
 from splatwire.ops.knn import NeighborTree, nearest_others
@@ -28,8 +28,8 @@ class Neighborhood:
         distance: Their distances, world units.
     """
 
-    index: Int64[Tensor, "M k"]
-    distance: Float[Tensor, "M k"]
+    index: Int64[np.ndarray, "M k"]
+    distance: Float[np.ndarray, "M k"]
 
     def first(self, count: int) -> "Neighborhood":
         """Returns the nearest of them."""
@@ -49,13 +49,13 @@ class Surroundings:
         classes: The nearest members of each size class.
     """
 
-    log_size: Float[Tensor, "N"]
-    weights: Float[Tensor, "N"]
-    rows: Int64[Tensor, "M"]
+    log_size: Float[np.ndarray, "N"]
+    weights: Float[np.ndarray, "N"]
+    rows: Int64[np.ndarray, "M"]
     near: Neighborhood
     classes: tuple[Neighborhood, ...]
 
-    def select(self, wanted: Bool[Tensor, "M"]) -> "Surroundings":
+    def select(self, wanted: Bool[np.ndarray, "M"]) -> "Surroundings":
         """Returns the surroundings of some of the anchors."""
 
         def of(part: Neighborhood) -> Neighborhood:
@@ -64,14 +64,14 @@ class Surroundings:
         return replace(self, rows=self.rows[wanted], near=of(self.near), classes=tuple(map(of, self.classes)))
 
 
-def surroundings_of(partial: Partial, rows: Int64[Tensor, "M"]) -> Surroundings:
+def surroundings_of(partial: Partial, rows: Int64[np.ndarray, "M"]) -> Surroundings:
     """Finds the neighbours of some anchors."""
     positions, log_size = partial.places, partial.log_sizes
     near = Neighborhood(*nearest_others(NeighborTree(positions), positions[rows], rows, NEIGHBORS))
-    by_size = log_size.argsort(descending=True, stable=True)
+    by_size = np.argsort(-log_size, kind="stable")
     classes = []
     for share in CLASS_SHARES:
-        members = by_size[: max(len(by_size) // share, _MIN_CLASS)].sort().values
+        members = np.sort(by_size[: max(len(by_size) // share, _MIN_CLASS)])
         index, distance = NeighborTree(positions[members]).query(positions[rows], CLASS_NEIGHBORS)
         classes.append(Neighborhood(members[index], distance))
     return Surroundings(log_size, partial.sizes, rows, near, tuple(classes))

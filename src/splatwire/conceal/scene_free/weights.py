@@ -1,14 +1,17 @@
-"""Weights of the scene-free concealer as files of plain tensors; one for each kind of elements comes along."""
+"""Weights of the scene-free concealer as files of plain arrays; the package ships one for each kind of elements."""
 
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from splatwire.conceal.scene_free.elements import ElementNetwork
 from splatwire.conceal.scene_free.network import GainNetwork, Perceptron
 from splatwire.errors import BitstreamError
-from splatwire.model.tensor_file import load_tensors, read_tensors, write_tensors
+from splatwire.model.networks import Linear
+from splatwire.model.tensor_file import read_tensors, write_tensors
 
 VERSION = 1
 _FORMATS: dict[type[Perceptron], str] = {
@@ -32,8 +35,8 @@ def save_gain_network(network: Perceptron, path: Path, *, record: dict[str, str]
     Raises:
         OSError: If the file cannot be written.
     """
-    tensors = {name: value.detach().float().contiguous() for name, value in network.state_dict().items()}
-    write_tensors(tensors, {"format": _FORMATS[type(network)], "version": VERSION, "record": record or {}}, path)
+    header = {"format": _FORMATS[type(network)], "version": VERSION, "record": record or {}}
+    write_tensors(_arrays(network), header, path)
 
 
 def load_gain_network(path: Path) -> GainNetwork:
@@ -51,16 +54,34 @@ def load_element_network(path: Path) -> ElementNetwork:
     return _load(path, ElementNetwork)
 
 
+def _arrays(network: Perceptron) -> dict[str, np.ndarray]:
+    """Arrays of a network by the names that they have in files."""
+    arrays = {"mean": network.mean, "spread": network.spread}
+    for name, layer in (("layers.0", network.hidden), ("layers.2", network.output)):
+        arrays |= {f"{name}.weight": layer.weight, f"{name}.bias": layer.bias}
+    return arrays
+
+
 def _load(path: Path, kind: type[Network]) -> Network:
-    tensors, _ = read_tensors(path, _FORMATS[kind], VERSION)
-    first = tensors.get("layers.0.weight")
-    if first is None or first.dim() != 2 or not 1 <= len(first) <= _MAX_HIDDEN:
+    arrays, _ = read_tensors(path, _FORMATS[kind], VERSION)
+    first = arrays.get("layers.0.weight")
+    if first is None or first.ndim != 2 or not 1 <= len(first) <= _MAX_HIDDEN:
         raise BitstreamError(f"{path}: the first layer of the gain network is missing or of no sensible size")
-    network = kind(len(first))
-    load_tensors(network, tensors, f"{path}: ")
-    if not bool((tensors["spread"] > 0).all()):
+    wanted = _arrays(kind.untrained(len(first)))
+    if set(arrays) != set(wanted):
+        odd = sorted(set(arrays) ^ set(wanted))
+        raise BitstreamError(f"{path}: tensors of the network are missing or unknown: {', '.join(odd[:3])}")
+    for name, model in wanted.items():
+        found = arrays[name]
+        if found.shape != model.shape or found.dtype.kind != "f":
+            raise BitstreamError(f"{path}: '{name}' is {found.dtype} {found.shape}, not {model.shape}")
+        if not np.isfinite(found).all():
+            raise BitstreamError(f"{path}: '{name}' of the network is not finite")
+    if not (arrays["spread"] > 0).all():
         raise BitstreamError(f"{path}: 'spread' of the gain network is not positive")
-    return network.eval().requires_grad_(False)
+    narrow = {name: values.astype(np.float32) for name, values in arrays.items()}
+    hidden, output = (Linear(narrow[f"{name}.weight"], narrow[f"{name}.bias"]) for name in ("layers.0", "layers.2"))
+    return kind(narrow["mean"], narrow["spread"], hidden, output)
 
 
 @cache

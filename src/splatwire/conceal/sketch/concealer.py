@@ -3,9 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from splatwire.conceal.base import Concealed
 from splatwire.conceal.grow import Grow
@@ -25,6 +23,7 @@ from splatwire.conceal.sketch.section import (
 )
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene, Copies, Partial, Prior, SplatScene
+from splatwire.ops.arrays import lower_median, to_arrays, to_numpy
 from splatwire.scene import AnchorLayout, Attribute, Erasures
 from splatwire.scene.splats import Splats
 
@@ -87,7 +86,6 @@ def conceal_with_copies(partial: Partial[SplatScene], copies: Copies) -> Conceal
     return grown_with_copies(filled, element_inputs(filled), copies.growth)
 
 
-@torch.no_grad()
 def grown_with_copies(
     filled: Partial[SplatScene], inputs: ElementInputs, growth: tuple[float, float, float]
 ) -> Concealed:
@@ -107,8 +105,11 @@ def with_copies(partial: Partial[SplatScene], copies: Copies) -> Partial[SplatSc
     """The same scene when lost Gaussians of which there are copies count as received; all others stay."""
     lost = ~partial.known[copies.places]
     places, chosen = copies.places[lost], copies.splats.select(lost)
-    splats = {n: t.index_put((places,), getattr(chosen, n)) for n, t in vars(partial.scene.splats).items()}
-    received = partial.erasures.received.index_put((places,), torch.tensor(True))
+    splats = {name: values.copy() for name, values in vars(partial.scene.splats).items()}
+    for name, values in splats.items():
+        values[places] = getattr(chosen, name)
+    received = partial.erasures.received.copy()
+    received[places] = True
     return replace(partial, scene=partial.scene.with_elements(Splats(**splats)), erasures=Erasures(received))
 
 
@@ -123,16 +124,15 @@ class SketchedLoss:
     """
 
     filled: Partial[AnchorScene]
-    left: Float[Tensor, "M"]
+    left: Float[np.ndarray, "M"]
     inputs: GainInputs
 
     @staticmethod
     def of(filled: Partial[AnchorScene]) -> "SketchedLoss":
         """Looks at the surroundings, which takes the time."""
-        around = surroundings_of(filled, filled.known.nonzero()[:, 0])
+        around = surroundings_of(filled, np.flatnonzero(filled.known))
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
-    @torch.no_grad()
     def proposal(self, section: SketchSection) -> Concealed:
         """What to draw with the growth of a section; its copies are not looked at again."""
         rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
@@ -143,14 +143,16 @@ class SketchedLoss:
 
 def with_sketch(partial: Partial[AnchorScene], section: SketchSection) -> Partial[AnchorScene]:
     """The same scene when sketched anchors are known as well; what was received stays."""
-    anchors, received = partial.scene.anchors, partial.erasures.received
-    drawn = torch.from_numpy(section.levels > 0)
-    rows = drawn.nonzero()[:, 0]
+    anchors, received = to_arrays(partial.scene.anchors), partial.erasures.received
+    drawn = section.levels > 0
+    rows = np.flatnonzero(drawn)
     features, scalings, offsets, mask = sketched_attributes(section, expected_scalings(partial[Prior])[rows])
 
-    def fill(attribute: Attribute, decoded: Tensor, sketched: Tensor) -> Tensor:
-        column = received[rows, int(attribute)].view(-1, *[1] * (decoded.dim() - 1))
-        return decoded.index_put((rows,), torch.where(column, decoded[rows], sketched.to(decoded.dtype)))
+    def fill(attribute: Attribute, decoded: np.ndarray, sketched: np.ndarray) -> np.ndarray:
+        column = received[rows, int(attribute)].reshape(-1, *[1] * (decoded.ndim - 1))
+        filled = decoded.copy()
+        filled[rows] = np.where(column, decoded[rows], sketched)
+        return filled
 
     filled = replace(
         anchors,
@@ -163,16 +165,16 @@ def with_sketch(partial: Partial[AnchorScene], section: SketchSection) -> Partia
     return replace(partial, scene=partial.scene.with_elements(filled), erasures=erasures)
 
 
-def expected_scalings(prior: Prior) -> Float[Tensor, "N 6"]:
+def expected_scalings(prior: Prior) -> Float[np.ndarray, "N 6"]:
     """The prior's mean, where that is very small (or not positive) a share of its median."""
-    mean = prior.scaling.mean
-    floor = _LEAST_SHARE * mean.median(dim=0).values if len(mean) else mean.new_zeros(6)
-    return torch.maximum(mean, floor).clamp(min=1e-9)
+    mean = to_numpy(prior.scaling.mean)
+    floor = np.float32(_LEAST_SHARE) * lower_median(mean) if len(mean) else np.zeros(6, np.float32)
+    return np.maximum(np.maximum(mean, floor), np.float32(1e-9))
 
 
 def sketched_attributes(
-    section: SketchSection, expected: Float[Tensor, "M 6"]
-) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M 6"], Float[Tensor, "M K 3"], Bool[Tensor, "M K"]]:
+    section: SketchSection, expected: Float[np.ndarray, "M 6"]
+) -> tuple[Float[np.ndarray, "M F"], Float[np.ndarray, "M 6"], Float[np.ndarray, "M K 3"], Bool[np.ndarray, "M K"]]:
     """Features, scalings, offsets and masks of the sketched anchors, always finite.
 
     Args:
@@ -180,12 +182,12 @@ def sketched_attributes(
         expected: `expected_scalings` of these anchors.
     """
     levels = section.levels[section.levels > 0]
-    channels = torch.from_numpy(section.basis.channels(levels, section.values))
-    limit = torch.finfo(channels.dtype).max
-    features = channels[:, :-SCALING_COLUMNS].nan_to_num(0, limit, -limit)
-    scalings = channels[:, -SCALING_COLUMNS:].nan_to_num(0).clamp(-MAX_LOG_SIZE, MAX_LOG_SIZE).exp() * expected
-    offsets = torch.from_numpy(section.basis.offsets(levels, section.offsets))
-    return features, scalings, offsets.view(*section.masks.shape, 3), torch.from_numpy(section.masks.astype(np.bool_))
+    channels = section.basis.channels(levels, section.values)
+    features = np.nan_to_num(channels[:, :-SCALING_COLUMNS])
+    logs = np.clip(np.nan_to_num(channels[:, -SCALING_COLUMNS:]), -MAX_LOG_SIZE, MAX_LOG_SIZE)
+    scalings = np.exp(logs) * expected
+    offsets = section.basis.offsets(levels, section.offsets)
+    return features, scalings, offsets.reshape(*section.masks.shape, 3), section.masks.astype(np.bool_)
 
 
 def sizes_of(partial: Partial[AnchorScene]) -> SketchSizes:
@@ -195,5 +197,5 @@ def sizes_of(partial: Partial[AnchorScene]) -> SketchSizes:
 
 def buckets_of(partial: Partial) -> np.ndarray:
     """Anchors by the size that the prior expects, int64 (N): integers on both ends, from numbers that are alike."""
-    size = partial[Prior].scaling.mean[:, 3:6].double().clamp(min=0).numpy()
+    size = np.maximum(to_numpy(partial[Prior].scaling.mean)[:, 3:6].astype(np.float64), 0)
     return size_buckets(size[:, 0] * size[:, 1] * size[:, 2])

@@ -24,7 +24,7 @@ from splatwire.evaluate.study.records import CODE
 from splatwire.evaluate.study.references import Progress, References, digest_of, digest_of_files, prepare_references
 from splatwire.evaluate.study.store import Store, read_json
 from splatwire.formats import format_of
-from splatwire.importers.hacpp import CODEC, import_hacpp
+from splatwire.importers import HACPP_CODEC
 from splatwire.model import AnchorScene
 from splatwire.model.appearance import Scene, scene_of
 from splatwire.model.tensor_file import tensor_bytes
@@ -133,7 +133,11 @@ class Source:
         entry = self.entry
         if entry.sections is not None:
             return open_scene(entry.sections)
-        return import_hacpp(entry.source) if entry.kind == "model" else open_scene(entry.source)
+        if entry.kind == "model":
+            from splatwire.importers.hacpp import import_hacpp  # needs torch
+
+            return import_hacpp(entry.source)
+        return open_scene(entry.source)
 
     @property
     def sections(self) -> Mapping[str, bytes]:
@@ -144,7 +148,7 @@ class Source:
     def codec(self) -> str:
         """What codes its elements."""
         if self.entry.kind == "model":
-            return CODEC
+            return HACPP_CODEC
         return schema_of(self.scene).name if self.stream is None else self.stream.manifest.codec
 
     def travels(self, packetization: Packetization) -> bool:
@@ -267,7 +271,7 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
         seconds,
         stream.manifest.elements,
     )
-    store.write(f"{folder}/{row.variant}_anchors.npz", anchor_bytes(stream, ordered.positions.numpy()))
+    store.write(f"{folder}/{row.variant}_anchors.npz", anchor_bytes(stream, ordered.positions))
     store.write(f"{folder}/{row.variant}.json", canonical(vars(prepared)).encode())  # last: it says that all is there
     return prepared
 

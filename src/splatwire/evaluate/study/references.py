@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.data import load_cameras, open_dataset
 from splatwire.data.dataset import Dataset
@@ -63,8 +61,8 @@ class References:
         if dataset is not None:
             return photo_views(dataset.select(list(self.chosen)))
 
-        def load(view: int) -> Float[Tensor, "H W 3"]:
-            return torch.from_numpy(np.load(_picture(root, self.renders, view), allow_pickle=False))
+        def load(view: int) -> Float[np.ndarray, "H W 3"]:
+            return np.load(_picture(root, self.renders, view), allow_pickle=False)
 
         return ReferenceViews(cameras.select(list(self.chosen)), load, self.source, self.background)
 
@@ -115,7 +113,7 @@ def _draw(
         digests = []
         for view, image in enumerate(views_of(drawn(), cameras, study.renderer, background)):
             buffer = io.BytesIO()
-            np.save(buffer, image.numpy())
+            np.save(buffer, image)
             digests.append(hashlib.sha256(buffer.getvalue()).hexdigest())
             store.write(str(_picture(Path(), folder, view)), buffer.getvalue())
             progress(f"{name}: drawing references", (view + 1) / cameras.num_views)

@@ -15,7 +15,7 @@ from splatwire.evaluate.study.records import Record, hardest
 from splatwire.evaluate.study.references import Progress
 from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.units import Cell, Unit, list_cells
-from splatwire.metrics import find_lpips
+from splatwire.metrics.lpips_files import find_lpips_files
 
 ABSENT = "weights absent"
 LPIPS_OF_MASKED = "both pictures black outside the masks, mean over the whole picture"
@@ -208,9 +208,12 @@ def _by_mask(cells: Sequence[Cell], first: Sequence[Cell] = ()) -> list[Cell]:
 
 def lpips_digest() -> str:
     """Digest of the LPIPS weights that the environment names; empty if there are none."""
-    lpips = find_lpips()
-    if lpips is None:
+    files = find_lpips_files()
+    if files is None:
         return ""
+    from splatwire.metrics.lpips import load_lpips  # needs torch
+
+    lpips = load_lpips(*files)
     digest = hashlib.sha256(lpips.network.encode())
     for weight in (*lpips.linear, *(tensor for _, pair in sorted(lpips.convolutions.items()) for tensor in pair)):
         digest.update(weight.numpy().tobytes())

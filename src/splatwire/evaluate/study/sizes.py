@@ -1,5 +1,6 @@
 """Bytes of the official HAC++ files against ours, part by part, on the same anchors; no picture is drawn."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,6 @@ from splatwire.evaluate.study.definition import Row, SceneEntry, Study
 from splatwire.evaluate.study.inputs import PreparedStream, Source, prepare_streams
 from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.tables import Table
-from splatwire.importers.hacpp import import_hacpp
 from splatwire.model import AnchorScene, Mlp
 
 NATIVE = "HAC++ files"
@@ -124,6 +124,8 @@ def native_parts(entry: SceneEntry) -> dict[str, int] | None:
     folder = entry.source / "bitstreams"
     if entry.kind != "model" or not folder.is_dir():
         return None
+    from splatwire.importers.hacpp import import_hacpp  # needs torch
+
     parts = dict.fromkeys(_ORDER, 0)
     for file in sorted(folder.iterdir()):
         parts[_native_part(file)] += file.stat().st_size
@@ -150,7 +152,7 @@ def num_network_parameters(scene: AnchorScene) -> int:
     layers = [
         layer for network in (*networks, *scene.hacpp.context.channel) for layer in (network.hidden, network.output)
     ]
-    return sum(layer.weight.numel() + layer.bias.numel() for layer in layers)
+    return sum(math.prod(layer.weight.shape) + math.prod(layer.bias.shape) for layer in layers)
 
 
 def size_tables(study: Study, found: Sequence[SceneSizes]) -> list[Table]:

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import math
+import sys
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
@@ -11,9 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from splatwire.codec import decode_stream
 from splatwire.conceal import concealed, create_concealer
@@ -25,8 +24,10 @@ from splatwire.evaluate.study.records import CODE, Record, hardest
 from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.units import Unit
 from splatwire.evaluate.views import Compared, ReferenceViews, spread, views_of
-from splatwire.metrics import Lpips, find_lpips
+from splatwire.metrics.lpips_files import find_lpips_files
 from splatwire.model.appearance import Partial, Scene, scene_of
+from splatwire.ops.arrays import to_numpy
+from splatwire.ops.threads import use_single_thread
 from splatwire.packets import SceneStream, read_stream
 from splatwire.scene import Anchors, Attribute, Erasures
 from splatwire.scene_io import read_scene_file
@@ -69,7 +70,9 @@ def use_one_thread() -> None:
     import numba
     from threadpoolctl import threadpool_limits
 
-    torch.set_num_threads(1)
+    use_single_thread()
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
     numba.set_num_threads(1)
     threadpool_limits(limits=1)
 
@@ -93,9 +96,9 @@ class Arrived:
     seconds: float
 
     @property
-    def positions(self) -> Float[Tensor, "N 3"]:
+    def positions(self) -> Float[np.ndarray, "N 3"]:
         """Where the elements are, or are expected to be."""
-        return scene_of(self.scene).positions
+        return to_numpy(scene_of(self.scene).positions)
 
     @property
     def num_lost(self) -> int:
@@ -119,8 +122,8 @@ class Workshop:
     _streams: "OrderedDict[str, SceneStream]" = field(default_factory=OrderedDict)
     _arrived: "OrderedDict[tuple[str, str], Arrived]" = field(default_factory=OrderedDict)
     _views: "OrderedDict[str, ReferenceViews]" = field(default_factory=OrderedDict)
-    _features: "OrderedDict[tuple[str, int], tuple[Tensor, ...]]" = field(default_factory=OrderedDict)
-    _lpips: Lpips | None = None
+    _features: "OrderedDict[tuple[str, int], tuple[Any, ...]]" = field(default_factory=OrderedDict)
+    _lpips: Any = None
 
     def compute(self, unit: Unit) -> None:
         """Conceals, draws and scores; writes the pictures that are asked for, and then the records."""
@@ -228,9 +231,7 @@ class Workshop:
 
     def _distance(self, unit: Unit, view: int, both: Compared) -> float:
         if self._lpips is None:
-            self._lpips = find_lpips()
-        if self._lpips is None:
-            raise SplatwireError("this worker has no LPIPS weights: set SPLATWIRE_LPIPS_DIR for it, too")
+            self._lpips = self._load_lpips()
         key = (unit.references.digest, view)
         features = self._features.get(key)
         if features is None:
@@ -240,6 +241,15 @@ class Workshop:
                 self._features.popitem(last=False)
             self._features[key] = features
         return float(self._lpips.distance(self._lpips.features(both.image), features)[0])
+
+    @staticmethod
+    def _load_lpips() -> Any:
+        files = find_lpips_files()
+        if files is None:
+            raise SplatwireError("this worker has no LPIPS weights: set SPLATWIRE_LPIPS_DIR for it, too")
+        from splatwire.metrics.lpips import load_lpips  # needs torch
+
+        return load_lpips(*files)
 
     @staticmethod
     def _keep(cache: "OrderedDict[Any, Value]", key: Any, most: int, make: Callable[[], Value]) -> Value:
@@ -252,7 +262,7 @@ class Workshop:
         return cache[key]
 
 
-def erode(whole: Partial, anchors: Bool[Tensor, "N"], attribute: Attribute) -> Partial:
+def erode(whole: Partial, anchors: Bool[np.ndarray, "N"], attribute: Attribute) -> Partial:
     """Attribute erosion (paper 3.2.1, "partial loss"): some anchors lose one attribute and keep the others.
 
     Args:
@@ -263,10 +273,10 @@ def erode(whole: Partial, anchors: Bool[Tensor, "N"], attribute: Attribute) -> P
     Returns:
         The scene with the attribute set to zero there, so that no concealer can see what it must guess.
     """
-    received = whole.erasures.received.clone()
+    received = whole.erasures.received.copy()
     received[:, int(attribute)] &= ~anchors
     field = _FIELDS[attribute]
-    lost = getattr(whole.scene.anchors, field).clone()
+    lost = to_numpy(getattr(whole.scene.anchors, field)).copy()
     lost[anchors] = 0
     eroded = dataclasses.replace(whole.scene.anchors, **{field: lost})
     return dataclasses.replace(whole, scene=whole.scene.with_elements(eroded), erasures=Erasures(received))
@@ -280,7 +290,7 @@ _FIELDS = {
 }
 
 
-def _timed(images: Any) -> Iterator[tuple[Float[Tensor, "H W 3"], float]]:
+def _timed(images: Any) -> Iterator[tuple[Float[np.ndarray, "H W 3"], float]]:
     """Pictures one by one, each with the seconds that drawing it took."""
     source = iter(images)
     while True:

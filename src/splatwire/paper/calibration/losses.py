@@ -12,8 +12,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from splatwire.errors import InvalidValueError
-from splatwire.ops.knn import NeighborTree, nearest_others
 from splatwire.paper.gnn.fusion import EPSILON, Branches
+from splatwire.paper.neighbors import TensorTree, nearest_other_points
 from splatwire.scene import Anchors
 
 CHARBONNIER_EPSILON = 1e-3
@@ -114,9 +114,8 @@ def parameter_losses(
 
 def query_edges(positions: Float[Tensor, "B 3"], neighbors: int) -> tuple[Int64[Tensor, "B k"], Float[Tensor, "B k"]]:
     """The nearest other queries of each query of a batch, and their distances."""
-    return nearest_others(
-        NeighborTree(positions), positions, torch.arange(len(positions), device=positions.device), neighbors
-    )
+    everything = torch.arange(len(positions), device=positions.device)
+    return nearest_other_points(TensorTree(positions), positions, everything, neighbors)
 
 
 def _smoothness(values: list[Tensor], positions: Float[Tensor, "B 3"], weights: LossWeights) -> Float[Tensor, ""]:

@@ -15,8 +15,8 @@ from splatwire.calibrate.pseudo_loss import CalibrationData
 from splatwire.errors import MALFORMED, BitstreamError, DivergedError, InvalidValueError
 from splatwire.model import Partial, Prior
 from splatwire.model.gaussian_heads import generate_gaussians
-from splatwire.model.partial import moved
-from splatwire.model.tensor_file import load_tensors, read_tensors, write_tensors
+from splatwire.model.tensor_file import read_tensors, write_tensors
+from splatwire.model.tensors import load_tensors, to_tensors
 from splatwire.paper.calibration.config import CalibrationConfig
 from splatwire.paper.calibration.losses import channel_spread, normalized_errors, parameter_losses, weighted_sum
 from splatwire.paper.gnn.concealer import repair
@@ -26,7 +26,7 @@ from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes
 from splatwire.paper.gnn.quantise import rounded_constants, rounded_parameters
 from splatwire.paper.gnn.section import rounded_weights
 from splatwire.paper.gnn.weights import GnnWeights, scene_fingerprint
-from splatwire.render import create_renderer
+from splatwire.render.backends import create_differentiable_renderer
 from splatwire.scene import AnchorLayout, Anchors
 from splatwire.train.schedule import half_cosine
 
@@ -76,12 +76,11 @@ class CalibrationRun:
     """
 
     def __init__(
-        self,
-        data: CalibrationData, config: CalibrationConfig, graphs: Sequence[RepairGraph] | None = None,
+        self, data: CalibrationData, config: CalibrationConfig, graphs: Sequence[RepairGraph] | None = None,
         device: str = "cpu",
     ) -> None:  # fmt: skip
-        self.data, self.config = data, config
-        context = data.complete
+        self.data, self.config = to_tensors(data), config
+        context = self.data.complete
         graphs = list(pseudo_graphs(data, config)) if graphs is None else graphs
         self.train, self.held_out = graphs[: config.train_masks], graphs[config.train_masks :]
         self.network = InpaintingNetwork(
@@ -99,8 +98,8 @@ class CalibrationRun:
 
     def place_on(self, device: str) -> None:
         """Moves scene, graphs and network; the generator stays on the CPU."""
-        self.context = self.data.complete.to(device)
-        self.train, self.held_out = (list(moved(tuple(part), device)) for part in (self.train, self.held_out))
+        self.context = to_tensors(self.data.complete, device)
+        self.train, self.held_out = (list(to_tensors(tuple(part), device)) for part in (self.train, self.held_out))
         self.spread = channel_spread(self.context.scene.anchors)
         self.network.to(device)
 
@@ -160,7 +159,7 @@ class CalibrationRun:
         if cameras is None:
             raise InvalidValueError("a rendering loss needs cameras")
         view = int(torch.randint(cameras.num_views, (), generator=self.rng))
-        draw, behind = create_renderer("cpu"), torch.tensor(scene.background)
+        draw, behind = create_differentiable_renderer("cpu"), torch.tensor(scene.background)
         if view not in self._pictures:
             with torch.no_grad():
                 complete = generate_gaussians(scene, cameras, view)
@@ -277,7 +276,8 @@ def restore_checkpoint(run: CalibrationRun, path: Path) -> None:
         InvalidValueError: If the checkpoint is of another scene or of other settings.
         BitstreamError: If it is absent or damaged.
     """
-    tensors, header = read_tensors(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION)
+    arrays, header = read_tensors(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION)
+    tensors = to_tensors(arrays)
     wanted = (dataclasses.asdict(run.config), scene_fingerprint(run.data.complete))
     if (header.get("config"), header.get("fingerprint")) != wanted:
         raise InvalidValueError(f"{path}: the checkpoint is of another scene or of other settings")

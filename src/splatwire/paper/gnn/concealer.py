@@ -10,6 +10,7 @@ from splatwire.conceal.registry import register_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.model import Partial, Prior
 from splatwire.model.prior import plausible_scalings
+from splatwire.model.tensors import to_tensors
 from splatwire.paper.gnn.fusion import branches, fuse
 from splatwire.paper.gnn.graph import RepairGraph, build_graph, interpolator, prior_rows, query_inputs, source_inputs
 from splatwire.paper.gnn.network import InpaintingNetwork
@@ -54,9 +55,10 @@ class Gnn:
             InvalidValueError: If the weights are of another scene, or there are none.
             BitstreamError: If those that the stream carries are damaged.
         """
+        context = to_tensors(context)
         weights = self.loaded or carried_weights(context)
         check_fits(weights, context)
-        filled = interpolator(weights.settings)(context).elements
+        filled = to_tensors(interpolator(weights.settings)(context).elements)
         graph = build_graph(context, weights.settings, filled)
         if graph.index.numel() == 0:
             return Concealed.filled(filled)

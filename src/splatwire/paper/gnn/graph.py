@@ -8,6 +8,7 @@ from torch import Tensor
 
 from splatwire.conceal.base import Concealer
 from splatwire.model import Partial, Prior
+from splatwire.model.tensors import to_tensors
 from splatwire.paper.cari import Cari
 from splatwire.paper.gnn.settings import GnnSettings
 from splatwire.paper.idw import Idw, fill_from_neighbors
@@ -56,7 +57,8 @@ def build_graph(context: Partial, settings: GnnSettings, filled: Anchors | None 
     Returns:
         The graph; `index` has no columns where nothing is known, fewer than k where less is known.
     """
-    filled = interpolator(settings)(context).elements if filled is None else filled
+    context = to_tensors(context)
+    filled = to_tensors(interpolator(settings)(context).elements if filled is None else filled)
     known = context.erasures.known
     idw = _graph_idw(settings)
     pieces = list(idw.neighborhoods(context, known))

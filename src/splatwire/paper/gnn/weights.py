@@ -5,11 +5,14 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from splatwire.errors import MALFORMED, BitstreamError, InvalidValueError
 from splatwire.model import Partial, Prior
-from splatwire.model.tensor_file import check_tensors, load_tensors, read_tensors, write_tensors
+from splatwire.model.tensor_file import read_tensors, write_tensors
+from splatwire.model.tensors import check_tensors, load_tensors, to_tensors
+from splatwire.ops.arrays import to_numpy
 from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes
 from splatwire.paper.gnn.settings import GnnSettings
 from splatwire.scene import AnchorLayout
@@ -50,7 +53,7 @@ def scene_fingerprint(context: Partial) -> str:
     """SHA-256 of what a receiver knows of a scene whatever was lost: the positions in order, and the layout."""
     digest = hashlib.sha256(b"splatwire/gnn-scene/1\0")
     digest.update(f"{context[AnchorLayout]} {context[Prior].context.shape[1]}".encode())
-    digest.update(context.places.detach().cpu().contiguous().numpy().astype("<f4").tobytes())
+    digest.update(np.ascontiguousarray(to_numpy(context.places), "<f4").tobytes())
     return digest.hexdigest()
 
 
@@ -106,7 +109,8 @@ def load_weights(path: Path) -> GnnWeights:
         UnsupportedVersionError: If it is of a version that this release does not read.
         BitstreamError: If it is absent or no weights file, or a tensor is missing, of another size or not finite.
     """
-    tensors, header = read_tensors(path, FORMAT, VERSION)
+    arrays, header = read_tensors(path, FORMAT, VERSION)
+    tensors = to_tensors(arrays)
     try:
         layout = dict(header["layout"])
         sizes = InputSizes(

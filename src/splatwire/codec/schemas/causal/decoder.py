@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import torch
 
 from splatwire.codec.anchors import AnchorDecoder
 from splatwire.codec.background import read_background
@@ -132,9 +131,9 @@ class CausalDecoder(AnchorDecoder):
 
     def scene(self) -> Partial[AnchorScene]:
         """See `Decoder.scene`."""
-        info, values = self._info, {name: torch.from_numpy(array) for name, array in self._values.items()}
-        offsets = values["offset"].view(len(self._positions), self._offsets, 3)
-        positions, mask = torch.from_numpy(self._positions), torch.from_numpy(self._mask)
+        info, values = self._info, self._values
+        offsets = values["offset"].reshape(len(self._positions), self._offsets, 3)
+        positions, mask = self._positions, self._mask
         anchors = Anchors(positions, values["feature"], values["scaling"], offsets, mask)
         heads = GaussianHeads(*(network_of(head) for head in info.heads))
         scene = AnchorScene(
@@ -145,30 +144,27 @@ class CausalDecoder(AnchorDecoder):
             metadata=read_metadata(info.sections),
         )
         left = concealer_sections(info.sections)
-        guessed = ExpectedPlaces(torch.from_numpy(self._guessed))
+        guessed = ExpectedPlaces(self._guessed)
         said = (self._prior(), info.config.layout, guessed, *self._said)
-        return Partial(scene, Erasures(torch.from_numpy(self._received)), left, said)
+        return Partial(scene, Erasures(self._received), left, said)
 
     def _coding(self) -> CausalCoding:
         info, unit = self._info, math.log(2) * 2.0**-LOG_BITS
         all_steps = np.concatenate([info.steps[:-1], info.log_steps * unit, info.steps[-1:]])
         networks = {name: network_of(network) for name, network in info.networks.items()}
         steps, centres, middle, spread = (
-            torch.from_numpy(numbers).float() for numbers in (all_steps, info.centres * unit, info.middle, info.spread)
+            np.asarray(numbers, np.float32) for numbers in (all_steps, info.centres * unit, info.middle, info.spread)
         )
         return CausalCoding(networks, steps, centres, middle, spread, info.voxel_size, info.config)
 
     def _prior(self) -> Prior:
         """What is expected of every anchor; the step of a scaling is relative to what is expected of it."""
         num, info = len(self._place), self._info
-        relative = torch.from_numpy(self._means["scaling"]).mean(dim=1, keepdim=True)
+        relative = self._means["scaling"].mean(axis=1, keepdims=True)
         steps = {
-            "feature": torch.full((num, 1), float(self._step.mean())),
+            "feature": np.full((num, 1), self._step.mean(), np.float32),
             "scaling": relative * float(info.log_steps[1] * math.log(2) * 2.0**-LOG_BITS),
-            "offset": torch.full((num, 1), float(info.steps[-1])),
+            "offset": np.full((num, 1), info.steps[-1], np.float32),
         }
-        parts = {
-            name: AttributePrior(torch.from_numpy(self._means[name]), torch.from_numpy(self._spreads[name]), step)
-            for name, step in steps.items()
-        }
-        return Prior(**parts, context=torch.from_numpy(self._place))
+        parts = {name: AttributePrior(self._means[name], self._spreads[name], step) for name, step in steps.items()}
+        return Prior(**parts, context=self._place)

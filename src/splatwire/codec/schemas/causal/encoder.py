@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatwire.codec.heads import SAMPLE_SEED
 from splatwire.codec.schema import CodedPackets
 from splatwire.codec.schemas.causal.context import CodingContext
-from splatwire.codec.schemas.causal.fit import fit_side_info
 from splatwire.codec.schemas.causal.packet_coder import Quantised, anchor_bits, cut_packets, encode_packets, quantise
 from splatwire.codec.schemas.causal.places import SharedPlaces, share_places
 from splatwire.codec.schemas.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
@@ -23,6 +21,7 @@ _LOGS = [0, 3, 4, 5]
 HEAD_SHARE = 0.08
 """Side information is kept below this share of the stream by leaving more of the places to packets, within limits."""
 MOST_LEAF = 8
+SAMPLE_SEED = 0
 SAMPLE = 1000
 MAX_NUMBER = 14_000
 """Numbers of anchors are within this many steps, so that they and their means fit into 32 bits."""
@@ -44,7 +43,9 @@ def causal_encoder(
     """
     _check_common(packetization)
     scene = replace(scene, anchors=_with_sizes(scene.anchors))
-    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size).numpy()
+    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
+    from splatwire.codec.schemas.causal.fit import fit_side_info  # needs torch
+
     info = fit_side_info(scene, voxels, noise=noise)
     places = _balanced(info, voxels, CausalEncoder(scene, info, voxels).expected_bytes())
     side_info = write_side_info(replace(info, places=places, sections=sections))
@@ -63,7 +64,7 @@ def causal_encoder_again(
         BitstreamError: If the side information is damaged.
     """
     _check_common(packetization)
-    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size).numpy()
+    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
     return CausalEncoder(scene, read_side_info(side_info, scene.anchors.num_anchors), voxels), side_info
 
 
@@ -98,7 +99,7 @@ def _with_sizes(anchors: Anchors) -> Anchors:
         return anchors
     if not bool(there.any()):
         raise InvalidValueError("no scaling of the scene's anchors is positive")
-    return replace(anchors, scalings=anchors.scalings.clamp(min=float(anchors.scalings[there].min())))
+    return replace(anchors, scalings=np.maximum(anchors.scalings, anchors.scalings[there].min()))
 
 
 class CausalEncoder:
@@ -118,11 +119,11 @@ class CausalEncoder:
         self._context = CodingContext.of(info)
         self._places = replace(known, codes=morton_encode(voxels - known.origin))
         self._octaves = float(info.log_steps[0]) * 2.0**-LOG_BITS
-        self._masks = anchors.mask.numpy().astype(np.uint8)
-        logs = np.log2(anchors.scalings.double().numpy()[:, _LOGS]) * 2.0**LOG_BITS - info.centres
-        offsets = anchors.present_offsets.flatten(1).double().numpy()
+        self._masks = anchors.mask.astype(np.uint8)
+        logs = np.log2(anchors.scalings.astype(np.float64)[:, _LOGS]) * 2.0**LOG_BITS - info.centres
+        offsets = anchors.present_offsets.reshape(len(anchors.mask), -1).astype(np.float64)
         parts = (
-            anchors.features.double().numpy() / np.repeat(info.steps[:-1], groups),
+            anchors.features.astype(np.float64) / np.repeat(info.steps[:-1], groups),
             logs / info.log_steps[[0, 1, 1, 1]],
             offsets / info.steps[-1],
         )

@@ -6,11 +6,13 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from splatwire.codec.heads import SAMPLE_SEED, fit_heads, quantised
+from splatwire.codec.head_fit import SAMPLE_SEED, fit_heads
+from splatwire.codec.heads import quantised
 from splatwire.codec.schemas.causal.places import share_places
 from splatwire.codec.schemas.causal.side_info import LOG_BITS, SideInfo
 from splatwire.model import AnchorScene, CausalCoding
-from splatwire.model.causal import place_inputs, predict_causal
+from splatwire.model.causal_prediction import place_inputs, predict_causal
+from splatwire.model.tensors import to_tensors
 
 SAMPLE_ANCHORS = 16_000
 NOISE_REFERENCE = 0.04
@@ -33,6 +35,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
         voxels: int64 (N, 3), voxel indices of its anchors.
         noise: Tolerated noise of the context networks, relative to the predicted spread; None for the measured rule.
     """
+    voxels_of, scene = torch.from_numpy(voxels), to_tensors(scene)
     coding = scene.causal
     if noise is None:
         noise = float(np.clip(NOISE_REFERENCE * (ANCHORS_REFERENCE / max(len(voxels), 1)) ** 0.5, 0.01, 0.1))
@@ -42,7 +45,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
     unit = 2.0**LOG_BITS / math.log(2)
     logs = torch.round(steps[len(groups) : -1] * unit).clamp(min=1)
     centres = torch.round(coding.centres.double() * unit)
-    inputs, outputs = _sampled(coding, torch.from_numpy(voxels)[index], sample.features, sample.scalings)
+    inputs, outputs = _sampled(coding, voxels_of[index], sample.features, sample.scalings)
     networks = {
         name: quantised(network, inputs[name], _tolerance(name, outputs[name], coding) * noise)
         for name, network in coding.networks.items()

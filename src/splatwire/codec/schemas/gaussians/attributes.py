@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 
 from splatwire.codec.schemas.gaussians.blocks import runs
 from splatwire.codec.schemas.gaussians.layout import (
@@ -61,13 +60,13 @@ class Sources:
 def scene_middle(splats: Splats) -> np.ndarray:
     """Middle of a scene: the median of its Gaussians on each axis, float64 (3)."""
     ranks = middle_ranks(splats.num_gaussians)
-    columns = splats.means.numpy().T
+    columns = splats.means.T
     return np.array([order_statistics(functools.partial(runs, column), ranks).mean() for column in columns])
 
 
 def scene_log(splats: Splats) -> int:
     """Size of a scene: log2 of the median distance of the Gaussians from its middle, rounded down."""
-    means, ranks, middle = splats.means.numpy(), middle_ranks(splats.num_gaussians), scene_middle(splats)
+    means, ranks, middle = splats.means, middle_ranks(splats.num_gaussians), scene_middle(splats)
 
     def squares(some: np.ndarray) -> np.ndarray:
         x, y, z = (column.astype(np.float64) - m for column, m in zip(some.T, middle, strict=True))
@@ -84,23 +83,23 @@ def to_sources(splats: Splats, size_log: int) -> Sources:
         splats: The Gaussians.
         size_log: `scene_log` of the scene.
     """
-    order = np.argsort(-splats.scales.numpy(), axis=1, kind="stable")
-    axes = np.take_along_axis(matrices_of(splats.quats.numpy().astype(np.float64)), order[:, None, :], axis=2)
+    order = np.argsort(-splats.scales, axis=1, kind="stable")
+    axes = np.take_along_axis(matrices_of(splats.quats.astype(np.float64)), order[:, None, :], axis=2)
     return Sources(to_logs(splats, size_log), axes, to_colours(splats), to_harmonics(splats))
 
 
 def to_logs(splats: Splats, size_log: int) -> np.ndarray:
     """Opacity and scales by falling size as logarithms in fixed point, int64 (N, 4); `size_log` as in `to_sources`."""
     logs = np.empty((splats.num_gaussians, 4), np.int64)
-    logs[:, 0] = _fixed(np.log2(splats.opacities.numpy().astype(np.float64)), MIN_OPACITY, MAX_OPACITY)
-    for place, scales in zip((3, 2, 1), rising(splats.scales.numpy()), strict=True):
+    logs[:, 0] = _fixed(np.log2(splats.opacities.astype(np.float64)), MIN_OPACITY, MAX_OPACITY)
+    for place, scales in zip((3, 2, 1), rising(splats.scales), strict=True):
         logs[:, place] = _fixed(np.log2(scales.astype(np.float64)) - size_log, -MAX_LOG, MAX_LOG)
     return logs
 
 
 def to_colours(splats: Splats) -> np.ndarray:
     """Y Co Cg in fixed point, int64 (N, 3)."""
-    base = splats.sh[:, 0].numpy().astype(np.float64) @ LUMA_CHROMA.T
+    base = splats.sh[:, 0].astype(np.float64) @ LUMA_CHROMA.T
     return _fixed(LUMA_CHROMA.sum(axis=1) / 2 + DC * base, -MAX_COLOUR, MAX_COLOUR)
 
 
@@ -109,7 +108,7 @@ def to_harmonics(splats: Splats) -> np.ndarray:
 
     Not rounded: what the transform of whole numbers gives is none, and its inverse has to find them again.
     """
-    flat = splats.sh[:, 1:].numpy().astype(np.float64).reshape(-1, 3) @ LUMA_CHROMA.T * (1 << BITS)
+    flat = splats.sh[:, 1:].astype(np.float64).reshape(-1, 3) @ LUMA_CHROMA.T * (1 << BITS)
     return np.clip(flat, -MAX_COLOUR, MAX_COLOUR, out=flat).reshape(splats.num_gaussians, -1, 3)
 
 
@@ -170,11 +169,11 @@ def to_splats(
     # One product of matrices for the transform and for Y Co Cg.
     sh[:, 3:] = harmonics.astype(np.float64) @ np.kron(transform * (2.0**-BITS / TRANSFORM_UNIT), LUMA_CHROMA)
     return Splats(
-        torch.from_numpy(means.astype(np.float32)),
-        torch.from_numpy(quaternions_of(_frames(rows)).astype(np.float32)),
-        torch.from_numpy(scales.astype(np.float32)),
-        torch.from_numpy(power_of_two(rows[:, OPACITY]).astype(np.float32)),
-        torch.from_numpy(sh.astype(np.float32)).view(len(rows), -1, 3),
+        means.astype(np.float32),
+        quaternions_of(_frames(rows)).astype(np.float32),
+        scales.astype(np.float32),
+        power_of_two(rows[:, OPACITY]).astype(np.float32),
+        sh.astype(np.float32).reshape(len(rows), -1, 3),
     )
 
 

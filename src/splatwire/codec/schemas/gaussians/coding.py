@@ -1,7 +1,6 @@
 """What Gaussians were rounded to, as bytes: files that keep it encode to the same integers again."""
 
 import numpy as np
-import torch
 
 from splatwire.codec.schemas.gaussians.layout import MAX_CLASSES
 from splatwire.codec.schemas.gaussians.side_info import read_header, write_header
@@ -30,4 +29,4 @@ def coding_from_bytes(data: bytes, classes: np.ndarray, degree: int) -> SplatCod
     if own != degree or coarsest < 0 or classes.max(initial=0) >= MAX_CLASSES:
         raise BitstreamError(f"steps of Gaussians of degree {own} and classes up to {classes.max(initial=0)}")
     steps = size_log, unit, coarsest, tuple(bases.tolist())
-    return SplatCoding(*steps, torch.from_numpy(transform), torch.from_numpy(classes))
+    return SplatCoding(*steps, transform, classes)

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.codec.schemas.gaussians.attributes import empty_rows, to_splats
@@ -75,7 +74,7 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
     rows, harmonics = _decode(here, count, reader.rest())
     origins = np.broadcast_to(boxes.corners[0], (count, 3))
     splats = to_splats(rows, harmonics, origins, info.unit, info.size_log, info.transform)
-    return Copies(torch.from_numpy(places), splats, (size, opacity, trust))
+    return Copies(places, splats, (size, opacity, trust))
 
 
 def moved_copies(section: bytes, place_at: np.ndarray) -> bytes:

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from splatwire.codec.schemas.gaussians.blocks import block_codes, make_boxes, to_lattice
 from splatwire.codec.schemas.gaussians.copies import write_head, write_places
@@ -32,12 +31,12 @@ def write_copies(
     """
     if not 0 <= level < MAX_CLASSES:
         raise InvalidValueError(f"there is no class of precision {level}: classes are 0 to {MAX_CLASSES - 1}")
-    lattice = to_lattice(splats.means[torch.from_numpy(places)].numpy().astype(np.float64), info.unit, info.size_log)
+    lattice = to_lattice(splats.means[places].astype(np.float64), info.unit, info.size_log)
     boxes, count = make_boxes(lattice.min(axis=0)[None], lattice.max(axis=0)[None], max(info.coarsest, 0)), len(places)
     order = np.argsort(block_codes(lattice - boxes.corners[0], int(boxes.bits[0])), kind="stable")
     places, classes = places[order], np.broadcast_to(np.uint8(level), splats.num_gaussians)
     scene = SourceScene(
-        splats, splats.means.numpy(), places, np.array([0, count]), classes, info.size_log, info.unit, info.bases,
+        splats, splats.means, places, np.array([0, count]), classes, info.size_log, info.unit, info.bases,
         info.coarsest, True,
     )  # fmt: skip
     here = replace(info, boxes=boxes, defaults=np.clip([scene.means(0)], -511, 511))

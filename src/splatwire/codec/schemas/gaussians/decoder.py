@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import torch
 
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import read_background
@@ -77,8 +76,8 @@ class GaussianDecoder:
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """See `Decoder.expect`: what is expected of lost Gaussians hangs on the rest of their block (`store`)."""
         self._splats = blank_splats(self._num, self._info.degree)
-        self._levels = torch.zeros(self._num, dtype=torch.uint8)
-        self._erasures = Erasures.of_anchors(torch.zeros(self._num, dtype=torch.bool))
+        self._levels = np.zeros(self._num, dtype=np.uint8)
+        self._erasures = Erasures.of_anchors(np.zeros(self._num, dtype=np.bool_))
 
     def decode(self, run: Run) -> Rows:
         """See `Decoder.decode`."""
@@ -87,9 +86,9 @@ class GaussianDecoder:
     def store(self, run: Run, rows: Rows) -> None:
         """See `Decoder.store`."""
         places = self._plan.block_ranks(run.block)
-        here, known = torch.from_numpy(places), self._erasures.received
-        known[torch.from_numpy(run.ranks)] = True
-        received = known[here].all(dim=1).numpy()
+        known = self._erasures.received
+        known[run.ranks] = True
+        received = known[places].all(axis=1)
         if not received.all():
             gaps = empty_rows(len(places), self._info.num_harmonics)
             for filled, some in zip(gaps, rows, strict=True):
@@ -97,7 +96,7 @@ class GaussianDecoder:
             rows = gaps
         store_block(self._splats, places, rows[0], rows[1], received, self._info, run.block)
         if received.any():
-            self._levels[here] = torch.from_numpy(rows[0][:, CLASS].astype(np.uint8))
+            self._levels[places] = rows[0][:, CLASS].astype(np.uint8)
 
     def update_digest(self, digest: Any, rows: Rows) -> None:
         """See `Decoder.update_digest`."""
@@ -116,7 +115,7 @@ class GaussianDecoder:
         return Partial(scene, self._erasures, concealer_sections(self.sections), self._said)
 
 
-def coding_of(info: SideInfo, classes: torch.Tensor) -> SplatCoding | None:
+def coding_of(info: SideInfo, classes: np.ndarray) -> SplatCoding | None:
     """What encodes Gaussians to the same integers again; None in streams whose integers depend on packets.
 
     Args:
@@ -125,8 +124,7 @@ def coding_of(info: SideInfo, classes: torch.Tensor) -> SplatCoding | None:
     """
     if info.coarsest < 0:
         return None
-    transform = torch.from_numpy(info.transform)
-    return SplatCoding(info.size_log, info.unit, info.coarsest, tuple(info.bases.tolist()), transform, classes)
+    return SplatCoding(info.size_log, info.unit, info.coarsest, tuple(info.bases.tolist()), info.transform, classes)
 
 
 def open_side_info(manifest: Manifest, side_info: bytes) -> SideInfo:
@@ -174,10 +172,7 @@ def decode_packets(
 
 def blank_splats(count: int, degree: int) -> Splats:
     """Gaussians to be filled, zero everywhere."""
-    return Splats(
-        torch.zeros(count, 3), torch.zeros(count, 4), torch.zeros(count, 3), torch.zeros(count),
-        torch.zeros(count, (degree + 1) ** 2, 3),
-    )  # fmt: skip
+    return Splats(*(np.zeros((count, *shape), np.float32) for shape in ((3,), (4,), (3,), (), ((degree + 1) ** 2, 3))))
 
 
 def store_block(
@@ -208,12 +203,11 @@ def store_block(
         some = slice(first, first + PIECE)
         origins = np.broadcast_to(info.boxes.corners[block], filled[some][:, :3].shape)
         decoded = to_splats(filled[some], harmonics[some], origins, info.unit, info.size_log, info.transform)
-        index = torch.from_numpy(places[some])
         for name, values in vars(decoded).items():
-            getattr(splats, name)[index] = values
-    gone = torch.from_numpy(places[lost])
+            getattr(splats, name)[places[some]] = values
+    gone = places[lost]
     splats.opacities[gone] = 0
-    splats.quats[gone] = torch.tensor([1.0, 0.0, 0.0, 0.0])
+    splats.quats[gone] = (1, 0, 0, 0)
 
 
 def _expected(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarray) -> np.ndarray:

@@ -71,7 +71,7 @@ def prepare_splats(
     if shapes:
         tier_of = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_elements for shape in shapes])
         sections[TIERS] = encode_tiers(tier_of, len(shapes))
-    known = None if coding is None else coding.transform.numpy()
+    known = None if coding is None else coding.transform
     side_info = write_side_info(fit_side_info(source, sections, known, like, options.threads))
     # Predict from what a decoder will read, not from what was meant.
     return Prepared(GaussianEncoder(source, plan, read_side_info(side_info, plan.num_blocks)), side_info, plan)

@@ -1,7 +1,7 @@
 """Tables of contexts from how often what was coded."""
 
 import numpy as np
-import torch
+from scipy.special import ndtr
 
 from splatwire.codec.schemas.gaussians.layout import (
     EIGHTHS,
@@ -63,12 +63,12 @@ def _expected_magnitudes() -> np.ndarray:
     """Mean magnitude of an integer under each scale's mixture, increasing; its mean is anywhere within half a step."""
     sigma = 2.0**INVERSE_BITS / inverse_scale_table()[np.arange(0, NUM_SCALES, SCALE_UNIT)]
     share, ratio, most = NARROW_WEIGHT / 65536, 2.0 ** (WIDE / 16), 1 << (int(EIGHTHS) - 1)
-    edges = torch.arange(64, dtype=torch.float64)[:, None] + 0.5
+    edges = np.arange(64, dtype=np.float64)[:, None] + 0.5
     # Both tails: a mean above 0 is as far from the edges below as one below is from those above.
-    edges = edges - torch.arange(-most, most, dtype=torch.float64) / (2 * most)
+    edges = edges - np.arange(-most, most, dtype=np.float64) / (2 * most)
     means = []
     for s in sigma.tolist():
-        small = [2 * float(torch.special.ndtr(-edges / scale).sum(dim=0).mean()) for scale in (s, s * ratio)]
+        small = [2 * float(ndtr(-edges / scale).sum(axis=0).mean()) for scale in (s, s * ratio)]
         large = [0.7978845608 * scale for scale in (s, s * ratio)]
         narrow, wide = (a if scale < 8 else b for a, b, scale in zip(small, large, (s, s * ratio), strict=True))
         means.append(share * narrow + (1 - share) * wide)

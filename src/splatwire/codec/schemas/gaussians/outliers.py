@@ -4,7 +4,6 @@ import logging
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from splatwire.codec.schemas.gaussians.attributes import scene_middle
 from splatwire.codec.schemas.gaussians.blocks import pieces, runs
@@ -35,7 +34,7 @@ def within_reach(splats: Splats, size_log: int) -> Splats:
         The same Gaussians, or some of them nearer, which is logged.
     """
     reach = 2.0 ** (REACH + size_log)
-    means = splats.means.numpy()
+    means = splats.means
     farthest = max(float(np.abs(some).max()) for some in runs(means))
     if farthest <= reach:
         return splats
@@ -51,21 +50,16 @@ def within_reach(splats: Splats, size_log: int) -> Splats:
         "encoding: %s of %s Gaussians are up to %.3g times the scene's size away and are moved nearer, to %.3g",
         f"{len(far):,}", f"{splats.num_gaussians:,}", float(distance.max()) / 2.0**size_log, left / 2.0**size_log,
     )  # fmt: skip
-    index, factor = torch.from_numpy(far), torch.from_numpy(share)[:, None]
-    origin = torch.from_numpy(middle)
-    near = (origin + (splats.means[index].double() - origin) * factor).float()
-    scales = (splats.scales[index] * factor).float().clamp(min=torch.finfo(torch.float32).tiny)
-    return replace(
-        splats,
-        means=splats.means.index_put((index,), near),
-        scales=splats.scales.index_put((index,), scales),
-    )
+    means, scales = splats.means.copy(), splats.scales.copy()
+    means[far] = middle + (means[far].astype(np.float64) - middle) * share[:, None]
+    scales[far] = np.maximum(scales[far] * share[:, None], np.finfo(np.float32).tiny)
+    return replace(splats, means=means, scales=scales)
 
 
 def tell_cut_colours(splats: Splats) -> None:
     """Logs how many Gaussians have colours or harmonics that no stream holds: they are cut."""
     most = MAX_COLOUR / (1 << BITS)
-    sh = splats.sh.numpy().reshape(splats.num_gaussians, -1)
+    sh = splats.sh.reshape(splats.num_gaussians, -1)
     largest = [np.abs(some).max(axis=1) for some in runs(sh)]
     cut = sum(int((some > most).sum()) for some in largest)
     if cut:

@@ -46,7 +46,7 @@ def _carried(stream: SceneStream, packed: SceneStream) -> SceneStream:
 
 def _ranked(splats: Splats) -> np.ndarray:
     """Gaussians in an order that depends on nothing but themselves, int64 (N)."""
-    columns = [values.numpy().reshape(splats.num_gaussians, -1) for values in vars(splats).values()]
+    columns = [values.reshape(splats.num_gaussians, -1) for values in vars(splats).values()]
     return np.lexsort(np.concatenate(columns, axis=1).T)
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
 from splatwire.codec.schemas.gaussians.attributes import (
     scene_log,
@@ -126,7 +125,7 @@ class SourceScene:
         """Sorts Gaussians into the blocks of a plan, see `prepare_splats`; `most_unit` is the most `unit` may be."""
         if coding is not None:
             size_log, unit, coarsest = coding.size_log, coding.unit, coding.coarsest
-            bases, levels = np.array(coding.bases), coding.classes.numpy()
+            bases, levels = np.array(coding.bases), coding.classes
         else:
             size_log = scene_log(splats)
             splats = within_reach(splats, size_log)
@@ -135,7 +134,7 @@ class SourceScene:
             most = quality.classes_of(splats.degree) - 1
             levels = _levels_of_flat(splats, levels_of(classes, splats.num_gaussians, most), most, bases, size_log)
             unit = min(_lattice_unit(splats, levels, bases, size_log), most_unit)
-            coarsest = typical_cell(splats.means.numpy(), unit, size_log)
+            coarsest = typical_cell(splats.means, unit, size_log)
         centres = _centres(splats, levels, bases, size_log, unit, coarsest)
         order = _as_they_come(len(centres)) if sorted_already else gaussian_order(centres, tiers)
         edges = np.concatenate([[0], np.cumsum(block_sizes(plan))]).astype(np.int64)
@@ -168,8 +167,7 @@ class SourceScene:
     def pick(self, where: slice | np.ndarray) -> Splats:
         """The Gaussians at some places of `order`."""
         # numpy's `take` is several times as fast as an index into a tensor.
-        arrays = {name: values.numpy().take(self.order[where], axis=0) for name, values in vars(self.splats).items()}
-        return Splats(**{name: torch.from_numpy(values) for name, values in arrays.items()})
+        return self.splats.select(self.order[where])
 
     def classes_at(self, where: slice | np.ndarray) -> np.ndarray:
         """Classes of precision of those at some places of `order`, int64."""
@@ -265,12 +263,10 @@ def _levels_of_flat(splats: Splats, levels: np.ndarray, most: int, bases: np.nda
         bases: Exponents of steps.
         size_log: log2 of the scene's size.
     """
-    flat = np.concatenate(
-        [np.flatnonzero(_is_flat(some)) + n * ROWS for n, some in enumerate(runs(splats.scales.numpy()))]
-    )
+    flat = np.concatenate([np.flatnonzero(_is_flat(some)) + n * ROWS for n, some in enumerate(runs(splats.scales))])
     if not len(flat):
         return levels
-    logs = to_logs(splats.select(torch.from_numpy(flat)), size_log) / (1 << BITS)
+    logs = to_logs(splats.select(flat), size_log) / (1 << BITS)
     opacity, s0, long = logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2]
     known = np.stack([2 * s0 - long, long, np.zeros(len(flat)), opacity])
     exponents = (COEFFICIENTS[S_SCALE2] @ known + bases[S_SCALE2]) / (1 << STEP_BITS)
@@ -290,7 +286,7 @@ def _is_flat(scales: np.ndarray) -> np.ndarray:
 def _bases(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
     """Exponents of steps; that of the largest scale is as fine as its mean over the scene asks for."""
     bases = quality.bases(splats.degree)
-    parts = list(runs(splats.scales.numpy()))
+    parts = list(runs(splats.scales))
     least = np.float32(2.0 ** (size_log - SMALLEST))
 
     def sizes(some: np.ndarray) -> tuple[float, int]:
@@ -324,7 +320,7 @@ def _centres(
         part, shifts = splats.run(begin, begin + len(some)), np.empty(len(some), np.int64)
         classes = levels[begin : begin + len(some)].astype(np.int64)
         kernels.place_shifts(to_logs(part, size_log), classes, bases, unit, coarsest, thinness, shifts)
-        some[:] = part.means.numpy()
+        some[:] = part.means
         # Twice: the middle of a cell as small as what a float32 tells apart is rounded, perhaps into the cell beside.
         for _ in range(2):
             cells = to_lattice(some.astype(np.float64), unit, size_log) >> shifts[:, None]
@@ -345,6 +341,6 @@ def _lattice_unit(splats: Splats, levels: np.ndarray, bases: np.ndarray, size_lo
         steps = octaves + level + c[0] * (largest + middle) + c[1] * (largest - middle)
         return float(np.maximum(steps, 1 - middle).max())
 
-    most = max(share(finest, list(zip(runs(splats.scales.numpy()), runs(levels), strict=True))), default=-np.inf)
-    far = np.log2(float(splats.means.abs().max()) + 1e-30) - size_log
+    most = max(share(finest, list(zip(runs(splats.scales), runs(levels), strict=True))), default=-np.inf)
+    far = np.log2(float(np.abs(splats.means).max()) + 1e-30) - size_log
     return int(np.clip(np.ceil(most), 0, max(min(ROOM - np.ceil(far), ROOM), 0)))

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from splatwire.codec.background import read_background
 from splatwire.codec.fixed_point import ACTIVATION_BITS, FACTOR_BITS, OUTPUT_BITS
@@ -30,7 +29,7 @@ from splatwire.model import (
     Partial,
     Prior,
 )
-from splatwire.model.prior_field import MIN_SCALE
+from splatwire.model.prior import MIN_SCALE
 from splatwire.scene import Anchors, Attribute, Erasures
 
 
@@ -104,10 +103,10 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> Partial[AnchorScene
     """
     num, layout = len(info.voxels), info.config.layout
     positions = (info.voxels.astype(np.float64) * info.voxel_size).astype(np.float32)
-    features, scalings, offsets = (torch.from_numpy(v) for v in arrays.values)
+    features, scalings, offsets = (v for v in arrays.values)
     anchors = Anchors(
-        torch.from_numpy(positions), features, scalings,
-        offsets.reshape(num, layout.num_offsets, 3), torch.from_numpy(arrays.mask),
+        positions, features, scalings,
+        offsets.reshape(num, layout.num_offsets, 3), arrays.mask,
     )  # fmt: skip
     heads = GaussianHeads(*(network_of(head) for head in info.heads))
     model = ContextModel(_grid(info), network_of(info.prior), tuple(network_of(mlp) for mlp in info.channel))
@@ -119,7 +118,7 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> Partial[AnchorScene
         background=background,
         metadata=read_metadata(info.sections),
     )
-    erasures = Erasures(torch.from_numpy(arrays.received))
+    erasures = Erasures(arrays.received)
     return Partial(scene, erasures, concealer_sections(info.sections, MASKS), (_prior(info, arrays), layout))
 
 
@@ -138,23 +137,23 @@ def _prior(info: SideInfo, arrays: DecodedArrays) -> Prior:
         attributes.append(
             AttributePrior(
                 _to_float(arrays.outputs[:, mean : mean + width]),
-                _to_float(arrays.outputs[:, scale : scale + width]).clamp(min=MIN_SCALE),
-                torch.from_numpy(step.astype(np.float32)),
+                np.maximum(_to_float(arrays.outputs[:, scale : scale + width]), np.float32(MIN_SCALE)),
+                step.astype(np.float32),
             )
         )
     feature, scaling, offset = attributes
-    return Prior(feature, scaling, offset, torch.from_numpy(arrays.context).mul_(2.0**-ACTIVATION_BITS))
+    return Prior(feature, scaling, offset, arrays.context * np.float32(2.0**-ACTIVATION_BITS))
 
 
-def _to_float(outputs: np.ndarray) -> torch.Tensor:
-    return torch.from_numpy(outputs).float().mul_(2.0**-OUTPUT_BITS)
+def _to_float(outputs: np.ndarray) -> np.ndarray:
+    return outputs.astype(np.float32) * np.float32(2.0**-OUTPUT_BITS)
 
 
 def _grid(info: SideInfo) -> HashGrid:
     rows = sum(info.config.grid.rows(3))
     return HashGrid(
-        torch.from_numpy(info.signs[:rows].copy()),
-        torch.from_numpy(info.signs[rows:].reshape(3, -1, info.signs.shape[1]).copy()),
-        torch.from_numpy(info.bounds_min),
-        torch.from_numpy(info.bounds_max),
+        info.signs[:rows].copy(),
+        info.signs[rows:].reshape(3, -1, info.signs.shape[1]).copy(),
+        info.bounds_min,
+        info.bounds_max,
     )

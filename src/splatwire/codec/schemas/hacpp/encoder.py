@@ -7,7 +7,6 @@ import numpy as np
 from splatwire.codec.schema import CodedPackets
 from splatwire.codec.schemas.hacpp.atomic import Symbols, cut_packets, encode_packets, predict_mixture, predict_packets
 from splatwire.codec.schemas.hacpp.coding_params import CodingContext, quantise
-from splatwire.codec.schemas.hacpp.fit import fit_side_info
 from splatwire.codec.schemas.hacpp.separated import SECTION as MASKS
 from splatwire.codec.schemas.hacpp.separated import encode_masks, encode_parts
 from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info, write_side_info
@@ -31,10 +30,12 @@ def hacpp_encoder(
         sections: Named sections of the side information.
         noise: Tolerated noise of the context networks; None for the measured rule.
     """
-    source, voxels = SymbolSource(scene), voxel_indices(scene.anchors.positions, scene.coding.voxel_size).numpy()
+    source, voxels = SymbolSource(scene), voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
+    from splatwire.codec.schemas.hacpp.fit import fit_side_info  # needs torch
+
     info = fit_side_info(scene, voxels, noise=noise)
     if packetization.separated:
-        sections = {**sections, MASKS: encode_masks(scene.anchors.mask.numpy(), info.mask_models())}
+        sections = {**sections, MASKS: encode_masks(scene.anchors.mask, info.mask_models())}
     side_info = write_side_info(replace(info, sections=sections))
     # Predict from what a decoder will read, not from what was meant.
     read = read_side_info(side_info, scene.anchors.num_anchors, packetization.order)
@@ -56,7 +57,7 @@ def hacpp_encoder_again(
     fixed, sections = split_sections(side_info, ANCHORS)
     sections.pop(MASKS, None)
     if packetization.separated:
-        sections[MASKS] = encode_masks(scene.anchors.mask.numpy(), info.mask_models())
+        sections[MASKS] = encode_masks(scene.anchors.mask, info.mask_models())
     return HacppEncoder(SymbolSource(scene), info, packetization.separated), fixed + write_sections(sections)
 
 
@@ -98,11 +99,11 @@ class SymbolSource:
 
     def __init__(self, scene: AnchorScene) -> None:
         anchors = scene.anchors
-        self._mask = anchors.mask.numpy()
+        self._mask = anchors.mask
         self._values = (
-            anchors.features.numpy(),
-            anchors.scalings.numpy(),
-            anchors.present_offsets.flatten(1).numpy(),
+            anchors.features,
+            anchors.scalings,
+            anchors.present_offsets.reshape(len(anchors.mask), -1),
         )
 
     def symbols(self, ranks: np.ndarray, factors: np.ndarray, context: CodingContext) -> Symbols:

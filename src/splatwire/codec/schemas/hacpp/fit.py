@@ -3,13 +3,15 @@
 import numpy as np
 import torch
 
-from splatwire.codec.heads import SAMPLE_SEED, fit_heads, quantised
+from splatwire.codec.head_fit import SAMPLE_SEED, fit_heads
+from splatwire.codec.heads import quantised
 from splatwire.codec.schemas.hacpp.side_info import MASK_CONTEXTS, SideInfo
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.model import AnchorScene
 from splatwire.model.channel_context import channel_parameters
 from splatwire.model.hash_grid import interpolate_hash_grid
 from splatwire.model.prior_field import PriorOutputs, split_prior_outputs, typical_spread
+from splatwire.model.tensors import to_tensors
 
 SAMPLE_ANCHORS = 16_000
 
@@ -33,6 +35,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
     Returns:
         Side information ready to be written.
     """
+    scene = to_tensors(scene)
     config, grid = scene.hacpp.config, scene.hacpp.context.grid
     if noise is None:
         noise = float(np.clip(NOISE_REFERENCE * (ANCHORS_REFERENCE / max(len(voxels), 1)) ** 0.5, 0.01, 0.05))

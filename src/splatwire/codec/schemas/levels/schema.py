@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from splatwire.codec.decoding import decode_stream
 from splatwire.codec.schema import Options, Prepared, Schema
@@ -36,8 +35,8 @@ class LevelsDecoder(GaussianDecoder):
     def scene(self) -> Partial[SplatScene]:
         """See `Decoder.scene`."""
         partial = super().scene()
-        numbers = torch.arange(len(self._sizes) - 1, -1, -1, dtype=torch.uint8)
-        levels = Levels(numbers.repeat_interleave(torch.tensor(self._sizes)), self._levels)
+        numbers = np.arange(len(self._sizes) - 1, -1, -1, dtype=np.uint8)
+        levels = Levels(np.repeat(numbers, self._sizes), self._levels)
         scene = replace(partial.scene, hints=levels.hints, coding=None)
         return replace(partial, scene=scene).saying(levels)
 

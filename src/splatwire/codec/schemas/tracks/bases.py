@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from splatwire.codec.schemas.gaussians.blocks import Boxes
 from splatwire.codec.schemas.gaussians.encoder import encode_block, fit_side_info
@@ -106,8 +105,8 @@ class BaseEncoder:
         info, count = self._like, splats.num_gaussians
         most = self._quality.classes_of(splats.degree) - 1
         levels = np.full(count, self._level, np.uint8) if classes is None else levels_of(classes, count, most)
-        transform, bases = torch.from_numpy(info.transform), tuple(info.bases.tolist())
-        return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, torch.from_numpy(levels))
+        transform, bases = info.transform, tuple(info.bases.tolist())
+        return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, levels)
 
     def _threads_for(self, plan: PacketPlan) -> int | None:
         """Waking another thread takes as long as a block."""

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import torch
 
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import read_background
@@ -87,8 +86,8 @@ class TracksDecoder:
         self._splats = blank_splats(self._num_tracks, self.info.bases.degree)
         self._rows = np.zeros((self._num_tracks, int(COLUMNS)), np.int64)
         self._rounding = np.zeros(self._num_tracks, np.float32)
-        self._received = torch.zeros(self._num_tracks, dtype=torch.bool)
-        self._erasures = Erasures.of_anchors(torch.zeros(self._num, dtype=torch.bool))
+        self._received = np.zeros(self._num_tracks, dtype=np.bool_)
+        self._erasures = Erasures.of_anchors(np.zeros(self._num, dtype=np.bool_))
         self._packets: dict[int, tuple[Packet, ...]] = {}
         self._sizes: dict[int, int] = {}
         self._ready: dict[PacketId, _Moved] = {}
@@ -113,7 +112,7 @@ class TracksDecoder:
     def store(self, run: Run, rows: Rows) -> None:
         """See `Decoder.store`: of motion the packets are kept, which are a hundredth of what is in them."""
         _, base = self._spans.of(run.block)
-        self._erasures.received[torch.from_numpy(run.ranks)] = True
+        self._erasures.received[run.ranks] = True
         if base is None:
             self.hold(run.block, run.packets)
             return
@@ -129,7 +128,7 @@ class TracksDecoder:
         here = np.arange(first, first + count)
         store_block(self._splats, here, whole, harmonics, received, self.info.bases, base)
         self._rows[here] = placed(whole, self.info.bases, base)
-        self._received[here] = torch.from_numpy(received)
+        self._received[here] = received
         steps = motion_shifts(self._rows[here], self.info.bases, self.info.coarser)[:, 0]
         exponents = steps + self.info.bases.size_log - self.info.bases.unit - 1
         self._rounding[here] = np.ldexp(received.astype(np.float32), exponents)
@@ -146,7 +145,7 @@ class TracksDecoder:
     def scene(self) -> Partial[ClipScene]:
         """See `Decoder.scene`."""
         blocks = self._spans.blocks_of_tracks()
-        tracks = Tracks(self._splats, self._spans.born, self._received.numpy(), blocks, self._rounding, *self._lives)
+        tracks = Tracks(self._splats, self._spans.born, self._received, blocks, self._rounding, *self._lives)
         background, antialiased = read_background(self.sections), ANTIALIASED in self.sections
         clip = ClipScene(
             self.info.timeline, tracks, self._motion, self._num, background, antialiased,
@@ -190,7 +189,7 @@ class TracksDecoder:
         Raises:
             BitstreamError: If what is prepared takes more memory than a stream of so many bytes may.
         """
-        there = self._received.numpy()
+        there = self._received
         parts = [packets[begin : begin + TOGETHER] for begin in range(0, len(packets), TOGETHER)]
         decoded = ordered_map(lambda part: self._moved(part, there), parts, 1 if len(parts) == 1 else threads)
         for part, found in zip(parts, decoded, strict=True):

@@ -1,0 +1,70 @@
+"""The CPU renderer for torch: the same pictures as `splatwire.render.cpu`, with gradients."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from splatwire.render.base import Drawing
+from splatwire.render.cpu import Picture, keep_freed_memory
+from splatwire.scene import Cameras, Gaussians
+
+
+def render_differentiable(
+    gaussians: Gaussians,
+    cameras: Cameras,
+    *,
+    background: Float[Tensor, "3"],
+    probe: Float[Tensor, "C G 2"] | None = None,
+) -> Float[Tensor, "C H W 3"]:
+    """Draws Gaussians with the compiled rasteriser, in float32; differentiable in the Gaussians and the background.
+
+    Args:
+        gaussians: What to draw.
+        cameras: Where from, one or more views.
+        background: RGB behind everything.
+        probe: Zeros that are added to nothing; their gradient becomes that of the 2D centres, in pixels.
+
+    Returns:
+        RGB, not clamped, on the device of the Gaussians.
+    """
+    keep_freed_memory()
+    fields = (gaussians.means, gaussians.quats, gaussians.scales, gaussians.opacities, gaussians.colors)
+    inputs = [t.to("cpu", torch.float32).contiguous() for t in (*fields, background)]
+    views = []
+    for view in range(cameras.num_views):
+        shift = None if probe is None else probe[view]
+        views.append(_Rasterize.apply(cameras, view, shift, *inputs))
+    pictures = torch.stack(views) if len(views) > 1 else views[0][None]  # large pictures take long to copy
+    return pictures.to(gaussians.means.device)
+
+
+def draw_cpu(gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], watched: bool) -> Drawing:
+    """Draws a view for training; see `splatwire.render.base.TrainingRenderer`."""
+    probe = torch.zeros(1, gaussians.num_gaussians, 2, requires_grad=True) if watched else None
+    return Drawing(render_differentiable(gaussians, cameras, background=background, probe=probe)[0], probe)
+
+
+class _Rasterize(torch.autograd.Function):
+    """One view. Inputs after the probe: means, quats, scales, opacities, colors, background."""
+
+    @staticmethod
+    def forward(ctx: Any, cameras: Cameras, view: int, probe: Tensor | None, *inputs: Tensor) -> Tensor:
+        *arrays, background = (t.detach().numpy() for t in inputs)
+        picture = Picture(arrays, cameras, view, kept=any(ctx.needs_input_grad))
+        image, left_over = picture.draw(background)
+        ctx.picture, ctx.left_over, ctx.has_probe = picture, left_over, probe is not None
+        result = torch.from_numpy(image)
+        ctx.save_for_backward(*inputs, result)
+        return result
+
+    @staticmethod
+    def backward(ctx: Any, *d_images: Tensor) -> tuple[Any, ...]:
+        *inputs, _, image = ctx.saved_tensors  # saved tensors refuse to be used after a change in place
+        d_image = d_images[0].detach().to(torch.float32).contiguous().numpy()
+        gradients = ctx.picture.gradients([t.detach().numpy() for t in inputs], image.detach().numpy(), d_image)
+        d_background = np.einsum("hw,hwc->c", ctx.left_over, d_image)
+        *d_inputs, d_probe = (torch.from_numpy(g) for g in gradients)
+        return None, None, d_probe if ctx.has_probe else None, *d_inputs, torch.from_numpy(d_background)
