@@ -7,6 +7,7 @@ import select
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,7 +69,7 @@ class World:
         self.clip = FakeClip() if clip is None else clip
         self.plan: list[tuple[float, object]] = []
         self.end = 3.0
-        self.editions = list[object]()
+        self.editions = list[Any]()
         source = FolderSource(folder, self.said.append, wall=lambda: 0.0)  # no file is old
         self.live = LiveEncoding(
             source, self.clip, ClipOptions(Fraction(RATE), GROUP), self.editions.append,

@@ -175,11 +175,13 @@ def test_slurm_jobs_have_partition_account_time_and_memory(monkeypatch):
     submitit = pytest.importorskip("submitit")
     monkeypatch.setattr("shutil.which", lambda name: f"/usr/bin/{name}")
     options = SlurmOptions(partition="gpu", account="lab", minutes=30, memory_gb=16)
-    engine = create_engine("slurm", 3, options)
+    engine, usual = create_engine("slurm", 3, options), create_engine("slurm", 3)
+    assert isinstance(engine, SlurmEngine)
+    assert isinstance(usual, SlurmEngine)
     assert engine.parameters() == {
         "timeout_min": 30, "mem_gb": 16, "slurm_array_parallelism": 3, "slurm_partition": "gpu", "slurm_account": "lab"
     }  # fmt: skip
-    assert create_engine("slurm", 3).parameters() == {"timeout_min": 240, "mem_gb": 8, "slurm_array_parallelism": 3}
+    assert usual.parameters() == {"timeout_min": 240, "mem_gb": 8, "slurm_array_parallelism": 3}
     executor = submitit.AutoExecutor(folder="jobs", cluster="slurm")
     executor.update_parameters(name="splatwire", **engine.parameters())
     wanted = {"partition": "gpu", "account": "lab", "time": 30, "mem": "16GB"}
