@@ -10,7 +10,7 @@ import tyro
 from splatwire.cli._files import check_inputs, is_stream, prepared_output
 from splatwire.cli._output import JsonFlag, Reporter
 from splatwire.cli._scenes import BackgroundOption, chosen_background
-from splatwire.errors import InvalidValueError
+from splatwire.errors import InvalidValueError, how_to_install
 
 if TYPE_CHECKING:
     from splatwire.calibrate.views import CalibrationViews
@@ -116,14 +116,22 @@ def complete_stream(source: Path, show: Reporter) -> "SceneStream":
 
 
 def with_quick_sketch(stream: "SceneStream", cameras: "Cameras | None", show: Reporter) -> "SceneStream":
-    """The stream with a sketch that takes no longer than encoding, or, as is then told, as it is if none fits.
+    """Returns the stream with a sketch that takes no longer than encoding.
+
+    Where none fits, or torch is not installed, the stream is returned as it is, with a line on standard error.
 
     Args:
         stream: The complete stream.
         cameras: Where the scene is looked at from; None for views around it.
         show: Called with what is done and the share of it that is done.
     """
-    from splatwire.calibrate.sketch import sketch_of
+    try:
+        from splatwire.calibrate.sketch import sketch_of
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        print(f"without a sketch: {how_to_install(error.name)}", file=sys.stderr)
+        return stream
     from splatwire.calibrate.sketch_config import QUICK
     from splatwire.calibrate.views import CalibrationViews
     from splatwire.codec import add_concealment, decode_stream

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 from splatwire.conceal.base import Concealer
-from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.errors import InvalidValueError, UnknownNameError, how_to_install
 from splatwire.model import Partial
 
 GROUP = "splatwire.concealers"
@@ -222,7 +222,9 @@ def _load(point: EntryPoint) -> None:
     try:
         point.load()
     except Exception as error:  # whatever the code of another package raises
-        raise InvalidValueError(f"concealer '{point.name}' of {package} cannot be loaded: {error}") from error
+        how = how_to_install(error.name) if isinstance(error, ModuleNotFoundError) else None
+        reason = f"concealer '{point.name}' of {package} cannot be loaded: {how or error}"
+        raise InvalidValueError(reason) from error
     if point.name not in _KNOWN:
         raise InvalidValueError(f"{package} announces concealer '{point.name}' and does not register it")
 
