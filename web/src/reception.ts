@@ -109,6 +109,7 @@ export class Reception implements Receiver {
     this.#pieces.clear();
     this.#look = this.#looked = 0;
     this.#unconfirmed = false;
+    this.failed = null; // it was of the file that is gone
   }
 
   /** A live clip begins, goes on with more groups, or with its next chapter. */
@@ -364,7 +365,8 @@ export class Reception implements Receiver {
     const decoder = this.#received?.decoder,
       expected = decoder?.head.manifest.symbolsDigest ?? "",
       same = decoder !== undefined && (await decoder.digest(pausing())) === expected;
-    if (!same && this.complete) await this.kept?.clear();
+    // Held packets that are no complete stream are of several orders or files: the next visit begins without them.
+    if (!same && (this.complete || this.held.complete)) await this.kept?.clear();
     say({ kind: "digest", same });
   }
 

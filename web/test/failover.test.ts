@@ -3,6 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { ContainerReader } from "../src/packets/container.ts";
 import type { Ways } from "../src/transport/attempts.ts";
 import { NoWebTransport, type Session } from "../src/transport/webtransport.ts";
 import { Caches, part, Server, visit } from "./fake_web.ts";
@@ -96,4 +97,24 @@ test("a file that is refused for a moment after it was read is requested again, 
     assert.match(text, expected);
     assert.ok(server.asked.length < 20);
   }
+});
+
+test("a file in another order than the session's is whole at the latest on the next visit", async () => {
+  const caches = new Caches(),
+    reader = new ContainerReader(),
+    packets = reader.feed(STILL);
+  let falls = true;
+  const ways: Partial<Ways> = {
+    receiveDatagrams: async (_session, _limits, listener) => {
+      if (!falls) throw down();
+      falls = false;
+      listener.head(reader.head!, reader.headBytes, true);
+      listener.packets([{ place: 0, bytes: packets[1] }]);
+      throw new Error("the server fell silent");
+    },
+  };
+  new Server((asked) => part(STILL, asked));
+  assert.equal((await visit(caches, { session: SESSION }, ways)).verified, false);
+  const { complete, verified } = await visit(caches);
+  assert.deepEqual({ complete, verified }, { complete: true, verified: true });
 });
