@@ -237,3 +237,10 @@ def test_a_folder_that_is_gone_before_it_is_locked_is_made_anew(tmp_path, monkey
     write_whole(tmp_path / "a", b"1")
     assert tried
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_link_that_leads_to_itself_is_refused(tmp_path):
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises((InvalidValueError, OSError)), written_whole(tmp_path / "loop"):
+        raise AssertionError
+    assert os.readlink(tmp_path / "loop") == "loop"

@@ -40,10 +40,13 @@ def written_whole(target: str | os.PathLike[str]) -> Iterator[Path]:
         target: What to write; folders above it are made. Behind a symbolic link the file that it names is replaced.
 
     Raises:
-        InvalidValueError: If the target is a device or the like.
+        InvalidValueError: If the target is a device or the like, or a link that leads to itself.
         OSError: If the disk refuses; then nothing is changed. The error names the target.
     """
-    goal = Path(target).resolve()
+    try:
+        goal = Path(target).resolve()
+    except RuntimeError as error:  # Python 3.11 and 3.12; later ones leave it to the next line
+        raise InvalidValueError(f"{target} is a symbolic link that leads to itself") from error
     if goal.exists() and not goal.is_dir() and not goal.is_file():
         raise InvalidValueError(f"{target} is no ordinary file and would be replaced by one: name another")
     goal.parent.mkdir(parents=True, exist_ok=True)
@@ -65,7 +68,7 @@ def write_whole(target: str | os.PathLike[str], data: bytes) -> Path:
     """Writes a file as `written_whole` does; returns its path.
 
     Raises:
-        InvalidValueError: If the target is a device or the like.
+        InvalidValueError: If the target is a device or the like, or a link that leads to itself.
         OSError: If the disk refuses; then nothing is changed.
     """
     with written_whole(target) as unfinished:
