@@ -30,7 +30,9 @@ def test_every_requirement_is_pinned():
     project = _project()
     wanted = project["project"]["dependencies"] + project["dependency-groups"]["dev"]
     wanted += [
-        line for extra in ("scenes", "report", "relay") for line in project["project"]["optional-dependencies"][extra]
+        line
+        for extra in ("scenes", "neural", "report", "relay")
+        for line in project["project"]["optional-dependencies"][extra]
     ]
     assert {_name(requirement) for requirement in wanted} - {"splatwire"} <= set(pins)
     assert pins["torch"] == "2.13.0"
