@@ -50,7 +50,8 @@ def evaluations(folders, tmp_path_factory):
     found = []
     with pytest.MonkeyPatch.context() as patch:
         for module in ("run", "work"):
-            patch.setattr(f"splatwire.evaluate.study.{module}.find_lpips", lambda: lpips)
+            patch.setattr(f"splatwire.evaluate.study.{module}.find_lpips_files", lambda: ("backbone", "linear"))
+        patch.setattr("splatwire.metrics.lpips.load_lpips", lambda *files: lpips)
         for folder in folders:
             entry = SceneEntry("tiny", folder.parent / "tiny.swz", "stream", photos=folder)
             study = Study("tiny", "t", (entry,), concealment_rows(("drop", "idw")), (Loss("bernoulli:0.3"),))
