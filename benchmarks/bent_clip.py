@@ -1,9 +1,9 @@
-"""A clip whose truth is known: a real capture, bent by a smooth field, half of it still.
+"""A clip with known motion: a real capture that a smooth field bends, half of it static.
 
     python benchmarks/bent_clip.py $SPLATWIRE_DATA/splats/guitar.compressed.ply -o out/guitar --frames 30
 
-Part of it breathes in colour, some Gaussians are born and some die. Rows stay the same Gaussians (one that is not there
-is nearly transparent), unless `--shuffled`.
+Some colours change over time, and some Gaussians appear or disappear. Row i is always the same Gaussian (absent ones
+are nearly transparent), unless `--shuffled` is given.
 """
 
 import argparse
@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from splatwire.formats import write_splats
-from splatwire.scene.splats import Splats
-from splatwire.scene_io import open_scene
+from splatwire.io import open_scene
+from splatwire.io.formats import write_splats
+from splatwire.types.splats import Splats
 
 AMPLITUDE = 0.06
-"""Of the field, relative to the scene's extent."""
+"""Amplitude of the field, relative to the scene's extent."""
 CHANGED = 0.02
-"""Share of the Gaussians that are born or die."""
+"""Share of the Gaussians that appear or disappear."""
 ABSENT = 1e-5
 
 
@@ -51,7 +51,7 @@ class Field:
         return Field((low + high) / 2, float((high - low).max()), waves, phases, rng.uniform(3.0, 6.0, 3))
 
     def moved(self, places: np.ndarray, seconds: float) -> np.ndarray:
-        """Where places are, float64 (N, 3): as they were at 0 s, and on one side at all times."""
+        """Moved positions, float64 (N, 3); equal to the original at 0 s, and on the static side."""
         unit = (places - self.middle) / self.extent
         ramp = np.clip(unit[:, :1] * 6, 0, 1)
         ramp = ramp * ramp * (3 - 2 * ramp)
@@ -61,7 +61,7 @@ class Field:
         return places + AMPLITUDE * self.extent * ramp * shift
 
     def turned(self, places: np.ndarray, seconds: float) -> np.ndarray:
-        """How space is turned at places, quaternions (w, x, y, z), float64 (N, 4): the polar part of the Jacobian."""
+        """Rotation of space at positions, quaternions (w, x, y, z), float64 (N, 4): the polar part of the Jacobian."""
         step = 1e-4 * self.extent
         sides = [
             self.moved(places + step * axis, seconds) - self.moved(places - step * axis, seconds) for axis in np.eye(3)
@@ -119,14 +119,14 @@ def bent_frames(splats: Splats, frames: int, *, rate: float = 30.0, seed: int = 
 
 
 def shuffled(splats: Splats, seed: int) -> Splats:
-    """The Gaussians of a frame that are there, in an order that says nothing."""
+    """The present Gaussians of a frame in random order."""
     there = np.flatnonzero(splats.opacities > ABSENT * 2)
     order = np.random.default_rng(seed).permutation(len(there))
     return splats.select(there[order])
 
 
 def capture(path: Path, degree: int, most: int | None) -> Splats:
-    """A capture, with harmonics of at most a degree, and at most so many Gaussians (every so manieth)."""
+    """A capture, limited in harmonics degree and number of Gaussians (every n-th is kept)."""
     splats = open_scene(path).elements
     splats = splats.at_most_degree(min(degree, splats.degree))
     if most is None or splats.num_gaussians <= most:

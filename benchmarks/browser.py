@@ -9,27 +9,28 @@ The stream is one of explicit Gaussians in datagrams, or the bundled scene's:
 
     splatwire encode scene.ply -o scene.swz --preset datagram --no-sketch
 
-* `bundle`: bytes of the page's two scripts, and compressed with gzip -9; a preview waits for the first of them only.
-* `decode`: processor time of a Gaussian or an anchor in node, which has Chromium's engine, and in Python on one thread,
-  in turns; `view_us` is that of an anchor, all of them in view, each time a camera asks for its Gaussians.
-* `pictures`: PSNR of the page's pictures against `splatwire render`, three views around the scene; `concealed` the same
-  with 20 % of the packets lost, by concealer, against `splatwire decode --conceal`.
-* `lossy`: a relay loses 20 %, 20 ms each way; milliseconds from navigation to what is on the screen: the preview,
-  which the page itself carries, the first packets, and half of the Gaussians. Each time in a fresh page of a browser
-  that runs; the page comes over loopback and not through the relay. `threads_busy` is the machine's load meanwhile.
-* `pages`: so many pages of one browser at once: how many got every packet, and how many datagrams the path lost.
+* `bundle`: bytes of the page's two scripts, plain and compressed with gzip -9. A preview needs the first one only.
+* `decode`: processor time per Gaussian or anchor in node, which has Chromium's engine, and in Python on one thread,
+  alternating. `view_us` is the time per visible anchor for the Gaussians of one camera.
+* `pictures`: PSNR of the page's pictures against `splatwire render` for three orbit views. `concealed` is the same for
+  each concealer with 20 % of the packets lost, against `splatwire decode --conceal`.
+* `lossy`: a relay loses 20 % with 20 ms each way. Milliseconds from navigation to the preview (part of the page), the
+  first packets, and half of the Gaussians on the screen. Each run uses a fresh page of a running browser. The page
+  itself is loaded over loopback, not through the relay. `threads_busy` is the load of the machine.
+* `pages`: simultaneous pages of one browser: number of pages with every packet, and of lost datagrams.
 
-The second is a page that is left open over a link that is gone for 3 of every 10 seconds, at a rate at which the stream
-takes most of that time: packets that never came, and megabytes that the page's processes keep, every half minute.
+The second command leaves a page open over a link that is down for 3 of every 10 seconds. The rate is so low that the
+transfer takes most of that time. The result has the missing packets, and the megabytes of the page's processes every
+half minute.
 
-The third makes an element on somebody's page, waits until it draws everything, and removes it, so many times: megabytes
-that the processes of pages and of the GPU keep after each tenth of them, and what is alive after the first and after
-the last: WebGL contexts (one is the page's own), workers, addresses of blobs, observers, by what the page counts, and
-nodes, listeners, workers and buffers by the browser's own count after a collection of garbage.
+The third command repeatedly creates an element on a third-party page, waits for its complete picture and removes it.
+The result has the megabytes of the page and GPU processes after each tenth of the elements. It also has the objects
+alive after the first and the last element. The page counts WebGL contexts (one is its own), workers, blob addresses and
+observers. The browser counts nodes, listeners, workers and buffers after a garbage collection.
 
-The fourth is `pictures` alone, of packed pages, by name of the stream.
+The fourth command measures `pictures` alone, for packed pages, by stream name.
 
-Software WebGL on two cores: what draws here would not wait on a graphics card.
+WebGL runs in software on two cores, so drawing takes longer than on a graphics card.
 """
 
 import argparse
@@ -52,20 +53,20 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from splatwire.bitstream import CAUSAL, SceneStream, read_stream, stream_to_bytes
 from splatwire.cli._bundled import ASSETS, SPLATS
 from splatwire.codec import decode_stream
-from splatwire.conceal import conceal
-from splatwire.packets import CAUSAL, SceneStream, read_stream, stream_to_bytes
+from splatwire.concealment import conceal
 from splatwire.render import render_scene
-from splatwire.scene import Cameras
-from splatwire.transport import ServerLimits, make_program
-from splatwire.transport.certificate import self_signed
-from splatwire.transport.pack import pack_stream
-from splatwire.transport.page import PageServer
-from splatwire.transport.page_content import DRAWING, SCRIPT, Link, PageContent, web_file
-from splatwire.transport.preview import stream_preview
-from splatwire.transport.quic import WEBTRANSPORT_PATH, QuicLimits
-from splatwire.transport.quic_server import QuicServer
+from splatwire.transport import ServerLimits, make_served_stream
+from splatwire.transport.http.content import DRAWING, SCRIPT, Link, PageContent, web_file
+from splatwire.transport.http.pack import pack_stream
+from splatwire.transport.http.server import PageServer
+from splatwire.transport.protocol.preview import stream_preview
+from splatwire.transport.quic.certificate import self_signed
+from splatwire.transport.quic.common import WEBTRANSPORT_PATH, QuicLimits
+from splatwire.transport.quic.server import QuicServer
+from splatwire.types import Cameras
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "transport"))
@@ -153,15 +154,15 @@ def lossy(first: Browser, url: str, rounds: int = 7) -> dict[str, float]:
     times: dict[str, list[float]] = {}
     first.open("about:blank")
     for _ in range(rounds):
-        time.sleep(2)  # the page before must be gone: it kept the processor busy with drawing
+        time.sleep(2)  # the earlier page must be closed: its drawing took processor time
         page = first.another()
         page.open(url)
         page.wait_for(OVER, 300)
         page.wait_for(f"{ELEMENT}.status.times.half > 0")
-        page.resolve("caches.delete('splatwire-1')")  # the next page begins with nothing
+        page.resolve("caches.delete('splatwire-1')")  # the next page starts empty
         began = page.evaluate(f"{ELEMENT}.status.began")
         for name, value in json.loads(page.evaluate(f"JSON.stringify({ELEMENT}.status.times)")).items():
-            if value is not None:  # what was never on the screen by itself: the next thing came before it was drawn
+            if value is not None:  # never visible alone, because the next state was drawn before it
                 times.setdefault(f"{name}_ms", []).append(began + value)
         page.close()
     found = {name: round(statistics.median(values)) for name, values in times.items()}
@@ -183,8 +184,8 @@ def many(url: str, count: int) -> dict[str, Any]:
 
 
 async def left_open(stream: SceneStream, minutes: float) -> dict[str, Any]:
-    """A page over a link that comes and goes."""
-    program, began, every = make_program(stream), time.monotonic(), 30.0
+    """Measures a page over an intermittent link."""
+    program, began, every = make_served_stream(stream), time.monotonic(), 30.0
     limits = ServerLimits(fixed_rate=stream.num_bytes / (0.5 * 60 * minutes))
     server = QuicServer({"scene": program}, "127.0.0.1", 0, identity=IDENTITY, limits=limits)
     await server.start()
@@ -216,7 +217,7 @@ async def left_open(stream: SceneStream, minutes: float) -> dict[str, Any]:
 
 
 async def come_and_go(stream: SceneStream, count: int) -> dict[str, Any]:
-    """Elements on somebody's page, one after another."""
+    """Measures elements on a third-party page, one after another."""
     script = '<script type="module" src="splatwire.js"></script><canvas></canvas>'
     gone: dict[str, list[float]] = {"after": [], "pages_mb": [], "gpu_mb": [], "heap_mb": []}
     alive: dict[str, dict[str, int]] = {}
@@ -267,7 +268,7 @@ def packed_pictures(paths: list[Path]) -> dict[str, list[float]]:
 
 
 async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any]:
-    program = make_program(stream, preview=stream_preview(stream.side_info, stream.manifest.codec))
+    program = make_served_stream(stream, preview=stream_preview(stream.side_info, stream.manifest.codec))
 
     def server(limits: ServerLimits) -> QuicServer:
         ours = QuicLimits(128, 128)

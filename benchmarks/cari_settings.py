@@ -1,10 +1,10 @@
-"""In which setting, if any, CARI is above leaving lost anchors out, as the paper reports.
+"""Search for a setting in which CARI beats omitting lost anchors, as the paper reports.
 
     python benchmarks/cari_settings.py scene.swz cameras.json [-o FILE] [--views 5] [--masks 2] [--rate 0.2]
 
-Packets of anchors are lost (`.pak`), and what is made of the lost ones varies: CARI's settings, which attributes it
-interpolates while the others stay true (an oracle), and what "none" draws. PSNR is against the lossless render, mean
-over masks and views; the same masks for every row.
+`.pak` packets are lost. The rows vary CARI's settings, the interpolated attributes (an oracle gives the others), and
+the treatment of lost anchors in the row "none". PSNR is against the lossless render, mean over masks and views. Every
+row has the same masks.
 """
 
 import argparse
@@ -16,17 +16,16 @@ from typing import Any
 import numpy as np
 from figures import publish
 
-from splatwire.calibrate.pseudo_loss import calibration_data
+from splatwire.bitstream import read_stream
+from splatwire.calibration.pseudo_loss import calibration_data
 from splatwire.codec import decode_stream
-from splatwire.conceal import create_concealer
-from splatwire.conceal.conceal import conceal
+from splatwire.concealment import create_concealer
+from splatwire.concealment.conceal import conceal
 from splatwire.data import load_cameras
-from splatwire.evaluate.views import spread
+from splatwire.evaluation.views import spread
 from splatwire.metrics import psnr
-from splatwire.model import AnchorScene, Partial
-from splatwire.packets import read_stream
 from splatwire.render import render_scene
-from splatwire.scene import Anchors
+from splatwire.types import Anchors, AnchorScene, ReceivedScene
 
 SETTINGS: dict[str, dict[str, Any]] = {
     "paper": {},
@@ -49,17 +48,17 @@ KEPT: dict[str, tuple[str, ...]] = {
     "features and sizes": ("offsets", "mask"),
     "features, sizes, offsets": ("mask",),
 }
-"""What is interpolated, and what stays as it was sent."""
+"""Interpolated attributes, and unchanged ones."""
 
 
 def mixed(truth: Anchors, filled: Anchors, kept: tuple[str, ...]) -> Anchors:
-    """Concealed anchors of which some attributes are the true ones."""
+    """Concealed anchors with some true attributes."""
     anchors = replace(filled, **{name: getattr(truth, name) for name in kept})
     return replace(anchors, offsets=anchors.offsets * anchors.mask[:, :, None])
 
 
-def fillings(complete: Partial, context: Partial) -> dict[str, Callable[[], AnchorScene]]:
-    """Every row: what is drawn after a loss."""
+def fillings(complete: ReceivedScene, context: ReceivedScene) -> dict[str, Callable[[], AnchorScene]]:
+    """Yields every row: the scene drawn after a loss."""
     truth, received = complete.scene.anchors, context.scene.anchors
     lossy = replace(context, scene=complete.scene.with_elements(received))
 
@@ -112,7 +111,7 @@ def main() -> None:
     references = render_scene(complete.scene, seen)
     scores: dict[str, list[float]] = {}
     for known in data.pseudo_losses([options.rate] * options.masks, 0):
-        context = data.complete.without(known)
+        context = data.complete.masked(known)
         for name, make in fillings(complete, context).items():
             pictures = render_scene(make(), seen)
             each = [float(psnr(a[None], b[None])) for a, b in zip(pictures, references, strict=True)]

@@ -1,12 +1,12 @@
-"""What trained scenes cost and show as streams, model against model, and prints it as JSON.
+"""Size and quality of trained scenes as streams, compared by model, as JSON.
 
-Scenes are trained by `splatwire train DATA -o FILE --model hacpp|causal --lmbda L`; each is encoded, decoded from its
-bytes and drawn from the test views, whole and with 20 % of the packets lost (`drop`: how far below its own complete
-picture, the mean of three losses, by concealer). Processor times are those of one thread, the best of five. With four
-scenes of each model and more, `bd_rate` is how many bytes the causal model takes against format 1 at equal PSNR
+Scenes are trained by `splatwire train DATA -o FILE --model hacpp|causal --lmbda L`; each is encoded, decoded and
+rendered from the test views, completely and with 20 % of the packets lost. `drop` is the deficit against the complete
+picture by concealer, a mean over three losses. Processor times are those of one thread, the best of five. With at least
+four scenes per model, `bd_rate` is the change of bytes of the causal model against format 1 at equal PSNR
 (Bjontegaard's mean over the overlap, of piecewise cubics).
 
-A stream in place of a scene is measured as it is, without what it has for concealers.
+A stream instead of a scene is measured unchanged, except for its sections for concealers.
 
     python benchmarks/causal.py --photos lego=DIR lego=lego_12.scene ... [--output results/causal.json] [--plot rd.png]
     python benchmarks/causal.py --rows monday.json tuesday.json --output results/causal.json --plot causal.png
@@ -26,28 +26,29 @@ from typing import Any
 import numpy as np
 import torch
 from figures import publish
-from scipy.interpolate import PchipInterpolator
 
-from splatwire.byte_io import ByteReader
+from splatwire.anchors.scene_file import load_scene
+from splatwire.anchors.voxels import voxel_indices
+from splatwire.bitstream import SceneStream, read_stream, stream_to_bytes
+from splatwire.bitstream.limits import SCHEMAS
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene, side_info_parts
+from splatwire.codec.anchors.causal.context import CodingContext
+from splatwire.codec.anchors.causal.packet_coder import anchor_bits, quantise
+from splatwire.codec.anchors.causal.side_info import read_side_info
 from splatwire.codec.decoding import open_decoder, runs_of
-from splatwire.codec.schemas.causal.context import CodingContext
-from splatwire.codec.schemas.causal.packet_coder import anchor_bits, quantise
-from splatwire.codec.schemas.causal.side_info import read_side_info
 from splatwire.codec.weight_bytes import framed
-from splatwire.conceal import conceal
+from splatwire.concealment import conceal
 from splatwire.data import Dataset, open_dataset
 from splatwire.entropy.tables import inverse_scale_table
-from splatwire.model import AnchorScene, CausalCoding
-from splatwire.model.scene_file import load_scene
-from splatwire.model.voxels import voxel_indices
+from splatwire.evaluation import rate_distortion
+from splatwire.evaluation.rate_distortion import RatePoint
+from splatwire.files.byte_io import ByteReader
+from splatwire.neural.training.causal import number_bits
+from splatwire.neural.training.quality import assess_scene
 from splatwire.ops.morton import morton_encode
 from splatwire.ops.threads import use_single_thread
-from splatwire.packets import SceneStream, read_stream, stream_to_bytes
-from splatwire.packets.limits import SCHEMAS
-from splatwire.train.causal import number_bits
-from splatwire.train.quality import assess_scene
+from splatwire.types import AnchorScene, CausalCoding
 
 OFFICIAL = "official"
 CONCEALERS = ("grow", "scene_free")
@@ -100,7 +101,7 @@ def side_by_side(scene: AnchorScene, copies: int) -> dict[str, float]:
 
 
 def plain(stream: SceneStream) -> SceneStream:
-    """The stream without named sections: what it shows of a complete transfer is the same (but for a background)."""
+    """The stream without named sections, which shows the same complete picture except for a background."""
     fixed = ByteReader(stream.side_info, "side information")
     num_sections = len(SCHEMAS[stream.manifest.codec].sections)
     side_info = b"".join(framed(fixed.blob()) for _ in range(num_sections))
@@ -128,7 +129,7 @@ def encoding_time(scene: AnchorScene, repetitions: int = 5) -> float:
 
 
 def decoding_time(stream: SceneStream, repetitions: int = 5) -> float:
-    """Processor seconds of one thread that decode all packets of a stream whose side information has been read."""
+    """Processor seconds of one thread that decode all packets of a stream after its side information was read."""
     best = np.inf
     for _ in range(repetitions):
         decoder = open_decoder(stream.manifest, stream.side_info)
@@ -142,7 +143,7 @@ def decoding_time(stream: SceneStream, repetitions: int = 5) -> float:
 
 
 def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
-    """Bits of an average anchor by attribute: what the coder's normals say of the symbols."""
+    """Bits per anchor by attribute, from the coder's normal distributions."""
     info = read_side_info(stream.side_info, stream.manifest.num_elements)
     context, layout, anchors, known = CodingContext.of(info), info.config.layout, scene.anchors, info.places.known
     voxels = voxel_indices(anchors.positions, info.voxel_size)
@@ -170,16 +171,11 @@ def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
 
 def bd_rate(rows: list[dict[str, Any]]) -> float | None:
     """Mean change of the bytes from format 1 to the causal model, over the PSNR of both; None for short curves."""
-    curves = {}
-    for model in ("hacpp", "causal"):
-        points = sorted((row["psnr"], np.log(row["bytes"])) for row in rows if row["model"] == model)
-        if len(points) < FEWEST:
-            return None
-        curves[model] = np.array(points).T
-    low = max(curve[0][0] for curve in curves.values())
-    high = min(curve[0][-1] for curve in curves.values())
-    area = {model: PchipInterpolator(*curve).integrate(low, high) for model, curve in curves.items()}
-    return float(np.exp((area["causal"] - area["hacpp"]) / (high - low)) - 1)
+    curves = {
+        model: [RatePoint(row["bytes"], row["psnr"]) for row in rows if row["model"] == model]
+        for model in ("hacpp", "causal")
+    }
+    return rate_distortion.bd_rate(*curves.values()) if min(map(len, curves.values())) >= FEWEST else None
 
 
 def plot(scenes: dict[str, list[dict[str, Any]]], path: Path) -> None:

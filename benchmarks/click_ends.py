@@ -1,7 +1,7 @@
-"""The two ends of a transfer of `click_link.py`: a server, and a client that logs what it has at which time.
+"""The two ends of a transfer of `click_link.py`: a server, and a client that logs arrivals over time.
 
 HTTP/1.1 is plain TCP without TLS, which spares it a round trip. HTTP/3 is aioquic with CUBIC and a certificate that is
-not checked. Datagrams are `splatwire serve`'s and `splatwire receive`'s over UDP, lost packets asked for again.
+not checked. Datagrams use `splatwire serve` and `splatwire receive` over UDP with retransmission.
 """
 
 import asyncio
@@ -20,7 +20,7 @@ PIECE = 1 << 16
 
 
 class Log:
-    """What is there at which time since the click, seconds; written to the job's log."""
+    """Bytes available over time since the click, in seconds; written to the job's log."""
 
     def __init__(self, path: str) -> None:
         self._path, self.began, self.rows = Path(path), time.perf_counter(), list[tuple[float, object]]()
@@ -116,7 +116,7 @@ def http3_configuration(client: bool):  # type: ignore[no-untyped-def]
 async def serve_http3(content: bytes) -> None:
     from aioquic.asyncio import serve
 
-    from splatwire.transport.certificate import self_signed
+    from splatwire.transport.quic.certificate import self_signed
 
     kind, identity = http3_classes()[0], self_signed()
     kind.content, configuration = content, http3_configuration(client=False)
@@ -140,12 +140,12 @@ async def receive_http3(log: Log) -> bool:
 
 
 async def serve_datagrams(path: Path, parity: float) -> object:
-    from splatwire.packets import read_stream
-    from splatwire.transport import Protection, make_program
+    from splatwire.bitstream import read_stream
+    from splatwire.transport import Protection, make_served_stream
     from splatwire.transport.udp import UdpServer
 
     protection = Protection(tier_repair=(parity,) if parity else ())
-    return UdpServer({"scene": make_program(read_stream(path)[0], protection)}, HOST, PORT)
+    return UdpServer({"scene": make_served_stream(read_stream(path)[0], protection)}, HOST, PORT)
 
 
 async def receive_datagrams(log: Log) -> bool:

@@ -2,9 +2,9 @@
 
     python benchmarks/click_link.py '{"scheme": "http1", "file": "guitar.sog", ...}'
 
-The kernel's TCP or aioquic or our own sender and receiver run in the namespaces, each end a process. The link loses
-packets both ways from a seed, holds each for half a round trip, passes so many Mbit/s each way, and its drop-tail queue
-holds one bandwidth-delay product, at least 32 packets. The client writes its log to a file. For `why_not_http.py`.
+The kernel's TCP or aioquic or our own sender and receiver run in the namespaces, each end a process. The link has
+seeded losses, half a round trip of delay and a rate limit in each direction. Its drop-tail queue holds one
+bandwidth-delay product, at least 32 packets. The client writes its log to a file. For `why_not_http.py`.
 """
 
 import contextlib
@@ -47,7 +47,7 @@ class Link:
         self.counts = {"offered": 0, "lost": 0, "queue_full": 0, "bytes_to_client": 0}
 
     def step(self) -> None:
-        """Takes what the ends sent, and delivers what is due."""
+        """Accepts sent packets and delivers due ones."""
         wait = self._under_way[0][0] - time.monotonic() if self._under_way else 0.02
         for file in select.select(self._files, [], [], min(max(wait, 0.0), 0.02))[0]:
             with contextlib.suppress(BlockingIOError):
@@ -55,7 +55,7 @@ class Link:
                     self._take(self._files.index(file), os.read(file, 2048))
         while self._under_way and self._under_way[0][0] <= time.monotonic():
             _, _, side, packet = heapq.heappop(self._under_way)
-            with contextlib.suppress(OSError):  # nobody listens there
+            with contextlib.suppress(OSError):  # no listener yet
                 os.write(self._files[1 - side], packet)
 
     def _take(self, side: int, packet: bytes) -> None:
@@ -103,7 +103,7 @@ def transfer(job: dict) -> dict:
 
 
 def main() -> None:
-    # a link that stands still now and then loses what a real one would not; what is started from here is not so urgent
+    # a stalled link would lose packets that a real one would not; started processes have a lower priority
     os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(10))
     print(json.dumps(transfer(json.loads(sys.argv[1]))))
 

@@ -1,10 +1,10 @@
-"""Clips against what others keep sequences in: SPZ files, one SPZ of all frames, and .4dgs of PyPI's `fourdgs`.
+"""Clips against other formats of sequences: SPZ files, one SPZ of all frames, and .4dgs of PyPI's `fourdgs`.
 
     pip install fourdgs==0.6.0
     python benchmarks/clip_formats.py guitar=FRAMES/ [--fps 30]      # a folder of PLY whose rows keep their Gaussian
 
-PSNR: every tenth frame, two views, against its own file. `.4dgs` twice: its command `convert`, and its model of key
-frames and deltas with rows as identities, whose bounds on errors stand in place of a PSNR.
+PSNR: every tenth frame, two views, against its own file. `.4dgs` has two rows: its command `convert`, and its model of
+key frames and deltas with rows as identities, for which error bounds replace the PSNR.
 """
 
 import argparse
@@ -14,16 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from splatwire.clips import ClipOptions, decode_frames, encode_clip, frame_files, read_frames
 from splatwire.codec import decode_stream
-from splatwire.formats import read_splats, write_splats
+from splatwire.io.formats import read_splats, write_splats
 from splatwire.metrics import psnr
-from splatwire.model import SplatScene
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
-from splatwire.scene import Cameras
-from splatwire.scene.splats import Splats
+from splatwire.sequence import ClipOptions, decode_frames, encode_clip, frame_files, read_frames
+from splatwire.types import Cameras, SplatScene
+from splatwire.types.splats import Splats
 
 EVERY, PIXELS = 10, 320
 
@@ -38,7 +37,7 @@ def score(shown: list[Splats], files: list[Path], cameras: Cameras) -> float:
 
 
 def of_clip(files: list[Path], cameras: Cameras, quality: str) -> dict:
-    """Ours."""
+    """The clip of splatwire."""
     stream, _ = encode_clip(read_frames(files), ClipOptions(quality=quality))
     shown = [frame.scene.drawn() for frame in decode_frames(decode_stream(stream).scene) if frame.number % EVERY == 0]
     return {"bytes": stream.num_bytes, "psnr": score(shown, files[::EVERY], cameras)}
@@ -57,7 +56,7 @@ def of_spz(files: list[Path], folder: Path, cameras: Cameras) -> dict:
 
 
 def of_fourdgs(files: list[Path], folder: Path, cameras: Cameras, fps: float) -> dict:
-    """Its `convert`, and key frames with deltas."""
+    """`.4dgs` by `convert`, and with key frames and deltas."""
     import fourdgs
     from fourdgs.convert import convert_ply_sequence
     from fourdgs.keyframe_delta_file import write_sequence

@@ -1,13 +1,13 @@
-"""The curve of clips under loss: parity alone, concealment alone, and what the planner makes of both, at equal bytes.
+"""Quality of clips under loss at equal bytes: parity alone, concealment alone, and the plan of both.
 
     python benchmarks/clip_parity.py monkey=FRAMES/ guitar=FRAMES/ > benchmarks/results/clip_parity.json
     python benchmarks/clip_parity.py --draw docs/images/clip_parity.png
 
-Each clip is encoded in several qualities. A budget is what one of them takes; bases are sent again until they are
-there, motion never. `parity`: the planner, for a receiver that leaves out or holds what lost its motion (the better of
+Each clip is encoded in several qualities. The size of one of them is the budget. Bases are retransmitted until
+received, motion never. `parity`: the planner, for a receiver that omits or holds tracks with lost motion (the better of
 the two). `concealment`: all bytes into quality. `planner`: quality and parity, for a receiver that conceals. `expected`
-is the mean of 500 other transfers than those that were planned with, by the damage curves (measured in pictures:
-three frames of each group against the clip's own); some of them are drawn (`--drawn`, for `--pictured` losses).
+is the mean of 500 transfers by the damage curves, with losses that the planner did not use. The damage curves are
+measured in pictures of three frames per group. `--drawn` transfers are rendered, for `--pictured` losses.
 """
 
 import argparse
@@ -19,22 +19,22 @@ from pathlib import Path
 
 import numpy as np
 
+from splatwire.bitstream import SceneStream
 from splatwire.channel import LossModel, parse_loss
-from splatwire.cli._clip_plan import frames_of
-from splatwire.clips import frame_files, read_frames
-from splatwire.clips.concealers import CLIP_CONCEALERS
-from splatwire.clips.damage import draw, measure_clip_damage, pooled
-from splatwire.clips.delivery import ClipLoad, delivered, passage
-from splatwire.clips.gathering import group_of
-from splatwire.clips.planning import ClipOffer, plan_clip
-from splatwire.clips.tracking import SECTION, Tracker
-from splatwire.clips.worth import worth_of_stream
 from splatwire.codec import decode_stream
-from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.codec.schemas.tracks.encoder import ClipWriter
-from splatwire.packets import SceneStream
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.codec.sequence.encoder import ClipWriter
+from splatwire.concealment.temporal.concealers import clip_concealer
+from splatwire.planning.sequence.delivery import SequenceLoad, delivered, model_motion_transfer
+from splatwire.planning.sequence.distortion import draw, measure_sequence_distortion, pooled
+from splatwire.planning.sequence.planner import SequenceVariant, plan_sequence
+from splatwire.planning.sequence.variants import frames_of
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import precision_classes
+from splatwire.sequence import frame_files, read_frames
+from splatwire.sequence.group_builder import group_of
+from splatwire.sequence.importance import stream_importance
+from splatwire.sequence.tracking import SECTION, Tracker
 from splatwire.transport import Protection
 
 RESULTS = Path(__file__).parent / "results" / "clip_parity.json"
@@ -61,7 +61,7 @@ def encoded(files: list[Path], levels: list[float]) -> dict[float, SceneStream]:
 
 
 class Clip:
-    """A clip in several qualities, what losses do to each, and pictures of what arrives."""
+    """A clip in several qualities, with the damage of losses for each, and pictures of received frames."""
 
     def __init__(self, folder: Path, arguments: argparse.Namespace) -> None:
         files = frame_files(folder)[: arguments.frames]
@@ -71,32 +71,32 @@ class Clip:
         self._references = frames_of(files, finest.timeline, self._cameras)
         self.loads, self.offers = {}, {}
         for level, stream in self.streams.items():
-            self.loads[level] = ClipLoad.of(stream, worth_of_stream(stream))
+            self.loads[level] = SequenceLoad.of(stream, stream_importance(stream))
         for name in ("motion", "drop", "hold"):
             self._measure(name)
         self._known: dict = {}
 
     def _measure(self, name: str) -> None:
-        """What losses do to each quality with a concealer."""
+        """Damage of losses for each quality with a concealer."""
         damages = [
-            measure_clip_damage(
-                stream, self.loads[level], CLIP_CONCEALERS[name], self._cameras, self._references, 0.0, seed=1
+            measure_sequence_distortion(
+                stream, self.loads[level], clip_concealer(name), self._cameras, self._references, 0.0, seed=1
             )
             for level, stream in self.streams.items()
         ]
         for level, damage in zip(self.streams, pooled(damages), strict=True):
-            self.offers[level, name] = ClipOffer(self.loads[level], damage)
+            self.offers[level, name] = SequenceVariant(self.loads[level], damage)
 
     def shown(self, level: float, protection: Protection, name: str, loss: str, seed: int) -> float:
         """Decibels of one transfer, mean over frames and views."""
         load, stream = self.loads[level], self.streams[level]
         there = delivered(load, protection, parse_loss(loss, "datagram"), seed)
-        lasting = stream.manifest.plan.lasting
-        came = [p for p in stream.packets if p.id in there or lasting(p.id.block)]
+        persistent = stream.manifest.plan.persistent
+        came = [p for p in stream.packets if p.id in there or persistent(p.id.block)]
         key = (level, name, frozenset(p.id for p in came))
         if key not in self._known:
             clip = decode_stream(stream.with_packets(came)).scene
-            pairs = zip(draw(clip, CLIP_CONCEALERS[name], self._cameras), self._references, strict=True)
+            pairs = zip(draw(clip, clip_concealer(name), self._cameras), self._references, strict=True)
             errors = [((a - b).astype(np.float64) ** 2).mean(axis=(1, 2, 3)) for a, b in pairs]
             self._known[key] = float((-10 * np.log10(np.array(errors))).mean())
         return self._known[key]
@@ -109,9 +109,9 @@ class Clip:
             levels = [max(fit)] if way == "concealment" else fit
             room = self.loads[max(fit)].num_bytes if way == "concealment" else budget
             offers = [self.offers[level, name] for level in levels]
-            plan = plan_clip(offers, channel, budget_bytes=room, seed=7)
+            plan = plan_sequence(offers, channel, budget_bytes=room, seed=7)
             if best is None or plan.psnr > best[0].psnr:
-                best = plan, levels[plan.offer], name
+                best = plan, levels[plan.variant], name
         plan, level, name = best
         found = [self.shown(level, plan.protection, name, loss, 1000 + seed) for seed in range(drawn)]
         return {
@@ -121,16 +121,16 @@ class Clip:
         }  # fmt: skip
 
 
-def expected(offer: ClipOffer, protection: Protection, loss: LossModel) -> float:
+def expected(offer: SequenceVariant, protection: Protection, loss: LossModel) -> float:
     """Decibels by the damage curves, mean over frames and other transfers than those of the planner."""
     found, rng = [], np.random.Generator(np.random.PCG64(99))
     for group in range(len(offer.load.groups)):
-        way = passage(offer.load, protection, group)
-        received = np.stack([loss.received(len(way.items), rng) for _ in range(TRANSFERS)])
-        worth = offer.load.worth[way.order]
+        way = model_motion_transfer(offer.load, protection, group)
+        received = np.stack([loss.received(len(way.model.kind), rng) for _ in range(TRANSFERS)])
+        worth = offer.load.importance[way.order]
         lost = ~way.arrived(received) @ worth / max(worth.sum(), 1e-30)
-        found.append(float(offer.damage.psnr(group, lost).mean()))
-    return float(np.average(found, weights=offer.damage.frames))
+        found.append(float(offer.distortion.psnr(group, lost).mean()))
+    return float(np.average(found, weights=offer.distortion.frames))
 
 
 def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:

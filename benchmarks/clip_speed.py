@@ -1,13 +1,14 @@
-"""How fast clips are encoded and decoded, and what memory it takes: frames that are generated while they are pushed.
+"""Speed and memory of encoding and decoding clips whose frames are generated during encoding.
 
     python benchmarks/clip_speed.py CAPTURE [--tracks 50000] [--frames 45] [--threads 2]
     python benchmarks/clip_speed.py CAPTURE --live [--tracks 30000]
     python benchmarks/clip_speed.py --memory 30 60 120 [--tracks 100000]
 
-The capture is bent as `bent_clip.py` does. Wall and processor time are told side by side: on a machine that others use,
-the second says more. The first group is apart: it looks at the scene from all sides and fits tables. With `--live`, of
-groups of eight: processor time of one thread between a group's last frame and its frames at a receiver, step by step.
-With `--memory` clips of so many frames, of a random ball that sways, each in a process of its own.
+The capture is bent as `bent_clip.py` does. Wall and processor time are both reported; the second is more meaningful on
+a shared machine. The first group is separate, because it renders the scene from all sides and fits tables. With
+`--live`, of groups of eight: processor time of one thread between a group's last frame and its frames at a receiver,
+step by step. With `--memory`, clips of the given numbers of frames show a random swaying ball, each in a separate
+process.
 """
 
 import argparse
@@ -25,13 +26,13 @@ from pathlib import Path
 import numpy as np
 from bent_clip import bent_frames, capture
 
-from splatwire.clips import ClipEncoder, ClipOptions, decode_frames
-from splatwire.clips.live import LiveDecoder
+from splatwire.bitstream import packet_from_bytes, read_stream, write_stream
 from splatwire.codec import decode_stream
 from splatwire.ops.threads import use_single_thread
-from splatwire.packets import packet_from_bytes, read_stream, write_stream
-from splatwire.scene.splats import Splats
-from splatwire.transport.broadcast import Broadcast
+from splatwire.sequence import ClipEncoder, ClipOptions, decode_frames
+from splatwire.sequence.live import LiveDecoder
+from splatwire.transport.protocol.live_session import LiveSession
+from splatwire.types.splats import Splats
 
 GROUP, LIVE_GROUP = 15, 8
 DEGREE = 3
@@ -86,7 +87,7 @@ def live(path: Path, tracks: int) -> dict:
     """Median processor time of each step between a group's last frame and its frames, seconds; not of the first."""
     use_single_thread()
     encoder, decoder = ClipEncoder(ClipOptions(group_frames=LIVE_GROUP, threads=1), live=True), LiveDecoder()
-    broadcast, steps = Broadcast(worth=encoder.worth), list[dict[str, float]]()
+    broadcast, steps = LiveSession(importance=encoder.importance), list[dict[str, float]]()
     for frame in bent_frames(capture(path, DEGREE, tracks), 6 * LIVE_GROUP):
         times = [time.process_time()]
         packets = encoder.push(frame)

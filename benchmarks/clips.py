@@ -1,12 +1,12 @@
-"""Clips: bytes against frame by frame at equal PSNR, and what losses cost, concealed or not.
+"""Clips: bytes against coding frame by frame at equal PSNR, and the damage of losses by concealer.
 
     python benchmarks/clips.py monkey=FRAMES/ guitar=FRAMES/ [--losses bernoulli:0.2] [--seeds 1 2] [--views 2]
     python benchmarks/clips.py guitar=FRAMES/ --quality 7.25 --losses
     python benchmarks/clips.py guitar=FRAMES/ --picture docs/images/clip.webp
 
-`bent_clip.py` makes clips whose truth is known. Frame by frame: every tenth frame as a still scene, of a short clip
-each one, in two qualities; bytes at the clip's own PSNR are interpolated between them (in decibels and logarithms of
-bytes).
+`bent_clip.py` makes clips whose truth is known. Frame by frame means every tenth frame (in short clips every frame) as
+a still scene in two qualities. Bytes at the clip's PSNR are interpolated between them, in decibels and logarithms of
+bytes.
 """
 
 import argparse
@@ -18,19 +18,18 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from splatwire.bitstream import packetization_named
 from splatwire.channel import parse_loss
-from splatwire.clips import ClipOptions, Frame, encode_clip, frame_files, read_frames
-from splatwire.clips.evaluation import ClipRow, frame_psnr, score_clip
-from splatwire.clips.report import score_rows
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.codec.schemas.gaussians.quality import QUALITIES, Quality, quality_of
-from splatwire.evaluate.pixels import to_pixels
-from splatwire.model import SplatScene
-from splatwire.packets import packetization_named
+from splatwire.codec.gaussians.quality import QUALITIES, Quality, quality_of
+from splatwire.evaluation.pixels import to_pixels
+from splatwire.evaluation.sequence.evaluation import ClipRow, frame_psnr, score_clip
+from splatwire.evaluation.sequence.report import score_rows
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import classes_of
-from splatwire.scene import Cameras
+from splatwire.sequence import ClipOptions, Frame, encode_clip, frame_files, read_frames
+from splatwire.types import Cameras, SplatScene
 
 CONCEALERS = ("drop", "hold", "neighbors", "motion")
 EVERY = 10
@@ -39,7 +38,7 @@ PICTURE = 256
 
 
 def drawn(frame: Frame) -> SplatScene:
-    """What of a frame is there."""
+    """Visible Gaussians of a frame."""
     return SplatScene(frame.splats.select(frame.drawn))
 
 
@@ -56,7 +55,7 @@ def frame_by_frame(files: list[Path], cameras: Cameras) -> list[tuple[float, flo
         for frame in read_frames(some):
             scene = drawn(frame)
             packets = packetization_named("datagram", "gaussians", scene.num_elements)
-            stream = encode_scene(scene, packets, quality=quality, classes=classes_of(scene, None, anew=True))
+            stream = encode_scene(scene, packets, quality=quality, classes=classes_of(scene, None, recompute=True))
             shown = pictures(decode_stream(stream).scene, cameras)
             points.append((frame_psnr(shown, pictures(scene, cameras)), stream.num_bytes))
         found.append(tuple(np.mean(points, axis=0).tolist()))
@@ -95,12 +94,12 @@ def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
 
 
 def quality(word: str) -> Quality:
-    """What is meant by a word."""
+    """Parses a command-line argument."""
     return quality_of(word) if word in QUALITIES else Quality(float(word))
 
 
 def draw(folder: Path, target: Path) -> None:
-    """A moving picture of a clip at 20 % loss: what lost its motion left out, held, concealed."""
+    """Animation of a clip at 20 % loss: tracks with lost motion omitted, held, concealed."""
     files = frame_files(folder)
     stream, _ = encode_clip(read_frames(files))
     cameras = surrounding_cameras(drawn(next(read_frames(files[:1]))), 1, PICTURE)

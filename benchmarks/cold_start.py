@@ -1,10 +1,10 @@
-"""What starting costs: each verb in a fresh process, with an empty cache of kernels and with a full one.
+"""Start-up time of each verb in a fresh process, with an empty and with a full cache of kernels.
 
     python benchmarks/cold_start.py [--json FILE]
 
-Seconds of processor are those of the process and its children; they bear a busy machine better than seconds on the
-clock, which are told, too. `first_word_s` is when a terminal shows something, `compiled` counts functions that numba
-compiled, `compile_s` is what that took.
+Processor seconds include child processes and depend less on other load than wall seconds, which are reported as well.
+`first_word_s` is the time of the first output on a terminal, `compiled` the number of functions that numba compiled,
+`compile_s` their time.
 """
 
 import argparse
@@ -54,17 +54,17 @@ finally:
 
 
 def run(words: list[str], folder: Path, cache: Path) -> dict[str, float]:
-    """Runs a verb and says what it cost."""
+    """Runs a verb and measures it."""
     words = [word.format(assets=ASSETS, folder=folder) for word in words]
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "COUNTED": str(folder / "counted.json")}
     before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    ours, theirs = pty.openpty()  # what a person at a terminal sees
+    ours, theirs = pty.openpty()  # output on a terminal
     command = [sys.executable, "-c", _PROGRAM, *words]
     with subprocess.Popen(command, env=environment, stdin=theirs, stdout=theirs, stderr=theirs) as process:
         os.close(theirs)
         os.read(ours, 1)
         first = time.perf_counter() - began
-        with contextlib.suppress(OSError):  # so the end of a terminal is told
+        with contextlib.suppress(OSError):  # so the end of a terminal is reported
             while os.read(ours, 1 << 16):
                 pass
     os.close(ours)

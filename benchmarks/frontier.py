@@ -1,17 +1,15 @@
 """The frontier: picture quality over bytes sent, for several channels, without a way back.
 
-(a) everything delivered reliably (the ceiling; at the bytes of HAC++'s own files where they are given), (b) parity over
-the whole stream alike, (c) no parity on packets, lost ones concealed, (d) our planner: importance tiers, parity where
-it pays, the rest concealed. (b) and (c) send the stream without tiers, (d) whichever the planner chooses, with tiers or
-without. All are cut at the same budget of bytes, conceal, and meet the same losses; whoever does not get the side
-information sees black, or the preview where the stream has one (the planner's tiered stream). A budget below 1 is a
-deadline before the last byte.
+(a) reliable delivery (the upper bound, at the bytes of HAC++'s files if given), (b) equal parity over the whole stream,
+(c) concealment without parity on packets, (d) the planner with importance tiers, parity where useful, and concealment.
+(b) and (c) send the stream without tiers; in (d) the planner chooses. All are cut at the same byte budget, use
+concealment and have the same losses. Without side information the picture is black, or the preview if the stream has
+one (the planner's tiered stream). A budget below 1 is a deadline before the last byte.
 
-The planner knows the loss model, not the losses: it draws its own, and looks through training cameras (without photos:
-from around the scene, whose own pictures are the references). What is reported
-is a mean over 2000 simulated transfers: those that deliver everything and those that deliver nothing are counted, of
-the others `--pictures` are drawn, spread evenly from the least to the most loss. (A way that shows nothing once in 70
-transfers looks like the best one in most sets of 6.) `--update` scores rows that are nearly level again, with more.
+The planner knows the loss model but not the losses. It draws its own losses and uses training cameras. Without photos,
+it uses orbit views and renders as references. Results are means over 2000 simulated transfers. Complete and empty ones
+are counted. Of the others, `--pictures` are rendered, spread evenly over the loss. (Most samples of 6 would miss a
+failure in one of 70 transfers.) `--update` scores nearly equal rows again with more transfers.
 
     python benchmarks/frontier.py SCENE [--data PHOTOS] [--views 3] [--pictures 8] [--plot frontier.png] > frontier.json
     python benchmarks/frontier.py SCENE --data PHOTOS --pictures 40 --update frontier.json > final.json
@@ -27,27 +25,27 @@ from pathlib import Path
 import numpy as np
 from torch import Tensor
 
-from splatwire.calibrate.preview import preview_for_scene
-from splatwire.calibrate.views import CalibrationViews
+from splatwire.anchors.appearance import Scene
+from splatwire.bitstream import PRESETS, SceneStream
+from splatwire.calibration.preview import preview_for_scene
+from splatwire.calibration.views import CalibrationViews
 from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.data import open_dataset
-from splatwire.evaluate.views import spread
-from splatwire.model.appearance import Scene
-from splatwire.packets import PRESETS, SceneStream
-from splatwire.plan.candidates import Search, arrival_within, plain_candidates
-from splatwire.plan.damage import BLANK_PSNR
-from splatwire.plan.measure import LossyPictures, known_elements, offer_of, packet_members
-from splatwire.plan.outline import StreamLoad, draw_losses, outline_transfer
-from splatwire.plan.planner import HEAD_TRIALS, losses, plan_protection
+from splatwire.evaluation.views import spread
+from splatwire.io import open_scene
+from splatwire.planning.candidates import Search, arrival_within, baseline_candidates
+from splatwire.planning.distortion import BLANK_PSNR
+from splatwire.planning.measure import LossyPictures, known_elements, packet_members, variant_of_stream
+from splatwire.planning.planner import HEAD_TRIALS, losses, plan_protection
+from splatwire.planning.transfer_model import StreamLoad, draw_losses, model_transfer
 from splatwire.render import iterate_views
 from splatwire.render.importance import footprint_importance, surrounding_cameras
 from splatwire.render.precision import classes_of
-from splatwire.scene import Cameras
-from splatwire.scene_io import open_scene
-from splatwire.transport.preview import stream_preview
-from splatwire.transport.protection import Protection
+from splatwire.transport.protocol.preview import stream_preview
+from splatwire.transport.protocol.protection import Protection
+from splatwire.types import Cameras
 
 LOSSES = [f"bernoulli:{rate}" for rate in (0.01, 0.05, 0.1, 0.2, 0.3)] + [
     f"gilbert:{rate},20" for rate in (0.01, 0.05, 0.1, 0.2, 0.3)
@@ -56,25 +54,25 @@ BUDGETS = (0.8, 0.9, 1.0, 1.15, 1.3, 1.6)
 TIERS = (0.02, 0.03, 0.05)
 PLANNING_SEED, REPORTED_SEED = 99, 1
 PLANNING_VIEWS = 7
-"""Fewer tell too little of what is seen from elsewhere: with 3, plans that cost 0.15 dB on test photos looked good."""
+"""With fewer views, plans are overrated: with 3, plans that lost 0.15 dB on test photos looked good."""
 LEVEL_DB = 0.06
 COUNTED = 2000
 
 
 class Variant:
-    """One stream of the scene, with and without tiers: what is known of it, and scores of deliveries seen before."""
+    """One stream of the scene, with and without tiers, and cached scores of deliveries."""
 
     def __init__(
         self, stream: SceneStream, pictures: LossyPictures, planning: LossyPictures, concealment_bytes: int = 0
     ) -> None:
         self.pictures, self.planning, self.members = pictures, planning, packet_members(stream)
         self.cache: dict[bytes, float] = {}
-        self.offer = offer_of(stream, planning, seed=7, concealment_bytes=concealment_bytes)
+        self.offer = variant_of_stream(stream, planning, seed=7, concealment_bytes=concealment_bytes)
         preview = stream_preview(stream.side_info, stream.manifest.codec)
         self.blank = pictures.preview_psnr(preview) if preview else BLANK_PSNR
 
     def psnr(self, head: bool, packets: np.ndarray) -> float:
-        """Mean PSNR of the views for what arrived."""
+        """Mean PSNR of the views for received packets."""
         if not head:
             return self.blank
         key = packets.tobytes()
@@ -83,8 +81,8 @@ class Variant:
         return self.cache[key]
 
     def expected(self, protection: Protection, loss_name: str, budget: float, pictures: int) -> dict:
-        """Mean PSNR over many transfers with the reported losses, and how it comes about."""
-        outline, load = outline_transfer(self.offer.load, protection), self.offer.load
+        """Mean PSNR over many transfers with the reported losses, with its parts."""
+        outline, load = model_transfer(self.offer.load, protection), self.offer.load
         traces = draw_losses(parse_loss(loss_name), COUNTED, len(outline.kind), REPORTED_SEED)
         arrival = arrival_within(outline, traces, self.offer.left(budget))
         everything = arrival.head & arrival.packets.all(axis=1)
@@ -101,7 +99,7 @@ class Variant:
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """Cameras and what they should show."""
+    """Cameras and their reference pictures."""
 
     cameras: Cameras
     pictures: list[Tensor]
@@ -143,10 +141,7 @@ class Bench:
         return add_concealment(stream, PREVIEW, preview_for_scene(self.scene, self.train).section)
 
     def variant(self, stream: SceneStream, concealer: str | None = None, concealment_bytes: int = 0) -> Variant:
-        """A stream of the scene, with what the planner knows of it; concealed as asked for, or by this concealer.
-
-        So many of its bytes count as protection.
-        """
+        """A stream of the scene with the planner's data, concealed as requested or by this concealer."""
         complete = decode_stream(stream)
         seen, unseen = (
             LossyPictures(complete, looks.cameras, concealer or self.concealer, photos=looks.pictures)
@@ -156,7 +151,7 @@ class Bench:
 
 
 def bare(load: StreamLoad) -> float:
-    return float(outline_transfer(load, Protection(side_repair=0.0)).num_bytes.sum())
+    return float(model_transfer(load, Protection(side_repair=0.0)).num_bytes.sum())
 
 
 def frontier(variants: list[Variant], arguments: argparse.Namespace) -> list[dict]:
@@ -171,11 +166,11 @@ def frontier(variants: list[Variant], arguments: argparse.Namespace) -> list[dic
         traces = losses([variant.offer for variant in variants], loss, HEAD_TRIALS, PLANNING_SEED)
         budget = factor * bare(plain.offer.load)
         plan = plan_protection([variant.offer for variant in variants], loss, budget_bytes=budget, trials=60,
-                               drawn=arguments.drawn, seed=PLANNING_SEED)  # fmt: skip
+                               rendered_trials=arguments.drawn, seed=PLANNING_SEED)  # fmt: skip
         ways = {way: (plain, protection) for way, protection in
-                plain_candidates(plain.offer.load, traces, Search(budget)).items()}  # fmt: skip
-        ways["planner"] = (variants[plan.offer], plan.protection)
-        row = {"loss": name, "budget": factor, "expected": plan.psnr, "tiers": plan.offer > 0,
+                baseline_candidates(plain.offer.load, traces, Search(budget)).items()}  # fmt: skip
+        ways["planner"] = (variants[plan.variant], plan.protection)
+        row = {"loss": name, "budget": factor, "expected": plan.psnr, "tiers": plan.variant > 0,
                "repair": plan.protection.tier_repair, "side_repair": plan.protection.side_repair,
                "tier_spread": plan.protection.tier_spread, "protection_share": plan.protection_share,
                "head_share": plan.protection.head_share, "pictures": arguments.pictures}  # fmt: skip
@@ -212,7 +207,7 @@ def draw(rows: list[dict], ceiling: float, path: Path) -> None:
         for way, label in labels.items():
             axis.plot([row["budget"] for row in here], [row[way]["psnr"] for row in here], marker=".", label=label)
         axis.set_title(name, fontsize=9)
-        axis.set_ylim(ceiling - 4, ceiling + 0.3)  # who lacks the side information, and sees black, is off the picture
+        axis.set_ylim(ceiling - 4, ceiling + 0.3)  # black pictures without side information are off the scale
     axes[0, 0].set_ylabel("PSNR, dB")
     axes[-1, 0].set_xlabel("bytes sent / bytes of the stream")
     axes[0, -1].legend(fontsize=7, loc="lower right")

@@ -9,12 +9,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.calibrate.checks import check_settings
-from splatwire.calibrate.pseudo_loss import CalibrationData, pseudo_loss
+from splatwire.anchors.appearance import Scene, spawned_gaussians
+from splatwire.bitstream import Packet, PacketGroups, SceneStream
+from splatwire.calibration.checks import check_settings
+from splatwire.calibration.pseudo_loss import CalibrationData, pseudo_loss
 from splatwire.codec import decode_stream
 from splatwire.codec.tiers import arrange_stream
-from splatwire.conceal.scene_free import GainNetwork
-from splatwire.conceal.scene_free.elements import (
+from splatwire.concealment.scene_free import GainNetwork
+from splatwire.concealment.scene_free.elements import (
     BASE,
     OPACITIES,
     POWERS,
@@ -23,19 +25,16 @@ from splatwire.conceal.scene_free.elements import (
     ElementNetwork,
     element_inputs,
 )
-from splatwire.conceal.scene_free.network import HIDDEN, MOST_CHANGE, MOST_UNUSUAL, GainInputs, gain_inputs
-from splatwire.conceal.scene_free.surroundings import surroundings_of
+from splatwire.concealment.scene_free.network import HIDDEN, MOST_CHANGE, MOST_UNUSUAL, GainInputs, gain_inputs
+from splatwire.concealment.scene_free.surroundings import surroundings_of
 from splatwire.errors import DivergedError, InvalidValueError
-from splatwire.model import Partial, SplatScene
-from splatwire.model.appearance import Scene, spawned_gaussians
-from splatwire.model.gaussian_heads import SpawnedGaussians
-from splatwire.model.tensors import to_tensors
+from splatwire.neural.model.gaussian_heads import SpawnedGaussians
+from splatwire.neural.model.tensors import to_tensors
+from splatwire.neural.render.differentiable import render_differentiable
+from splatwire.neural.training.schedule import half_cosine
 from splatwire.ops.arrays import to_arrays
-from splatwire.packets import Packet, PacketGroups, SceneStream
-from splatwire.render.differentiable import render_differentiable
-from splatwire.scene import Cameras, Gaussians
-from splatwire.scene.splats import Splats
-from splatwire.train.schedule import half_cosine
+from splatwire.types import Cameras, Gaussians, ReceivedScene, SplatScene
+from splatwire.types.splats import Splats
 
 Network = TypeVar("Network", GainNetwork, ElementNetwork)
 
@@ -98,7 +97,7 @@ def _lessons(data: CalibrationData, config: SceneFreeConfig, seeds: np.random.Se
         raise InvalidValueError("a concealer cannot be trained on a scene without cameras")
     around = surroundings_of(data.complete, np.arange(data.scene.anchors.num_anchors))
     inputs = [
-        gain_inputs(data.complete.without(known), around.select(known))
+        gain_inputs(data.complete.masked(known), around.select(known))
         for known in data.pseudo_losses(config.drop_rates, seeds)
     ]
     return Lessons(data.scene, data.cameras, inputs)
@@ -178,7 +177,7 @@ class Lessons:
         self._order: list[tuple[int, int]] = []
 
     def error(self, network: GainNetwork | ElementNetwork, rng: torch.Generator) -> Float[Tensor, ""]:
-        """Mean squared error of the next picture; every loss meets every view before one comes again."""
+        """Mean squared error of the next picture; every loss is combined with every view before any repeats."""
         if not self._order:
             pairs = [(loss, view) for loss in range(len(self.inputs)) for view in range(self._cameras.num_views)]
             self._order = [pairs[place] for place in torch.randperm(len(pairs), generator=rng).tolist()]
@@ -215,12 +214,7 @@ def _with_gains(g: Gaussians, size: Float[Tensor, "G"], opacity: Float[Tensor, "
 
 @dataclass(frozen=True, eq=False)
 class LossyStream:
-    """What there is to learn from.
-
-    Attributes:
-        stream: A complete stream of explicit Gaussians.
-        cameras: Where pictures are compared.
-    """
+    """Training examples."""
 
     stream: SceneStream
     cameras: Cameras
@@ -263,7 +257,7 @@ def _lossy_lessons(lossy: LossyStream, config: SceneFreeConfig, seeds: np.random
     return Lessons(complete.scene, lossy.cameras, inputs)
 
 
-def _decoded(stream: SceneStream) -> Partial[SplatScene]:
+def _decoded(stream: SceneStream) -> ReceivedScene[SplatScene]:
     partial = decode_stream(stream)
     if Splats not in partial.offers:
         raise InvalidValueError(f"this network is for explicit Gaussians, not for {partial.scene.ELEMENTS}")

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# Measurements that need a GPU: its tests, the speed of an iteration, then bonsai_30k trained by both models beside the
-# official run, and a table of it. About 45 minutes; $SPLATWIRE_DATA has the photos and the official figures.
+# Runs GPU tests, measures the speed of an iteration, trains bonsai_30k with both models and prints a table with the
+# official run. Takes about 45 minutes; $SPLATWIRE_DATA has the photos and the official figures.
 #
 #     pip install -e '.[gpu]' --group dev           # torch must be a CUDA build
-#     benchmarks/gpu.sh [FOLDER]                    # logs and results; out_gpu if absent
-#     benchmarks/gpu.sh --short [FOLDER]            # about 12 minutes: speed, and the causal model as long as fits
-#     benchmarks/gpu.sh --dry-run [--short] [FOLDER]   # every part on the CPU, at a size that takes minutes
+#     benchmarks/gpu.sh [FOLDER]                    # logs and results; default out_gpu
+#     benchmarks/gpu.sh --short [FOLDER]            # about 12 minutes: speed, and a shortened run of the causal model
+#     benchmarks/gpu.sh --dry-run [--short] [FOLDER]   # every part on the CPU, in minutes
 set -euo pipefail
 
 device=cuda run=bonsai_30k scene=bonsai more=() minutes=17 models=(hacpp causal)
@@ -23,11 +23,11 @@ fi
 folder=$(realpath -m "${1:-out_gpu}")
 cd "$(dirname "$0")/.."
 mkdir -p "$folder"
-[ "$device" = cpu ] || python -c 'from splatwire.cli.train import check_device; check_device("cuda")'
+[ "$device" = cpu ] || python -c 'from splatwire.cli._run_train import check_device; check_device("cuda")'
 
-# Where there is no card these tests run against a stand-in for gsplat, or say why they were skipped.
+# Without a GPU these tests use a stand-in for gsplat or skip with a reason.
 passed=0
-python -m pytest -q -rs tests/parity/test_gsplat.py tests/render/test_gsplat_backend.py tests/train/test_gpu.py \
+python -m pytest -q -rs tests/parity/test_gsplat.py tests/render/test_gsplat_backend.py tests/neural/training/test_gpu.py \
     2>&1 | tee "$folder/tests.log" || passed=$?
 python benchmarks/gpu_speed.py --data "${SPLATWIRE_DATA:-../shared/data}" --scene "$scene" --device "$device" \
     "${speed[@]}" --code --json "$folder/speed.json" >"$folder/speed.log"

@@ -1,4 +1,4 @@
-"""Speed of a training iteration with entropy terms at a number of anchors, and what it asks of the GPU.
+"""Speed and GPU activity of a training iteration with entropy terms at a number of anchors.
 
 The state is made quickly: 300 iterations on the photos, then copies of anchors beside them up to the number. It is kept
 as a checkpoint, from which another version of the package can be measured:
@@ -22,20 +22,20 @@ import torch
 
 import splatwire
 from splatwire.data import Dataset, open_dataset
-from splatwire.train import create_config
-from splatwire.train.checkpoint import load_checkpoint, save_checkpoint
-from splatwire.train.config import TrainConfig
-from splatwire.train.export import export_scene
-from splatwire.train.initial import initial_state
-from splatwire.train.kernels import choose_kernels
-from splatwire.train.photos import PhotoStore
-from splatwire.train.progress import RunningMeans
-from splatwire.train.size import stream_bytes
-from splatwire.train.state import ANCHOR_PARAMETERS, TrainState, append_anchors, move_state
-from splatwire.train.step import TrainingStep
+from splatwire.neural.training import create_config
+from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.export import export_scene
+from splatwire.neural.training.initial import initial_state
+from splatwire.neural.training.kernels import choose_kernels
+from splatwire.neural.training.photos import PhotoStore
+from splatwire.neural.training.progress import RunningMeans
+from splatwire.neural.training.size import stream_bytes
+from splatwire.neural.training.state import ANCHOR_PARAMETERS, TrainState, append_anchors, move_state
+from splatwire.neural.training.step import TrainingStep
 
 SPREAD = 12
-"""Voxels that a copy of an anchor lies from it at most, along each axis."""
+"""Largest distance in voxels between an anchor and its copy, along each axis."""
 
 
 class Loop:
@@ -52,7 +52,7 @@ class Loop:
         self.views, self.on_gpu = train.num_views, place.type == "cuda"
 
     def run(self, state: TrainState, count: int, start: int | None = None) -> float:
-        """Seconds of some iterations, numbered from the one after `start`, or going on."""
+        """Seconds of some iterations, numbered from the one after `start`, or continued."""
         state.iteration = state.iteration if start is None else start
         self._wait()
         began = time.perf_counter()
@@ -69,7 +69,7 @@ class Loop:
 
 @torch.no_grad()
 def multiply(state: TrainState, num_anchors: int) -> None:
-    """Adds copies of anchors beside them until there are as many as wanted."""
+    """Adds nearby copies of anchors up to the requested number."""
     missing = num_anchors - state.num_anchors
     if missing <= 0:
         return
@@ -81,7 +81,7 @@ def multiply(state: TrainState, num_anchors: int) -> None:
 
 
 def profiled(loop: Loop, state: TrainState, count: int) -> dict[str, Any]:
-    """What an iteration asks of the GPU, from a profile."""
+    """GPU activity of an iteration, from a profile."""
     activities = [torch.profiler.ProfilerActivity.CPU]
     if loop.on_gpu:
         activities.append(torch.profiler.ProfilerActivity.CUDA)
@@ -149,7 +149,7 @@ def main() -> None:
     }  # fmt: skip
     count = min(arguments.iterations, 40)
     watched = loop.run(state, count, marks.context_start + 101)  # between two changes of the anchors
-    result["its_per_s_growing"] = count / watched
+    result["its_per_s_with_growth"] = count / watched
     state.iteration = marks.growth_end
     result |= profiled(loop, state, arguments.profile)
     if loop.on_gpu:
@@ -165,7 +165,7 @@ def main() -> None:
 
 
 def write(result: dict[str, Any], path: Path | None) -> None:
-    """Writes what is known so far."""
+    """Writes the results so far."""
     if path is not None:
         path.write_text(json.dumps(result, indent=1) + "\n")
 

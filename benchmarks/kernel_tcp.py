@@ -1,10 +1,10 @@
-"""What the kernel's own TCP gets beside a transfer over a full link; as root, on Linux with network namespaces.
+"""Throughput of kernel TCP beside a transfer on a full link; needs root and Linux network namespaces.
 
     python benchmarks/kernel_tcp.py [--seconds 40] [--rate 10] > benchmarks/results/kernel_tcp.json
 
-`iperf3` with CUBIC or BBR and a real server and receiver over UDP, in two namespaces. Between them are two TUN devices
-and a link in this process: so many Mbit/s, half a round trip each way, a drop-tail queue of 1 or 4 bandwidth-delay
-products. Shares are of what each would have if both had the same, over the last two thirds. Prints one JSON object.
+`iperf3` with CUBIC or BBR and a real server and receiver over UDP, in two namespaces. Two TUN devices connect them to a
+link in this process with a rate limit, half a round trip of delay each way, and a drop-tail queue of 1 or 4
+bandwidth-delay products. Shares are relative to an equal split, over the last two thirds. Prints one JSON object.
 """
 
 import argparse
@@ -35,7 +35,7 @@ def inside(space: str, *words: str) -> subprocess.Popen[bytes]:
 
 
 def carry(files: list[int], rate: float, round_trip: float, queue_bytes: float, seconds: float) -> list[Counter]:
-    """Carries packets for a time; bytes that came through, by protocol, for each second."""
+    """Forwards packets for a time; returns delivered bytes by protocol for each second."""
     arrived: list[Counter] = [Counter() for _ in range(int(seconds) + 1)]
     under_way: list[tuple[float, int, int, bytes]] = []
     begin, free_at, number = time.monotonic(), 0.0, 0
@@ -53,7 +53,7 @@ def carry(files: list[int], rate: float, round_trip: float, queue_bytes: float, 
                     heapq.heappush(under_way, (now + round_trip / 2, number, file, packet))
         while under_way and under_way[0][0] <= time.monotonic():
             _, _, file, packet = heapq.heappop(under_way)
-            with contextlib.suppress(OSError):  # nobody listens there
+            with contextlib.suppress(OSError):  # no listener yet
                 os.write(files[1] if file == files[0] else files[0], packet)
     return arrived
 
@@ -82,18 +82,18 @@ def share(kind: str, rate: float, round_trip: float, products: float, seconds: f
 
 async def serve(rate: float, seconds: float) -> None:
     """A stream that lasts longer than the link is watched."""
-    from splatwire.transport.program import make_program
+    from splatwire.transport.protocol.served_stream import make_served_stream
     from splatwire.transport.udp import UdpServer
     from transport.network import datagram_stream
 
     packets = int(rate * (seconds + 20) / 1100)
-    server = UdpServer({"it": make_program(datagram_stream(40 * packets))}, HERE, PORT)
+    server = UdpServer({"it": make_served_stream(datagram_stream(40 * packets))}, HERE, PORT)
     await asyncio.sleep(seconds + 60)
     server.close()
 
 
 async def receive() -> None:
-    """Asks until there is an answer, then takes what comes."""
+    """Sends requests until an answer arrives, then receives."""
     from splatwire.transport import ReceiverOptions
     from splatwire.transport.address import parse_url
     from splatwire.transport.udp import receive_udp
@@ -112,7 +112,7 @@ def main() -> None:
     if arguments.role:
         asyncio.run(serve(rate, arguments.seconds) if arguments.role == "serve" else receive())
         return
-    # a link that stands still now and then loses what a real one would not; what is started from here is not so urgent
+    # a stalled link would lose packets that a real one would not; started processes have a lower priority
     os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(10))
     rows = [
         share(kind, rate, round_trip, products, arguments.seconds)

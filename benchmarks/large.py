@@ -1,10 +1,10 @@
-"""A scene of ten million Gaussians: written, encoded with levels, and what that took.
+"""Time and memory of writing a scene of ten million Gaussians and encoding it with levels.
 
     python benchmarks/large.py $SPLATWIRE_DATA/splats/tandt_truck_opensplat_116k.splat -o out/large > large.json
 
-The scene is copied to a square until there are so many, and written as PLY (68 bytes a Gaussian) copy by copy. Memory
-is what `splatwire encode` holds of its own (`RssAnon` of /proc), sampled ten times a second, and all that is resident
-(`RssFile`: pages of files, which the system takes back when memory is short). Linux only.
+Copies of the scene fill a square up to the requested number, written as PLY (68 bytes per Gaussian). Memory is the
+private memory of `splatwire encode` (`RssAnon` of /proc), sampled ten times per second, and its resident file pages
+(`RssFile`), which the system reclaims when memory is short. Linux only.
 """
 
 import argparse
@@ -21,12 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
-from splatwire.formats import read_splats, write_splats
-from splatwire.scene.splats import Splats
+from splatwire.io.formats import read_splats, write_splats
+from splatwire.types.splats import Splats
 
 
 def copies(splats: Splats, count: int) -> Iterator[Splats]:
-    """The scene beside itself on the ground, degree 0, until there are `count` Gaussians."""
+    """Copies of the scene on the ground, degree 0, up to `count` Gaussians."""
     splats = splats.at_most_degree(0)
     low, high = np.quantile(splats.means, (0.02, 0.98), axis=0)
     number = -(-count // splats.num_gaussians)
@@ -39,7 +39,7 @@ def copies(splats: Splats, count: int) -> Iterator[Splats]:
 
 
 def watched(command: list[str]) -> dict[str, float]:
-    """Runs a command and says what it took."""
+    """Runs a command and measures it."""
     began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     most = {"RssAnon": 0, "RssFile": 0, "VmRSS": 0}

@@ -1,7 +1,7 @@
-"""What a reader that forgives could still take from damaged files of other formats; for `other_formats_under_loss.py`.
+"""Repair of damaged files, as a lenient reader could do; for `other_formats_under_loss.py`.
 
-Each function repairs what is left of a file into a smaller sound one, which our strict readers then open. None of them
-invents content: rows that were cut are left out, columns that were cut are zeros, broken members are kept as they are.
+Each function repairs a damaged file to a smaller valid one for the strict readers of splatwire. None of them invents
+content: rows that were cut are left out, columns that were cut are zeros, broken members are kept as they are.
 """
 
 import gzip
@@ -36,7 +36,7 @@ def _ply_rows(data: bytes) -> tuple[bytes, dict[bytes, tuple[int, int, int]]] | 
 
 
 def repair_ply(data: bytes, target: Path) -> bool:
-    """Keeps whole rows of a binary PLY, explicit or compressed; says whether there are any."""
+    """Keeps whole rows of a binary PLY, explicit or compressed; returns False without rows."""
     found = _ply_rows(data)
     if found is None:
         return False
@@ -71,7 +71,7 @@ def known_rows(whole: bytes, known: np.ndarray) -> np.ndarray | None:
 
 
 def repair_spz(data: bytes, target: Path) -> bool:
-    """Unpacks an SPZ of version 2 or 3 as far as gzip goes; what is missing of the columns becomes zeros."""
+    """Decompresses an SPZ of version 2 or 3 as far as possible; missing values of columns become zeros."""
     unpacker, content = zlib.decompressobj(31), bytearray()
     try:
         for start in range(0, len(data), _PIECE):
@@ -97,7 +97,7 @@ def repair_sog(data: bytes, target: Path) -> bool:
 
 
 def _directory(data: bytes) -> dict[str, tuple[int, int]]:
-    """Start and size of each stored member as the directory at the end says, if it can be read."""
+    """Start and size of each stored member from the directory, if readable."""
     try:
         entries = zipfile.ZipFile(BytesIO(data)).infolist()
     except (zipfile.BadZipFile, ValueError, OSError, struct.error):
@@ -171,7 +171,7 @@ class HacppFiles:
         self.num_bytes = at
 
     def _add(self, at: int, data: bytes, owners: np.ndarray) -> int:
-        """Notes where each chunk of a file lies, and whose symbols it holds; gives the file's size."""
+        """Records the position and meaning of each chunk of a file; returns the file's size."""
         chunks = -(-len(owners) // 10_000)
         counts = np.frombuffer(data, "<i4", chunks, 12)
         if 12 + 4 * chunks + int(counts.sum()) != len(data):
@@ -181,7 +181,7 @@ class HacppFiles:
         return len(data)
 
     def whole(self, arrived: np.ndarray, packet: int, shared_given: bool) -> np.ndarray | None:
-        """Which anchors can be read, bool (N) in the scene's order; None if what all need is damaged."""
+        """None if a common part is damaged."""
         known = np.repeat(arrived, packet)[: self.num_bytes]
         if not shared_given and not known[: self.shared_bytes].all():
             return None

@@ -1,13 +1,13 @@
-"""Scenes with levels: bytes of each, the first picture, what `coarse` gains, and the time and memory of encoding.
+"""Scenes with levels: bytes of each, the first picture, the gain of `coarse`, and encoding time and memory.
 
     python benchmarks/levels.py $SPLATWIRE_DATA/splats/{biker.spz,playbot_125k.sog} --loss 0.05 0.2 0.5 > levels.json
     python benchmarks/levels.py $SPLATWIRE_DATA/splats/{biker.spz,guitar.compressed.ply} --sog > levels_sog.json
 
 Pictures are compared with those of the file, from views around the scene (`surrounding_cameras`).
 
-With `--sog`, all levels against streamed SOG with three levels of a quarter each (see `walks.py`): the fewest bytes of
-`DIALS` at which the finest level is as near to the file as the finest of SOG, or nearer. Harmonics above degree 0 are
-left out of both: writing SOG clusters them for minutes.
+With `--sog`, all levels are compared with streamed SOG of three levels, each a quarter of the finer one (see
+`walks.py`): the fewest bytes of `DIALS` with a finest level of at least SOG's PSNR. Harmonics above degree 0 are left
+out of both: writing SOG clusters them for minutes.
 """
 
 import argparse
@@ -21,21 +21,21 @@ from pathlib import Path
 import numpy as np
 from walks import joined, streamed_sog
 
+from splatwire.anchors.appearance import Scene
+from splatwire.bitstream import SceneStream
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.conceal import conceal
-from splatwire.formats import read_splats
-from splatwire.levels import encode_levels, tiles_of
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.concealment import conceal
+from splatwire.io import open_scene
+from splatwire.io.formats import read_splats
+from splatwire.lod import encode_levels, tiles_of
 from splatwire.metrics import psnr
-from splatwire.model import RenderHints, SplatScene
-from splatwire.model.appearance import Scene
-from splatwire.model.level_scene import Levels
-from splatwire.packets import SceneStream
 from splatwire.render import render_scene
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import classes_of
-from splatwire.scene_io import open_scene
+from splatwire.types import RenderHints, SplatScene
+from splatwire.types.lod_scene import Levels
 
 VIEWS = 6
 SEEDS = (0, 1)

@@ -1,9 +1,9 @@
-"""Who joins a live clip in the middle: when is the picture within 3 dB of the complete one? Time is a number.
+"""Time until the picture of a late receiver of a live clip is within 3 dB of the complete one. Time is a number.
 
     python benchmarks/live_join.py CAPTURE [--tracks 50000] [--delay 0.02] [--megabits 20] [--rate 19.2]
 
-A bottleneck with a queue of 50 ms each way; the sender finds the rate by itself unless it is given. What has arrived is
-decoded, concealed and drawn every 20 ms, against the frame of the complete clip.
+A bottleneck with a queue of 50 ms each way; the sender finds the rate by itself unless it is given. Every 20 ms the
+received packets are decoded, concealed, rendered and compared with the frame of the complete clip.
 """
 
 import argparse
@@ -17,18 +17,18 @@ from pathlib import Path
 import numpy as np
 from bent_clip import bent_frames, capture
 
-from splatwire.clips import ClipEncoder, ClipOptions
-from splatwire.clips.decoding import decode_frame
+from splatwire.bitstream import Packet, SceneStream
 from splatwire.codec import decode_stream
 from splatwire.metrics import psnr
-from splatwire.model import SplatScene
-from splatwire.packets import Packet, SceneStream
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
-from splatwire.scene.splats import Splats
+from splatwire.sequence import ClipEncoder, ClipOptions
+from splatwire.sequence.decoding import decode_frame
 from splatwire.transport import PacketArrived, Receiver, ServerLimits, SideInfoArrived
-from splatwire.transport.broadcast import Broadcast, Edition
-from splatwire.transport.sender import Server
+from splatwire.transport.protocol.live_session import LiveSession, StreamUpdate
+from splatwire.transport.protocol.sender import Server
+from splatwire.types import SplatScene
+from splatwire.types.splats import Splats
 
 STREAM_ID, GROUP, QUEUE_S, STEP_S = 7, 15, 0.05, 0.001
 
@@ -50,15 +50,15 @@ class Link:
         heapq.heappush(self._flying, (self._free + self._delay, next(self._count), data))
 
     def take(self, now: float) -> Iterator[bytes]:
-        """What has come."""
+        """Received packets."""
         while self._flying and self._flying[0][0] <= now:
             yield heapq.heappop(self._flying)[2]
 
 
-def program(frames: list[Splats]) -> tuple[Edition, SceneStream]:
-    """What is served after these frames, and the stream of them."""
+def program(frames: list[Splats]) -> tuple[StreamUpdate, SceneStream]:
+    """Served program after these frames, and its stream."""
     encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
-    broadcast = Broadcast(worth=encoder.worth)
+    broadcast = LiveSession(importance=encoder.importance)
     for splats in frames:
         packets = encoder.push(splats)
         if packets:
@@ -67,12 +67,12 @@ def program(frames: list[Splats]) -> tuple[Edition, SceneStream]:
 
 
 def arrivals(
-    edition: Edition, rate: float, delay: float, until: float, given: float | None
+    edition: StreamUpdate, rate: float, delay: float, until: float, given: float | None
 ) -> tuple[float, list[tuple[float, Packet]]]:
-    """When a receiver knew what there is, after it asked, and when each packet came."""
+    """Time at which a receiver knew the stream, after its request, and arrival of each packet."""
     rng = random.Random(1)
     server = Server({}, secret=bytes(16), random=rng.randbytes, limits=ServerLimits(fixed_rate=given))
-    server.renew("live", edition)
+    server.update("live", edition)
     receiver, down, up = Receiver(5, 0.0), Link(rate, delay), Link(rate, delay)
     found, now, info = list[tuple[float, Packet]](), 0.0, until
     while now < until:

@@ -1,10 +1,10 @@
-"""Live clips: from a group's last frame, pushed at the sender, to its first and last frame, ready at a receiver.
+"""Latency of live clips: from a group's last encoded frame to its first and last decoded frame.
 
     python benchmarks/live_loopback.py CAPTURE [--tracks 30000] [--group 8] [--fps 30] [--groups 12] [--threads 2]
 
-Wall time over loopback: sender and receiver are processes of their own on this machine, frames are pushed out of memory
-at their rate and taken out of the decoder; `live_latency.py` has files on both sides. The first two groups, in which
-kernels are loaded and bases sent, are left out. The capture is bent as `bent_clip.py` does.
+Wall time over loopback. Sender and receiver are separate processes on this machine. Frames are encoded from memory at
+their rate and decoded to memory. The first two groups, which load kernels and send bases, are excluded. The capture is
+bent as `bent_clip.py` does.
 """
 
 import argparse
@@ -24,24 +24,24 @@ from pathlib import Path
 
 from bent_clip import bent_frames, capture
 
-from splatwire.clips import ClipOptions
-from splatwire.clips.chapters import EndlessClip
-from splatwire.clips.live import LiveDecoder, frames_in_turn
 from splatwire.ops.threads import use_single_thread
-from splatwire.scene.splats import Splats
+from splatwire.sequence import ClipOptions
+from splatwire.sequence.live import LiveDecoder, frames_of_events
+from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport import ReceiverOptions, ServerLimits
 from splatwire.transport.address import parse_url
 from splatwire.transport.udp import UdpServer, receive_udp
+from splatwire.types.splats import Splats
 
 LEFT_OUT = 2
 
 
 def shown(port: int, out: Connection) -> None:
-    """Receives a live clip, and says when each frame was ready."""
+    """Receives a live clip and returns when each frame was ready."""
     waiting, found = queue.SimpleQueue(), dict[int, float]()
 
     def work() -> None:
-        for frame in frames_in_turn(LiveDecoder(), waiting):
+        for frame in frames_of_events(LiveDecoder(), waiting):
             found[frame.number] = time.monotonic()
             if frame.number == 0:
                 out.send("first")
@@ -58,7 +58,7 @@ def shown(port: int, out: Connection) -> None:
 def pushed(frames: list[Splats], args: argparse.Namespace, renew, ready: Connection) -> list[float]:
     """Pushes frames at their rate as `splatwire live` does; when each was."""
     options = ClipOptions(rate=Fraction(args.fps), group_frames=args.group, threads=args.threads)
-    clip, times = EndlessClip(options, lambda: int.from_bytes(os.urandom(4), "little")), list[float]()
+    clip, times = LiveEncoder(options, lambda: int.from_bytes(os.urandom(4), "little")), list[float]()
     due = time.monotonic()
     for number in range(args.group * args.groups):
         frame = frames[number % len(frames) if number // len(frames) % 2 == 0 else -1 - number % len(frames)]
@@ -66,7 +66,7 @@ def pushed(frames: list[Splats], args: argparse.Namespace, renew, ready: Connect
         edition = clip.push(frame)
         if edition is not None:
             renew(edition)
-        if number == args.group - 1:  # what follows keeps time: the first group takes the loading of kernels, too
+        if number == args.group - 1:  # later groups are timed: the first one includes the loading of kernels
             gc.freeze()
             ready.recv()
             due = time.monotonic()
@@ -78,14 +78,14 @@ def pushed(frames: list[Splats], args: argparse.Namespace, renew, ready: Connect
 
 
 async def served(frames: list[Splats], args: argparse.Namespace) -> dict:
-    """Serves what is pushed until the receiver has all of it."""
+    """Serves encoded frames until the receiver has all."""
     loop, context = asyncio.get_running_loop(), get_context("spawn")
     server = UdpServer({}, "127.0.0.1", 0, limits=ServerLimits())
     here, there = context.Pipe()
     client = context.Process(target=shown, args=(server.port, there))
     client.start()
     try:
-        renew = lambda edition: loop.call_soon_threadsafe(server.renew, "live", edition)  # noqa: E731
+        renew = lambda edition: loop.call_soon_threadsafe(server.update, "live", edition)  # noqa: E731
         times = await asyncio.to_thread(pushed, frames, args, renew, here)
         found = await asyncio.to_thread(here.recv)
     finally:

@@ -1,13 +1,13 @@
-"""What packet loss leaves of PLY, compressed PLY, SPZ, SOG and HAC++'s files, and of a stream of the same scene: JSON.
+"""Quality of PLY, compressed PLY, SPZ, SOG, HAC++ files and a stream of the same scene under packet loss: JSON.
 
     SPLATWIRE_DATA=DATA python benchmarks/other_formats_under_loss.py -o other_formats_under_loss.json
 
-Each file is cut into packets of 1,200 bytes, of which some are lost: their bytes are zeros (`zeros`), or the file ends
-at the first gap (`cut`). `strict` is our reader, which checks what the format lets it check. `lenient` reads what a
-reader that ignores checksums and lengths could (`lenient_readers.py`). `rows known` is a PLY reader that is told which
-bytes are missing and leaves their rows out. PSNR is against the same complete file, mean of
-the masks that leave a picture; `nothing` is the PSNR of an empty one. A mask that loses nothing is drawn again.
-The `.swz` is lost as a file, like the others, and as datagrams whose side information is protected, as over a network.
+Each file is cut into packets of 1,200 bytes. Lost ones become zeros (`zeros`), or the file ends at the first gap
+(`cut`). `strict` is the reader of splatwire with all checks of the format. `lenient` ignores checksums and lengths
+(`lenient_readers.py`). `rows known` is a PLY reader that knows the missing bytes and omits their rows. PSNR is against
+the same complete file, mean of the masks that leave a picture; `nothing` is the PSNR of an empty one. A mask that loses
+nothing is drawn again. The `.swz` is lost as a file, like the others, and as datagrams whose side information is
+protected, as over a network.
 """
 
 import argparse
@@ -23,22 +23,21 @@ import numpy as np
 from figures import publish
 from lenient_readers import REPAIRS, HacppFiles, known_rows
 
+from splatwire.anchors.voxels import voxel_indices
+from splatwire.bitstream import SceneStream, packetization_named, read_stream, write_stream
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.conceal import conceal
+from splatwire.concealment import conceal
 from splatwire.errors import SplatwireError
-from splatwire.formats import read_rows, read_splats, write_splats
-from splatwire.importers.hacpp import import_hacpp
+from splatwire.io.formats import read_rows, read_splats, write_splats
 from splatwire.metrics import psnr
-from splatwire.model import SplatScene
-from splatwire.model.scene import Scene
-from splatwire.model.voxels import voxel_indices
+from splatwire.neural.importers.hacpp import import_hacpp
 from splatwire.ops.threads import use_single_thread
-from splatwire.packets import SceneStream, packetization_named, read_stream, write_stream
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import classes_of
-from splatwire.scene import Cameras
+from splatwire.types import Cameras, SplatScene
+from splatwire.types.scene import Scene
 
 DATA = Path(os.environ.get("SPLATWIRE_DATA", "../shared/data"))
 FILES = [DATA / "splats" / name for name in ("guitar.compressed.ply", "biker.spz", "playbot_125k.sog")]
@@ -77,20 +76,20 @@ def fates(loss: str, packets: int, seeds: int) -> Iterator[np.ndarray]:
 
 
 def damaged(data: bytes, arrived: np.ndarray) -> dict[str, bytes]:
-    """The file with zeros for what was lost, and cut at the first gap."""
+    """The file with zeros for lost packets, and truncated."""
     known = np.repeat(arrived, PACKET)[: len(data)]
     zeros = (np.frombuffer(data, np.uint8) * known).tobytes()
     return {"zeros": zeros, "cut": data[: int(np.argmin(arrived)) * PACKET]}
 
 
 def told(values: list[float | None]) -> dict[str, float | int | None]:
-    """How many left a picture, and its mean PSNR."""
+    """Number of readable files, and their mean PSNR."""
     seen = [value for value in values if value is not None]
     return {"opened": len(seen), "of": len(values), "psnr": round(float(np.mean(seen)), 2) if seen else None}
 
 
 def opened(path: Path, gauge: Gauge) -> float | None:
-    """PSNR of what our reader sees, or None if it refuses the file."""
+    """PSNR of the file as read by splatwire, or None if refused."""
     try:
         return gauge.psnr(SplatScene(read_splats(path)))
     except SplatwireError:
@@ -160,7 +159,7 @@ def lost_stream(stream: SceneStream, gauge: Gauge, seeds: int, folder: Path) -> 
 
 
 def explicit(source: Path, options: argparse.Namespace) -> dict[str, object]:
-    """All formats of one file of explicit Gaussians; the format it came in is the file itself."""
+    """All formats of one file of explicit Gaussians; the source format is the file itself."""
     splats, formats = read_splats(source), {}
     scene = SplatScene(splats)
     cameras = surrounding_cameras(scene, options.views, options.width)
@@ -220,12 +219,12 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path)
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    logging.disable()  # what damaged files lack is what is counted here
+    logging.disable()  # only missing parts of damaged files count here
     use_single_thread()
-    told_of, scenes = {"seeds": options.seeds, "views": options.views, "packet": PACKET}, {}
+    preview_attributes, scenes = {"seeds": options.seeds, "views": options.views, "packet": PACKET}, {}
     for path in [*options.models, *options.files]:
         scenes[path.name] = (neural if path.is_dir() else explicit)(path, options)
-        publish({**told_of, "scenes": scenes}, options.output)
+        publish({**preview_attributes, "scenes": scenes}, options.output)
 
 
 if __name__ == "__main__":

@@ -2,13 +2,12 @@
 
     python benchmarks/page_levels.py city.swz taebak.swz [--pictures FOLDER] > page_levels.json
 
-Headless Chromium; the scene comes by ranges of bytes from the server of `serve --page`. The walk begins where all of
-the scene is in the window. It rises, turns around what is seen in the middle, goes in to it, turns there, and goes
-back, by mouse and keys. `--pictures` records what is on the screen, whenever that changes. `tasks` are those of the
-main thread, from the browser's own trace: how long the longest took, how much processor time it used of that (the rest
-it waited: for its software rasteriser, where there is no graphics card, or for its turn on a busy machine), and the
-same of the one that used most, with what they were made of. `messages` is the time in
-what the page does with what its worker hands over, by kind. Memory is what processes have of their own.
+Headless Chromium loads the scene by byte ranges from `serve --page`. The walk begins where all of the scene is in the
+window. By mouse and keyboard the camera rises, orbits the centre, approaches it, orbits again and returns. `--pictures`
+records every change of the screen. `tasks` are tasks of the main thread in the browser's trace: wall and processor time
+of the longest one, and of the one with the most processor time, with their parts. The difference is waiting, for the
+software rasteriser or for the processor. `messages` is the time of handling messages of the worker, by kind. Memory is
+the private memory of processes.
 """
 
 import argparse
@@ -20,8 +19,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from splatwire.transport.page import PageServer
-from splatwire.transport.page_content import PageContent
+from splatwire.transport.http.content import PageContent
+from splatwire.transport.http.server import PageServer
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "transport"))
@@ -55,11 +54,11 @@ PARTS = {"FunctionCall", "FireAnimationFrame", "TimerFire", "HandlePostMessage",
 
 def walked(page: Browser, url: str, given: argparse.Namespace, pictures: Path | None) -> dict[str, Any]:
     """Opens a page and walks."""
-    page.patience = 240.0  # a screenshot waits for what the rasteriser has queued
+    page.patience = 240.0  # a screenshot waits for the queue of the rasteriser
     page.emulate(*given.size)
     page._call("Page.enable", page._session)
     page._call("Page.addScriptToEvaluateOnNewDocument", page._session, source=WATCH)
-    trace(page)
+    page.start_trace()
     page.open(url)
     page.wait_for(STATUS, 120)
     watched(page, 5 * given.seconds, pictures, "opening")
@@ -67,7 +66,7 @@ def walked(page: Browser, url: str, given: argparse.Namespace, pictures: Path | 
     most = {"gaussians": 0, "page_mb": 0, "gpu_mb": 0}
     opening = traced(page)
     page.evaluate("spent = {};")
-    trace(page)
+    page.start_trace()
     for number, step in enumerate(STEPS):
         went(page, step, (given.size[0] / 2, given.size[1] / 2))
         watched(page, (5 if step == "home" else 1) * given.seconds, pictures, f"{number:02}-{step}")
@@ -95,7 +94,7 @@ def went(page: Browser, step: str, middle: tuple[float, float]) -> None:
 
 
 def watched(page: Browser, seconds: float, pictures: Path | None, name: str) -> None:
-    """Waits, and saves what is on the screen whenever that changes."""
+    """Waits, and saves every change of the screen."""
     if pictures:
         pictures.mkdir(parents=True, exist_ok=True)
         for number, frame in enumerate(page.recorded(seconds, LONGEST)):
@@ -104,24 +103,9 @@ def watched(page: Browser, seconds: float, pictures: Path | None, name: str) -> 
         time.sleep(seconds)
 
 
-def trace(page: Browser) -> None:
-    """Begins to write down what the threads of the browser do."""
-    wanted = {"includedCategories": ["toplevel", "devtools.timeline"], "recordMode": "recordAsMuchAsPossible"}
-    page._call("Tracing.start", transferMode="ReturnAsStream", traceConfig=wanted)
-
-
 def traced(page: Browser) -> dict[str, Any]:
-    """Ends that, and says what the page's main thread did."""
-    page._call("Tracing.end")
-    while (message := page._message()).get("method") != "Tracing.tracingComplete":
-        pass
-    handle, text = message["params"]["stream"], ""
-    while True:
-        part = page._call("IO.read", handle=handle)
-        text += part["data"]
-        if part["eof"]:
-            break
-    events = json.loads(text)["traceEvents"]
+    """Ends the trace and returns the main thread's tasks."""
+    events = page.trace_events()
     pages = {e["pid"] for e in events if e["name"] == "process_name" and e["args"]["name"] == "Renderer"}
     named = (e for e in events if e["name"] == "thread_name" and e["args"]["name"] == "CrRendererMain")
     main = {(e["pid"], e["tid"]) for e in named if e["pid"] in pages}  # the browser's own surroundings are pages, too

@@ -1,11 +1,11 @@
-"""What each way in which the network can differ from the paper's text is worth: short calibrations of one scene.
+"""Effect of each open choice of the paper's network, by short calibrations of one scene.
 
     python benchmarks/paper_choices.py whole.swz cameras.json -o benchmarks/results/paper_choices.json [--steps 300]
 
 Every row is the preset `paper` with one change; all have the same losses to learn from and the same held-out ones.
 `error` is that of features on held-out losses over their spread, `psnr` that of 3 views against the lossless render
-under the first of them. `trust` is no setting of the package: the residual is added to CARI without a gate, in units of
-CARI's own error, and taken as far as it is small in those.
+under the first of them. `trust` is no setting of the package. It adds the residual to CARI without a gate, in units of
+CARI's error, and weights it by its smallness in these units.
 """
 
 import argparse
@@ -16,23 +16,63 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
-from gnn_ablation import Scorer
 
-from splatwire.calibrate.pseudo_loss import CalibrationData, calibration_data
+from splatwire.bitstream import read_stream
+from splatwire.calibration.pseudo_loss import CalibrationData, calibration_data
 from splatwire.codec import decode_stream
+from splatwire.concealment.conceal import conceal
 from splatwire.data import load_cameras
-from splatwire.evaluate.views import spread
-from splatwire.model.tensors import to_tensors
-from splatwire.packets import read_stream
+from splatwire.evaluation.views import spread
+from splatwire.metrics import psnr
+from splatwire.neural.model.tensors import to_tensors
 from splatwire.paper import Cari, Gnn, Idw, idw
 from splatwire.paper.calibration.calibrate import calibrate
 from splatwire.paper.calibration.config import CALIBRATION_PRESETS, CalibrationConfig
+from splatwire.paper.calibration.losses import channel_spread, normalized_errors
 from splatwire.paper.calibration.run import pseudo_graphs
 from splatwire.paper.gnn import fusion
+from splatwire.paper.gnn.graph import RepairGraph
 from splatwire.paper.neighbors import TensorTree
+from splatwire.render import render_scene
+from splatwire.types import ReceivedScene
 
 POOL = 72
+
+
+class Scorer:
+    """Scores concealed scenes on the held-out losses."""
+
+    def __init__(
+        self, data: CalibrationData, complete: ReceivedScene, held_out: list[RepairGraph], cameras: Any
+    ) -> None:
+        self.data, self.complete, self.cameras = data, complete, cameras
+        self.truth = to_tensors(data.complete.scene.anchors)
+        self.spread = channel_spread(self.truth)
+        self.known = []
+        for graph in held_out:
+            known = np.ones(self.truth.num_anchors, np.bool_)
+            known[graph.queries.numpy()] = False
+            self.known.append(known)
+        self.references = [self._draw(complete.scene, view) for view in range(cameras.num_views)]
+
+    def _draw(self, scene: Any, view: int) -> np.ndarray:
+        return render_scene(scene, self.cameras.select([view]))
+
+    def errors(self, concealer: Any) -> dict[str, float]:
+        rows = []
+        for known in self.known:
+            anchors = to_tensors(concealer(self.data.complete.masked(known)).elements)
+            lost = torch.from_numpy(np.flatnonzero(~known))
+            rows.append(normalized_errors(anchors.select(lost), self.truth, self.spread, lost))
+        return {name: round(sum(row[name] for row in rows) / len(rows), 4) for name in rows[0]}
+
+    def psnr(self, concealer: Any) -> float:
+        known = self.known[0]
+        scene = conceal(self.complete.masked(known), concealer)
+        values = [float(psnr(self._draw(scene, view), picture)[0]) for view, picture in enumerate(self.references)]
+        return round(sum(values) / len(values), 3)
 
 
 class PooledSearch:

@@ -1,11 +1,10 @@
-"""What 8 % of the bytes, spent on protection, leave of 20 % loss: PSNR against photos, and the drop from no loss.
+"""Quality at 20 % loss with 8 % of the bytes for protection: PSNR against photos, and the drop from no loss.
 
-Datagrams: the planner chooses, side information included. `.pak` packets: side information is delivered (the paper's
-assumption), and parity goes over the packets of a top tier (any K of K + R packets restore it). In both, a sketch of
-important anchors in the side information may take a part of the 8 %; how much is left for parity, how large the tier
-is and whether there is a sketch at all is chosen on training photos with losses other than those reported. The mean
-over datagrams is that of `frontier.py`: transfers without side information show the preview in the welcome, whose bytes
-are part of the 8 %.
+Datagrams: the planner chooses, side information included. `.pak` packets: side information is always received (the
+paper's assumption), and parity covers a top tier (any K of K + R packets restore it). In both, a sketch of important
+anchors in the side information may take a part of the 8 %. The use of a sketch, the size of the tier and the parity are
+chosen on training photos with other losses than the reported ones. The mean over datagrams is defined as in
+`frontier.py`. Transfers without side information show the preview of the welcome, whose bytes are part of the 8 %.
 
     python benchmarks/protection.py SCENE --data PHOTOS [--limit 0.08] [--views 4] [--pictures 8] [--sketch 0.01 0.025]
         [--units datagram pak]
@@ -21,16 +20,16 @@ from typing import NamedTuple
 import numpy as np
 from frontier import PLANNING_SEED, REPORTED_SEED, Bench, Variant
 
-from splatwire.calibrate.sketch import sketch_of
-from splatwire.calibrate.sketch_config import SketchConfig
+from splatwire.bitstream import PRESETS, SceneStream
+from splatwire.calibration.sketch import sketch_of
+from splatwire.calibration.sketch_config import SketchConfig
 from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.tiers import arrange_stream
-from splatwire.conceal.sketch import SECTION
-from splatwire.packets import PRESETS, SceneStream
-from splatwire.plan.measure import LossyPictures
-from splatwire.plan.outline import draw_losses
-from splatwire.plan.planner import plan_protection
+from splatwire.concealment.sketch import SECTION
+from splatwire.planning.measure import LossyPictures
+from splatwire.planning.planner import plan_protection
+from splatwire.planning.transfer_model import draw_losses
 
 PAK_TIERS = (0.02, 0.05, 0.1, 0.2)
 PLANNED = 12
@@ -46,9 +45,9 @@ def sketches(bench: Bench, stream: SceneStream, shares: list[float]) -> list[byt
 def over_datagrams(variants: list[Variant], loss_name: str, arguments: argparse.Namespace) -> dict:
     """The planner's choice within the limit."""
     loss = parse_loss(loss_name)
-    plan = plan_protection([variant.offer for variant in variants], loss, budget_bytes=1e12, trials=60, drawn=4,
-                           seed=PLANNING_SEED, most_protection=arguments.limit)  # fmt: skip
-    found = variants[plan.offer].expected(plan.protection, loss_name, 1e12, arguments.pictures)
+    plan = plan_protection([variant.offer for variant in variants], loss, budget_bytes=1e12, trials=60,
+                           rendered_trials=4, seed=PLANNING_SEED, max_protection=arguments.limit)  # fmt: skip
+    found = variants[plan.variant].expected(plan.protection, loss_name, 1e12, arguments.pictures)
     return {"unit": "datagram", "loss": loss_name, **found,
             "protection_share": plan.protection_share, "head_share": plan.protection.head_share,
             "repair": plan.protection.tier_repair, "side_repair": plan.protection.side_repair,
@@ -83,7 +82,7 @@ class Pak(NamedTuple):
 
 
 def pak_ways(bench: Bench, sections: list[bytes], limit: float) -> list[Pak]:
-    """Sizes of the tier times sketches; parity takes what the limit leaves."""
+    """Sizes of the tier times sketches; parity takes the rest of the limit."""
     ways, importance = [], bench.importance
     for share in PAK_TIERS:
         stream = encode_scene(bench.scene, PRESETS["paper"], tiers=importance.tiers((share,)))
@@ -140,7 +139,7 @@ def over_paks(
 
 
 def scene_parser(description: str) -> argparse.ArgumentParser:
-    """Options of whatever spends a limit on one scene."""
+    """Command-line options of scripts that spend a byte limit on one scene."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("scene", type=Path)
     parser.add_argument("--data", type=Path, required=True)

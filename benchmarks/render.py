@@ -19,14 +19,14 @@ import numpy as np
 import torch
 from PIL import Image
 
-from splatwire.importers.hacpp import import_hacpp
+from splatwire.anchors.compiled_heads import drawn_gaussians
 from splatwire.metrics import psnr, psnr_by_channel, ssim
-from splatwire.model.compiled_heads import drawn_gaussians
+from splatwire.neural.importers.hacpp import import_hacpp
+from splatwire.neural.render.differentiable import render_differentiable
 from splatwire.ops.threads import allowed_threads
 from splatwire.render import iterate_views, render_scene
 from splatwire.render.cpu import render_cpu
-from splatwire.render.differentiable import render_differentiable
-from splatwire.scene import Cameras, Gaussians
+from splatwire.types import Cameras, Gaussians
 
 MODELS = {"bonsai_30k": "bonsai", "snowmiku_15k": "snowmiku", "snowmiku_small_2400": "snowmiku_small"}
 GOAL_DB, GOAL_S = 55.0, 0.5
@@ -54,7 +54,7 @@ def milliseconds(work: Callable[[], Any], repeats: int) -> float:
 
 
 def likeness(scene: Any, cameras: Cameras, model_dir: Path) -> dict[str, Any]:
-    """PSNR of our pictures against the official ones, ours as floats and rounded to 8 bits as theirs are."""
+    """PSNR of rendered pictures against the official ones, as floats and rounded to 8 bits."""
     views = {}
     for file in sorted((model_dir / "renders").glob("*_after.png")):
         name = file.name.removesuffix("_after.png")
@@ -66,7 +66,7 @@ def likeness(scene: Any, cameras: Cameras, model_dir: Path) -> dict[str, Any]:
 
 
 def photo_scores(scene: Any, cameras: Cameras, model_dir: Path, photos: Path) -> dict[str, Any]:
-    """Mean scores over the test views beside the official ones, and the largest difference on any view."""
+    """Mean scores over the test views with the official ones, and the largest difference on any view."""
     official = {s["name"]: s for s in json.loads((model_dir / "metrics.json").read_text())["test_after"]}
     names = sorted(official)
     chosen = cameras.select([cameras.names.index(n) for n in names])

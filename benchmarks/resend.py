@@ -1,12 +1,12 @@
-"""What a limited way back leaves of 20 % datagram loss: side information and the most important packets are sent again.
+"""Quality at 20 % datagram loss with limited retransmission of side information and important packets.
 
-No repair symbols are sent ahead: the head object leaves first, then the tiers. What the head object lacks is sent again
-in any case, and of the packets the first ones (`Protection.resend_until`), in every transfer alike: their share is
-chosen so that the mean over other losses than those reported, and one standard error above it, keeps `--limit` of all
-bytes (sketches count, too). So a transfer that loses more spends more. There is no preview: the side information always
-arrives. Both ends and a network of 40 ms and 8 Mbit/s are simulated datagram by datagram; the server's greetings
-arrive, a fifth of what the receiver says is lost at random. Whether there is a sketch is chosen on training photos; the
-mean PSNR against test photos counts all `--transfers`; of those that lost something, `--pictures` are drawn.
+No repair symbols are sent ahead: the head object leaves first, then the tiers. The head object is always retransmitted,
+and the first packets (`Protection.resend_until`) equally in every transfer. Their share is chosen such that the mean
+over other losses, plus one standard error, keeps `--limit` of all bytes, sketches included. So a transfer that loses
+more spends more. There is no preview: the side information always arrives. Both ends and a network of 40 ms and 8
+Mbit/s are simulated datagram by datagram. The server's greetings arrive; a fifth of the receiver's datagrams is lost at
+random. The use of a sketch is chosen on training photos. The mean PSNR against test photos includes all `--transfers`;
+of the lossy ones, `--pictures` are rendered.
 
     python benchmarks/resend.py SCENE --data PHOTOS [--limit 0.08] [--transfers 100] [--pictures 10]
 """
@@ -23,23 +23,23 @@ import numpy as np
 from frontier import REPORTED_SEED, Bench, Variant
 from protection import scene_parser, sketches
 
+from splatwire.bitstream import PRESETS, SceneStream
 from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, encode_scene
-from splatwire.conceal.sketch import SECTION
-from splatwire.packets import PRESETS, SceneStream
-from splatwire.plan.measure import LossyPictures, known_elements
-from splatwire.transport import Protection, ServerLimits, make_program
-from splatwire.transport.program import Program
+from splatwire.concealment.sketch import SECTION
+from splatwire.planning.measure import LossyPictures, known_elements
+from splatwire.transport import Protection, ServerLimits, make_served_stream
+from splatwire.transport.protocol.served_stream import ServedStream
 
 NETWORK = Path(__file__).parents[1] / "tests" / "transport" / "network.py"
 CHANNELS = ("bernoulli:0.2", "gilbert:0.2,20")
 RATE = 1e6
-MOST_DATAGRAMS = 20_000
-GREETINGS = 2
+MAX_SEQUENCE = 20_000
+RETRY_HANDSHAKES = 2
 """Datagrams from the server before the transfer: challenge and welcome."""
 ROUNDS = 6
 NEAR = 0.003
-"""Share of all bytes by which the limit may be missed from below."""
+"""Largest unused share of all bytes below the limit."""
 FIRST_PLANNED = 100_000
 """Seeds of transfers that are looked at before; those that are reported start at 0."""
 
@@ -68,17 +68,17 @@ class Outcome(NamedTuple):
 
 
 def fates(loss_name: str, seed: int):
-    """Whether each datagram of a path is lost, one after another."""
+    """Loss of each datagram of a path, one after another."""
     rng = np.random.Generator(np.random.PCG64([REPORTED_SEED, seed]))
-    received = parse_loss(loss_name).received(MOST_DATAGRAMS, rng)
+    received = parse_loss(loss_name).received(MAX_SEQUENCE, rng)
     return itertools.cycle((~received).tolist()).__next__
 
 
-def one(program: Program, plain_bytes: int, loss_name: str, seed: int) -> Outcome:
+def one(program: ServedStream, plain_bytes: int, loss_name: str, seed: int) -> Outcome:
     """Simulates a transfer to its end."""
     net = network()
     # reports and greetings are few: losses in runs of twenty datagrams would be losses of seconds there
-    fate = itertools.chain((False,) * GREETINGS, iter(fates(loss_name, 2 * seed), None))
+    fate = itertools.chain((False,) * RETRY_HANDSHAKES, iter(fates(loss_name, 2 * seed), None))
     down, up = net.Link(fate.__next__), net.Link(fates("bernoulli:0.2", 2 * seed + 1))
     limits = ServerLimits(fixed_rate=RATE)
     result = net.transfer(program, down=down, up=up, seed=seed, limits=limits, most_s=120)
@@ -111,39 +111,31 @@ def whole_psnr(views: LossyPictures) -> float:
 
 
 class Way(NamedTuple):
-    """A way to spend the limit: a sketch or none, and what is left for sending again.
-
-    Attributes:
-        variant: The stream.
-        sketch_bytes: Bytes of its sketch.
-        program: What is sent, with the limit on what is sent again.
-        plain_bytes: One pass without any protection.
-        score: What is expected, from training photos and other losses than those that are reported.
-    """
+    """A use of the limit: a sketch or none, and the rest for retransmission."""
 
     variant: Variant
     sketch_bytes: int
-    program: Program
+    program: ServedStream
     plain_bytes: int
     score: float
 
 
 def planned(variant: Variant, stream: SceneStream, sketch_bytes: int, loss_name: str, options) -> Way | None:
     """Looks for the most packets that may be sent again within the limit."""
-    sizes = make_program(stream, Protection(side_repair=0.0)).sizes()
+    sizes = make_served_stream(stream, Protection(side_repair=0.0)).sizes()
     plain = sum(sizes.values()) - sketch_bytes
     lost = 1 - parse_loss(loss_name).received(200_000, np.random.Generator(np.random.PCG64(FIRST_PLANNED))).mean()
     per_packets = lost / (1 - lost) * sizes["packets"] / plain  # spent where all packets may be sent again
     share, best = float(np.clip((options.limit - sizes["side"] / plain * lost) / per_packets, 0, 1)), None
     for _ in range(ROUNDS):
         protection = Protection(side_repair=0.0, resend_until=share)
-        program = make_program(stream, protection)
+        program = make_served_stream(stream, protection)
         seeds = range(FIRST_PLANNED, FIRST_PLANNED + options.planned)
         outcomes = [one(program, plain, loss_name, seed) for seed in seeds]
         spent = np.array([outcome.spent for outcome in outcomes])
         room = options.limit - float(spent.mean() + spent.std() / math.sqrt(len(spent)))
         print(f"sketch {sketch_bytes}: until {share:.3f} spends {spent.mean():.2%}", file=sys.stderr, flush=True)
-        if room >= 0 and (best is None or share > best[1].num_resendable / len(program.packets)):
+        if room >= 0 and (best is None or share > best[1].num_retransmittable / len(program.packets)):
             best = (outcomes, program)
         if 0 <= room < NEAR or (share == 0 and room < 0) or (share == 1 and room >= 0):
             break
@@ -162,7 +154,7 @@ def row_of(found: list[tuple[Variant, SceneStream, int]], loss_name: str, option
     spent = [outcome.spent for outcome in outcomes]
     return row | {
         "drop_db": whole_psnr(way.variant.pictures) - row["psnr"], "spent_mean": float(np.mean(spent)),
-        "spent_most": max(spent), "resend_until": way.program.num_resendable / len(way.program.packets),
+        "spent_most": max(spent), "resend_until": way.program.num_retransmittable / len(way.program.packets),
         "sketch_bytes": way.sketch_bytes,
     }  # fmt: skip
 

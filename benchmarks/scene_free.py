@@ -1,35 +1,69 @@
-"""The scene-free concealer: trains it on scenes, and scores it beside others; prints one JSON object.
+"""The scene-free concealers of anchors and Gaussians: trains one, or scores it beside others. Prints one JSON object.
 
-A scene is SOURCE=DATASET: a stream, a scene file or a folder of an official HAC++ model, and the folder of its photos.
-Training looks at the views of training photos, scoring at test photos (losses of 20 % of `.pak` units, the same for
-all methods). For an honest figure leave the scored scene, and other models of the same photos, out of the training.
+    python benchmarks/scene_free.py anchors train A=data/a B=data/b -o scene_free.safetensors
+    python benchmarks/scene_free.py anchors score C=data/c --weights scene_free.safetensors
+    python benchmarks/scene_free.py gaussians train a.spz b.ply -o scene_free_gaussians.safetensors
+    python benchmarks/scene_free.py gaussians score c.ply --seeds 0 1 2
 
-    python benchmarks/scene_free.py train A=data/a B=data/b -o scene_free.safetensors
-    python benchmarks/scene_free.py score C=data/c --weights scene_free.safetensors
+A scene of anchors is SOURCE=DATASET: a stream, a scene file or a folder of an official HAC++ model, and the folder of
+its photos. Training uses the views of training photos, scoring uses test photos (losses of 20 % of `.pak` units, the
+same for all methods). A scene of Gaussians is a file without photos. Pictures from orbit views are compared with those
+of the complete stream (training) or of the file (scoring). For an honest figure leave the scored scene, and other
+models of the same photos, out of the training.
 """
 
 import argparse
 import json
 import sys
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from gain_training import SceneFreeConfig, train_scene_free
+from gain_training import LossyStream, SceneFreeConfig, train_for_gaussians, train_scene_free
 
-from splatwire.calibrate.pseudo_loss import CalibrationData, calibration_data
+from splatwire.anchors.scene_file import load_scene
+from splatwire.bitstream import PRESETS, SceneStream, read_stream
+from splatwire.calibration.pseudo_loss import CalibrationData, calibration_data
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.conceal import Concealer, conceal, create_concealer
-from splatwire.conceal.scene_free import save_gain_network
+from splatwire.concealment import Concealer, conceal, create_concealer
+from splatwire.concealment.scene_free import save_gain_network
 from splatwire.data import open_dataset
-from splatwire.evaluate.views import photo_views, spread
-from splatwire.importers.hacpp import import_hacpp
+from splatwire.evaluation.views import photo_views, spread
+from splatwire.io import open_scene
 from splatwire.metrics import psnr
-from splatwire.model.scene_file import load_scene
-from splatwire.packets import PRESETS, SceneStream, read_stream
+from splatwire.neural.importers.hacpp import import_hacpp
 from splatwire.render import iterate_views
+from splatwire.render.importance import surrounding_cameras
+from splatwire.render.precision import classes_of
+
+RATES = (0.2, 0.1, 0.3)
+FLOOR = 1e-5
+
+
+def step_printer(every: int) -> Callable[[int, float], None]:
+    """Returns a function that prints the mean loss of the last steps on standard error."""
+    losses: list[float] = []
+
+    def on_step(step: int, loss: float) -> None:
+        losses.append(loss)
+        if step % every == 0:
+            print(f"step {step}: {sum(losses[-every:]) / len(losses[-every:]):.4f}", file=sys.stderr, flush=True)
+
+    return on_step
+
+
+def saved(network: Any, sources: Sequence[Path], options: argparse.Namespace, started: float) -> dict[str, object]:
+    """Saves a trained network with its record, which is returned with the seconds and bytes."""
+    record = {
+        "scenes": " ".join(source.name for source in sources),
+        "settings": f"views {options.views}, width {options.width}, steps {options.steps}, seed {options.seed}",
+    }
+    save_gain_network(network, options.output, record=record)
+    return {**record, "seconds": time.perf_counter() - started, "num_bytes": options.output.stat().st_size}
 
 
 def open_stream(source: Path) -> SceneStream:
@@ -49,26 +83,15 @@ def to_learn_from(source: Path, photos: Path, views: int, width: int) -> Calibra
     return calibration_data(stream, replace(complete, scene=scene), cameras)
 
 
-def train(options: argparse.Namespace) -> dict[str, object]:
+def train_anchors(options: argparse.Namespace) -> dict[str, object]:
     started = time.perf_counter()
     scenes = [to_learn_from(source, photos, options.views, options.width) for source, photos in options.scenes]
-    losses: list[float] = []
-
-    def told(step: int, loss: float) -> None:
-        losses.append(loss)
-        if step % 25 == 0:
-            print(f"step {step}: {sum(losses[-25:]) / len(losses[-25:]):.4f}", file=sys.stderr, flush=True)
-
     config = SceneFreeConfig(steps=options.steps, seed=options.seed)
-    network = train_scene_free(scenes, config, progress=told)
-    names = " ".join(source.name for source, _ in options.scenes)
-    settings = f"views {options.views}, width {options.width}, steps {options.steps}, seed {options.seed}"
-    save_gain_network(network, options.output, record={"scenes": names, "settings": settings})
-    size = options.output.stat().st_size
-    return {"scenes": names, "settings": settings, "seconds": time.perf_counter() - started, "num_bytes": size}
+    network = train_scene_free(scenes, config, progress=step_printer(25))
+    return saved(network, [source for source, _ in options.scenes], options, started)
 
 
-def score(options: argparse.Namespace) -> dict[str, object]:
+def score_anchors(options: argparse.Namespace) -> dict[str, object]:
     given = {} if options.weights is None else {"weights": options.weights}
     methods: dict[str, Concealer] = {
         name: create_concealer(name, **(given if name == "scene_free" else {})) for name in options.conceal
@@ -104,7 +127,51 @@ def score_scene(
     }
 
 
-def scene(text: str) -> tuple[Path, Path]:
+def train_gaussians(options: argparse.Namespace) -> dict[str, object]:
+    started, streams = time.perf_counter(), []
+    for path in options.scenes:
+        scene = open_scene(path)
+        stream = encode_scene(scene, PRESETS["datagram"], classes=classes_of(scene))
+        streams.append(LossyStream(stream, surrounding_cameras(scene, options.views, options.width)))
+        print(f"{path.name}: {stream.manifest.num_elements} Gaussians", file=sys.stderr, flush=True)
+    config = SceneFreeConfig(steps=options.steps, drop_rates=RATES, floor=FLOOR, seed=options.seed)
+    network = train_for_gaussians(streams, config, progress=step_printer(40))
+    return saved(network, options.scenes, options, started)
+
+
+def score_gaussians(options: argparse.Namespace) -> dict[str, object]:
+    loss, found = parse_loss(f"bernoulli:{options.rate}", "datagram"), dict[str, dict[str, Any]]()
+    given = {} if options.weights is None else {"gaussian_weights": options.weights}
+    names = {name: create_concealer(name, **(given if name == "scene_free" else {})) for name in options.conceal}
+    for path in options.scenes:
+        scene = open_scene(path)
+        stream = encode_scene(scene, PRESETS["datagram"], classes=classes_of(scene))
+        cameras = surrounding_cameras(scene, options.views, options.width)
+        truth = list(iterate_views(scene, cameras))
+
+        def quality(shown, truth=truth, cameras=cameras) -> float:  # type: ignore[no-untyped-def]
+            pairs = zip(iterate_views(shown, cameras), truth, strict=True)
+            return sum(float(psnr(a[None], b[None])[0]) for a, b in pairs) / len(truth)
+
+        figures: dict[str, list[float]] = {name: [] for name in names}
+        for seed in options.seeds:
+            partial = decode_stream(transmit(stream, loss, seed=seed)[0])
+            for name, method in names.items():
+                figures[name].append(quality(conceal(partial, method)))
+        found[path.name] = {
+            "num_gaussians": scene.num_elements, "num_bytes": stream.num_bytes,
+            "no loss": quality(decode_stream(stream).scene), "psnr": figures,
+            "mean": {name: sum(values) / len(values) for name, values in figures.items()},
+        }  # fmt: skip
+        print(path.name, found[path.name]["mean"], file=sys.stderr, flush=True)
+    gains = {name: [f["mean"][name] - f["mean"]["drop"] for f in found.values()] for name in names}
+    return {
+        "loss": loss.name, "views": options.views, "width": options.width, "scenes": found,
+        "gain over drop, mean of scenes": {name: sum(values) / len(values) for name, values in gains.items()},
+    }  # fmt: skip
+
+
+def photographed(text: str) -> tuple[Path, Path]:
     source, equals, photos = text.partition("=")
     if not equals:
         raise argparse.ArgumentTypeError(f"'{text}' is not SOURCE=DATASET")
@@ -113,24 +180,34 @@ def scene(text: str) -> tuple[Path, Path]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    verbs = parser.add_subparsers(required=True)
-    learn = verbs.add_parser("train")
-    learn.set_defaults(verb=train)
-    learn.add_argument("scenes", nargs="+", type=scene)
-    learn.add_argument("-o", "--output", type=Path, required=True)
-    learn.add_argument("--views", type=int, default=6, help="training views of a scene")
-    learn.add_argument("--width", type=int, default=400, help="width of their pictures")
-    learn.add_argument("--steps", type=int, default=SceneFreeConfig.steps)
-    learn.add_argument("--seed", type=int, default=0)
-    judge = verbs.add_parser("score")
-    judge.set_defaults(verb=score)
-    judge.add_argument("scenes", nargs="+", type=scene)
-    judge.add_argument("--conceal", nargs="*", default=["drop", "grow", "scene_free"])
-    judge.add_argument("--weights", type=Path, help="instead of those of the package")
-    judge.add_argument("--views", type=int, help="most test views; all where absent")
-    judge.add_argument("--rate", type=float, default=0.2)
-    judge.add_argument("--seeds", type=int, nargs="*", default=[0, 1, 2, 3, 4])
-    judge.add_argument("--lossless", action="store_true", help="score the scene without losses, too")
+    kinds = parser.add_subparsers(required=True)
+    anchors, gaussians = (kinds.add_parser(name).add_subparsers(required=True) for name in ("anchors", "gaussians"))
+    for verbs, scene, work, views, width, steps in (
+        (anchors, photographed, train_anchors, 6, 400, SceneFreeConfig.steps),
+        (gaussians, Path, train_gaussians, 8, 200, 320),
+    ):
+        learn = verbs.add_parser("train")
+        learn.set_defaults(verb=work)
+        learn.add_argument("scenes", nargs="+", type=scene)
+        learn.add_argument("-o", "--output", type=Path, required=True)
+        learn.add_argument("--views", type=int, default=views, help="training views of a scene")
+        learn.add_argument("--width", type=int, default=width, help="width of their pictures")
+        learn.add_argument("--steps", type=int, default=steps)
+        learn.add_argument("--seed", type=int, default=0)
+    for verbs, scene, work, most, seeds in (
+        (anchors, photographed, score_anchors, None, [0, 1, 2, 3, 4]),
+        (gaussians, Path, score_gaussians, 8, [0, 1, 2]),
+    ):
+        judge = verbs.add_parser("score")
+        judge.set_defaults(verb=work)
+        judge.add_argument("scenes", nargs="+", type=scene)
+        judge.add_argument("--conceal", nargs="*", default=["drop", "grow", "scene_free"])
+        judge.add_argument("--weights", type=Path, help="instead of those of the package")
+        judge.add_argument("--views", type=int, default=most, help="most views; all test views where absent")
+        judge.add_argument("--width", type=int, default=256, help="width of orbit views")
+        judge.add_argument("--rate", type=float, default=0.2)
+        judge.add_argument("--seeds", type=int, nargs="*", default=seeds)
+        judge.add_argument("--lossless", action="store_true", help="score scenes of anchors without losses, too")
     options = parser.parse_args()
     print(json.dumps(options.verb(options), indent=1))
 

@@ -1,13 +1,13 @@
-"""Explicit Gaussians beside SOG and SPZ: bytes at equal pictures, what a loss costs, time, as JSON; and a plot of it.
+"""Explicit Gaussians against SOG and SPZ: bytes at equal PSNR, damage of losses, and time, as JSON or a plot.
 
     python benchmarks/splats.py rates luigi.ply tiger.ply --others DIR --ready biker.spz -o splats.json
     python benchmarks/splats.py plot splats.json -o splats.svg
     python benchmarks/splats.py scale truck.splat --counts 100000 1000000 -o splats_scale.json
     python benchmarks/splats.py scale export.ply --counts 500000 --threads 2 -o splats_threads.json
 
-DIR holds a SOG and an SPZ of each PLY, of the same name, made by `splat-transform` of npm; what it lacks is written by
-our own `formats` and marked so. Of cameras that are told, eight are measured, and half of the rest say what is precise.
-A file after --ready is its own source: bytes are compared with its own. Of bonsai_30k:
+DIR holds a SOG and an SPZ of each PLY, of the same name, made by `splat-transform` of npm. Missing files are written by
+`splatwire.io.formats` and marked. Eight of the given cameras are measured, and half of the rest determine the precision
+classes. A file after --ready is its own source: bytes are compared with its own. Of bonsai_30k:
 
     splatwire import hacpp bonsai_30k -o bonsai.scene
     splatwire export ply bonsai.scene -o bonsai.ply --data bonsai
@@ -30,20 +30,19 @@ from pathlib import Path
 import numpy as np
 from figures import publish
 
+from splatwire.bitstream import PRESETS, SceneStream
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.codec.schemas.gaussians.quality import QUALITIES, Quality
-from splatwire.conceal import conceal
+from splatwire.codec.gaussians.quality import QUALITIES, Quality
+from splatwire.concealment import conceal
 from splatwire.data import load_cameras
-from splatwire.formats import read_splats, write_splats
-from splatwire.model import SplatScene
+from splatwire.io.formats import read_splats, write_splats
 from splatwire.ops.threads import use_single_thread
-from splatwire.packets import PRESETS, SceneStream
 from splatwire.render import iterate_views
 from splatwire.render.importance import cameras_around
 from splatwire.render.precision import precision_classes
-from splatwire.scene import Cameras
-from splatwire.scene.splats import Splats
+from splatwire.types import Cameras, SplatScene
+from splatwire.types.splats import Splats
 
 LEVELS = (5.0, 9.0, 11.0, 12.0)
 """Besides those of the named qualities."""
@@ -96,7 +95,7 @@ def others_of(path: Path, folder: Path, splats: Splats, cameras: Cameras, refere
     found = {}
     for kind in ("sog", "spz"):
         theirs = folder / f"{path.stem}.{kind}"
-        writer = "splat-transform" if theirs.exists() else "splatwire.formats"
+        writer = "splat-transform" if theirs.exists() else "splatwire.io.formats"
         with tempfile.TemporaryDirectory() as made:
             if not theirs.exists():
                 theirs = Path(made) / f"own.{kind}"
@@ -162,7 +161,7 @@ def losses(stream: SceneStream, cameras: Cameras, reference: list[np.ndarray]) -
 
 
 def tiled(splats: Splats, count: int) -> Splats:
-    """So many Gaussians: copies of a scene side by side."""
+    """Copies of a scene side by side, up to a number of Gaussians."""
     copies, size = (
         -(-count // splats.num_gaussians),
         float(np.ptp(np.quantile(splats.means, [0.01, 0.99], axis=0), axis=0).max()),
@@ -176,7 +175,7 @@ def tiled(splats: Splats, count: int) -> Splats:
 
 
 def settled_mib() -> float:
-    """Memory of this process without what it no longer uses; `peak_mib` begins anew."""
+    """Memory of this process without unused parts; resets `peak_mib`."""
     gc.collect()
     ctypes.CDLL("libc.so.6").malloc_trim(0)
     Path("/proc/self/clear_refs").write_text("5")

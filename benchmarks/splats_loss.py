@@ -1,51 +1,48 @@
-"""Explicit Gaussians at 20 % lost datagrams, with and without a sketch; and what packets cost over one stream, as JSON.
+"""Explicit Gaussians at 20 % lost datagrams, with and without a sketch, and the overhead of packets, as JSON.
 
     python benchmarks/splats_loss.py conceal luigi.ply truck.splat --shares 0.01 0.04 -o splats_loss.json
     python benchmarks/splats_loss.py packets luigi.ply truck.splat -o splats_packets.json
-    python benchmarks/splats_loss.py places luigi.ply truck.splat -o splats_places.json
 
-Pictures are compared with the file's own from views around it, others than those that the sketch is calibrated on.
-One stream of the same symbols: the payloads of a block's packets coded without a break, models go on, no headers. One
-stream of neighbours: Gaussians as they lie along the Morton curve, each predicted from whatever came before it.
+Pictures are compared with the file's own from views around it, others than those that the sketch is calibrated on. One
+stream of the same symbols is the payloads of a block's packets in one code, with continued models and without headers.
+One stream of neighbours: Gaussians in Morton order, each predicted from all earlier ones.
 """
 
 import argparse
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numba
 import numpy as np
 from figures import publish
 
-from splatwire.calibrate.sketch import sketch_of
-from splatwire.calibrate.sketch_config import SketchConfig
-from splatwire.calibrate.views import CalibrationViews
+from splatwire.anchors.appearance import Scene
+from splatwire.bitstream import HEADER_BYTES, PRESETS, Packetization, SceneStream
+from splatwire.calibration.sketch import sketch_of
+from splatwire.calibration.sketch_config import SketchConfig
+from splatwire.calibration.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
 from splatwire.cli._calibration import with_quick_sketch
 from splatwire.codec import add_concealment, decode_stream, encode_scene
-from splatwire.codec.schemas._coder_kernels import ENCODING, new_coder
-from splatwire.codec.schemas.gaussians import _packet_kernels as kernels
-from splatwire.codec.schemas.gaussians.attributes import empty_rows
-from splatwire.codec.schemas.gaussians.fit import empty_statistics
-from splatwire.codec.schemas.gaussians.layout import MAX_CELL_BITS
-from splatwire.codec.schemas.gaussians.quality import QUALITIES
-from splatwire.codec.schemas.gaussians.side_info import read_side_info
-from splatwire.codec.schemas.gaussians.source_scene import SourceScene
-from splatwire.conceal import conceal
+from splatwire.codec._coder_kernels import ENCODING, new_coder
+from splatwire.codec.gaussians import _packet_kernels as kernels
+from splatwire.codec.gaussians.attributes import empty_rows
+from splatwire.codec.gaussians.fit import empty_statistics
+from splatwire.codec.gaussians.quality import QUALITIES
+from splatwire.codec.gaussians.side_info import read_side_info
+from splatwire.codec.gaussians.source_scene import SourceScene
+from splatwire.concealment import conceal
 from splatwire.entropy.range_kernels import ZERO, encoder_finish, encoder_start
+from splatwire.io import open_scene
 from splatwire.metrics import psnr
-from splatwire.model import SplatScene
-from splatwire.model.appearance import Scene
 from splatwire.ops.compiled import njit
 from splatwire.ops.threads import use_single_thread
-from splatwire.packets import HEADER_BYTES, PRESETS, Packetization, SceneStream
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import classes_of
-from splatwire.scene_io import open_scene
+from splatwire.types import SplatScene
 
 CONFIG = SketchConfig(views=12, scored_views=4, masks=1, held_out_masks=1)
 WHOLE = Packetization(block_size=(1 << 16) - 1, lanes=1, grouping="contiguous")
@@ -123,7 +120,7 @@ def joined_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) ->
         sizes = np.array([p.num_elements for p in stream.packets if p.id.block == block])
         rows, harmonics = empty_rows(int(sizes.sum()), info.num_harmonics)
         total += _encode_joined(
-            info.kernel_tables(), info.kernel_stream(), info.models(), empty_statistics(), int(info.boxes.bits[block]),
+            info.kernel_tables, info.kernel_stream(), info.models(), empty_statistics(), int(info.boxes.bits[block]),
             info.block_defaults[block], source.arranged(block, info), sizes,
             np.zeros(700 * len(rows), np.uint8), rows, harmonics,
         )  # fmt: skip
@@ -147,68 +144,9 @@ def packets_of(path: Path, _: argparse.Namespace) -> dict[str, object]:
     return found
 
 
-@njit(error_model="numpy")
-def _encode_cells(tables, models, statistics, source, box_bits, sizes, buffer):  # type: ignore[no-untyped-def]
-    begin, total = 0, 0
-    for size in sizes:
-        coder = new_coder(ENCODING, buffer, ZERO, models.copy(), statistics, tables)
-        encoder_start(coder.state)
-        at, spread, codes = kernels._part(source, begin, size)[:3]
-        low = max(box_bits - MAX_CELL_BITS, 0)
-        kernels._code_codes(
-            coder, codes >> (3 * (at - low)), 3 * (box_bits - at), spread if len(sizes) > 1 else spread * 0,
-            np.empty(size, np.int64), kernels.new_scratch(size)[2],
-        )  # fmt: skip
-        total += encoder_finish(buffer, coder.state)
-        begin += size
-    return total
-
-
-def cell_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) -> dict[str, int]:
-    """Bytes of all cells, those of each packet on their own, and those of each block at once."""
-    plan = stream.manifest.plan
-    info = read_side_info(stream.side_info, plan.num_blocks)
-    source, found = SourceScene.of(scene.splats, plan, classes, None, QUALITIES["default"]), {"packets": 0, "head": 0}
-    for block in range(plan.num_blocks):
-        sizes = np.array([p.num_elements for p in stream.packets if p.id.block == block])
-        for name, parts in (("packets", sizes), ("head", sizes.sum(keepdims=True))):
-            found[name] += _encode_cells(
-                info.kernel_tables(), info.models(), empty_statistics(), source.arranged(block, info),
-                int(info.boxes.bits[block]), parts, np.zeros(40 * int(sizes.sum()) + 64, np.uint8),
-            )  # fmt: skip
-    return found
-
-
-def places_of(path: Path, options: argparse.Namespace) -> dict[str, object]:
-    """What it costs, and brings, to send the cells of all Gaussians apart from packets, where they are not lost."""
-    scene = open_scene(path)
-    classes = classes_of(scene)
-    stream = encode_scene(scene, PRESETS["datagram"], classes=classes)
-    cameras = surrounding_cameras(scene, options.views, options.width)
-    truth, loss = list(iterate_views(scene, cameras)), parse_loss("bernoulli:0.2", "datagram")
-    complete = decode_stream(stream)
-    places, figures = complete.scene.splats.means, dict[str, list[float]]()
-    for seed in options.seeds:
-        partial = decode_stream(transmit(stream, loss, seed=seed)[0])
-        told = replace(partial, scene=replace(partial.scene, splats=replace(partial.scene.splats, means=places)))
-        for where, known in (("packets", partial), ("head", told)):
-            for name in ("drop", "grow", "scene_free"):
-                shown = zip(iterate_views(conceal(known, name), cameras), truth, strict=True)
-                each = [float(psnr(a[None], b[None])[0]) for a, b in shown]
-                figures.setdefault(f"{where}, {name}", []).append(sum(each) / len(each))
-    cells = cell_bytes(scene, stream, classes)
-    found = {
-        "bytes": {"packets": stream.num_bytes, "head": stream.num_bytes - cells["packets"] + cells["head"]},
-        "protected": {"packets": len(stream.side_info), "head": len(stream.side_info) + cells["head"]},
-        "psnr": {name: sum(values) / len(values) for name, values in figures.items()},
-    }
-    print(path.name, found, file=sys.stderr, flush=True)
-    return found
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("conceal", "packets", "places"))
+    parser.add_argument("what", choices=("conceal", "packets"))
     parser.add_argument("scenes", nargs="+", type=Path)
     parser.add_argument("--shares", type=float, nargs="*", default=[0.01, 0.04])
     parser.add_argument("--seeds", type=int, nargs="*", default=[0, 1, 2])
@@ -220,7 +158,7 @@ def main() -> None:
     numba.set_num_threads(1)
     scenes: dict[str, dict] = {}
     for path in options.scenes:
-        made = {"conceal": conceal_scene, "places": places_of, "packets": packets_of}[options.what](path, options)
+        made = {"conceal": conceal_scene, "packets": packets_of}[options.what](path, options)
         scenes[path.name] = made
         result: dict[str, object] = {"scenes": scenes}
         if options.what == "conceal":

@@ -1,14 +1,14 @@
 """Trains on the photos of a recorded official run, with its settings, and prints as JSON how the two compare.
 
-Goals: decoded test PSNR at least official - 0.10 dB, total bytes at most official x 1.02, an iteration at most half the
-official time at equal anchors. Seconds are processor time with one thread, beside wall time, so that the figures can
-be compared on a busy machine; the official figures are wall time, of two idle cores or of an H200 (`official_gpu`).
+Goals: decoded test PSNR at least official - 0.10 dB, total bytes at most official x 1.02. An iteration takes at most
+half the official time at equal anchors. Seconds are processor time with one thread, for comparison on a busy machine,
+and wall time. The official figures are wall times of two idle cores or of an H200 (`official_gpu`).
 
     python benchmarks/train.py [--data DIR] [--run snowmiku_small_2400] [--iterations N] [--threads 2] [--output SCENE]
 
-On a GPU, iterations per second and anchors beside the official ones every 1,000 iterations, first without waiting for
-the end of the schedule, then with quality and size; the causal model aims at half of the official bytes. `gpu.sh` does
-all of it, `--table` shows what it left:
+On a GPU, iterations per second and anchors are compared every 1,000 iterations. The first command stops early; the
+others include quality and size. The causal model aims at half of the official bytes. `gpu.sh` runs all commands, and
+`--table` shows their results:
 
     python benchmarks/train.py --run bonsai_30k --device cuda --until 12000
     python benchmarks/train.py --run bonsai_30k --device cuda --model causal --minutes 16
@@ -28,20 +28,20 @@ from typing import Any
 import numba
 import torch
 
-from splatwire.cli.train import check_device
+from splatwire.anchors.scene_file import save_scene
+from splatwire.bitstream import SceneStream, stream_to_bytes
+from splatwire.cli._run_train import check_device
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.data import Dataset, open_dataset
-from splatwire.model.scene_file import save_scene
-from splatwire.packets import SceneStream, stream_to_bytes
-from splatwire.train import Listener, Progress, RunOptions, TrainResult, create_config, train_scene
-from splatwire.train.presets import HACPP, MIN_ITERATIONS, MODELS
-from splatwire.train.quality import assess_scene
+from splatwire.neural.training import Listener, Progress, RunOptions, TrainResult, create_config, train_scene
+from splatwire.neural.training.presets import HACPP, MIN_ITERATIONS, MODELS
+from splatwire.neural.training.quality import assess_scene
 
 RUNS = {"snowmiku_small_2400": ("snowmiku_small", 2400, 0.01), "snowmiku_15k": ("snowmiku", 15_000, 0.001),
         "bonsai_30k": ("bonsai", 30_000, 0.001)}  # fmt: skip
 MARK = 200
 TOTAL = "total_bytes_files_plus_mlps"
-"""What the official metrics call their bytes."""
+"""Keys of bytes in the official metrics."""
 
 
 class Marks:
@@ -83,7 +83,7 @@ def speed(rows: list[dict[str, Any]], official: list[dict[str, Any]]) -> list[di
 
 
 def machine(device: str) -> dict[str, Any]:
-    """What the figures depend on."""
+    """Properties of the machine."""
     memory = {"peak_memory_gib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 20)}
     if device == "cpu":
         return memory
@@ -99,7 +99,7 @@ COLUMNS = ("run", "model", "device", "iterations done", "its/s", "official its/s
 
 
 def table(summaries: list[dict[str, Any]]) -> str:
-    """Runs as rows of a Markdown table; a dash stands for what a run that was stopped does not know.
+    """Runs as rows of a Markdown table; a dash marks a value unknown for a stopped run.
 
     Iterations a second are means over all marks that both runs have.
     """
@@ -187,7 +187,7 @@ def fitting(its_per_s: float, minutes: float) -> int:
 
 
 def write(summary: dict[str, Any], path: Path | None) -> None:
-    """Writes what is known so far."""
+    """Writes the results so far."""
     if path:
         path.write_text(json.dumps(summary, indent=1) + "\n")
 
@@ -195,7 +195,7 @@ def write(summary: dict[str, Any], path: Path | None) -> None:
 def quality(
     result: TrainResult, stream: SceneStream, test: Dataset, official: dict[str, Any], renderer: str
 ) -> dict[str, Any]:
-    """PSNR and bytes of what a run left, beside the official ones; decoded pictures are drawn by `renderer`."""
+    """PSNR and bytes of a finished run and the official one; decoded pictures are rendered by `renderer`."""
     decoded = assess_scene(decode_stream(stream).scene, test, test.num_views, result.state.iteration, renderer)
     return {
         "test_psnr": result.test.psnr if result.test else None,

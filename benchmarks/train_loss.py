@@ -1,8 +1,8 @@
-"""Trains a scene for lost packets, or goes on with a finished one, and prints what it brings as one line of JSON.
+"""Trains a scene for packet loss, or continues a finished one, and prints the result as one line of JSON.
 
 Figures are of the decoded stream on the test photos: PSNR without loss, and means over masks of `.pak` packets for each
 concealer; `--cuts` adds the first share of the bytes alone, most important anchors first, and anchors from everywhere.
-A run is added to the table with `--output`; `--init` goes on with a scene file for 720 iterations.
+A run is added to the table with `--output`; `--init` continues a scene file for 720 iterations.
 
     python benchmarks/train_loss.py lego_small                                              # as without --loss
     python benchmarks/train_loss.py lego_small --model causal --lmbda 0.006 --loss bernoulli:0.2
@@ -21,23 +21,23 @@ from typing import Any
 
 import numba
 
-from splatwire.calibrate.sketch import sketch_of
-from splatwire.calibrate.sketch_config import SketchConfig
-from splatwire.calibrate.views import CalibrationViews
+from splatwire.anchors.scene_file import load_scene, save_scene
+from splatwire.bitstream import packetization_named, send_sequence
+from splatwire.calibration.sketch import sketch_of
+from splatwire.calibration.sketch_config import SketchConfig
+from splatwire.calibration.views import CalibrationViews
 from splatwire.channel import draw_mask, parse_loss
 from splatwire.codec import add_concealment, decode_stream, encode_scene, schema_of
-from splatwire.conceal import conceal
+from splatwire.concealment import conceal
 from splatwire.data import Dataset, open_dataset
-from splatwire.model import AnchorScene
-from splatwire.model.scene_file import load_scene, save_scene
+from splatwire.neural.training import Listener, RunOptions, TrainConfig, create_config, load_checkpoint, train_scene
+from splatwire.neural.training.finetune import fine_tuning, state_of_scene
+from splatwire.neural.training.initial import initial_state
+from splatwire.neural.training.presets import MODELS
+from splatwire.neural.training.quality import assess_scene
 from splatwire.ops.threads import use_single_thread
-from splatwire.packets import packetization_named, send_sequence
 from splatwire.render.importance import footprint_importance
-from splatwire.train import Listener, RunOptions, TrainConfig, create_config, load_checkpoint, train_scene
-from splatwire.train.finetune import fine_tuning, state_of_scene
-from splatwire.train.initial import initial_state
-from splatwire.train.presets import MODELS
-from splatwire.train.quality import assess_scene
+from splatwire.types import AnchorScene
 
 SCENES: dict[str, tuple[str, dict[str, Any]]] = {
     "lego_small": ("nerf_synthetic_lego_small", {"preset": "synthetic_nerf"}),
@@ -103,7 +103,7 @@ def cut_off(scene: AnchorScene, train: Dataset, test: Dataset, cuts: list[float]
 
 
 def trained(arguments: argparse.Namespace, train: Dataset, config: TrainConfig) -> tuple[AnchorScene, TrainConfig]:
-    """The scene, trained from the photos, from a scene or from a checkpoint (of a run whose anchors have grown)."""
+    """The scene, trained from the photos, from a scene or from a checkpoint (of a run after growth)."""
     if arguments.init:
         start = load_scene(arguments.init)
         config = dataclasses.replace(fine_tuning(config, start), background=start.background)
@@ -112,14 +112,14 @@ def trained(arguments: argparse.Namespace, train: Dataset, config: TrainConfig) 
         state, _ = load_checkpoint(arguments.checkpoint)
     else:
         state = initial_state(train, config)
-        growing = dataclasses.replace(config, losses=create_config().losses)
+        with_growth = dataclasses.replace(config, losses=create_config().losses)
         now = [0]
         listener = Listener(
             lambda progress: now.__setitem__(0, progress.iteration),
             should_stop=lambda: now[0] >= config.marks.growth_end,
         )
         options = RunOptions(arguments.checkpoint, test_interval=0)
-        state = train_scene(train, None, growing, state=state, options=options, listener=listener).state
+        state = train_scene(train, None, with_growth, state=state, options=options, listener=listener).state
     result = train_scene(train, None, config, state=state, options=RunOptions(test_interval=0))
     return result.scene, config
 

@@ -1,9 +1,9 @@
 """Figures of the transport against its goals.
 
-    python benchmarks/transport.py [--stream SCENE.swz] [--quick]
+    python benchmarks/transport.py [--stream SCENE.swz]
 
-Prints one JSON object: fixed cost of datagram packets, what it takes for side information to arrive, blocks lost whole,
-throughput of both ends in one process and in two (UDP and QUIC), 50 receivers at once from one server process.
+Prints one JSON object: throughput of both ends in one process and in two (UDP and QUIC), and 50 simultaneous receivers
+of one server process.
 """
 
 import argparse
@@ -19,15 +19,10 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 import splatwire
-from splatwire.byte_io import ByteWriter
-from splatwire.channel import Bernoulli, parse_loss
-from splatwire.packets import (
+from splatwire.bitstream import (
     PRESETS,
     PacketId,
-    Packetization,
     PacketPlan,
     SceneStream,
     make_packet,
@@ -35,40 +30,15 @@ from splatwire.packets import (
     read_stream,
     write_stream,
 )
-from splatwire.packets.limits import FORMAT_1_SECTIONS
-from splatwire.transport import Protection, Receiver, ReceiverOptions, Server, ServerLimits, make_program
+from splatwire.bitstream.limits import FORMAT_1_SECTIONS
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.files.byte_io import ByteWriter
+from splatwire.transport import Receiver, ReceiverOptions, Server, ServerLimits, make_served_stream
 from splatwire.transport.address import Address
-from splatwire.transport.fec import recover
-from splatwire.transport.layout import Segments
-from splatwire.transport.program import Program
+from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.udp import UdpServer, receive_udp
-from splatwire.transport.wire import DATA, SIDE, SIDE_OVERHEAD
 
 BUNDLED = Path(splatwire.__file__).parent / "assets" / "snowmiku.swz"
-LOSSES = {"random 20 %": Bernoulli(0.2), "bursts of 20, 20 %": parse_loss("gilbert:0.2,20")}
-UDP_IP_BYTES = 28
-FINE_SYMBOL_BYTES = 128
-SPARE = 1
-"""Symbols beyond K that a simulated decoder needs; the real one rarely needs any."""
-
-
-def fixed_cost(stream: SceneStream) -> tuple[SceneStream, dict]:
-    from splatwire.codec import decode_stream, encode_scene
-
-    scene = decode_stream(stream).scene
-    datagrams = encode_scene(scene, PRESETS["datagram"])
-    long = encode_scene(scene, Packetization(lanes=1, grouping="contiguous")).parts()["packet_payloads"]
-    ours = datagrams.parts()["packet_headers"] + datagrams.parts()["packet_payloads"]
-    sizes = [packet.num_bytes for packet in datagrams.packets]
-    return datagrams, {
-        "attribute_bytes_one_stream_per_block": long,
-        "attribute_bytes_datagram": ours,
-        "fixed_cost_percent": round(100 * (ours / long - 1), 3),
-        "packets": len(sizes),
-        "largest": max(sizes),
-        "mean": round(float(np.mean(sizes)), 1),
-        "anchors_per_packet": round(datagrams.manifest.num_elements / len(sizes), 1),
-    }
 
 
 def stand_in(num_anchors: int, side_bytes: int, per_packet: int) -> SceneStream:
@@ -87,88 +57,7 @@ def stand_in(num_anchors: int, side_bytes: int, per_packet: int) -> SceneStream:
     )  # fmt: skip
 
 
-def arrivals(program: Program, loss, trials: int, seed: int) -> tuple[int, int]:
-    """Transfers in which the head object arrived, and blocks of which nothing did, over all of them."""
-    segments = Segments(program.head_bytes, program.symbol_bytes)
-    need = np.array([segments.size(s) for s in range(segments.num_segments)])
-    side = np.array([kind == SIDE for kind, _, _ in program.schedule])
-    group = np.array([g for _, g, _ in program.schedule])
-    block = np.array([block_of(program.packets[s]) if kind == DATA else -1 for kind, _, s in program.schedule])
-    good = wiped = 0
-    for trial in range(trials):
-        there = loss.received(len(side), np.random.Generator(np.random.PCG64(seed + trial)))
-        have = np.bincount(group[side & there], minlength=len(need))
-        good += bool((have >= np.minimum(need + SPARE, np.bincount(group[side], minlength=len(need)))).all())
-        wiped += int(len(np.unique(block[~side])) - len(np.unique(block[~side & there])))
-    return good, wiped
-
-
-def block_of(packet: bytes) -> int:
-    return int.from_bytes(packet[7:10], "little")
-
-
-def side_protection(stream: SceneStream, trials: int, symbol_bytes: int | None = None) -> dict:
-    """The least redundancy with which 999 of 1000 transfers get the side information, and what that costs.
-
-    With and without the 28 bytes of UDP and IP (version 4) of every datagram.
-    """
-    out: dict[str, dict[str, object] | None] = {}
-    for name, loss in LOSSES.items():
-        low, high = 0.2, 1.2
-        found = None
-        for _ in range(8):
-            middle = (low + high) / 2
-            program = make_program(
-                stream, Protection(side_repair=middle, side_lead=1.0, side_symbol_bytes=symbol_bytes)
-            )
-            good, wiped = arrivals(program, loss, trials, 1000)
-            if good >= 0.999 * trials:
-                high, found = middle, (middle, program, good, wiped)
-            else:
-                low = middle
-        if found is None:
-            out[name] = None
-            continue
-        repair, program, good, wiped = found
-        sizes = program.sizes()
-        total, datagrams = sum(sizes.values()), len(program.schedule)
-        repairs = sizes["side_protection"] // (program.symbol_bytes + SIDE_OVERHEAD)
-        with_headers = total + UDP_IP_BYTES * datagrams
-        out[name] = {
-            "symbol_bytes": program.symbol_bytes,
-            "side_repair": round(repair, 3),
-            "arrived": f"{good} of {trials}",
-            "percent_of_all_bytes": round(100 * sizes["side_protection"] / total, 2),
-            "percent_with_udp_and_ip": round(
-                100 * (sizes["side_protection"] + UDP_IP_BYTES * repairs) / with_headers, 2
-            ),
-            "bytes_of_a_pass_with_udp_and_ip": with_headers,
-            "datagrams": datagrams,
-            "percent_side_information": round(100 * sizes["side"] / total, 2),
-            "blocks_lost_whole": wiped,
-            "real_raptorq_needed_more_than_k": validate(program, loss, 20),
-        }
-    return out
-
-
-def validate(program: Program, loss, trials: int) -> str:
-    """Real decoding of what arrived, where at least K symbols did."""
-    segments, failed, tried = Segments(program.head_bytes, program.symbol_bytes), 0, 0
-    for trial in range(trials):
-        there = loss.received(len(program.schedule), np.random.Generator(np.random.PCG64(trial)))
-        arrived: list[dict] = [{} for _ in program.head]
-        for ok, (kind, segment, symbol) in zip(there, program.schedule, strict=True):
-            if ok and kind == SIDE:
-                arrived[segment][symbol] = program.head[segment][symbol]
-        for segment, symbols in enumerate(arrived):
-            size = segments.size(segment)
-            if len(symbols) >= size:
-                tried += 1
-                failed += recover(dict(list(symbols.items())[:size]), size, program.symbol_bytes) is None
-    return f"{failed} of {tried}"
-
-
-def core_throughput(program: Program) -> dict:
+def core_throughput(program: ServedStream) -> dict:
     """Processor time of the state machines alone, no sockets."""
     limits = ServerLimits(fixed_rate=1e12)
     server = Server({"s": program}, secret=bytes(16), random=random.Random(0).randbytes, limits=limits)
@@ -190,7 +79,7 @@ def core_throughput(program: Program) -> dict:
     }
 
 
-async def loopback(program: Program, clients: int, rate: float | None) -> dict:
+async def loopback(program: ServedStream, clients: int, rate: float | None) -> dict:
     server = UdpServer(
         {"s": program}, "127.0.0.1", 0, limits=ServerLimits(per_network=clients, fixed_rate=rate, start_rate=2e7)
     )
@@ -213,7 +102,7 @@ async def loopback(program: Program, clients: int, rate: float | None) -> dict:
 
 @contextlib.contextmanager
 def serving(stream: SceneStream, *words: str):
-    """A server process; gives its address, what it says of itself, and a function that tells its processor time."""
+    """A server process; yields its address, its printed description, and a function for its processor time."""
     with tempfile.TemporaryDirectory() as folder:
         write_stream(stream, Path(folder) / "scene.swz")
         command = [sys.executable, "-m", "splatwire", "serve", str(Path(folder) / "scene.swz"), "--port", "0", "--json"]
@@ -231,7 +120,7 @@ def serving(stream: SceneStream, *words: str):
 
 
 def two_processes(stream: SceneStream, *words: str) -> dict:
-    """One server process, one receiver process, the whole stream at whatever rate the rate control finds."""
+    """One server and one receiver process transfer the whole stream at the rate of the rate control."""
     with serving(stream, *words) as (facts, spent):
         before = spent()
         asked = ["--receive", str(facts["port"]), facts.get("fingerprint", "")]
@@ -251,7 +140,7 @@ async def receive_once(port: int, fingerprint: str) -> dict:
     """The receiver process of `two_processes`."""
     address, began, spent = Address("127.0.0.1", port), time.perf_counter(), time.process_time()
     if fingerprint:
-        from splatwire.transport.quic_client import Trust, receive_quic
+        from splatwire.transport.quic.client import Trust, receive_quic
 
         receiver = await receive_quic(address, ReceiverOptions(), Trust(fingerprint=fingerprint))
     else:
@@ -265,7 +154,7 @@ async def receive_once(port: int, fingerprint: str) -> dict:
 
 
 def many_receivers(stream: SceneStream, clients: int, megabits: float) -> dict:
-    """One server process, some receivers at once in another, nothing asked for again."""
+    """One server process and several simultaneous receivers in another, without retransmission."""
 
     async def work(port: int) -> list[Receiver]:
         address, options = Address("127.0.0.1", port), ReceiverOptions(nack=False, silence_s=20.0)
@@ -290,23 +179,16 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--receive", nargs=2, metavar=("PORT", "FINGERPRINT"), help=argparse.SUPPRESS)
     parser.add_argument("--stream", type=Path, default=BUNDLED)
-    parser.add_argument("--trials", type=int, default=1000)
-    parser.add_argument("--quick", action="store_true")
     arguments = parser.parse_args()
     if arguments.receive:
         print(json.dumps(asyncio.run(receive_once(int(arguments.receive[0]), arguments.receive[1]))))
         return
-    trials = 200 if arguments.quick else arguments.trials
-    stream, cost = fixed_cost(read_stream(arguments.stream)[0])
+    stream = encode_scene(decode_stream(read_stream(arguments.stream)[0]).scene, PRESETS["datagram"])
     large = stand_in(370_000, 1_000_000, 52)  # 8 MB, 11 % of it side information: a scene of the paper
     huge = stand_in(1_500_000, 2_000_000, 52)
-    big = make_program(large)
+    big = make_served_stream(large)
     one = replace(ServerLimits(), fixed_rate=None)
     result = {
-        "fixed_cost": cost,
-        "side_information": side_protection(stream, trials),
-        "side_information_in_fine_symbols": side_protection(stream, trials, FINE_SYMBOL_BYTES),
-        "side_information_of_a_scene_of_8_MB": side_protection(large, trials),
         "core": core_throughput(big),
         "loopback_1": asyncio.run(loopback(big, 1, one.fixed_rate)),
         "two_processes_udp": two_processes(huge, "--side-repair", "0.05"),

@@ -1,4 +1,4 @@
-"""Two network namespaces whose packets pass through a process: a link that is whatever that process makes of it."""
+"""Two network namespaces, connected by a link that a process implements."""
 
 import contextlib
 import fcntl
@@ -16,7 +16,7 @@ def shell(*words: str) -> None:
 
 @contextlib.contextmanager
 def ends(spaces: Mapping[str, str]) -> Iterator[list[int]]:
-    """Namespaces with these addresses, by name, each with a TUN device whose other end is a file of this process."""
+    """Namespaces with these addresses, by name, each with a TUN device that this process opens."""
     with contextlib.ExitStack() as stack:
         files = []
         for space, address in spaces.items():

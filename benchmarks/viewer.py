@@ -1,4 +1,4 @@
-"""Opens a PLY or an SPZ in a web viewer in headless Chromium and compares its picture with ours, as JSON.
+"""Compares the picture of a web viewer in headless Chromium with that of splatwire for a PLY or SPZ, as JSON.
 
 The viewer is Spark (MIT) on three.js, which are not dependencies of splatwire: install them anywhere with
 
@@ -7,8 +7,8 @@ The viewer is Spark (MIT) on three.js, which are not dependencies of splatwire: 
 
 Without cameras, views are from around the scene. SPZ has y up, so its Gaussians are turned back for the same view.
 
-Chromium draws in software (SwiftShader). The page posts its picture back to the server that it came from; nothing
-leaves the machine. In the picture: the viewer on the left, ours on the right.
+Chromium draws in software (SwiftShader). The page sends its picture to the local server. The saved picture has the
+viewer on the left and splatwire on the right.
 """
 
 import argparse
@@ -27,12 +27,11 @@ import numpy as np
 from PIL import Image
 
 from splatwire.data import load_cameras
-from splatwire.formats import read_splats
+from splatwire.io.formats import read_splats
 from splatwire.metrics import psnr
-from splatwire.model import SplatScene
 from splatwire.render import render_scene
 from splatwire.render.importance import cameras_around
-from splatwire.scene import Cameras
+from splatwire.types import Cameras, SplatScene
 
 PAGE = """<!doctype html><meta charset="utf-8"><style>body{margin:0}</style>
 <script type="importmap">{"imports": {"three": "/modules/three/build/three.module.js",
@@ -122,7 +121,7 @@ def view_description(cameras: Cameras, view: int, kind: str, frames: int) -> dic
 
 
 def photograph(file: Path, cameras: Cameras, view: int, modules: Path, browser: str, seconds: float) -> dict:
-    """Lets the viewer draw a view; returns what the page posted."""
+    """Lets the viewer render a view; returns the data sent by the page."""
     description = json.dumps(view_description(cameras, view, file.suffix, frames=8)).encode()
     content = {"/": PAGE.encode(), f"/file{file.suffix}": file.read_bytes(), "/view.json": description}
     results: dict[str, bytes] = {}

@@ -1,13 +1,13 @@
-"""Walks through a scene with levels while it arrives, beside streamed SOG's own order: PSNR of the view over time.
+"""PSNR over time along camera paths through a scene with levels, against the order of streamed SOG.
 
     python benchmarks/walks.py $SPLATWIRE_DATA/splats/{tandt_truck_opensplat_116k.splat,playbot_125k.sog} > walks.json
 
-The scene is copied to a square of so many, without harmonics above degree 0. Streamed SOG is made of the same
-Gaussians: leaves of a k-d tree, levels of a quarter each by the same merging, files of at most 512 K Gaussians written
-and read as SOG. Its order, as PlayCanvas' engine has it: first the coarsest level of all, then of each leaf the level
-of its band of distance, the nearest first, two files at a time; each file takes two trips (its index, its pictures). No
-slow start is counted. All are compared with pictures of the scene. With loss, packets fit datagrams, as servers send
-them; what it costs is against the same packets without.
+Copies of the scene fill a square, without harmonics above degree 0. Streamed SOG has the same Gaussians: leaves of a
+k-d tree, levels of a quarter each by the same merging, and SOG files of at most 512 K Gaussians. Its order is that of
+the PlayCanvas engine: first the coarsest level of all leaves, then for each leaf the level of its distance band,
+nearest first, two files at a time. Each file takes two round trips (its index, its pictures). No slow start is counted.
+All are compared with pictures of the scene. With loss, packets fit datagrams, as servers send them, and the deficit is
+against the same packets without loss.
 """
 
 import argparse
@@ -21,22 +21,21 @@ from typing import Any
 
 import numpy as np
 
+from splatwire.bitstream import PRESETS
 from splatwire.channel import parse_loss
 from splatwire.codec import repack
-from splatwire.formats import read_splats
-from splatwire.formats._sog_writer import write_sog
-from splatwire.formats.sog import read_sog
-from splatwire.levels import Look, encode_levels
-from splatwire.levels.delivery import Link
-from splatwire.levels.journey import Journey, Moment, score_walk, settled
-from splatwire.levels.merging import reduced
-from splatwire.levels.walk import Walk
-from splatwire.model import SplatScene
+from splatwire.evaluation.walkthrough.delivery import Link
+from splatwire.evaluation.walkthrough.evaluation import QualitySample, StreamedWalkthrough, score_walk, time_to_quality
+from splatwire.evaluation.walkthrough.path import Walk
+from splatwire.io.formats import read_splats
+from splatwire.io.formats._sog_writer import write_sog
+from splatwire.io.formats.sog import read_sog
+from splatwire.lod import Viewpoint, encode_levels
+from splatwire.lod.merging import reduced
 from splatwire.ops.kd_order import kd_order
-from splatwire.packets import PRESETS
 from splatwire.render.precision import classes_of
-from splatwire.scene import Cameras
-from splatwire.scene.splats import Splats
+from splatwire.types import Cameras, SplatScene
+from splatwire.types.splats import Splats
 
 LINK = Link(10e6)
 SECONDS, SIZE = 20.0, 256
@@ -167,7 +166,7 @@ def streamed_sog(splats: Splats) -> StreamedSog:
 
 
 class SogJourney:
-    """Streamed SOG that arrives along a walk; see `splatwire.levels.journey.Show`."""
+    """Streamed SOG that arrives along a walk; see `splatwire.evaluation.walkthrough.evaluation.ProgressiveSource`."""
 
     def __init__(self, sog: StreamedSog, walk: Walk, link: Link) -> None:
         self._sog, self._link = sog, link
@@ -195,9 +194,9 @@ class SogJourney:
                 del loads[file]
                 self._done[file] = now
 
-    def _scene(self, look: Look, came: dict[int, float], seconds: float) -> SplatScene:
+    def _scene(self, viewpoint: Viewpoint, came: dict[int, float], seconds: float) -> SplatScene:
         sog = self._sog
-        levels, _ = sog.wanted(-look.viewmat[:3, :3].T @ look.viewmat[:3, 3])
+        levels, _ = sog.wanted(-viewpoint.viewmat[:3, :3].T @ viewpoint.viewmat[:3, 3])
         parts = [sog.leaves[0][0].select(np.zeros(0, np.int64))]
         for leaf, level in enumerate(levels):
             there = [n for n in range(LEVELS) if came.get(sog.files[n][leaf], np.inf) <= seconds]
@@ -205,22 +204,22 @@ class SogJourney:
             parts += [] if best is None else [sog.leaves[best][leaf]]
         return SplatScene(joined(parts))
 
-    def shown(self, seconds: float, look: Look) -> SplatScene:
-        """See `Show.shown`."""
-        return self._scene(look, self._done, seconds)
+    def shown(self, seconds: float, viewpoint: Viewpoint) -> SplatScene:
+        """See `ProgressiveSource.shown`."""
+        return self._scene(viewpoint, self._done, seconds)
 
-    def complete(self, look: Look) -> SplatScene:
-        """See `Show.complete`."""
-        return self._scene(look, dict.fromkeys(range(len(self._sog.sizes)), 0.0), 0.0)
+    def complete(self, viewpoint: Viewpoint) -> SplatScene:
+        """See `ProgressiveSource.complete`."""
+        return self._scene(viewpoint, dict.fromkeys(range(len(self._sog.sizes)), 0.0), 0.0)
 
     def bytes_at(self, seconds: float) -> int:
-        """See `Show.bytes_at`."""
+        """See `ProgressiveSource.bytes_at`."""
         return sum(self._sog.sizes[file] for file, at in self._done.items() if at <= seconds)
 
 
-def told(moments: list[Moment]) -> dict[str, object]:
-    """What is printed of a walk."""
-    return {"settled": settled(moments), "moments": [asdict(moment) for moment in moments]}
+def told(moments: list[QualitySample]) -> dict[str, object]:
+    """Printed result of a walk."""
+    return {"settled": time_to_quality(moments), "moments": [asdict(moment) for moment in moments]}
 
 
 def measured(path: str, side: int) -> dict[str, object]:
@@ -240,12 +239,12 @@ def measured(path: str, side: int) -> dict[str, object]:
         print(f"{path}: {name}", file=sys.stderr)
         times = [0.5, *(float(second) for second in range(1, int(SECONDS) + 1))]
         link = replace(LINK, loss=parse_loss("bernoulli:0.05", "datagram"))
-        ours = Journey.of(stream, walk, LINK)
+        ours = StreamedWalkthrough.of(stream, walk, LINK)
         shows = {"ours": ours, "streamed SOG": SogJourney(sog, walk, LINK),
-                 "ours in datagrams": Journey.of(datagrams, walk, LINK),
-                 "ours in datagrams, 5 % lost": Journey.of(datagrams, walk, link)}  # fmt: skip
+                 "ours in datagrams": StreamedWalkthrough.of(datagrams, walk, LINK),
+                 "ours in datagrams, 5 % lost": StreamedWalkthrough.of(datagrams, walk, link)}  # fmt: skip
         found = {key: told(score_walk(show, scene, walk, times)) for key, show in shows.items()}
-        whole = ours.whole_at
+        whole = ours.time_to_complete
         first = score_walk(ours, scene, walk, [whole])[0]
         pairs = list(zip(*(found[key]["moments"] for key in found), strict=True))
         facts["walks"][name] = {

@@ -2,16 +2,19 @@
 
     python benchmarks/weight_precision.py [--data ../shared/data] [--models ...] [--output FILE]
 
-`default` is the noise that the encoder chooses by itself. `error` is the root mean square of what re-quantisation
-changes, over the spread of the attribute.
+`default` is the noise that the encoder chooses by itself. `error` is the root mean square of the changes by
+re-quantisation, over the spread of the attribute.
 """
 
+import argparse
+from pathlib import Path
+
 import numpy as np
-from figures import of_official_models, publish
+from figures import publish
 
 from splatwire.codec import decode_stream, encode_scene, scene_in_order, side_info_parts
-from splatwire.importers.hacpp import import_hacpp
-from splatwire.model import AnchorScene
+from splatwire.neural.importers.hacpp import import_hacpp
+from splatwire.types import AnchorScene
 
 NOISES = (None, 0.01, 0.02, 0.03, 0.04, 0.05, 0.07, 0.1)
 
@@ -34,7 +37,11 @@ def measure(scene: AnchorScene, noise: float | None) -> dict[str, object]:
 
 
 def main() -> None:
-    arguments = of_official_models(__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
+    parser.add_argument("--models", nargs="+", default=["snowmiku_small_2400", "snowmiku_15k", "bonsai_30k"])
+    parser.add_argument("--output", type=Path)
+    arguments = parser.parse_args()
     result = {}
     for name in arguments.models:
         scene = import_hacpp(arguments.data / "hacpp" / name)

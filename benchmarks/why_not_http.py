@@ -4,10 +4,11 @@
     python benchmarks/why_not_http.py a.ply b.spz c.sog --full -o all.json          # every loss, round trip and rate
     python benchmarks/why_not_http.py plot why_not_http.json -o why_not_http.webp
 
-Real stacks over an emulated link (`click_link.py`): the kernel's TCP with CUBIC and with BBR, aioquic's HTTP/3, and our
-datagrams with and without parity, lost ones asked for again. Losses go both ways. SOG and SPZ show nothing before their
-last byte; of a stream what has arrived is decoded, concealed with `grow` and drawn. Pictures are those of the file that
-was given. Seconds are the network's: decoding and drawing are not among them. A transfer ends after `--limit` seconds.
+Real stacks run over an emulated link (`click_link.py`): kernel TCP with CUBIC and with BBR, HTTP/3 of aioquic, and
+splatwire's datagrams with retransmission, with and without parity. Losses go both ways. SOG and SPZ show nothing before
+their last byte; received packets of a stream are decoded, concealed with `grow` and rendered. Pictures are those of the
+file that was given. Seconds are the network's: decoding and drawing are not among them. A transfer ends after `--limit`
+seconds.
 """
 
 import argparse
@@ -25,17 +26,17 @@ import numpy as np
 import torch
 from figures import publish
 
+from splatwire.bitstream import SceneStream, packetization_named, read_stream, write_stream
+from splatwire.bitstream.container import stream_from_bytes
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.conceal import conceal
+from splatwire.concealment import conceal
 from splatwire.errors import SplatwireError
-from splatwire.formats import read_splats, write_splats
+from splatwire.io.formats import read_splats, write_splats
 from splatwire.metrics import psnr
-from splatwire.model import SplatScene
-from splatwire.packets import SceneStream, packetization_named, read_stream, write_stream
-from splatwire.packets.container import stream_from_bytes
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import classes_of
+from splatwire.types import SplatScene
 
 LINK = Path(__file__).with_name("click_link.py")
 WAYS: dict[str, dict[str, Any]] = {
@@ -53,7 +54,7 @@ WAYS: dict[str, dict[str, Any]] = {
 }
 CAP, GOOD = 60.0, (30.0, 40.0)
 SHARES = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.99, 1.0)
-"""Of the rows of a log: where what has arrived is drawn."""
+"""Rows of a log at which the received packets are rendered."""
 
 
 class Screen:
@@ -70,7 +71,7 @@ class Screen:
 
 
 def moments(rows: list) -> list[tuple[float, int]]:
-    """Some times of a log, and how many of its rows are there by then."""
+    """Some times of a log, and the number of its rows by then."""
     ends = sorted({max(1, round(share * len(rows))) for share in SHARES})
     return [(rows[end - 1][0], end) for end in ends]
 
@@ -92,19 +93,19 @@ def curve(way: dict, log: dict, path: Path, whole: SceneStream, screen: Screen) 
         for at, end in moments(rows) if rows else ():
             try:
                 found.append((at, stream_from_bytes(data[: rows[end - 1][1]])[0]))
-            except SplatwireError:  # side information is not there yet
+            except SplatwireError:  # side information is still missing
                 continue
     return [(at, screen.psnr(conceal(decode_stream(part), "grow"))) for at, part in found if part.packets]
 
 
 def summary(points: list[tuple[float, float]], complete: bool, log: dict) -> dict[str, object]:
-    """When what was there, seconds; None for what was not."""
+    """Seconds until each state, or None if not reached."""
     first = {f"{good:g} dB": next((at for at, level in points if level >= good), None) for good in GOOD}
     return {**first, "complete": log["rows"][-1][0] if complete else None, "curve": points}
 
 
 def written(source: Path, folder: Path) -> dict[str, Path]:
-    """A scene in all formats; the one it came in is the file itself."""
+    """A scene in all formats; the source format is the file itself."""
     splats, files = read_splats(source), {}
     for kind in ("sog", "spz"):
         files[kind] = source if source.suffix == f".{kind}" else folder / f"{source.stem}.{kind}"

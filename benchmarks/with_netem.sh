@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
-# Runs a command, as root, under a Linux kernel that has netem, where the machine's own has none. That kernel is
-# User-Mode Linux: an ordinary process that needs no rights, no image and no virtualisation.
+# Runs a command as root under a Linux kernel with netem, for machines whose kernel lacks it. That kernel is User-Mode
+# Linux, an ordinary process that needs no privileges, no image and no virtualisation.
 #
 #     apt-get install user-mode-linux kmod iproute2        # Debian
 #     benchmarks/with_netem.sh [-w FOLDER] [-t SECONDS] [-m MEMORY] COMMAND...
 #
-# The command sees this machine's files. What it writes stays in memory and goes with it, but for what it writes into
-# FOLDER. It has one processor and no network but the namespaces, veth pairs and loopback that it makes itself. Its
-# status is the script's; after SECONDS (600) it is ended.
+# The command reads the files of this machine. Its output is kept in memory and discarded, except for files in FOLDER.
+# It has one processor and no network except the namespaces, veth pairs and loopback that it creates. The script exits
+# with its status and ends it after SECONDS (600).
 set -euo pipefail
 
 usage() { echo "usage: $0 [-w FOLDER] [-t SECONDS] [-m MEMORY] COMMAND..." >&2; exit 2; }
@@ -28,7 +28,7 @@ mine=$(mktemp -d)
 trap 'rm -rf "$mine"' EXIT
 quoted() { printf ' %q' "$@"; }
 
-# What a socket may buffer is as on this machine.
+# Socket buffers have the limits of this machine.
 cp /proc/sys/net/core/{rmem_max,wmem_max} "$mine"
 # The first process: an overlay in memory over this machine's files, a few mounts, the modules, then the command in it.
 cat >"$mine/init" <<END
@@ -64,7 +64,7 @@ sleep 10
 END
 chmod +x "$mine/init" "$mine/inside"
 
-# Consoles 1 and 2 are the command's output and errors; what the kernel says goes to a file, shown if it fails.
+# Consoles 1 and 2 are the command's output and errors. Kernel messages go to a file that is shown on failure.
 timeout -k 5 $((seconds + 30)) "$kernel" mem="$memory" root=/dev/root rootfstype=hostfs rootflags=/ ro \
     init="$mine/init" uml_dir="$mine" con=null con0=null,fd:4 con1=null,fd:1 con2=null,fd:3 quiet \
     3>&2 2>"$mine/kernel" 4>"$mine/console" </dev/null || true

@@ -1,4 +1,4 @@
-"""Pages that are made from the code when the site is built: the command line's help, and the rooms' public names."""
+"""Pages that are made from the code when the site is built: help of the command line, and public names of packages."""
 
 import contextlib
 import importlib
@@ -14,12 +14,14 @@ from mkdocs.structure.files import File, Files
 
 from splatwire.cli.main import VERBS, main
 
-ROOMS = (
-    "scene_io", "scene", "data", "train", "importers", "formats", "model", "codec", "packets", "channel", "conceal",
-    "paper", "render", "metrics", "evaluate", "evaluate.study", "exporters", "calibrate", "plan", "clips", "levels",
-    "transport", "view",
+PACKAGES = (
+    "api.coding", "api.scoring", "api.network",
+    "io", "types", "data", "neural.training", "neural.importers", "io.formats", "anchors", "codec", "bitstream",
+    "channel", "concealment", "concealment.temporal", "paper", "render", "metrics", "evaluation", "evaluation.study",
+    "anchors.export", "calibration", "planning", "rate_control", "finetuning", "sequence", "lod",
+    "transport", "transport.protocol", "transport.http", "view",
 )  # fmt: skip
-"""Rooms that a program uses, in the order of the journey."""
+"""Packages with public names, in the order of their pages."""
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -37,7 +39,7 @@ def _command_line() -> Iterator[str]:
 
 
 def _help(verb: str) -> str:
-    """What `splatwire VERB --help` prints, 100 columns wide, without colours."""
+    """Returns the output of `splatwire VERB --help`, 100 columns wide, without colours."""
     os.environ.update(COLUMNS="100", NO_COLOR="1", TERM="dumb")
     text = io.StringIO()
     with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
@@ -47,22 +49,22 @@ def _help(verb: str) -> str:
 
 def _python() -> Iterator[str]:
     yield "# Python\n\nThe names that a program uses; `import splatwire` has the most common ones.\n\n"
-    for room in ROOMS:
-        module = importlib.import_module(f"splatwire.{room}")
-        yield f"\n## splatwire.{room}\n\n{(module.__doc__ or '').strip()}\n\n"
+    for package in PACKAGES:
+        module = importlib.import_module(f"splatwire.{package}")
+        yield f"\n## splatwire.{package}\n\n{(module.__doc__ or '').strip()}\n\n"
         for home, name in public_names(module):
             yield f"::: {home}.{name}\n    options:\n      heading_level: 3\n\n"
 
 
-def public_names(room: ModuleType) -> list[tuple[str, str]]:
-    """Classes and functions of a room, each with the module that it is from.
+def public_names(package: ModuleType) -> list[tuple[str, str]]:
+    """Returns the public classes and functions of a package, each with its module.
 
-    They are those that the room's package exports; a room that exports nothing shows those of its files.
+    These are the exported names; of a package that exports nothing, the names of its modules.
     """
-    found = _names_in(room, getattr(room, "__all__", vars(room)))
+    found = _names_in(package, getattr(package, "__all__", vars(package)))
     if not found:
-        files = [file.name for file in pkgutil.iter_modules(room.__path__) if not file.name.startswith("_")]
-        modules = [importlib.import_module(f"{room.__name__}.{file}") for file in files]
+        files = [file.name for file in pkgutil.iter_modules(package.__path__) if not file.name.startswith("_")]
+        modules = [importlib.import_module(f"{package.__name__}.{file}") for file in files]
         found = [
             entry for module in modules for entry in _names_in(module, vars(module)) if entry[0] == module.__name__
         ]

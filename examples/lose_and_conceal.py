@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from splatwire import decode_stream, parse_loss, read_stream, render_scene, transmit
-from splatwire.conceal import conceal, concealer_names
+from splatwire.concealment import conceal, concealer_names
 from splatwire.data import load_cameras
 from splatwire.metrics import psnr
 

@@ -1,4 +1,4 @@
-"""Mutations of good input: bytes changed, cut, repeated; leaves of JSON replaced by what nobody expects there."""
+"""Mutations of valid input: bytes changed, cut or repeated, and leaves of JSON replaced by unexpected values."""
 
 import copy
 import json
@@ -16,7 +16,7 @@ HOSTILE = (
 
 
 def mutated_bytes(data: bytes, rng: random.Random) -> bytes:
-    """One to four changes."""
+    """Applies one to four byte mutations."""
     found = bytearray(data)
     for _ in range(rng.randrange(1, 5)):
         at, length = rng.randrange(len(found) + 1), rng.choice([1, 2, 4, 8, 60])
@@ -35,7 +35,7 @@ def mutated_bytes(data: bytes, rng: random.Random) -> bytes:
 
 
 def mutated_json(content: Any, rng: random.Random) -> str:
-    """One or two places, of any depth, replaced or removed."""
+    """Replaces or removes one or two leaves at any depth."""
     found = [copy.deepcopy(content)]
     for _ in range(rng.randrange(1, 3)):
         holder: Any = found
@@ -54,10 +54,10 @@ def mutated_json(content: Any, rng: random.Random) -> str:
 
 
 def attack(path: Path, mutate: Callable[[], bytes], read: Callable[[], object], times: int) -> int:
-    """Writes and reads a file again and again; anything but success or an error of ours fails the test.
+    """Writes and reads mutated files; any exception other than a splatwire error fails the test.
 
     Returns:
-        How often it was refused.
+        Number of files that were refused.
     """
     refused = 0
     for _ in range(times):

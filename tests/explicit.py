@@ -1,25 +1,39 @@
-"""Explicit Gaussians to streams and back by the public functions, without the scene around them."""
+"""Encoding and decoding of explicit Gaussians by the public functions."""
 
 from typing import Any
 
 import numpy as np
 
+from random_numbers import Numbers
+from splatwire.bitstream import Packetization, SceneStream
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.model import SplatScene
-from splatwire.packets import Packetization, SceneStream
-from splatwire.scene.background import BLACK, Background
-from splatwire.scene.splats import Splats
+from splatwire.types import SplatScene
+from splatwire.types.background import BLACK, Background
+from splatwire.types.splats import Splats
 
 
 def encode_splats(
     splats: Splats, packetization: Packetization, *, background: Background = BLACK, tiers: Any = None, **options: Any
 ) -> SceneStream:
-    """The stream of some Gaussians; `tiers` and `options` as of `encode_scene`."""
+    """Stream of Gaussians; `tiers` and `options` as in `encode_scene`."""
     tier_of = None if tiers is None else np.asarray(tiers, dtype=np.uint8)
     return encode_scene(SplatScene(splats, background=background), packetization, tiers=tier_of, **options)
 
 
 def decode_splats(stream: SceneStream, threads: int | None = None) -> tuple[Splats, np.ndarray]:
-    """All Gaussians by place, and which of them arrived, bool (N)."""
+    """All Gaussians by rank, and the mask of received ones, bool (N)."""
     partial = decode_stream(stream, threads=threads)
     return partial.scene.splats, partial.known
+
+
+def ball_of_gaussians() -> Splats:
+    """A ball of Gaussians."""
+    rng = Numbers(4)
+    quats = rng.randn(200, 4)
+    return Splats(
+        0.4 * rng.randn(200, 3),
+        quats / np.linalg.norm(quats, axis=1, keepdims=True),
+        0.05 + 0.1 * rng.rand(200, 3),
+        0.2 + 0.6 * rng.rand(200),
+        0.5 * rng.randn(200, 1, 3),
+    )

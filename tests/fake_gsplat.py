@@ -1,13 +1,13 @@
-"""A module that stands for gsplat where there is no GPU: the one function we call, on the plain reference renderer."""
+"""A stand-in for gsplat without a GPU: the one used function, on the plain reference renderer."""
 
 import types
 
 import torch
 
-from splatwire.model.projection import DILATION, NEAR_DEPTH, TILE
-from splatwire.model.tensor_projection import ProjectedTensors, project_tensors
-from splatwire.render.reference import render_projected, rotation_matrices
-from splatwire.scene import Cameras
+from splatwire.anchors.projection import DILATION, NEAR_DEPTH, TILE
+from splatwire.neural.model.tensor_projection import ProjectedTensors, project_tensors
+from splatwire.neural.render.reference import render_projected, rotation_matrices
+from splatwire.types import Cameras
 
 
 def rasterization(
@@ -27,7 +27,7 @@ def rasterization(
     packed: bool,
     backgrounds: torch.Tensor,
 ) -> tuple[torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
-    """Pictures, nothing for their alpha, and 2D centres: pixels whose centres are at a half, part of the graph.
+    """Pictures, None as alpha, and differentiable 2D centres; pixel centres are at a half.
 
     As gsplat does, normalises quaternions.
     """
@@ -49,7 +49,7 @@ def rasterization(
 
 
 def module() -> types.ModuleType:
-    """What `import gsplat` should give."""
+    """Module that `import gsplat` returns."""
     fake = types.ModuleType("gsplat")
     fake.rasterization = rasterization  # type: ignore[attr-defined]
     return fake

@@ -1,4 +1,4 @@
-"""What a test needs that draws with gsplat on a real GPU."""
+"""Requirements of tests that render with gsplat on a real GPU."""
 
 from importlib.util import find_spec
 

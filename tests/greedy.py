@@ -1,4 +1,4 @@
-"""Small streams that announce, or claim to hold, as much as their format lets them: what they cost is theirs to say."""
+"""Small streams that announce the largest content that their format allows."""
 
 import hashlib
 import itertools
@@ -11,24 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatwire.byte_io import ByteReader, ByteWriter
-from splatwire.codec.schemas.causal.context import LOG_BITS
-from splatwire.codec.schemas.causal.places import Places, SharedPlaces
-from splatwire.codec.schemas.causal.side_info import SideInfo as CausalInfo
-from splatwire.codec.schemas.causal.side_info import write_side_info as write_causal
-from splatwire.codec.schemas.hacpp.side_info import MASK_CONTEXTS
-from splatwire.codec.schemas.hacpp.side_info import SideInfo as HacppInfo
-from splatwire.codec.schemas.hacpp.side_info import write_side_info as write_hacpp
-from splatwire.codec.schemas.tracks.decoder import open_side_info as open_clip
-from splatwire.codec.schemas.tracks.layout import ENDS, HEAD, MAX_CANDIDATES, MOVING, NUM_CHANNELS, STATE, TRACK
-from splatwire.codec.schemas.tracks.motion_coder import MotionCoder
-from splatwire.codec.schemas.tracks.side_info import write_side_info as write_clip
-from splatwire.codec.weight_bytes import framed
-from splatwire.codec.weights import QuantisedLinear, QuantisedMlp
-from splatwire.model.causal import CausalConfig
-from splatwire.model.clip import Timeline
-from splatwire.model.config import HashGridConfig, ModelConfig
-from splatwire.packets import (
+from splatwire.bitstream import (
     ANCHORS,
     CAUSAL,
     GAUSSIANS,
@@ -38,19 +21,36 @@ from splatwire.packets import (
     SceneStream,
     make_packet,
 )
-from splatwire.packets.limits import TRACKS
-from splatwire.packets.tiers import TierShape
-from splatwire.scene import AnchorLayout
+from splatwire.bitstream.limits import TRACKS
+from splatwire.bitstream.tiers import TierShape
+from splatwire.codec.anchors.causal.context import LOG_BITS
+from splatwire.codec.anchors.causal.places import Places, SharedPlaces
+from splatwire.codec.anchors.causal.side_info import SideInfo as CausalInfo
+from splatwire.codec.anchors.causal.side_info import write_side_info as write_causal
+from splatwire.codec.anchors.hacpp.side_info import MASK_CONTEXTS
+from splatwire.codec.anchors.hacpp.side_info import SideInfo as HacppInfo
+from splatwire.codec.anchors.hacpp.side_info import write_side_info as write_hacpp
+from splatwire.codec.sequence.decoder import open_side_info as open_clip
+from splatwire.codec.sequence.layout import ENDS, HEAD, MAX_CANDIDATES, MOVING, NUM_CHANNELS, STATE, TRACK
+from splatwire.codec.sequence.motion_coder import MotionCoder
+from splatwire.codec.sequence.side_info import write_side_info as write_clip
+from splatwire.codec.weight_bytes import framed
+from splatwire.codec.weights import QuantisedLinear, QuantisedMlp
+from splatwire.files.byte_io import ByteReader, ByteWriter
+from splatwire.types import AnchorLayout
+from splatwire.types.anchor_config import HashGridConfig, ModelConfig
+from splatwire.types.causal_coding import CausalConfig
+from splatwire.types.sequence_scene import Timeline
 
 LARGEST = Packetization(block_size=65_535, lanes=1, grouping="contiguous")
 SMALLEST = Packetization(block_size=1, lanes=256, grouping="contiguous")
 CUT = Packetization(block_size=1 << 12, lanes=1, grouping="hashed", packet_bytes=1150)
-"""As clips are packed."""
+"""Packed like clips."""
 SEPARATED = Packetization(block_size=65_535, lanes=1, grouping="contiguous", packaging="separated")
 
 
-def greedy_streams(gaussians: SceneStream) -> Iterator[tuple[str, SceneStream]]:
-    """Streams of at most a megabyte.
+def oversized_streams(gaussians: SceneStream) -> Iterator[tuple[str, SceneStream]]:
+    """Creates streams of at most a megabyte.
 
     Args:
         gaussians: A small stream of explicit Gaussians with harmonics, whose header and contexts are taken.
@@ -75,8 +75,8 @@ def greedy_streams(gaussians: SceneStream) -> Iterator[tuple[str, SceneStream]]:
     yield "networks of format 1", of_hacpp(AnchorLayout(), 8_000, 1024, LARGEST, 1)
 
 
-def greedy_clips(real: SceneStream) -> Iterator[tuple[str, SceneStream]]:
-    """Clips of at most a megabyte; `real` is a small one, whose tables are taken."""
+def oversized_clips(real: SceneStream) -> Iterator[tuple[str, SceneStream]]:
+    """Clips of at most a megabyte; the tables are those of the small clip `real`."""
     for blocks in (30, 160, 1600):
         yield f"{blocks} blocks of tracks announced", of_tracks(real, blocks, 64, bases=0, motion=0)
     yield "tracks that arrive in no bytes", of_tracks(real, 160, 64, bases=160, motion=0)
@@ -86,7 +86,7 @@ def greedy_clips(real: SceneStream) -> Iterator[tuple[str, SceneStream]]:
 
 
 def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: int, motion: int) -> SceneStream:
-    """A clip of one group: tracks in so many blocks, how many of them arrive in no bytes, packets of motion."""
+    """A clip of one group with tracks in several blocks, some blocks without bytes, and motion packets."""
     info, num = open_clip(real.manifest, real.side_info), blocks * CUT.block_size
     base, none = info.bases, np.zeros((blocks, 3), np.int64)
     boxes = replace(base.boxes, shifts=none[:, 0], origins=none, extents=none)
@@ -106,7 +106,7 @@ def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: int, motion
 
 
 def moving_rows(frames: int) -> tuple[np.ndarray, ...]:
-    """As many tracks as a packet may speak of, which all do what the first does, in every order."""
+    """The maximum number of tracks per packet, all with the motion of the first, in every order."""
     heads = np.zeros((MAX_CANDIDATES, HEAD), np.int64)
     heads[:, TRACK], heads[:, STATE], heads[:, ENDS] = np.arange(MAX_CANDIDATES), MOVING, frames
     targets = np.zeros((MAX_CANDIDATES, NUM_CHANNELS, frames))
@@ -116,7 +116,7 @@ def moving_rows(frames: int) -> tuple[np.ndarray, ...]:
 
 
 def of_gaussians(real: SceneStream, packetization: Packetization, num: int, num_packets: int) -> SceneStream:
-    """Gaussians in as few bytes as boxes and means of blocks take."""
+    """Gaussians in the fewest bytes that bounds and means of blocks take."""
     reader = ByteReader(real.side_info, "side information")
     header, _, contexts = (reader.blob() for _ in range(3))
     blocks = ByteWriter()
@@ -132,7 +132,7 @@ def of_gaussians(real: SceneStream, packetization: Packetization, num: int, num_
 def of_causal(
     layout: AnchorLayout, position_bytes: int, hidden: int, packetization: Packetization, num_packets: int
 ) -> SceneStream:
-    """Anchors of the causal model, one to a bit, all of them in one place; networks of zeros."""
+    """Anchors of the causal model, one per bit, all at one position; networks of zeros."""
     config, head = CausalConfig(layout, 16), layout.feature_dim + 4
     nowhere = Places(*(np.zeros(n, dtype=np.int64) for n in (3, 0, 0)))
     num, chances = 8 * position_bytes, bytes([64, 21]) + bytes([128]) * 231
@@ -149,7 +149,7 @@ def of_causal(
 def of_hacpp(
     layout: AnchorLayout, position_bytes: int, hidden: int, packetization: Packetization, num_packets: int
 ) -> SceneStream:
-    """Anchors of format 1, one to a bit, all of them in one place; networks of zeros."""
+    """Anchors of format 1, one per bit, all at one position; networks of zeros."""
     grid = HashGridConfig(4, (18, 24), (130,), 13, 15)
     config, head, features = ModelConfig(layout, grid), layout.feature_dim + 4, layout.feature_dim
     before = np.cumsum([0, *layout.feature_groups]).tolist()
@@ -170,7 +170,7 @@ def of_hacpp(
 
 
 def zeros(inputs: int, hidden: int, outputs: int) -> QuantisedMlp:
-    """A network whose weights take hardly a bit."""
+    """A network with very small coded weights."""
 
     def layer(columns: int, rows: int) -> QuantisedLinear:
         steps, shifts = np.ones(rows, dtype=np.int64), np.zeros(columns, dtype=np.int64)
@@ -189,7 +189,7 @@ def stream_of(
     tiers: tuple[TierShape, ...] = (),
     packets: int | None = None,
 ) -> SceneStream:
-    """A stream whose first packets came, and are empty; it announces so many, or one for each block and part."""
+    """A stream whose first packets are empty; it announces a number of packets, or one per block and part."""
     shape = () if layout is None else (layout.feature_dim, layout.num_offsets, layout.feature_groups)
     parts = 2 + len(layout.feature_groups) if packetization.separated and layout else 1
     blocks = math.ceil(num / packetization.block_size)
@@ -209,17 +209,17 @@ def stream_of(
 
 
 def measure(warm: Path, folder: Path, *paths: Path) -> list[dict[str, object]]:
-    """What is done with each stream took so many MB of memory at most above what a small one took; what was said."""
+    """Peak memory in MB of processing each stream above that of a small one, and the messages."""
     import resource
 
-    from splatwire.cli.inspect import describe
-    from splatwire.clips import ClipDecoder
-    from splatwire.clips.decoding import decode_frames
+    from splatwire.bitstream import read_stream
+    from splatwire.cli._run_inspect import describe
     from splatwire.codec import ProgressiveDecoder, decode_stream
-    from splatwire.conceal import conceal
+    from splatwire.concealment import conceal
     from splatwire.errors import SplatwireError
-    from splatwire.packets import read_stream
-    from splatwire.scene_io import save_decoded
+    from splatwire.io import save_decoded
+    from splatwire.sequence import ClipDecoder
+    from splatwire.sequence.decoding import decode_frames
 
     def progressive(stream: SceneStream) -> None:
         if stream.manifest.schema.timed:

@@ -1,7 +1,7 @@
-"""A counter of what an iteration asks of a device, without one: launches, and copies that the host waits for.
+"""A counter of kernel launches and blocking copies of an iteration, without a GPU.
 
-Operations on tensors of the pretend device are counted, forward and backward. Views launch nothing. A renderer counts
-as nothing: its stand-in is made of many operations, a real one of a few kernels.
+It counts forward and backward operations on tensors of the pretend device. Views launch no kernel. The renderer is
+excluded, because its stand-in has many operations and a real one has few kernels.
 """
 
 from collections import Counter
@@ -21,7 +21,7 @@ _CROSSING = ("_to_copy", "copy_")
 
 
 class Launches(TorchDispatchMode):
-    """Counts operations while it is active.
+    """Counts operations while active.
 
     Attributes:
         operations: Launches by operation.
@@ -51,7 +51,7 @@ class Launches(TorchDispatchMode):
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Counts nothing inside."""
+        """Suspends counting."""
         before, self._paused = self._paused, True
         try:
             yield
@@ -59,7 +59,7 @@ class Launches(TorchDispatchMode):
             self._paused = before
 
     def rasterization(self, means: torch.Tensor, *others: torch.Tensor | int, **options: Any) -> Any:
-        """A renderer that counts as nothing: grey pictures, and the same gradient for every number of a Gaussian."""
+        """A renderer that is not counted: grey pictures, and equal gradients for all numbers of a Gaussian."""
         width, height = others[-2:]
         centers = _Uncounted.apply(self, (1, len(means), 2), means)
         images = _Uncounted.apply(self, (1, height, width, 3), centers, *others[:4])

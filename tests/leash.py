@@ -1,4 +1,4 @@
-"""What a page of any browser can do once it evaluates expressions, and a browser's process."""
+"""Control of a browser process and its pages by evaluated expressions."""
 
 import contextlib
 import subprocess
@@ -9,14 +9,14 @@ from typing import Any
 
 
 class Page(ABC):
-    """One page of a browser."""
+    """A page of a browser."""
 
     @abstractmethod
     def evaluate(self, expression: str) -> Any:
-        """What an expression comes to."""
+        """Result of an expression."""
 
-    def wait_for(self, expression: str, seconds: float = 60.0) -> Any:
-        """Polls until it is neither undefined nor null nor false."""
+    def wait_for(self, expression: str, seconds: float = 600.0) -> Any:
+        """Polls until the result is neither undefined nor null nor false; the limit allows for a busy machine."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             if value := self.evaluate(expression):
@@ -27,7 +27,7 @@ class Page(ABC):
 
 @contextlib.contextmanager
 def running(words: Sequence[str], **more: Any) -> Iterator[None]:
-    """Starts a program, and ends it."""
+    """Starts a program and ends it afterwards."""
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **more)
     try:
         yield

@@ -1,15 +1,14 @@
-"""A clip that is pushed frame by frame through server and receiver, over a path that loses; time is a number."""
+"""A simulated live transfer: frames from an encoder through server and receiver over a lossy path."""
 
 import itertools
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from splatwire.clips import ClipFrame, ClipOptions
-from splatwire.clips.chapters import CHAPTER_GROUPS, EndlessClip
-from splatwire.clips.live import LiveDecoder
-from splatwire.packets import PacketId, SceneStream
-from splatwire.scene.splats import Splats
+from splatwire.bitstream import PacketId, SceneStream
+from splatwire.sequence import ClipFrame, ClipOptions
+from splatwire.sequence.live import LiveDecoder
+from splatwire.sequence.live_encoder import PERIOD_GROUPS, LiveEncoder
 from splatwire.transport import (
     Finished,
     PacketArrived,
@@ -18,65 +17,68 @@ from splatwire.transport import (
     ReceiverOptions,
     ServerLimits,
     SideInfoArrived,
-    StreamLeft,
+    StreamReplaced,
 )
-from splatwire.transport.broadcast import PROTECTION
-from splatwire.transport.sender import Server
-from splatwire.transport.wire import DATA, decode, kind_of
+from splatwire.transport.protocol.live_session import PROTECTION
+from splatwire.transport.protocol.sender import Server
+from splatwire.transport.protocol.wire import DATA, decode, kind_of
+from splatwire.types.splats import Splats
 
 STEP_S, STREAM_ID, FRAME_RATE = 0.004, 4711, 30
 
 
 @dataclass
 class Watched:
-    """What a receiver showed, and when; and what it was sent."""
+    """Frames shown by a receiver with their times, and packets sent to it."""
 
     frames: list[ClipFrame] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     sent: list[tuple[int, int]] = field(default_factory=list)
-    """Place of each packet that left, and the newest group then."""
+    """Index of each sent packet, and the newest group at that time."""
     reason: str = ""
     repaired: int = 0
-    """Packets that parity brought back."""
+    """Packets that parity restored."""
+    missed: int = 0
+    """Packets that did not arrive although they were sent after the receiver had joined."""
     arrived: set[PacketId] = field(default_factory=set)
     left: list[SceneStream] = field(default_factory=list)
-    """Chapters that ended."""
+    """Periods that ended."""
 
 
 class LivePath:
     """One encoder, one server, one receiver.
 
     Args:
-        frames: What is pushed, 30 a second.
+        frames: Encoded frames, 30 per second.
         group: Frames of a group.
         loss: Share of the datagrams that is lost, both ways.
-        joins: When the receiver comes, seconds.
+        joins: Time at which the receiver connects, seconds.
         rate: Bytes per second, fixed; None adapts.
-        protection: What is sent ahead.
-        asks: Whether the receiver asks for what it lacks.
-        chapter_groups: Groups of frames of a chapter.
+        protection: Forward error correction.
+        asks: True if the receiver requests missing packets.
+        period_groups: Groups per period.
     """
 
     def __init__(
         self, frames: list[Splats], group: int, loss: float = 0.0, joins: float = 0.0, rate: float | None = None,
-        protection: Protection = PROTECTION, asks: bool = True, chapter_groups: int = CHAPTER_GROUPS,
+        protection: Protection = PROTECTION, asks: bool = True, period_groups: int = PERIOD_GROUPS,
     ) -> None:  # fmt: skip
         self._random = random.Random(7)
         self._frames, self._group, self._loss, self._joins = frames, group, loss, joins
         self._asks = asks
         ids = itertools.count(STREAM_ID)
-        self._clip = EndlessClip(ClipOptions(group_frames=group), lambda: next(ids), protection, chapter_groups)
+        self._clip = LiveEncoder(ClipOptions(group_frames=group), lambda: next(ids), protection, period_groups)
         limits = ServerLimits(fixed_rate=rate)
         self._server = Server({}, secret=bytes(16), random=self._random.randbytes, limits=limits)
         self._receiver: Receiver | None = None
         self._decoder, self._now, self._groups = LiveDecoder(), 0.0, 0
         self.first_packets: list[int] = []
-        self.lasting: list[bool] = []
+        self.persistent: list[bool] = []
         self.watched = Watched()
         self.each_group: Callable[[], None] = lambda: None
 
     def run(self, *, keep: bool = True) -> tuple[Watched, SceneStream]:
-        """Runs until the receiver has finished; what it showed, if that is kept, and the last chapter."""
+        """Runs until the receiver has finished; returns the shown frames, if kept, and the last period."""
         pushed, self._keep = 0, keep
         while not self.watched.reason:
             self._now += STEP_S
@@ -98,11 +100,11 @@ class LivePath:
         last = count == len(self._frames)
         edition = self._clip.push(splats)
         for program in ([] if edition is None else [edition]) + (self._clip.end() if last else []):
-            if program.newest < len(program.packets) and program.open:
+            if program.newest < len(program.packets) and program.is_live:
                 self.first_packets.append(program.newest)
                 self._groups += 1
-            self.lasting = [bool(lasts) for lasts in program.lasting]
-            self._server.renew("live", program)
+            self.persistent = [bool(lasts) for lasts in program.persistent]
+            self._server.update("live", program)
             self.each_group()
 
     def _lost(self) -> bool:
@@ -125,11 +127,13 @@ class LivePath:
                 if self._keep:
                     self.watched.arrived.add(event.packet.id)
                 self._show(self._decoder.add([event.packet]))
-            elif isinstance(event, StreamLeft):
+            elif isinstance(event, StreamReplaced):
                 self.watched.left += [event.stream] if self._keep else []
             elif isinstance(event, Finished):
                 self._show(self._decoder.finish())
                 self.watched.reason = event.reason
+                assert self._receiver
+                self.watched.missed = self._receiver.num_missed
 
     def _show(self, frames) -> None:
         for frame in frames:

@@ -1,4 +1,4 @@
-"""Small clips whose truth is known: half of a shell sways, some Gaussians are born, some die, colours breathe."""
+"""Small clips with known motion: half of a shell sways, some Gaussians appear or disappear, colours change."""
 
 import json
 import struct
@@ -6,29 +6,29 @@ from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from close import unit
-from splatwire.clips import Frame
-from splatwire.scene.splats import Splats
+from random_numbers import Numbers
+from splatwire.sequence import Frame
+from splatwire.types.splats import Splats
 
 FRAMES = 10
 GAUSSIANS = [
-    # place, rotation, scale, colour, motion (t, t squared, t cubed), turning, centre, width
+    # position, rotation, scale, colour, motion (t, t squared, t cubed), angular velocity, centre, width
     ((1, 2, 3), (1, 0, 0, 0), (0.5, 0.25, 0.125), (255, 0, 51, 255), ((1, 0, 0), (0, 2, 0), (0, 0, 4)),
      (0, 1, 0, 0), 0.25, 4.0),
     ((-1, 0, 0), (2, 0, 0, 0), (0.5, 0.5, 0.5), (0, 255, 0, 102), ((0, 0, 0),) * 3, (0, 0, 0, 0), 0.5, 0.125),
 ]  # fmt: skip
-"""Of a `.splatv` file."""
+"""Sizes of a `.splatv` file."""
 
 
 def moving_frames(count: int = 600, frames: int = FRAMES, seed: int = 0, *, still: bool = False) -> list[Splats]:
-    """Frames with equal rows: Gaussian i is row i; one that is not there has opacity 0."""
-    rng = torch.Generator().manual_seed(seed)
-    means = unit(torch.randn(count, 3, generator=rng).numpy())
-    quats = unit(torch.randn(count, 4, generator=rng).numpy())
-    scales = np.exp(torch.randn(count, 3, generator=rng).numpy() * 0.3 - 3.5)
-    opacities = torch.rand(count, generator=rng).numpy() * 0.8 + 0.15
+    """Frames with fixed rows: row i is Gaussian i, and absent Gaussians have opacity 0."""
+    rng = Numbers(seed)
+    means = unit(rng.randn(count, 3))
+    quats = unit(rng.randn(count, 4))
+    scales = np.exp(rng.randn(count, 3) * 0.3 - 3.5)
+    opacities = rng.rand(count) * 0.8 + 0.15
     sh = means[:, None] * 0.4
     begins, ends = np.zeros(count, np.float32), np.full((count,), frames, np.float32)
     begins[: count // 50], ends[count // 50 : count // 25] = frames // 2, frames // 2 + 1
@@ -44,7 +44,7 @@ def moving_frames(count: int = 600, frames: int = FRAMES, seed: int = 0, *, stil
 
 
 def darkened(frames: list[Splats], dark: Collection[int]) -> list[Splats]:
-    """The same frames, in some of which nothing is drawn."""
+    """The frames with some of them empty."""
     return [
         replace(splats, opacities=np.zeros_like(splats.opacities)) if number in dark else splats
         for number, splats in enumerate(frames)
@@ -52,17 +52,17 @@ def darkened(frames: list[Splats], dark: Collection[int]) -> list[Splats]:
 
 
 def shuffled(frames: list[Splats], seed: int = 0) -> list[Splats]:
-    """The same frames, each with what is there in an order of its own."""
-    rng = torch.Generator().manual_seed(seed)
+    """The frames, each with its present Gaussians in random order."""
+    rng = Numbers(seed)
     found = []
     for splats in frames:
         there = splats.select(splats.opacities > 0)
-        found.append(there.select(torch.randperm(there.num_gaussians, generator=rng).numpy()))
+        found.append(there.select(rng.randperm(there.num_gaussians)))
     return found
 
 
 def drawn(splats: Splats) -> Splats:
-    """What of a frame draws something."""
+    """Visible Gaussians of a frame."""
     frame = Frame.of(splats)
     return splats.select(frame.drawn)
 
@@ -72,7 +72,7 @@ def halves(*numbers: float) -> bytes:
 
 
 def splatv(gaussians=GAUSSIANS, width: int = 16, before: bytes = b"") -> bytes:
-    """A file as splaTV writes it: lines of `width` pixels of 16 bytes, the last one padded."""
+    """A file in the layout of splaTV: lines of `width` pixels of 16 bytes, the last one padded."""
     texture = b"".join(
         struct.pack("<3f", *place) + halves(*rotation, *scale, 0) + bytes(color)
         + halves(*(number for power in motion for number in power), 0, *turning, center, spread)

@@ -1,4 +1,4 @@
-"""The photometric loss in plain torch, whose gradient autograd finds."""
+"""The photometric loss in plain torch with gradients from autograd."""
 
 import torch
 
@@ -8,13 +8,13 @@ from splatwire.metrics.ssim import SIGMA, WINDOW
 def photometric_loss_reference(
     image: torch.Tensor, photo: torch.Tensor, dssim: float
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """What `splatwire.train.losses.photometric_loss` returns."""
+    """Value of `splatwire.neural.training.losses.photometric_loss`."""
     error = (image - photo).abs().mean()
     return (1 - dssim) * error + dssim * (1 - structural_similarity(image, photo)), error.detach()
 
 
 def structural_similarity(image: torch.Tensor, photo: torch.Tensor) -> torch.Tensor:
-    """Mean SSIM of two pictures (H, W, 3), zeros beyond the border (Wang et al. 2004)."""
+    """Mean SSIM of two pictures (H, W, 3), zeros outside the border (Wang et al. 2004)."""
     place = torch.arange(WINDOW, dtype=torch.float64) - WINDOW // 2
     taps = torch.exp(-(place**2) / (2 * SIGMA**2))
     taps = (taps / taps.sum()).to(image)

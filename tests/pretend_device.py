@@ -1,7 +1,7 @@
-"""A device that is not the CPU, for machines that have no other: tensors on it hold CPU tensors and refuse to meet any.
+"""A simulated device for machines without a GPU; its tensors cannot be mixed with CPU tensors.
 
-On it, as on a GPU, an operation with a tensor of the CPU fails (numbers excepted), `.numpy()` fails, and only `.to`
-and `.cpu` cross over. It answers to the name of torch's `meta` device, which nothing else here uses.
+As on a GPU, operations with a CPU tensor fail (numbers excepted), and so does `.numpy()`. Only `.to` and `.cpu`
+convert. It uses the name of torch's `meta` device, which has no other use here.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,7 +18,7 @@ _CROSSING = (torch.ops.aten._to_copy.default, torch.ops.aten.copy_.default)
 
 
 class PretendTensor(torch.Tensor):
-    """A tensor that says it is elsewhere."""
+    """A tensor that reports the simulated device."""
 
     inner: torch.Tensor
 
@@ -41,13 +41,13 @@ class PretendTensor(torch.Tensor):
 
 @contextmanager
 def pretend_device() -> Iterator[None]:
-    """While it is active, what is created on `DEVICE` or sent there becomes a `PretendTensor`."""
+    """While active, tensors that are created on `DEVICE` or moved there become `PretendTensor`."""
     with _Operations(), _Literals():
         yield
 
 
 class _Literals(TorchFunctionMode):
-    """Tensors from numbers, which torch makes without telling anybody."""
+    """Tensors from numbers, which torch creates without a dispatch."""
 
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = dict(kwargs or {})

@@ -1,4 +1,4 @@
-"""Servers as processes of their own."""
+"""Servers in separate processes."""
 
 import contextlib
 import json
@@ -8,12 +8,12 @@ from typing import Any
 
 
 @contextlib.contextmanager
-def told_by(command: list[str], *, polite: bool = True) -> Iterator[dict[str, Any]]:
-    """Runs a server, gives the JSON object that it says of itself first, and ends it.
+def server_process(command: list[str], *, polite: bool = True) -> Iterator[dict[str, Any]]:
+    """Runs a server, yields the JSON object that it prints first, and ends it.
 
     Args:
         command: The command.
-        polite: Whether it must end with status 0 when it is asked to.
+        polite: True if the server must exit with status 0 after a signal.
     """
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert server.stdout is not None

@@ -1,7 +1,7 @@
-"""Types at run time, for as little time as that takes.
+"""Run-time type checks with little overhead.
 
-`jaxtyping.jaxtyped` binds the arguments of every call, for dimensions that have to be the same in all of them. Only
-functions that speak of shapes need that; of the others beartype alone checks as much, in a tenth of the time.
+`jaxtyping.jaxtyped` binds the arguments of every call to compare their dimensions. Only functions with shapes in their
+annotations need it. For the others beartype alone checks as much in a tenth of the time.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ plain = beartype(conf=BeartypeConf(violation_type=TypeCheckError))
 
 
 def checking(*, typechecker: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Takes the place of `jaxtyping.jaxtyped` in modules that were imported through its hook."""
+    """Replaces `jaxtyping.jaxtyped` in modules that were imported through its hook."""
     return functools.partial(_checked, typechecker=typechecker)
 
 
@@ -44,7 +44,7 @@ def _checked(found: Any, *, typechecker: Callable[[Any], Any]) -> Any:
 
 
 def _resolved(hint: Any, scope: dict[str, Any]) -> Any:
-    """What text in it means; anything, where a name is imported for type checkers alone."""
+    """Value of a string annotation; any type for names that are imported for type checkers only."""
     if type(hint) is type:
         return hint
     try:

@@ -1,49 +1,109 @@
-"""Every error that splatwire raises on purpose.
+"""Exceptions of splatwire.
 
 ```
 SplatwireError
-├─ BitstreamError            the bytes are not what the format promises
+├─ BitstreamError            the bytes do not conform to the stream format
 │   ├─ UnsupportedVersionError
 │   ├─ TruncatedStreamError
 │   ├─ CorruptPacketError    (carries the packet's name)
 │   │   └─ ForeignPacketError    intact, but of another stream
 │   └─ MissingSideInfoError
 ├─ DesyncError               coding parameters differ between the two ends
-├─ DatasetError              a folder or file is not the dataset or model it should be
+├─ DatasetError              a folder or file is not a valid dataset or model
+│  └─ NoViewsError           a split of a dataset has no views
 ├─ BackendUnavailableError   (carries how to install it)
 ├─ DivergedError             a training run's loss is not finite any more (carries the iteration)
 ├─ InvalidValueError         a parameter is out of range (also a ValueError)
 └─ UnknownNameError          (carries the known names; also a ValueError)
 ```
 
-A lost packet is not an error: it is data (`splatwire.scene.Erasures`).
+Lost packets raise no exception; `splatwire.types.Erasures` describes what was lost.
 """
 
+import operator
 from collections.abc import Iterable
 
 MALFORMED = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
-"""What Python raises where plain data (JSON, tensors of a file) are not what the code that takes them apart expects."""
+"""Exceptions that Python raises when code parses plain data (JSON, tensors of a file) of an unexpected form."""
 
 
-def check_kind(value: object, kind: type, reader: str) -> None:
-    """Checks that a public function was given its noun, and not the path of a file that holds one.
+def shown(value: object) -> str:
+    """Returns a short text of a rejected value for messages: numbers and texts themselves, other values as their type.
+
+    The `repr` of an object of the caller is not called, because it may be long or raise.
+    """
+    if isinstance(value, int) and value.bit_length() > _MANY_BITS:
+        return f"an integer of {value.bit_length()} bits"
+    if value is None or isinstance(value, (bool, int, float, complex, str, bytes)):
+        return f"{value!r:.60}"
+    if hasattr(value, "shape") and hasattr(value, "dtype"):
+        return f"{str(value.dtype).removeprefix('torch.')} {tuple(value.shape)}"
+    return type(value).__name__
+
+
+_MANY_BITS = 200
+"""Integers with more bits than this are shown as their length; Python refuses to print very long ones."""
+
+
+def check_kind(value: object, kind: type, reader: str, name: str = "") -> None:
+    """Checks that an argument has the expected type; a common mistake is to pass a path instead.
+
+    Args:
+        value: The argument.
+        kind: The expected type.
+        reader: Name of the function that reads such an object from a file, for the message.
+        name: Name of the argument, for the message.
 
     Raises:
-        InvalidValueError: If it was not; the message names what reads a file.
+        InvalidValueError: If the argument has another type.
     """
     if not isinstance(value, kind):
         found = type(value).__name__
         if isinstance(value, tuple) and value and isinstance(value[0], kind):
             found = f"a pair: take its first item, as in `{kind.__name__.lower()}, report = {reader}(path)`"
-        raise InvalidValueError(f"expected {kind.__name__} (`{reader}` reads one from a file), not {found}")
+        where = f"{name}: " if name else ""
+        raise InvalidValueError(f"{where}expected {kind.__name__} (`{reader}` reads one from a file), not {found}")
+
+
+def whole_number(value: object, name: str, least: int = 0, most: int | None = None) -> int:
+    """Returns an argument as int; NumPy integers are accepted.
+
+    Args:
+        value: The argument.
+        name: Name of the argument, for the message.
+        least: Minimum value.
+        most: Maximum value; None for no maximum.
+
+    Raises:
+        InvalidValueError: If the argument is not an integer (such as text, a fraction or True), or out of range.
+    """
+    try:
+        number = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        number = None
+    if number is None or number < least:
+        raise InvalidValueError(f"{name} must be a whole number of {least} or more, not {shown(value)}")
+    if most is not None and number > most:
+        raise InvalidValueError(f"{name} must be a whole number of at most {most}, not {shown(value)}")
+    return number
+
+
+def check_progress(progress: object) -> None:
+    """Checks that a progress argument is a function or None.
+
+    Raises:
+        InvalidValueError: If it is anything else, such as True.
+    """
+    if progress is not None and not callable(progress):
+        raise InvalidValueError(f"progress must be a function that is called with the progress, not {shown(progress)}")
 
 
 MOST_TEXT = 800
-"""Characters of a message: what somebody's file says is not repeated at whatever length."""
+"""Maximum characters of a message. Messages may quote untrusted files, and longer ones are cut in the middle."""
 
 
 class SplatwireError(Exception):
-    """Base of all errors that splatwire raises on purpose."""
+    """Base class of all exceptions that splatwire raises on purpose."""
 
     def __str__(self) -> str:
         text = super().__str__()
@@ -51,7 +111,7 @@ class SplatwireError(Exception):
 
 
 class BitstreamError(SplatwireError):
-    """The bytes are not what the format promises."""
+    """Bytes do not conform to the stream format."""
 
 
 class UnsupportedVersionError(BitstreamError):
@@ -59,15 +119,15 @@ class UnsupportedVersionError(BitstreamError):
 
 
 class TruncatedStreamError(BitstreamError):
-    """The bytes end before the format says they should."""
+    """The bytes end before the end required by the format."""
 
 
 class CorruptPacketError(BitstreamError):
     """A packet fails its checksum or contradicts its header.
 
     Args:
-        packet: The packet's name, as a person would look it up (`pak_lane3_s0.pak`).
-        reason: What was wrong with it.
+        packet: Name of the packet, such as `pak_lane3_s0.pak`.
+        reason: The error.
     """
 
     def __init__(self, packet: str, reason: str) -> None:
@@ -81,15 +141,19 @@ class ForeignPacketError(CorruptPacketError):
 
 
 class MissingSideInfoError(BitstreamError):
-    """The stream has no (complete) side information, so no packet of it can be decoded."""
+    """The side information is missing or incomplete, so that no packet can be decoded."""
 
 
 class DesyncError(SplatwireError):
-    """Encoder and decoder derived different coding parameters (digest mismatch)."""
+    """Encoder and decoder have derived different coding parameters: their digests differ."""
 
 
 class DatasetError(SplatwireError):
-    """A folder or file is not the dataset or model that it should be."""
+    """A folder or file is missing, damaged, or not a dataset or model of the expected kind."""
+
+
+class NoViewsError(DatasetError):
+    """A split of a dataset has no views; its other split may have some."""
 
 
 class BackendUnavailableError(SplatwireError):
@@ -97,7 +161,7 @@ class BackendUnavailableError(SplatwireError):
 
     Args:
         name: The backend.
-        how: How to get it.
+        how: Instructions to install or enable it.
     """
 
     def __init__(self, name: str, how: str) -> None:
@@ -106,11 +170,11 @@ class BackendUnavailableError(SplatwireError):
 
 
 class DivergedError(SplatwireError):
-    """A training run's loss is not finite any more, or nothing of its scene is left.
+    """A training run has diverged: its loss is not finite, or all anchors were removed.
 
     Args:
-        iteration: The iteration that found out.
-        what: What was found.
+        iteration: Iteration of the detection.
+        what: The reason.
     """
 
     def __init__(self, iteration: int, what: str = "the loss is not finite") -> None:
@@ -122,20 +186,24 @@ class DivergedError(SplatwireError):
 
 
 class InvalidValueError(SplatwireError, ValueError):
-    """A parameter is outside of the range that makes sense; the message says which and what the range is."""
+    """A parameter is out of range; the message names the parameter and its range."""
+
+
+def _quoted(name: object) -> str:
+    return f"'{name}'" if isinstance(name, str) else shown(name)
 
 
 class UnknownNameError(SplatwireError, ValueError):
-    """A name was asked for that no registry knows.
+    """A name is not registered.
 
     Args:
-        kind: What sort of thing was looked up (`concealer`, `loss model`).
-        name: The name that was not found.
-        known: The names that exist.
+        kind: Kind of the entry (`concealer`, `loss model`).
+        name: The unknown name.
+        known: The registered names.
     """
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
-        super().__init__(f"unknown {kind} '{name}': known are {', '.join(sorted(known))}")
+        super().__init__(f"unknown {kind} {_quoted(name)}: known are {', '.join(sorted(known))}")
         self.kind = kind
         self.name = name
 
@@ -154,15 +222,17 @@ EXTRAS = {
     ),
     "neural": ("torch",),
     "report": ("matplotlib", "jinja2"),
-    "relay": ("raptorq", "aioquic", "cryptography"),
+    "relay": ("raptorq", "aioquic", "cryptography", "prometheus_client", "jwt"),
     "moq": ("moq",),
     "tables": ("pyarrow",),
+    "usd": ("pxr",),
+    "clips": ("fourdgs", "splats4d"),
 }  # fmt: skip
-"""The modules that each extra of the package brings; without any it carries streams, and cannot look into them."""
+"""Modules of each extra of the package. Without extras, splatwire can transport streams but not decode them."""
 
 
 def how_to_install(module: str | None) -> str | None:
-    """What to do about a module that is not installed; None where it is of no extra."""
+    """Returns the installation instructions for a missing module; None if no extra contains it."""
     for extra, modules in EXTRAS.items():
         if (module or "").split(".")[0] in modules:
             return f"this needs {module}, which is not installed: pip install 'splatwire[{extra}]'"

@@ -1,11 +1,11 @@
-"""Short text of records with arrays: type and shape instead of numbers."""
+"""Short repr of dataclasses with arrays: dtype and shape instead of numbers."""
 
 import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
 _LONG = 8
-"""Maximum number of items of a tuple or mapping that are shown."""
+"""Maximum number of items of a tuple or mapping to show; longer ones are shown as their length."""
 _MAX_TEXT = 80
 """Maximum number of characters of any other value."""
 
@@ -17,7 +17,7 @@ def summary_repr(record: Any) -> str:
 
 
 def summarize(value: Any) -> str:
-    """Returns a short text of a value.
+    """Returns a short text for a value.
 
     Arrays are shown as type and shape, such as `float32 (1000, 3)`, bytes as their number, long collections as their
     length.

@@ -1,3 +1,3 @@
-"""The version of the package, where every room can read it without importing the others."""
+"""Version of the package, in a module without imports."""
 
 __version__ = "0.3.0"

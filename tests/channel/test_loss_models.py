@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from splatwire.channel import LOSS_PRESETS, Bernoulli, GilbertElliott, Nothing, Trace, parse_loss
+from splatwire.channel import LOSS_PRESETS, Bernoulli, GilbertElliott, NoLoss, Trace, parse_loss
 from splatwire.channel.trace import read_trace
 from splatwire.errors import DatasetError, InvalidValueError, SplatwireError, UnknownNameError
 
@@ -17,13 +17,13 @@ def bursts(received):
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.05, 0.2, 0.9, 1.0])
-def test_bernoulli_loses_its_rate(rate):
+def test_bernoulli_loses_packets_at_its_rate(rate):
     received = draw(Bernoulli(rate))
     assert received.dtype == bool
     assert 1 - received.mean() == pytest.approx(rate, abs=0.003)
 
 
-def test_bernoulli_has_no_memory():
+def test_bernoulli_losses_are_independent():
     assert bursts(draw(Bernoulli(0.2))).mean() == pytest.approx(1 / 0.8, abs=0.01)
 
 
@@ -38,7 +38,7 @@ def test_bernoulli_has_no_memory():
         ("1/20", 0.01, 20, 0.000505, 0.05),
     ],
 )
-def test_presets_have_the_published_chances(name, rate, burst, p, r):
+def test_presets_have_the_published_probabilities(name, rate, burst, p, r):
     model = LOSS_PRESETS[name]
     assert (model.p, model.r) == (pytest.approx(p, rel=5e-3), pytest.approx(r, rel=5e-3))
     received = draw(model, 2_000_000)
@@ -47,7 +47,7 @@ def test_presets_have_the_published_chances(name, rate, burst, p, r):
 
 
 def test_gilbert_starts_in_its_stationary_distribution():
-    """The first of few packets is lost as often as any other."""
+    """The first packet is lost as often as any other."""
     model, rng = GilbertElliott(0.2, 20), np.random.default_rng(0)
     masks = np.array([model.received(3, rng) for _ in range(20_000)])
     assert 1 - masks.mean(axis=0) == pytest.approx([0.2] * 3, abs=0.01)
@@ -59,8 +59,8 @@ def test_gilbert_elliott_with_partial_loss_keeps_its_rate():
     assert 1 - draw(model).mean() == pytest.approx(0.2, abs=0.01)
 
 
-def test_burst_of_one_over_survival_is_bernoulli():
-    """p = 1 - r: the chain forgets its state, the plain Gilbert model becomes independent loss."""
+def test_gilbert_with_p_equal_to_one_minus_r_is_bernoulli():
+    """With p = 1 - r the next state does not depend on the last one, so losses are independent."""
     model = GilbertElliott(0.2, 1 / 0.8)
     received = draw(model)
     after_loss = received[1:][~received[:-1]]
@@ -69,7 +69,7 @@ def test_burst_of_one_over_survival_is_bernoulli():
 
 @pytest.mark.parametrize("rate", [0, 1])
 @pytest.mark.parametrize("model", [Bernoulli, lambda rate: GilbertElliott(rate, 5)])
-def test_nothing_and_everything(model, rate):
+def test_rates_zero_and_one_lose_nothing_and_everything(model, rate):
     assert (draw(model(float(rate)), 1000) == (rate == 0)).all()
     assert draw(model(float(rate)), 0).shape == (0,)
 
@@ -84,15 +84,15 @@ def test_same_seed_same_mask():
     "spec",
     ["none", "bernoulli:0.2", "bernoulli:0", "bernoulli:1", "gilbert:0.2,20", "gilbert:0.123456789,3.5,0.25,0.99"],
 )
-def test_names_read_back(spec):
+def test_names_of_loss_models_are_parsed_back(spec):
     model = parse_loss(spec)
     assert model.name == spec
     assert parse_loss(model.name) == model
     assert model.unit == "pak"
 
 
-def test_specs():
-    assert parse_loss("none") == Nothing()
+def test_loss_specifications_are_parsed():
+    assert parse_loss("none") == NoLoss()
     assert parse_loss("bernoulli:0.2") == Bernoulli(0.2)
     assert parse_loss("gilbert:webrtc-20/3") == GilbertElliott(0.2, 3)
     assert parse_loss(" gilbert:0.1,8 ") == GilbertElliott(0.1, 8)
@@ -121,7 +121,7 @@ def test_specs():
         ("trace:/nowhere/at/all", DatasetError, "/nowhere/at/all is not a file"),
     ],
 )
-def test_errors_name_what_is_wrong(spec, error, message):
+def test_errors_name_the_invalid_part(spec, error, message):
     with pytest.raises(error, match=message) as caught:
         parse_loss(spec)
     assert isinstance(caught.value, SplatwireError)
@@ -137,19 +137,19 @@ def test_errors_name_what_is_wrong(spec, error, message):
         "11 01\r\n00",
     ],
 )
-def test_trace_layouts(tmp_path, text):
+def test_trace_files_of_every_layout_are_read(tmp_path, text):
     (tmp_path / "loss.txt").write_text(text)
     assert draw(Trace(tmp_path / "loss.txt"), 6).tolist() == [True, True, False, True, False, False]
 
 
-def test_the_trace_of_the_documents_is_one(pytestconfig, tmp_path):
+def test_trace_in_the_documentation_is_valid(pytestconfig, tmp_path):
     text = (pytestconfig.rootpath / "docs" / "transport.md").read_text(encoding="utf-8")
     path = tmp_path / "trace.txt"
     path.write_text(text.partition("A trace is text")[2].partition("```text\n")[2].partition("```")[0])
     assert "".join(str(int(arrived)) for arrived in read_trace(path)) == "1111011001101"
 
 
-def test_trace_too_short(tmp_path):
+def test_trace_that_is_too_short_is_refused(tmp_path):
     path = tmp_path / "loss.txt"
     path.write_text("10")
     assert draw(parse_loss(f"trace:{path},repeat"), 5).tolist() == [True, False, True, False, True]
@@ -168,7 +168,7 @@ def test_trace_too_short(tmp_path):
         (b"\xff\x00", "line 1"),
     ],
 )
-def test_bad_traces(tmp_path, data, message):
+def test_invalid_traces_are_refused(tmp_path, data, message):
     (tmp_path / "loss.txt").write_bytes(data)
     with pytest.raises(DatasetError, match=rf"loss\.txt.*{message}"):
         Trace(str(tmp_path / "loss.txt"))
@@ -178,7 +178,7 @@ def test_bad_traces(tmp_path, data, message):
 
 @pytest.mark.parametrize("model", [GilbertElliott(0.2, 20), GilbertElliott(0.6, 2), GilbertElliott(0.5, 1),
                                    GilbertElliott(0.2, 3, 0.1, 0.95), GilbertElliott(0.95, 25)])  # fmt: skip
-def test_states_are_those_of_a_walk_step_by_step(model):
+def test_states_equal_a_step_by_step_simulation(model):
     for n in (0, 1, 2, 500):
         rng = np.random.default_rng(n)
         draws = rng.random(n)

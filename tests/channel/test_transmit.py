@@ -3,9 +3,17 @@ import json
 import numpy as np
 import pytest
 
-from splatwire.channel import Bernoulli, GilbertElliott, Nothing, parse_loss, transmit
+from splatwire.bitstream import (
+    Packetization,
+    PacketPlan,
+    SceneStream,
+    TierShape,
+    make_packet,
+    make_stream,
+    send_sequence,
+)
+from splatwire.channel import Bernoulli, GilbertElliott, NoLoss, parse_loss, transmit
 from splatwire.errors import InvalidValueError, UnknownNameError
-from splatwire.packets import Packetization, PacketPlan, SceneStream, TierShape, make_packet, make_stream, send_sequence
 
 
 def build(num_elements: int = 2400, seed: int = 0, tiers: tuple[TierShape, ...] = (), **packetization) -> SceneStream:
@@ -30,19 +38,19 @@ def stream() -> SceneStream:
     return build()
 
 
-def test_lossless_is_the_same_stream(stream):
-    arrived, record = transmit(stream, Nothing(), seed=0)
+def test_lossless_channel_returns_the_same_stream(stream):
+    arrived, record = transmit(stream, NoLoss(), seed=0)
     assert arrived == stream
     assert (record.num_lost, record.lost, record.bytes_received) == (0, (), record.bytes_sent)
 
 
-def test_everything_lost_still_has_its_side_information(stream):
+def test_losing_every_packet_keeps_the_side_information(stream):
     arrived, record = transmit(stream, Bernoulli(1.0), seed=0)
     assert (arrived.manifest, arrived.side_info, arrived.packets) == (stream.manifest, stream.side_info, ())
     assert (record.num_lost, record.num_lost_elements) == (len(stream.packets), 2400)
 
 
-def test_the_record_adds_up(stream):
+def test_counts_of_the_record_add_up(stream):
     arrived, record = transmit(stream, Bernoulli(0.2), seed=3)
     lost = set(stream.packets) - set(arrived.packets)
     assert 0 < len(lost) == record.num_lost == record.num_sent - len(arrived.packets)
@@ -63,7 +71,7 @@ def test_the_record_adds_up(stream):
 
 
 @pytest.mark.parametrize("loss", ["bernoulli:0.2", "gilbert:webrtc-20/3"])
-def test_streams_of_equal_packet_count_meet_the_same_mask(stream, loss):
+def test_streams_with_equal_packet_counts_get_the_same_mask(stream, loss):
     other = build(seed=9, grouping="contiguous")
     assert len(other.packets) == len(stream.packets)
     masks = [transmit(s, parse_loss(loss), seed=4)[1].lost for s in (stream, other, stream)]
@@ -71,7 +79,7 @@ def test_streams_of_equal_packet_count_meet_the_same_mask(stream, loss):
     assert transmit(stream, parse_loss(loss), seed=5)[1].lost != masks[0]
 
 
-def test_send_orders():
+def test_send_orders_follow_their_definition():
     stream = build(300, block_size=100, lanes=2)
     names = [p.id.filename for p in send_sequence(stream, "interleaved")]
     assert names == [f"pak_lane{lane}_s{block}.pak" for lane in range(2) for block in range(3)]
@@ -79,8 +87,8 @@ def test_send_orders():
     assert names == [f"pak_lane{lane}_s{block}.pak" for block in range(3) for lane in range(2)]
 
 
-def wiped_blocks(send_order: str) -> int:
-    """Blocks of which nothing arrived, over 20 masks."""
+def empty_blocks(send_order: str) -> int:
+    """Number of blocks without any received packet, over 20 masks."""
     stream, total = build(12_400), 0
     for seed in range(20):
         arrived, _ = transmit(stream, GilbertElliott(0.2, 20), seed=seed, send_order=send_order)
@@ -91,13 +99,13 @@ def wiped_blocks(send_order: str) -> int:
 def test_interleaving_protects_against_bursts():
     """Lanes protect only if the send order interleaves them.
 
-    Sent block by block, a block is gone when 8 packets in a row are lost: a share of 0.2 (1 - 1/20)^7 = 14 % of blocks.
+    In block order, 8 consecutive losses remove a block: a share of 0.2 (1 - 1/20)^7 = 14 % of the blocks.
     """
-    assert wiped_blocks("interleaved") == 0
-    assert wiped_blocks("block") / (20 * 124) == pytest.approx(0.2 * 0.95**7, abs=0.02)
+    assert empty_blocks("interleaved") == 0
+    assert empty_blocks("block") / (20 * 124) == pytest.approx(0.2 * 0.95**7, abs=0.02)
 
 
-def test_separated_anchors_are_counted_once():
+def test_anchors_of_separated_packets_are_counted_once():
     stream = build(packaging="separated")
     _, record = transmit(stream, Bernoulli(1.0), seed=0)
     assert (record.num_sent, record.num_lost_elements) == (3 * 24 * 8, 2400)  # scalings, offsets and one feature group
@@ -115,15 +123,15 @@ def test_tiers_are_sent_one_after_another():
     assert send_sequence(build(), "tiers") == send_sequence(build(), "interleaved")
 
 
-def test_sending_twice_loses_more(stream):
+def test_second_transmission_loses_more_packets(stream):
     once, _ = transmit(stream, Bernoulli(0.2), seed=0)
     twice, record = transmit(once, Bernoulli(0.2), seed=1)
     assert record.num_sent == len(once.packets)
     assert set(twice.packets) < set(once.packets)
 
 
-def test_bad_arguments(stream):
+def test_invalid_arguments_are_refused(stream):
     with pytest.raises(UnknownNameError, match="send order 'random'"):
-        transmit(stream, Nothing(), seed=0, send_order="random")
+        transmit(stream, NoLoss(), seed=0, send_order="random")
     with pytest.raises(InvalidValueError, match="seed"):
-        transmit(stream, Nothing(), seed=-1)
+        transmit(stream, NoLoss(), seed=-1)

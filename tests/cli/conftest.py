@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from scenes import tiny_cameras, tiny_scene
+from splatwire.anchors.scene_file import save_scene
 from splatwire.cli.main import main
 from splatwire.data import save_cameras
-from splatwire.model.scene_file import save_scene
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Outcome:
 
     @property
     def json(self) -> dict[str, Any]:
-        """Standard output, which must be one JSON object and nothing else."""
+        """Standard output, which must be exactly one JSON object."""
         content = json.loads(self.out)
         assert isinstance(content, dict)
         return content
@@ -42,7 +42,7 @@ def run(capsys: pytest.CaptureFixture[str]):
 
 @pytest.fixture(scope="session")
 def journey(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a scene, its cameras, its stream and the stream after losses."""
+    """Folder with a scene, its cameras, its stream and the stream after losses."""
     folder = tmp_path_factory.mktemp("journey")
     save_scene(tiny_scene(seed=3, num_anchors=240), folder / "tiny.scene")
     save_cameras(tiny_cameras(num_views=2, width=64, height=48), folder / "cameras.json")

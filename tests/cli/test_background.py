@@ -1,4 +1,4 @@
-"""A scene that was trained in front of white is drawn, scored and calibrated in front of white by every verb."""
+"""Every verb renders, scores and calibrates a scene on the background that it was trained with."""
 
 import json
 import math
@@ -9,10 +9,12 @@ import pytest
 from PIL import Image
 
 from scenes import tiny_cameras, tiny_scene
+from splatwire.anchors.scene_file import save_scene
 from splatwire.data import load_cameras, save_cameras
-from splatwire.model.scene_file import save_scene
 from splatwire.render import iterate_views
-from splatwire.scene.background import WHITE
+from splatwire.types.background import WHITE
+
+pytestmark = pytest.mark.slow
 
 PROTOCOL = """
 [protocol]
@@ -37,22 +39,25 @@ lossless = true
 
 @pytest.fixture(scope="module")
 def white(tmp_path_factory):
-    """A scene in front of white, its cameras, and transparent photos of it in the Blender layout."""
+    """A scene on white, its cameras, and transparent photos of it in the Blender layout."""
     folder = tmp_path_factory.mktemp("white")
     scene, cameras = tiny_scene(seed=3, num_anchors=240), tiny_cameras(num_views=2, width=64, height=48)
     save_scene(replace(scene, background=WHITE), folder / "white.scene")
     save_cameras(cameras, folder / "cameras.json")
-    (folder / "photos" / "test").mkdir(parents=True)
-    frames = []
+    for split in ("train", "test"):
+        (folder / "photos" / split).mkdir(parents=True)
+    poses = []
     pairs = zip(iterate_views(scene, cameras), iterate_views(replace(scene, background=WHITE), cameras), strict=True)
     for view, (on_black, on_white) in enumerate(pairs):
         alpha = (1 - (on_white - on_black).mean(axis=2, keepdims=True)).clip(1e-6, 1)
         pixels = np.concatenate([(on_black / alpha).clip(0, 1), alpha], axis=2)
-        Image.fromarray((pixels * 255).round().astype(np.uint8)).save(folder / "photos" / "test" / f"{view}.png")
+        for split in ("train", "test"):
+            Image.fromarray((pixels * 255).round().astype(np.uint8)).save(folder / "photos" / split / f"{view}.png")
         pose = np.linalg.inv(cameras.viewmats[view]) @ np.diag([1.0, -1.0, -1.0, 1.0])
-        frames.append({"file_path": f"./test/{view}", "transform_matrix": pose.tolist()})
+        poses.append(pose.tolist())
     angle = 2 * math.atan(0.5 * cameras.width / float(cameras.Ks[0, 0, 0]))
     for split in ("train", "test"):
+        frames = [{"file_path": f"./{split}/{view}", "transform_matrix": pose} for view, pose in enumerate(poses)]
         content = json.dumps({"camera_angle_x": angle, "frames": frames})
         (folder / "photos" / f"transforms_{split}.json").write_text(content)
     return folder
@@ -77,7 +82,7 @@ def rendered(run, source, folder, output, *words):
     return corner(output / f"{load_cameras(folder / 'cameras.json').names[0]}.png")
 
 
-def test_the_colour_follows_the_scene(run, white, stream, tmp_path):
+def test_background_defaults_to_the_colour_of_the_scene(run, white, stream, tmp_path):
     assert run("transmit", stream, "-o", tmp_path / "lossy.swz", "--loss", "bernoulli:0.3").status == 0
     assert run("decode", tmp_path / "lossy.swz", "-o", tmp_path / "gaps.scene").status == 0
     assert run("decode", tmp_path / "lossy.swz", "-o", tmp_path / "grown.scene", "--conceal", "grow").status == 0
@@ -86,7 +91,7 @@ def test_the_colour_follows_the_scene(run, white, stream, tmp_path):
         assert rendered(run, source, white, tmp_path / str(number)) == [255, 255, 255]
 
 
-def test_the_user_has_the_last_word(run, white, stream, tmp_path):
+def test_background_option_overrides_the_scene(run, white, stream, tmp_path):
     assert rendered(run, stream, white, tmp_path / "red", "--background", 1, 0, 0) == [255, 0, 0]
     assert run("encode", white / "white.scene", "-o", tmp_path / "b.swz", "--background", 0, 0, 1).status == 0
     assert rendered(run, tmp_path / "b.swz", white, tmp_path / "blue") == [0, 0, 255]
@@ -96,33 +101,33 @@ def test_the_user_has_the_last_word(run, white, stream, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["white.scene", "white.swz"])
-def test_transparent_photos_are_composed_on_it(run, white, stream, name):
+def test_transparent_photos_are_composed_on_the_background(run, white, stream, name):
     words = ("evaluate", white / name, "-s", white / "photos", "--json")
     own, black = (run(*words, *more).json["rows"][0]["psnr"] for more in ((), ("--background", 0, 0, 0)))
-    assert min(own, black) > 35  # photos and pictures are always in front of the same colour
+    assert min(own, black) > 35  # photos and renders have the same background
     assert own != black
     assert run(*words, "--loss", "none", "--conceal", "drop").json["rows"][0]["psnr"] > 35
 
 
-def test_own_renders_are_compared_on_one_colour(run, white, stream):
+def test_reference_and_decoded_renders_share_one_background(run, white, stream):
     words = ("--reference", white / "white.scene", "--cameras", white / "cameras.json", "--json")
     own, grey = (run("evaluate", stream, *words, *m).json["rows"][0]["psnr"] for m in ((), ("--background", 0, 0.5, 0)))
     assert min(own, grey) > 40
 
 
-def test_a_protocol_composes_photos_on_it(run, white, stream, tmp_path):
+def test_protocol_composes_photos_on_the_background(run, white, stream, tmp_path):
     path, words = tmp_path / "mine.toml", ("--workers", 1, "--views", 1, "-o", tmp_path / "out", "--json")
     path.write_text(PROTOCOL.format(folder=white))
     first = run("study", path, *words)
     assert first.status == 0, first.err
     path.write_text(path.read_text().replace("[[scene]]", "[[scene]]\nbackground = [1.0, 0.0, 0.0]"))
     red = run("study", path, *words).json
-    assert red["num_computed"] == 1  # another colour is another unit of work
+    assert red["num_computed"] == 1  # another background gives another unit of work
     assert min(content["rows"][0]["figures"]["psnr"]["mean"] for content in (first.json, red)) > 35
 
 
-def test_a_sketch_is_calibrated_on_it(run, white, stream, tmp_path, monkeypatch):
-    from splatwire.calibrate import sketch, views
+def test_sketch_is_calibrated_on_the_background(run, white, stream, tmp_path, monkeypatch):
+    from splatwire.calibration import sketch, views
 
     seen = []
 

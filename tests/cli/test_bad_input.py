@@ -1,4 +1,4 @@
-"""Mistakes: one clear line on standard error, exit status 2, nothing on standard output."""
+"""Invalid input gives one line on standard error, exit status 2 and no output."""
 
 import shutil
 
@@ -15,12 +15,25 @@ def assert_complains(outcome, *words):
         assert str(word) in last
 
 
-def test_missing_input(run, tmp_path):
+def test_missing_input_is_refused(run, tmp_path):
     for words in (("decode", tmp_path / "x", "-o", tmp_path / "y"), ("inspect", tmp_path / "x")):
         assert_complains(run(*words), tmp_path / "x")
 
 
-def test_wrong_folder(run, tmp_path):
+@pytest.mark.parametrize(
+    ("words", "where"),
+    [
+        (("inspect", ""), "after inspect"),
+        (("decode", "a.swz", "-o", ""), "after -o"),
+        (("render", "a.swz", "--data="), "of --data"),
+    ],
+)
+def test_empty_arguments_are_refused(run, words, where):
+    assert_complains(run(*words), f"the argument {where} is empty")
+
+
+@pytest.mark.needs_torch
+def test_wrong_folders_are_one_error_line(run, tmp_path):
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "me.jpg").write_bytes(b"\xff\xd8")
     for verb in ("decode", "transmit"):
@@ -36,7 +49,7 @@ def test_a_photo_folder_is_never_overwritten(run, journey, tmp_path):
     assert (tmp_path / "photos" / "me.jpg").exists()
 
 
-def test_missing_side_info(run, journey, tmp_path):
+def test_missing_side_information_is_refused(run, journey, tmp_path):
     shutil.copytree(journey / "packets", tmp_path / "a")
     (tmp_path / "a" / "side_info.bin").unlink()
     assert_complains(run("decode", tmp_path / "a", "-o", tmp_path / "x"), "side_info.bin", "missing")
@@ -67,7 +80,7 @@ def test_a_flipped_bit_is_a_counted_loss(run, journey, tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 a zip file", b"{}" * 100])
-def test_files_of_another_kind(run, tmp_path, content):
+def test_files_of_another_kind_are_one_error_line(run, tmp_path, content):
     (tmp_path / "a.bin").write_bytes(content)
     for verb in ("decode", "encode", "transmit"):
         assert_complains(run(verb, tmp_path / "a.bin", "-o", tmp_path / "x"), "a.bin")
@@ -84,7 +97,7 @@ def test_files_of_another_kind(run, tmp_path, content):
         (("--send-order", "random"), "random"),
     ],
 )
-def test_transmit_settings(run, journey, tmp_path, words, named):
+def test_invalid_transmit_settings_are_refused(run, journey, tmp_path, words, named):
     assert_complains(run("transmit", journey / "tiny.swz", "-o", tmp_path / "x", *words), named)
 
 
@@ -96,11 +109,11 @@ def test_transmit_settings(run, journey, tmp_path, words, named):
         (("--lanes", "1000"), "lanes"),
     ],
 )
-def test_encode_settings(run, journey, tmp_path, words, named):
+def test_invalid_encode_settings_are_refused(run, journey, tmp_path, words, named):
     assert_complains(run("encode", journey / "tiny.scene", "-o", tmp_path / "x", *words), named)
 
 
-def test_unknown_concealer_is_told_before_any_work(run, journey, tmp_path):
+def test_unknown_concealer_is_reported_before_any_work(run, journey, tmp_path):
     assert_complains(run("decode", tmp_path / "none", "-o", tmp_path / "x", "--conceal", "magic"), "magic", "cari")
     words = ("--reference", journey / "tiny.swz", "--cameras", journey / "cameras.json")
     assert_complains(run("evaluate", tmp_path / "none", *words, "--conceal", "magic"), "magic")
@@ -110,25 +123,12 @@ def test_unknown_concealer_is_told_before_any_work(run, journey, tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("words", "instead"),
-    [
-        (("--engine", "local"), "splatwire study"),
-        (("--data_root=x",), "SPLATWIRE_DATA"),
-        (("--scene-name", "x"), "splatwire study --scene FILE"),
-        (("--send-order", "block"), "splatwire transmit"),
-    ],
-)
-def test_former_words_are_answered_with_the_new_ones(run, journey, words, instead):
-    assert_complains(run("evaluate", journey / "tiny.swz", *words), words[0][:6].rstrip("_"), instead)
-
-
-def test_a_protocol_is_not_evaluated(run, tmp_path):
+def test_evaluate_refuses_a_protocol_and_names_study(run, tmp_path):
     assert_complains(run("evaluate", "table3.toml", "-o", tmp_path), "splatwire study table3.toml")
 
 
 @pytest.mark.parametrize("words", [("--seeds", 1), ("--contiguous",)])
-def test_options_of_losses_need_losses(run, journey, words):
+def test_loss_options_require_the_option_loss(run, journey, words):
     reference = ("--reference", journey / "tiny.swz", "--cameras", journey / "cameras.json")
     assert_complains(run("evaluate", journey / "tiny.swz", *reference, *words), words[0], "--loss")
 
@@ -152,12 +152,12 @@ def test_json_and_data_cannot_share_standard_output(run, journey):
 
 
 @pytest.mark.parametrize("verb", ["encode", "decode", "transmit"])
-def test_devices_are_not_replaced_by_files(run, journey, verb):
+def test_output_does_not_replace_a_device(run, journey, verb):
     source = journey / ("tiny.scene" if verb == "encode" else "tiny.swz")
     assert_complains(run(verb, source, "-o", "/dev/null"), "/dev/null", "no ordinary file")
 
 
-def test_what_is_no_folder_is_told(run, journey, tmp_path):
+def test_file_in_place_of_a_folder_is_reported(run, journey, tmp_path):
     (tmp_path / "notes").write_text("hello")
     assert_complains(run("decode", journey / "tiny.swz", "-o", tmp_path / "notes" / "a"), tmp_path / "notes", "folder")
 
@@ -178,7 +178,7 @@ def test_what_is_no_folder_is_told(run, journey, tmp_path):
     ],
     ids=lambda words: words[0],
 )
-def test_no_verb_makes_the_folders_above_its_output(run, journey, tmp_path, monkeypatch, words):
+def test_no_verb_creates_parent_folders_of_its_output(run, journey, tmp_path, monkeypatch, words):
     monkeypatch.chdir(journey)
     missing = tmp_path / "no" / "such"
     done = run(*(word.replace("OUT", str(missing)) for word in words))
@@ -186,7 +186,7 @@ def test_no_verb_makes_the_folders_above_its_output(run, journey, tmp_path, monk
     assert not missing.parent.exists()
 
 
-def test_a_folder_for_outputs_is_made_in_one_that_exists(run, journey, tmp_path):
+def test_output_folder_is_created_inside_an_existing_folder(run, journey, tmp_path):
     words = (journey / "tiny.scene", "-o", tmp_path / "new", "--cameras", journey / "cameras.json", "--scale", "0.2")
     assert run("render", *words).status == 0
     assert (tmp_path / "new" / "cameras.json").exists()

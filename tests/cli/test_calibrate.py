@@ -1,9 +1,11 @@
 import pytest
 
-from splatwire.packets import read_stream
+from splatwire.bitstream import read_stream
+
+pytestmark = [pytest.mark.slow, pytest.mark.needs_torch]
 
 
-def test_calibrate_then_conceal_with_the_weights(run, journey, tmp_path):
+def test_calibrated_weights_are_used_for_concealment(run, journey, tmp_path):
     weights = tmp_path / "w.safetensors"
     words = ("--preset", "compact", "--iterations", 2, "--json")
     content = run("calibrate", "gnn", journey / "tiny.swz", "-o", weights, *words).json
@@ -13,10 +15,13 @@ def test_calibrate_then_conceal_with_the_weights(run, journey, tmp_path):
     assert not (tmp_path / "w.safetensors.checkpoint").exists()
     outcome = run("decode", journey / "lossy.swz", "-o", tmp_path / "a.scene", "--conceal", f"gnn:{weights}", "--json")
     assert outcome.json["num_lost"] > 0
+    other = run("calibrate", "gnn", journey / "tiny.swz", "-o", tmp_path / "o", *words, "--distill-weight", 1).json
+    assert (content["distill_weight"], other["distill_weight"]) == (0.25, 1)
+    assert (tmp_path / "o").read_bytes() != weights.read_bytes()
 
 
-def test_calibrate_into_a_stream(run, journey, tmp_path, monkeypatch):
-    """An interpolation made useless on purpose is improved by anything."""
+def test_calibrate_adds_weights_to_a_stream(run, journey, tmp_path, monkeypatch):
+    """Makes the interpolation useless, so that any network improves on it."""
     from splatwire.paper import PriorMean
 
     monkeypatch.setattr("splatwire.paper.gnn.graph.Kriging", PriorMean)
@@ -37,7 +42,7 @@ def test_calibrate_into_a_stream(run, journey, tmp_path, monkeypatch):
     assert (tmp_path / "a").read_bytes() != (tmp_path / "b").read_bytes()
 
 
-def test_what_does_not_pay_is_not_put_into_a_stream(run, journey, tmp_path, monkeypatch):
+def test_weights_without_improvement_are_not_added_to_the_stream(run, journey, tmp_path, monkeypatch):
     monkeypatch.setattr("splatwire.paper.gnn.weights.GnnWeights.improves", property(lambda _: False))
     words = ("--preset", "compact", "--iterations", 2)
     outcome = run("calibrate", "gnn", journey / "tiny.swz", "-o", tmp_path / "c.swz", *words)
@@ -46,11 +51,12 @@ def test_what_does_not_pay_is_not_put_into_a_stream(run, journey, tmp_path, monk
     assert list(tmp_path.iterdir()) == []
 
 
-def test_mistakes(run, journey, tmp_path):
+def test_invalid_options_are_refused(run, journey, tmp_path):
     for words, told in (
         ((journey / "lossy.swz", "-o", tmp_path / "w"), "complete"),
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--preset", "magic"), "magic"),
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--render-weight", 1), "cameras"),
+        ((journey / "tiny.swz", "-o", tmp_path / "w", "--distill-weight", -1), "--distill-weight is 0 or more"),
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--precision", "int1"), "int1"),
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--device", "tape"), "tape"),
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--resume"), "no such file"),
@@ -66,7 +72,7 @@ def test_mistakes(run, journey, tmp_path):
         assert weights.name in outcome.err
 
 
-def test_a_sketch_travels_in_the_stream(run, journey, tmp_path):
+def test_sketch_is_stored_in_the_stream(run, journey, tmp_path):
     target = tmp_path / "sketched.swz"
     words = ("--share", 0.1, "--json")
     content = run("calibrate", "sketch", journey / "tiny.swz", "-o", target, *words).json
@@ -91,13 +97,15 @@ def test_a_sketch_travels_in_the_stream(run, journey, tmp_path):
         assert told in outcome.err
 
 
-def test_a_preview_travels_in_the_stream(run, journey, tmp_path, monkeypatch):
-    from splatwire.calibrate import preview as fit
+def test_preview_is_stored_in_the_stream(run, journey, tmp_path, monkeypatch):
+    from splatwire.bitstream.sections import split_sections
+    from splatwire.calibration import preview as fit
     from splatwire.codec.preview import preview_gaussians
-    from splatwire.packets.sections import split_sections
 
     settings = fit.PreviewConfig
-    monkeypatch.setattr(fit, "PreviewConfig", lambda seed: settings(steps=60, rounds=2, width=48, seed=seed))
+    monkeypatch.setattr(
+        "splatwire.cli._run_calibrate.PreviewConfig", lambda seed: settings(steps=60, rounds=2, width=48, seed=seed)
+    )
     target, words = tmp_path / "previewed.swz", ("--cameras", journey / "cameras.json")
     content = run("calibrate", "preview", journey / "tiny.swz", "-o", target, *words, "--json").json
     inspected = run("inspect", target, "--json").json
@@ -127,7 +135,7 @@ def test_a_preview_travels_in_the_stream(run, journey, tmp_path, monkeypatch):
         ("gnn", ("--data", "--share")),
     ],
 )
-def test_a_calibration_has_no_option_of_another(run, journey, tmp_path, method, options):
+def test_calibrations_refuse_options_of_other_calibrations(run, journey, tmp_path, method, options):
     for option in options:
         value = () if option == "--resume" else (4,)
         outcome = run("calibrate", method, journey / "tiny.swz", "-o", tmp_path / "a.swz", option, *value)
@@ -137,7 +145,7 @@ def test_a_calibration_has_no_option_of_another(run, journey, tmp_path, method, 
 
 
 @pytest.mark.parametrize(("present", "told"), [(False, "torch finds no CUDA device"), (True, "--device cpu")])
-def test_a_gpu_has_to_be_there_and_draws_no_rendering_loss(run, journey, tmp_path, monkeypatch, present, told):
+def test_cuda_requires_a_gpu_and_excludes_the_rendering_loss(run, journey, tmp_path, monkeypatch, present, told):
     monkeypatch.setattr("torch.cuda.is_available", lambda: present)
     words = ("--device", "cuda", "--render-weight", 1, "--cameras", "cameras.json")
     outcome = run("calibrate", "gnn", journey / "tiny.swz", "-o", tmp_path / "w", *words)
@@ -154,7 +162,7 @@ def test_a_gpu_has_to_be_there_and_draws_no_rendering_loss(run, journey, tmp_pat
         ("w", ("--background", 1, 1, 1), "--background"),
     ],
 )
-def test_an_option_that_would_do_nothing_is_refused(run, journey, tmp_path, name, words, told):
+def test_option_without_effect_is_refused(run, journey, tmp_path, name, words, told):
     outcome = run("calibrate", "gnn", journey / "tiny.swz", "-o", tmp_path / name, *words)
     assert outcome.status == 2
     assert told in outcome.err

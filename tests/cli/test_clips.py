@@ -1,4 +1,4 @@
-"""Clips on the command line: a folder of frames in, packets, losses, a folder of frames out."""
+"""Clips on the command line: from a folder of frames to packets, losses and a folder of frames."""
 
 import json
 import shutil
@@ -9,18 +9,22 @@ import time
 
 import pytest
 
-from moving_clips import GAUSSIANS, moving_frames, shuffled, splatv
+from moving_clips import GAUSSIANS, darkened, moving_frames, shuffled, splatv
+from splatwire.bitstream import read_stream
+from splatwire.cli import _run_serve
 from splatwire.cli.serve import Serve
-from splatwire.formats import write_splats
-from splatwire.packets import read_stream
-from splatwire.scene_io import open_scene
+from splatwire.io import open_scene
+from splatwire.io.formats import write_splats
+from splatwire.sequence import open_sequence
+
+pytestmark = pytest.mark.slow
 
 FRAMES = 6
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Frames whose names sort by number, beside a file that is none."""
+    """Frames with names that sort by number, and a file that is no frame."""
     target = tmp_path_factory.mktemp("frames")
     for number, splats in enumerate(moving_frames(300, FRAMES)):
         write_splats([splats], target / f"frame_{number + 5}.ply")
@@ -41,7 +45,7 @@ def clip(folder, tmp_path_factory):
 @pytest.mark.parametrize("source", ["folder", "splatv"])
 @pytest.mark.parametrize("words", [("--preset", "datagram"), ("--levels", "auto")], ids=["preset", "levels"])
 def test_options_of_still_scenes_are_refused_before_anything_is_loaded(folder, tmp_path, source, words):
-    """In a process of its own, which must not have loaded the codec by then."""
+    """A separate process shows that the codec is not loaded before the check."""
     if source == "splatv":
         (tmp_path / "a.splatv").write_bytes(splatv())
         folder = tmp_path / "a.splatv"
@@ -55,7 +59,7 @@ def test_options_of_still_scenes_are_refused_before_anything_is_loaded(folder, t
     assert f"{words[0]} is for a still scene" in done.stderr
 
 
-def test_encode_says_what_it_did(run, folder, tmp_path):
+def test_encode_reports_frames_and_bytes(run, folder, tmp_path):
     content = run("encode", folder, "-o", tmp_path / "a.swz", "--fps", 25, "--group", 4, "--json").json
     assert content["num_bytes"] == (tmp_path / "a.swz").stat().st_size
     assert (content["frames"], content["frame_rate"], content["group_frames"]) == (FRAMES, 25, 4)
@@ -64,7 +68,15 @@ def test_encode_says_what_it_did(run, folder, tmp_path):
     assert "6 frames of" in run("encode", folder, "-o", tmp_path / "b.swz").out
 
 
-def test_shuffled_frames_are_told(run, tmp_path):
+def test_a_folder_of_one_file_is_named_when_it_becomes_a_clip(run, folder, tmp_path):
+    (tmp_path / "one").mkdir()
+    shutil.copy(folder / "frame_5.ply", tmp_path / "one")
+    done = run("encode", tmp_path / "one", "-o", tmp_path / "clip.swz")
+    assert done.status == 0
+    assert "has one frame, of which a clip is made: name the file in it for a still" in done.err
+
+
+def test_encode_reports_shuffled_frames(run, tmp_path):
     for number, splats in enumerate(shuffled(moving_frames(300, 4))):
         write_splats([splats], tmp_path / f"{number}.ply")
     content = run("encode", tmp_path, "-o", tmp_path / "a.swz", "--json").json
@@ -72,7 +84,7 @@ def test_shuffled_frames_are_told(run, tmp_path):
     assert content["share_matched"] > 0.97
 
 
-def test_inspect_tells_what_moves(run, clip):
+def test_inspect_reports_motion(run, clip):
     content = run("inspect", clip, "--json").json
     assert content["format_version"] == 3
     facts = content["clip"]
@@ -83,18 +95,18 @@ def test_inspect_tells_what_moves(run, clip):
 
 
 @pytest.mark.parametrize(("words", "suffix"), [((), ".ply"), (("--format", "spz"), ".spz")])
-def test_decode_writes_a_file_a_frame(run, clip, tmp_path, words, suffix):
+def test_decode_writes_one_file_per_frame(run, clip, tmp_path, words, suffix):
     content = run("decode", clip, "-o", tmp_path / "out", "--json", *words).json
     files = sorted((tmp_path / "out").iterdir())
     assert [file.name for file in files] == [f"frame_{number}{suffix}" for number in range(FRAMES)]
     assert (content["num_frames"], content["num_concealed"]) == (FRAMES, 0)
-    assert open_scene(files[0]).num_elements == 294  # of 300, six are born later
+    assert open_scene(files[0]).num_elements == 294  # six of 300 appear later
 
 
 @pytest.mark.parametrize(("most", "words"), [(20_000, ("--max-frames", FRAMES - 1)), (FRAMES - 1, ())])
-def test_very_many_frames_are_written_only_if_they_are_allowed(run, clip, tmp_path, monkeypatch, most, words):
-    """A few bytes may announce 131,072 frames: the number is in the error, and nothing is written."""
-    monkeypatch.setattr("splatwire.cli._clips.MOST_FILES", most)
+def test_decode_writes_very_many_frames_only_on_request(run, clip, tmp_path, monkeypatch, most, words):
+    """A few bytes may announce 131,072 frames: the error states the number, and no file is written."""
+    monkeypatch.setattr("splatwire.sequence.written_frames.MOST_FILES", most)
     outcome = run("decode", clip, "-o", tmp_path / "out", *words)
     assert outcome.status == 2
     assert f"has {FRAMES} frames, and no more than {FRAMES - 1} files are written: --max-frames" in outcome.err
@@ -104,13 +116,31 @@ def test_very_many_frames_are_written_only_if_they_are_allowed(run, clip, tmp_pa
     assert len(list((tmp_path / "all").iterdir())) == FRAMES
 
 
-def test_one_frame_goes_to_one_file(run, clip, tmp_path):
+def test_one_frame_is_written_to_one_file(run, clip, tmp_path):
     assert run("decode", clip, "-o", tmp_path / "one.ply", "--frame", 4).status == 0
     assert run("decode", clip, "-o", tmp_path / "some", "--frame", 4).status == 0
     (found,) = (tmp_path / "some").iterdir()
     assert (found.name[-5:], found.read_bytes()) == ("4.ply", (tmp_path / "one.ply").read_bytes())
     run("decode", clip, "-o", tmp_path / "all")
     assert (tmp_path / "one.ply").read_bytes() == (tmp_path / "all" / "frame_4.ply").read_bytes()
+
+
+def test_empty_frames_have_files_and_keep_their_numbers(run, tmp_path):
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for number, frame in enumerate(darkened(moving_frames(60, 3), [1])):
+        write_splats([frame], frames / f"{number}.ply")
+    assert run("encode", frames, "-o", tmp_path / "a.swz").status == 0
+    for words, name in ((("--format", "spz"), "frame_1.spz"), ((), "frame_1.ply")):
+        target = tmp_path / name
+        done = run("decode", tmp_path / "a.swz", "-o", target, *words)
+        assert done.status == 0, done.err
+        assert (
+            f"splatwire: warning: {target / name}: the frame is empty: its file has a transparent Gaussian" in done.err
+        )
+        assert len(list(target.iterdir())) == 3
+        assert [frame.drawn.sum() > 0 for frame in open_sequence(target).read()] == [True, False, True]
+    assert run("decode", tmp_path / "a.swz", "-o", tmp_path / "b.ply", "--frame", 1).status == 0
 
 
 def test_losses_are_concealed_and_scored(run, clip, folder, tmp_path):
@@ -129,7 +159,7 @@ def test_losses_are_concealed_and_scored(run, clip, folder, tmp_path):
     assert "complete" in run("evaluate", clip, "--reference", folder, "--views", 1).out
 
 
-def test_a_clip_is_drawn_as_a_moving_picture(run, clip, tmp_path):
+def test_render_writes_a_clip_as_an_animation(run, clip, tmp_path):
     from PIL import Image
 
     assert run("render", clip, "-o", tmp_path / "clip.webp", "--scale", 0.1).status == 0
@@ -142,17 +172,26 @@ def test_a_clip_is_drawn_as_a_moving_picture(run, clip, tmp_path):
     assert "name.webp" in run("render", clip, "-o", tmp_path / "folder").err
 
 
+def test_pictures_of_a_very_long_clip_are_refused_before_drawing(run, clip, tmp_path, monkeypatch):
+    """A stream of 30 kB can announce 131,072 frames, whose pictures would take 103 GB."""
+    monkeypatch.setattr("splatwire.evaluation.sequence.moving_picture.MOST_PICTURE_BYTES", 10_000)
+    outcome = run("render", clip, "-o", tmp_path / "clip.webp", "--scale", 0.1)
+    assert outcome.status == 2
+    assert "choose a smaller --scale" in outcome.err
+    assert not (tmp_path / "clip.webp").exists()
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("plan", "--way-back"), "--way-back is for a still scene"),
+        (("plan", "--feedback"), "--feedback is for a still scene"),
         (("decode", "-o", "x.ply", "--frame", 6), "the frames 0 to 5, not 6"),
         (("decode", "-o", "out", "--conceal", "cari"), "cari"),
         (("decode", "-o", "out", "--format", "obj"), "obj"),
         (("evaluate",), "--reference FOLDER"),
     ],
 )
-def test_what_a_clip_is_not_for_is_told(run, clip, tmp_path, monkeypatch, words, told):
+def test_verbs_that_do_not_support_clips_are_refused(run, clip, tmp_path, monkeypatch, words, told):
     monkeypatch.chdir(tmp_path)
     verb, *rest = words
     outcome = run(verb, clip, *rest)
@@ -170,7 +209,7 @@ def test_what_a_clip_is_not_for_is_told(run, clip, tmp_path, monkeypatch, words,
         (("--quality", "best"), "best"),
     ],
 )
-def test_options_that_mean_nothing_are_told(run, folder, tmp_path, words, told):
+def test_encode_refuses_meaningless_options(run, folder, tmp_path, words, told):
     outcome = run("encode", folder, "-o", tmp_path / "a.swz", *words)
     assert outcome.status == 2
     assert told in outcome.err
@@ -197,27 +236,27 @@ def _encoded(run, folder, target):
     return target / "a.swz"
 
 
-def test_a_still_scene_takes_no_frames(run, folder, tmp_path):
+def test_still_scene_refuses_frame_options(run, folder, tmp_path):
     outcome = run("encode", folder / "frame_5.ply", "-o", tmp_path / "a.swz", "--fps", 30)
     assert outcome.status == 2
-    assert "a file a frame" in outcome.err
+    assert "one file per frame" in outcome.err
     assert json.dumps("frame_5") not in outcome.out
 
 
 def live(*arguments):
-    """A process that encodes live; give it names of frames, or a folder."""
+    """Process that encodes live frames, from file names or a folder."""
     command = [sys.executable, "-m", "splatwire", "live", *map(str, arguments), "--port", "0", "--json"]
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def received(port, target):
-    """A process that receives from there."""
+    """Process that receives the live stream."""
     command = [sys.executable, "-m", "splatwire", "receive", f"udp://127.0.0.1:{port}", "-o", str(target), "--json"]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 @pytest.mark.parametrize("how", ["pipe", "folder"])
-def test_live_frames_arrive_as_files(folder, tmp_path, how):
+def test_live_frames_are_received_as_files(folder, tmp_path, how):
     names = sorted(folder.glob("*.ply"), key=lambda path: int(path.stem[6:]))
     source, target = tmp_path / "in", tmp_path / "out"
     source.mkdir()
@@ -240,23 +279,23 @@ def test_live_frames_arrive_as_files(folder, tmp_path, how):
             until(lambda: (target / f"frame_{FRAMES - 1:06}.ply").exists())
             server.stdin.close() if how == "pipe" else server.send_signal(signal.SIGINT)
             content = json.loads(client.stdout.read())
-        assert client.returncode == 0
-        assert content["finished"] in ("complete", "sent")  # motion whose time has passed is not sent
+        assert content["finished"] in ("complete", "sent")
+        assert client.returncode == (3 if content["packets_missed"] else 0)  # on a busy machine motion is dropped
         assert f"{FRAMES} frames" in server.stderr.read()
     assert server.returncode == 0
     assert open_scene(target / f"frame_{FRAMES - 1:06}.ply").num_elements > 200
 
 
 def until(fact):
-    """Waits until something holds."""
+    """Waits until a condition is true."""
     end = time.monotonic() + 100
     while not fact():
         assert time.monotonic() < end
         time.sleep(0.02)
 
 
-def test_live_wants_a_folder_or_a_pipe(run, tmp_path):
-    assert "no folder that frames appear in" in run("live", tmp_path / "none").err
+def test_live_requires_a_folder_or_a_pipe(run, tmp_path):
+    assert "is not a folder" in run("live", tmp_path / "none").err
 
 
 def test_a_clip_is_planned_and_served_with_parity_for_each_group(run, clip, tmp_path):
@@ -265,16 +304,16 @@ def test_a_clip_is_planned_and_served_with_parity_for_each_group(run, clip, tmp_
     content = run("plan", clip, *words, "--json").json
     assert content["psnr"] >= content["unprotected"]
     serve = Serve((str(clip),), plan=target)
-    protection, planned = serve.protection()
+    protection, planned = _run_serve.protection(serve)
     assert [list(pair) for pair in protection.motion] == content["protection"]["motion"]
-    (program,) = serve._programs(protection, planned).values()
+    (program,) = _run_serve._programs(serve, protection, planned).values()
     assert program.sizes()["packet_protection"] == content["parity_bytes"]
     told = run("plan", clip, *words).out
     assert "group 1: parity" in told
     assert f"splatwire serve {clip} --plan {target}" in told
 
 
-def test_a_splatv_becomes_a_clip(run, tmp_path):
+def test_encode_turns_a_splatv_file_into_a_clip(run, tmp_path):
     source, target = tmp_path / "a.splatv", tmp_path / "a.swz"
     source.write_bytes(splatv([((n / 9, 0, 0), *GAUSSIANS[n % 2][1:]) for n in range(40)]))
     content = run("encode", source, "-o", target, "--frames", 6, "--fps", 10, "--json").json
@@ -282,4 +321,4 @@ def test_a_splatv_becomes_a_clip(run, tmp_path):
     scored = run("evaluate", target, "--reference", source, "--json").json
     assert scored["rows"][0]["psnr"] > 30
     assert "encode` makes a clip of it" in run("render", source, "-o", tmp_path / "a.png").err
-    assert "--fps, --group and --frames are for what moves" in run("encode", target, "-o", "b.swz", "--frames", 3).err
+    assert "--fps, --group and --frames are for clips" in run("encode", target, "-o", "b.swz", "--frames", 3).err

@@ -1,21 +1,27 @@
 import json
 import re
+from importlib.util import find_spec
+
+import pytest
 
 from splatwire.cli import _fresh
 from splatwire.codec import decode_stream
-from splatwire.conceal import concealer_names
+from splatwire.concealment import concealer_names
+
+pytestmark = pytest.mark.slow
 
 ROWS = ["no loss", "contiguous drop", "drop", "prior", "idw", "cari", "grow"]
 
 
-def test_the_bundled_scene_shows_what_concealment_is_worth(run, tmp_path, monkeypatch, pytestconfig):
+def test_demo_shows_the_gain_of_concealment_on_the_bundled_scene(run, tmp_path, monkeypatch, pytestconfig):
     calls = []
     monkeypatch.setattr(_fresh, "decode_in_fresh_process", lambda s: calls.append(s) or decode_stream(s))
+    tmp_path = tmp_path / "made by the demo"
     outcome = run("demo", "-o", tmp_path)
-    assert outcome.status == 0
+    assert outcome.status == 0, outcome.err
     assert "= reference" in outcome.out
     assert str(tmp_path / "report.html") in outcome.out.replace("\n", "")
-    assert len(calls) == 1  # the stream that all concealers share was decoded elsewhere
+    assert len(calls) == 1  # the shared stream is decoded before the concealers run
     content, other = (json.loads((tmp_path / name / "results.json").read_text()) for name in ("", "explicit"))
     explicit = {row["method"]: row for row in other["rows"]}
     assert list(explicit) == ["no loss", "drop", "grow", "scene_free"]
@@ -24,8 +30,9 @@ def test_the_bundled_scene_shows_what_concealment_is_worth(run, tmp_path, monkey
     assert max(explicit[name]["psnr"] for name in ("grow", "scene_free")) > explicit["drop"]["psnr"]
     assert "snowmiku_gaussians" in (tmp_path / "explicit" / "report.html").read_text()
     rows = {row["method"]: row for row in content["rows"]}
-    assert list(rows)[:7] == ROWS
-    assert set(concealer_names()) - {"coarse"} <= set(rows)  # it needs levels
+    with_torch = find_spec("torch") is not None
+    assert list(rows)[:7] == ROWS if with_torch else not {"prior", "cari", "kriging"} & set(rows)
+    assert set(concealer_names()) - {"coarse"} <= set(rows)  # this concealer requires levels
     assert rows["no loss"]["exact"]
     assert rows["no loss"]["psnr"] is None
     assert rows["no loss"]["ssim"] == 1
@@ -36,13 +43,14 @@ def test_the_bundled_scene_shows_what_concealment_is_worth(run, tmp_path, monkey
     assert max(lossy) >= rows["drop"]["psnr"] + 0.5
     assert rows["drop"]["psnr"] >= rows["contiguous drop"]["psnr"] + 1
     assert rows["drop"]["num_bytes"] <= 6_000_000
-    assert {"kriging", "scene_free", "sketch"} <= set(rows)
+    assert {"kriging", "scene_free", "sketch"} - (set() if with_torch else {"kriging"}) <= set(rows)
     assert "gnn" not in rows
     page = (tmp_path / "report.html").read_text()
     assert 'class="lead"' in page
     assert "data-slider" in page
     assert "Quality over loss" in page
-    assert page.index("<td>sketch</td>") < page.index("do worse than leaving") < page.index("<td>kriging</td>")
+    if with_torch:
+        assert page.index("<td>sketch</td>") < page.index("do worse than leaving") < page.index("<td>kriging</td>")
     assert 'href="explicit/report.html"' in page
     readme = (pytestconfig.rootpath / "README.md").read_text()
     for name in ("contiguous drop", "drop", "scene_free", "sketch"):

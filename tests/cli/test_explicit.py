@@ -1,4 +1,4 @@
-"""Explicit Gaussians through the journey: file to packets, losses, and back to a file."""
+"""Explicit Gaussians on the command line: from a file to packets, losses, and back to a file."""
 
 import zipfile
 from dataclasses import replace
@@ -6,31 +6,32 @@ from functools import partial
 
 import numpy as np
 import pytest
-import torch
 from scipy.spatial.distance import cdist
 
 from close import unit
-from formats.handmade import some_splats
-from splatwire.calibrate import preview
+from random_numbers import Numbers
+from splat_io.formats.handmade import some_splats
+from splatwire.bitstream import read_stream, write_stream
+from splatwire.calibration import preview
+from splatwire.cli import _run_calibrate
 from splatwire.codec import add_concealment
-from splatwire.formats import read_splats, write_splats
-from splatwire.packets import read_stream, write_stream
-from splatwire.scene.splats import Splats
-from splatwire.transport.preview import stream_preview
+from splatwire.io.formats import read_splats, write_splats
+from splatwire.transport.protocol.preview import stream_preview
+from splatwire.types.splats import Splats
 
 COUNT = 900
 
 
 @pytest.fixture(scope="module")
 def ply(tmp_path_factory):
-    rng = torch.Generator().manual_seed(4)
-    quats = unit(torch.randn(COUNT, 4, generator=rng).numpy())
+    rng = Numbers(4)
+    quats = unit(rng.randn(COUNT, 4))
     means, scales = (
-        torch.rand(COUNT, 3, generator=rng).numpy(),
-        torch.rand(COUNT, 3, generator=rng).numpy() * 0.02 + 0.005,
+        rng.rand(COUNT, 3),
+        rng.rand(COUNT, 3) * 0.02 + 0.005,
     )
-    splats = Splats(means, quats, scales, torch.rand(COUNT, generator=rng).numpy() * 0.8 + 0.1,
-                    torch.randn(COUNT, 1, 3, generator=rng).numpy() * 0.5)  # fmt: skip
+    splats = Splats(means, quats, scales, rng.rand(COUNT) * 0.8 + 0.1,
+                    rng.randn(COUNT, 1, 3) * 0.5)  # fmt: skip
     path = tmp_path_factory.mktemp("explicit") / "cloud.ply"
     write_splats([splats], path)
     return path
@@ -47,13 +48,13 @@ def stream(ply):
     return path
 
 
-def test_gaussians_take_the_papers_packets_unless_told_otherwise(run, ply, tmp_path):
+def test_gaussians_default_to_the_paper_preset(run, ply, tmp_path):
     run("encode", ply, "-o", tmp_path / "a.swz")
     packetization = run("inspect", tmp_path / "a.swz", "--json").json["packetization"]
     assert (packetization["block_size"], packetization["lanes"]) == (3000, 8)
 
 
-def test_inspect_tells_what_a_file_of_gaussians_holds(run, ply):
+def test_inspect_reports_contents_of_a_gaussian_file(run, ply):
     facts, splats = run("inspect", ply, "--json").json, read_splats(ply)
     assert facts["kind"] == "explicit Gaussians (ply)"
     assert (facts["num_gaussians"], facts["degree"], facts["num_bytes"]) == (COUNT, 0, ply.stat().st_size)
@@ -69,7 +70,7 @@ def test_inspect_tells_what_a_file_of_gaussians_holds(run, ply):
     assert "problems" in shown
 
 
-def test_inspect_tells_what_is_wrong(run, ply, tmp_path):
+def test_inspect_reports_suspicious_gaussians(run, ply, tmp_path):
     splats = read_splats(ply)
     splats.means[7] = 1e6
     splats.scales[8] = 50.0
@@ -87,7 +88,7 @@ def test_inspect_tells_what_is_wrong(run, ply, tmp_path):
     assert problems[5:] == ["the harmonics of degree 1 are all 0: they cost bytes for nothing"]
 
 
-def test_what_arrives_whole_is_the_scene(run, ply, stream, tmp_path):
+def test_decoding_without_loss_restores_the_scene(run, ply, stream, tmp_path):
     assert run("decode", stream, "-o", tmp_path / "back.ply").status == 0
     source, back = read_splats(ply), read_splats(tmp_path / "back.ply")
     assert back.num_gaussians == COUNT
@@ -97,7 +98,7 @@ def test_what_arrives_whole_is_the_scene(run, ply, stream, tmp_path):
     assert float(np.abs(source.opacities - back.opacities[nearest]).mean()) < 0.05
 
 
-def test_lost_packets_leave_gaussians_out_and_grow_makes_the_others_more(run, stream, tmp_path):
+def test_lost_packets_remove_gaussians_and_grow_enlarges_the_others(run, stream, tmp_path):
     assert run("transmit", stream, "-o", tmp_path / "lossy.swz", "--loss", "bernoulli:0.4", "--seed", "1").status == 0
     sizes = {}
     for concealer in ("drop", "grow"):
@@ -124,7 +125,14 @@ def lossy(stream):
     return path
 
 
-def test_pictures_from_around_need_no_cameras(run, ply, lossy, tmp_path):
+def test_export_states_lost_gaussians(run, lossy, tmp_path):
+    said = run("export", "ply", lossy, "-o", tmp_path / "a.ply")
+    assert (
+        f"{COUNT - read_splats(tmp_path / 'a.ply').num_gaussians} lost Gaussians were concealed by 'drop'" in said.out
+    )
+
+
+def test_orbit_views_are_rendered_without_cameras(run, ply, lossy, tmp_path):
     done = run("render", ply, "-o", tmp_path / "whole", "--scale", "0.1", "--json")
     assert done.json["num_gaussians"] == COUNT
     assert done.json["num_views"] == len(list((tmp_path / "whole").glob("*.png"))) == 12
@@ -132,7 +140,7 @@ def test_pictures_from_around_need_no_cameras(run, ply, lossy, tmp_path):
     assert run("render", lossy, "-o", tmp_path / "lossy", *words).json["num_lost"] > 0
 
 
-def test_a_stream_is_compared_with_its_source_under_the_same_losses_for_all(run, ply, stream, tmp_path):
+def test_evaluate_applies_the_same_losses_to_every_concealer(run, ply, stream, tmp_path):
     words = ("--reference", ply, "--loss", "bernoulli:0.3", "--seeds", "0", "1", "--views", "3", "--lpips-views", "1")
     rows = {row["method"]: row for row in run("evaluate", stream, *words, "--json").json["rows"]}
     assert set(rows) == {"no loss", "drop", "grow", "scene_free"}
@@ -143,7 +151,7 @@ def test_a_stream_is_compared_with_its_source_under_the_same_losses_for_all(run,
     assert "900 Gaussians" in (tmp_path / "report" / "report.html").read_text()
 
 
-def test_what_no_view_would_miss_is_left_out(run, ply, tmp_path):
+def test_keep_prunes_the_least_important_gaussians(run, ply, tmp_path):
     done = run("encode", ply, "-o", tmp_path / "half.swz", "--keep", "0.5", "--tiers", "0.1", "--json")
     assert done.json["num_elements"] == COUNT // 2
     assert 20 < done.json["kept_psnr"] < 100
@@ -154,14 +162,15 @@ def test_what_no_view_would_miss_is_left_out(run, ply, tmp_path):
     assert "--keep" in run("encode", ply, "-o", tmp_path / "a.swz", "--keep", "0").err
 
 
-def test_redundancy_is_planned(run, stream, tmp_path):
+def test_plan_adds_redundancy_for_gaussians(run, stream, tmp_path):
     words = ("--views", "2", "--trials", "20", "--drawn", "1", "--conceal", "drop")
     done = run("plan", stream, "-o", tmp_path / "plan.json", *words)
     assert "Gaussians lost, tier by tier" in done.out
     assert (tmp_path / "plan.json").is_file()
 
 
-def test_what_is_for_anchors_says_so(run, ply, stream, tmp_path):
+@pytest.mark.needs_torch
+def test_anchor_features_are_refused_for_gaussians(run, ply, stream, tmp_path):
     assert (
         "this stream of Gaussians has not" in run("decode", stream, "-o", tmp_path / "a.ply", "--conceal", "cari").err
     )
@@ -169,11 +178,11 @@ def test_what_is_for_anchors_says_so(run, ply, stream, tmp_path):
     assert "this stream of Gaussians has none" in run("calibrate", "gnn", stream, "-o", tmp_path / "gnn.swz").err
 
 
-def test_cameras_say_where_the_scene_is_looked_at_first(run, journey, ply, stream, tmp_path):
+def test_cameras_set_the_initial_viewpoint(run, journey, ply, stream, tmp_path):
     from scenes import tiny_cameras
+    from splatwire.bitstream.sections import sections_of
     from splatwire.codec.viewpoint import SECTION, viewpoint_section
     from splatwire.data import load_cameras, save_cameras
-    from splatwire.packets.sections import sections_of
 
     save_cameras(tiny_cameras(), tmp_path / "cameras.json")
     words = ("-o", tmp_path / "seen.swz", "--cameras", tmp_path / "cameras.json")
@@ -184,7 +193,7 @@ def test_cameras_say_where_the_scene_is_looked_at_first(run, journey, ply, strea
     assert SECTION not in sections_of(read_stream(stream)[0])
 
 
-def test_side_information_is_told_part_by_part_and_served(run, stream):
+def test_parts_of_side_information_are_reported_and_served(run, stream):
     content = run("inspect", stream, "--json").json
     assert content["codec"] == "gaussians"
     assert sum(content["side_info_parts"].values()) == content["parts"]["side_info"]
@@ -194,7 +203,8 @@ def test_side_information_is_told_part_by_part_and_served(run, stream):
     assert stream_preview(previewed.side_info, previewed.manifest.codec) == b"something to see"
 
 
-def test_a_sketch_travels_in_the_stream(run, stream, tmp_path):
+@pytest.mark.slow
+def test_sketch_is_stored_in_the_stream(run, stream, tmp_path):
     target = tmp_path / "sketched.swz"
     content = run("calibrate", "sketch", stream, "-o", target, "--share", 0.05, "--json").json
     assert content["elements"] == "Gaussians"
@@ -210,8 +220,9 @@ def test_a_sketch_travels_in_the_stream(run, stream, tmp_path):
     assert run("inspect", target, "--json").json["side_info_parts"].keys() - plain["side_info_parts"] == {"sketch"}
 
 
-def test_datagrams_come_with_a_sketch(run, journey, ply, stream, tmp_path):
-    """A hundredth of the bytes, beside the same packets; where nothing fits into that it is said."""
+@pytest.mark.slow
+def test_datagram_streams_include_a_sketch(run, journey, ply, stream, tmp_path):
+    """The sketch takes a hundredth of the bytes in unchanged packets; a share that is too small is reported."""
     target = tmp_path / "sketched.swz"
     content = run("encode", ply, "-o", target, "--preset", "datagram", "--json").json
     assert content["parts"]["side_info"] - run("inspect", stream, "--json").json["parts"]["side_info"] > 0
@@ -224,6 +235,7 @@ def test_datagrams_come_with_a_sketch(run, journey, ply, stream, tmp_path):
     assert "without a sketch: no sketch fits" in tiny.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "more"),
     [
@@ -237,8 +249,8 @@ def test_datagrams_come_with_a_sketch(run, journey, ply, stream, tmp_path):
         (("calibrate", "preview"), ("-o", "{out}/b.swz", "--cameras", "{journey}/cameras.json")),
     ],
 )
-def test_a_folder_of_sog_goes_into_every_verb(run, journey, tmp_path, monkeypatch, words, more):
-    monkeypatch.setattr(preview, "PreviewConfig", partial(preview.PreviewConfig, steps=20, rounds=1))
+def test_every_verb_accepts_a_sog_folder(run, journey, tmp_path, monkeypatch, words, more):
+    monkeypatch.setattr(_run_calibrate, "PreviewConfig", partial(preview.PreviewConfig, steps=20, rounds=1))
     write_splats([some_splats(40, 1)], tmp_path / "a.sog")
     with zipfile.ZipFile(tmp_path / "a.sog") as bundle:
         bundle.extractall(tmp_path / "sog")
@@ -252,7 +264,7 @@ def test_a_folder_of_sog_goes_into_every_verb(run, journey, tmp_path, monkeypatc
 
 @pytest.mark.parametrize("end", ["ply", "compressed.ply", "spz", "sog", "splat"])
 @pytest.mark.parametrize("more", [(), ("--conceal", "grow")])
-def test_a_stream_of_which_nothing_arrived_is_one_line(run, stream, tmp_path, end, more):
+def test_stream_without_packets_is_one_error_line(run, stream, tmp_path, end, more):
     write_stream(read_stream(stream)[0].with_packets(()), tmp_path / "none.swz")
     outcome = run("decode", tmp_path / "none.swz", "-o", tmp_path / f"x.{end}", *more)
     assert outcome.status == 2

@@ -1,16 +1,16 @@
 import numpy as np
 import pytest
-import torch
 
 from close import unit
+from random_numbers import Numbers
 from scenes import tiny_cameras
 from splatwire.data import save_cameras
-from splatwire.formats import read_splats, write_splats
-from splatwire.scene.splats import Splats
+from splatwire.io.formats import read_splats, write_splats
+from splatwire.types.splats import Splats
 
 
 @pytest.mark.parametrize("source", ["tiny.scene", "tiny.swz"])
-def test_scenes_and_streams_become_a_ply_whose_loss_is_told(run, journey, tmp_path, source):
+def test_export_ply_reports_the_loss_of_the_fit(run, journey, tmp_path, source):
     save_cameras(tiny_cameras(8, 64, 48), tmp_path / "cameras.json")
     done = run("export", "ply", journey / source, "-o", tmp_path / "a.ply", "--cameras", tmp_path / "cameras.json",
                "--json")  # fmt: skip
@@ -24,7 +24,7 @@ def test_scenes_and_streams_become_a_ply_whose_loss_is_told(run, journey, tmp_pa
     assert result["measured"]["psnr_to_scene"] > 20
 
 
-def test_an_export_is_drawn_and_compared_with(run, journey, tmp_path):
+def test_exported_file_is_rendered_and_evaluated(run, journey, tmp_path):
     exported = tmp_path / "a.splat"
     done = run("export", "splat", journey / "lossy.swz", "-o", exported, "--views", 16, "--json")
     assert done.status == 0, done.err
@@ -54,7 +54,7 @@ def test_an_export_is_drawn_and_compared_with(run, journey, tmp_path):
         (["--views", "16", "--cameras", "y"], "either --data"),
     ],
 )
-def test_mistakes_are_told_in_one_line(run, journey, tmp_path, words, message):
+def test_invalid_options_are_one_error_line(run, journey, tmp_path, words, message):
     done = run("export", "ply", journey / "tiny.scene", "-o", tmp_path / "a.ply", *words)
     assert done.status == 2
     assert message in done.err
@@ -69,24 +69,24 @@ def test_standard_output_is_refused(run, journey):
 
 @pytest.fixture
 def curved(tmp_path):
-    """Gaussians whose colours depend on the direction, degree 3."""
-    rng = torch.Generator().manual_seed(2)
-    quats = unit(torch.randn(80, 4, generator=rng).numpy())
-    means, scales = torch.rand(80, 3, generator=rng).numpy(), torch.rand(80, 3, generator=rng).numpy() * 0.05 + 0.01
-    harmonics = torch.randn(80, 16, 3, generator=rng).numpy() * 0.2
+    """Gaussians of degree 3 with direction-dependent colours."""
+    rng = Numbers(2)
+    quats = unit(rng.randn(80, 4))
+    means, scales = rng.rand(80, 3), rng.rand(80, 3) * 0.05 + 0.01
+    harmonics = rng.randn(80, 16, 3) * 0.2
     path = tmp_path / "curved.ply"
     write_splats([Splats(means, quats, scales, np.full((80,), 0.7, np.float32), harmonics)], path)
     return path
 
 
-def test_gaussians_are_written_with_the_degree_that_was_asked_for(run, curved, tmp_path):
+def test_export_writes_the_requested_harmonics_degree(run, curved, tmp_path):
     for degree in (0, 1, 3):
         done = run("export", "ply", curved, "-o", tmp_path / "a.ply", "--degree", degree, "--json")
         assert done.json["degree"] == read_splats(tmp_path / "a.ply").degree == degree
         assert done.err == ""
 
 
-def test_gaussians_are_measured_where_somebody_asks(run, curved, journey, tmp_path):
+def test_export_measures_quality_only_on_request(run, curved, journey, tmp_path):
     words = ("export", "spz", curved, "-o", tmp_path / "a.spz")
     assert run(*words, "--json").json["measured"] is None
     seen = run(*words, "--cameras", journey / "cameras.json", "--json").json["measured"]
@@ -99,7 +99,7 @@ def test_gaussians_are_measured_where_somebody_asks(run, curved, journey, tmp_pa
         assert "nowhere.json" in done.err
 
 
-def test_harmonics_that_a_file_cannot_hold_are_told(run, curved, tmp_path):
+def test_dropped_harmonics_are_reported(run, curved, tmp_path):
     told = "one colour for all directions; the scene's harmonics, of degree 3"
     assert told in run("export", "splat", curved, "-o", tmp_path / "a.splat").err
     assert read_splats(tmp_path / "a.splat").degree == 0
@@ -112,12 +112,12 @@ def test_harmonics_that_a_file_cannot_hold_are_told(run, curved, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["x.ksplat", "x.txt", "-"])
-def test_a_name_of_no_format_is_refused_before_decoding(run, curved, journey, tmp_path, monkeypatch, name):
+def test_unknown_suffix_is_refused_before_decoding(run, curved, journey, tmp_path, monkeypatch, name):
     def never(*words, **options):
         raise AssertionError("decoded")
 
     assert run("encode", curved, "-o", tmp_path / "a.swz").status == 0
-    monkeypatch.setattr("splatwire.codec.decode_stream", never)
+    monkeypatch.setattr("splatwire.cli._run_decode.decode_stream", never)
     done = run("decode", tmp_path / "a.swz", "-o", tmp_path / name if name != "-" else name)
     assert (done.status, done.out) == (2, "")
     assert "format of explicit Gaussians" in done.err
@@ -126,7 +126,7 @@ def test_a_name_of_no_format_is_refused_before_decoding(run, curved, journey, tm
     assert "the name says a glTF file" in done.err
 
 
-def test_fewer_bits_of_spz_are_smaller_and_for_spz_alone(run, curved, tmp_path):
+def test_spz_bits_reduce_size_and_are_refused_for_other_formats(run, curved, tmp_path):
     sizes = {}
     for name, words in {"full": (), "fewer": ("--harmonic-bits", 5, 4)}.items():
         found = run("export", "spz", curved, "-o", tmp_path / f"{name}.spz", "--json", *words)
@@ -145,7 +145,7 @@ def test_fewer_bits_of_spz_are_smaller_and_for_spz_alone(run, curved, tmp_path):
     assert read_splats(tmp_path / "a.glb").degree == 3
 
 
-def test_spz_is_version_4_unless_version_3_is_wanted(run, curved, tmp_path):
+def test_spz_defaults_to_version_4(run, curved, tmp_path):
     for name, words, start in (("new", (), b"NGSP\4"), ("old", ("--spz-version", 3), b"\x1f\x8b")):
         assert run("export", "spz", curved, "-o", tmp_path / f"{name}.spz", *words).status == 0
         assert (tmp_path / f"{name}.spz").read_bytes().startswith(start)

@@ -1,17 +1,22 @@
-"""Names, kinds and ends: what is written under which name, and what is left when a verb is ended."""
+"""Names and kinds of output files, and the files that remain after an interruption."""
 
+import errno
 import os
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from scenes import tiny_cameras
+from splatwire.cli._parsing import settings_of
+from splatwire.cli._verbs import VERBS
 from splatwire.data import save_cameras
+from splatwire.files.scene_formats import FORMATS
 from splatwire.files.whole import written_whole
-from splatwire.formats.kinds import WRITERS
 
 
 def assert_complains(outcome, *words):
@@ -22,7 +27,7 @@ def assert_complains(outcome, *words):
         assert str(word) in last
 
 
-def test_views_whose_names_look_alike_become_different_files(run, journey, tmp_path):
+def test_views_with_similar_names_become_different_files(run, journey, tmp_path):
     cameras = tiny_cameras(4, 32, 24)
     object.__setattr__(cameras, "names", ("a b", "a_b", "A_B", "../" + "x" * 400))
     save_cameras(cameras, tmp_path / "c.json")
@@ -42,7 +47,7 @@ def test_views_whose_names_look_alike_become_different_files(run, journey, tmp_p
         (("encode",), "a.png"),
     ],
 )
-def test_a_name_that_says_another_format_is_refused(run, journey, tmp_path, words, name):
+def test_output_suffix_of_another_format_is_refused(run, journey, tmp_path, words, name):
     assert_complains(run(*words, journey / "tiny.scene", "-o", tmp_path / name), name, "the name says", "end it in")
     assert not list(tmp_path.iterdir())
 
@@ -50,16 +55,17 @@ def test_a_name_that_says_another_format_is_refused(run, journey, tmp_path, word
 @pytest.mark.parametrize(
     ("words", "name"), [(("decode",), "a.swz"), (("decode",), "a.splat"), (("transmit",), "a.ply")]
 )
-def test_so_it_is_for_what_streams_become(run, journey, tmp_path, words, name):
+def test_decoded_output_suffix_of_another_format_is_refused(run, journey, tmp_path, words, name):
     assert_complains(run(*words, journey / "tiny.swz", "-o", tmp_path / name), name, "the name says")
 
 
-def test_a_stream_is_one_file_however_its_suffix_is_written(run, journey, tmp_path):
+def test_stream_suffix_is_case_insensitive(run, journey, tmp_path):
     assert run("transmit", journey / "tiny.swz", "-o", tmp_path / "a.SWZ", "--loss", "none").status == 0
     assert (tmp_path / "a.SWZ").read_bytes() == (journey / "tiny.swz").read_bytes()
 
 
-def test_files_of_another_kind_are_called_by_their_name(run, journey, tmp_path):
+@pytest.mark.needs_torch
+def test_errors_name_the_kind_of_a_wrong_file(run, journey, tmp_path):
     exported = run("export", "splat", journey / "tiny.scene", "-o", tmp_path / "a.splat", "--views", 9)
     assert exported.status == 0, exported.err
     assert run("import", "splats", tmp_path / "a.splat", "-o", tmp_path / "a.ply").status == 0
@@ -72,7 +78,7 @@ def test_files_of_another_kind_are_called_by_their_name(run, journey, tmp_path):
     assert_complains(run("render", journey / "tiny.scene", "--data", journey, "-o", tmp_path / "p"), "not a dataset")
 
 
-def test_a_full_disk_leaves_no_half_picture(run, journey, tmp_path, monkeypatch):
+def test_full_disk_leaves_no_partial_picture(run, journey, tmp_path, monkeypatch):
     def full(descriptor):
         raise OSError(28, os.strerror(28))
 
@@ -83,16 +89,16 @@ def test_a_full_disk_leaves_no_half_picture(run, journey, tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
-def test_an_export_that_is_ended_leaves_nothing(run, journey, tmp_path, monkeypatch, number, status):
-    def slow(parts, path):
+def test_interrupted_export_leaves_no_file(run, journey, tmp_path, monkeypatch, number, status):
+    def slow(parts, path, **facts):
         with written_whole(path) as unfinished:
             unfinished.write_bytes(b"half")
             os.kill(os.getpid(), number)
             time.sleep(60)
 
-    monkeypatch.setitem(WRITERS, "ply", slow)
+    monkeypatch.setitem(FORMATS._entries, "ply", replace(FORMATS["ply"], write=slow))
     words = ("export", "ply", journey / "tiny.scene", "-o", tmp_path / "a.ply", "--views", 9)
-    outside = signal.signal(number, signal.SIG_DFL)  # under nohup these tests would inherit that it is ignored
+    outside = signal.signal(number, signal.SIG_DFL)  # under nohup these tests would inherit an ignored signal
     try:
         assert run(*words).status == status
         assert signal.getsignal(number) is signal.SIG_DFL
@@ -117,7 +123,7 @@ def splatwire(words, redirect):
         (["inspect", "-"], "</dev/zero", 2, "standard input is neither stream nor scene"),
     ],
 )
-def test_closed_streams(journey, words, redirect, status, said):
+def test_closed_standard_streams_end_without_traceback(journey, words, redirect, status, said):
     done = splatwire([word.format(journey=journey) for word in words], redirect)
     assert done.returncode == status, done.stderr
     assert said in done.stderr
@@ -125,8 +131,8 @@ def test_closed_streams(journey, words, redirect, status, said):
     assert not done.stdout
 
 
-def test_a_public_function_that_gets_a_path_says_what_reads_it():
-    """In a process of its own: the suite checks the types of arguments, a user's program does not."""
+def test_public_functions_name_the_reader_when_given_a_path():
+    """Runs in a separate process, because the test suite checks argument types and user programs do not."""
     code = (
         "import splatwire\n"
         "for call in (splatwire.encode_scene, splatwire.decode_stream, lambda x: splatwire.write_stream(x, 'y'),\n"
@@ -141,3 +147,52 @@ def test_a_public_function_that_gets_a_path_says_what_reads_it():
         "expected a scene (`open_scene` reads one from a file), not str",
         *["expected SceneStream (`read_stream` reads one from a file), not str"] * 3,
     ], done.stderr
+
+
+LEAST_WORDS = {
+    "demo": [], "train": ["x"], "calibrate": ["sketch", "x"], "import": ["hacpp", "x"], "export": ["ply", "x"],
+    "encode": ["x"], "transmit": ["x"], "plan": ["x"], "receive": ["udp://127.0.0.1:9"], "pack": ["x"],
+    "decode": ["x"], "render": ["x"], "evaluate": ["x"], "compare": ["x", "y"],
+    "convert": ["x"],
+    "publish": ["x"],
+    "thumb": ["x"],
+    "study": ["x.toml"],
+}  # fmt: skip
+"""Words with which a verb would begin to work; `x` does not exist, which is found out later."""
+
+
+def test_every_verb_with_an_output_is_tried():
+    without = {"inspect", "serve", "token", "live", "view", "verify"}
+    assert {*LEAST_WORDS, *without} == set(VERBS)
+    for verb in without:
+        assert not hasattr(settings_of(verb), "output")
+
+
+@pytest.mark.parametrize("verb", LEAST_WORDS)
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(run, tmp_path, verb):
+    (tmp_path / "file").touch()
+    (tmp_path / "loop").symlink_to("loop")
+    for output, words in (
+        ("/proc/out", ["nothing can be written into /proc"]),
+        (tmp_path / "file" / "out", [tmp_path / "file", "not a folder"]),
+        (tmp_path / "none" / "out", [tmp_path / "none", "no such folder"]),
+        (tmp_path / "loop" / "out", ["loop"]),
+        (tmp_path / ("x" * 300), ["File name too long"]),
+    ):
+        assert_complains(run(verb, *LEAST_WORDS[verb], "-o", output), *words)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "loop"]
+
+
+@pytest.mark.parametrize("verb", LEAST_WORDS)
+def test_a_folder_of_another_user_is_refused_before_the_work(run, tmp_path, monkeypatch, verb):
+    made = Path.mkdir
+
+    def mkdir(path, *rest, **more):
+        if path.parent == tmp_path:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        made(path, *rest, **more)
+
+    monkeypatch.setattr(Path, "mkdir", mkdir)
+    outcome = run(verb, *LEAST_WORDS[verb], "-o", tmp_path / "out")
+    assert_complains(outcome, f"nothing can be written into {tmp_path}: Permission denied")
+    assert not list(tmp_path.iterdir())

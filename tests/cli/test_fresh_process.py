@@ -1,16 +1,20 @@
-"""A decoder that secretly holds the encoder's model would pass every test in one process; a fresh one cannot."""
+"""A fresh process decodes a stream, so that no state of the encoder can help."""
 
 import json
 import subprocess
 import sys
 
+import pytest
+
+from splatwire.bitstream import read_stream
 from splatwire.codec import decode_stream
-from splatwire.model.scene_digest import scene_digest
-from splatwire.packets import read_stream
+from splatwire.types.scene_digest import scene_digest
+
+pytestmark = pytest.mark.slow
 
 
 def test_bytes_alone_decode_in_a_fresh_interpreter(journey, tmp_path):
-    """The new interpreter gets the stream on standard input in an empty folder: there is nothing else to read."""
+    """The new interpreter gets the stream on standard input and starts in an empty folder."""
     data = (journey / "lossy.swz").read_bytes()
     command = [sys.executable, "-m", "splatwire", "decode", "-", "-o", "decoded.scene", "--json"]
     done = subprocess.run(command, input=data, cwd=tmp_path, capture_output=True, check=False)
@@ -21,8 +25,8 @@ def test_bytes_alone_decode_in_a_fresh_interpreter(journey, tmp_path):
     assert there["num_lost"] == here.erasures.num_lost > 0
 
 
-def test_verbs_pipe_into_each_other(journey, tmp_path):
-    """encode | transmit | decode in a shell gives what the same verbs give through files."""
+def test_verbs_work_in_a_shell_pipe(journey, tmp_path):
+    """encode | transmit | decode in a shell equals the same verbs with files."""
     program = f"{sys.executable} -m splatwire"
     line = (
         f"{program} encode - -o - --block-size 60 < {journey / 'tiny.scene'} | "

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from formats.handmade import some_splats
-from formats.test_origin import ECEF, UTM, geo_ply
 from scenes import tiny_cameras
+from splat_io.formats.handmade import some_splats
+from splat_io.formats.test_origin import ECEF, UTM, geo_ply
+from splatwire.bitstream import read_stream, write_stream
+from splatwire.bitstream.sections import sections_of
 from splatwire.codec import add_concealment
 from splatwire.data import load_cameras, save_cameras
-from splatwire.formats import read_content, write_splats
-from splatwire.packets import read_stream, write_stream
-from splatwire.packets.sections import sections_of
-from splatwire.scene.origin import NO_ORIGIN
-from splatwire.scene_io import open_scene
-from splatwire.train.initial import points_of
+from splatwire.io.formats import read_content, write_splats
+from splatwire.types.origin import NO_ORIGIN
 from splatwire.view.page import page_of_stream
+
+pytestmark = pytest.mark.slow
 
 SHIFT = np.array(UTM) + np.array([0.25, 0.5, 0.125])
 
@@ -62,7 +62,7 @@ def test_cameras_far_away_keep_their_precision(files, tmp_path):
 
 
 @pytest.mark.parametrize("options", [(), ("--quality", "near-lossless"), ("--levels", "auto", "--block-size", "60")])
-def test_streams_hold_world_coordinates_to_the_codecs_own_precision(options, files, run, tmp_path):
+def test_streams_keep_world_coordinates_to_codec_precision(options, files, run, tmp_path):
     errors = {}
     for name, shift in (("world", SHIFT), ("local", np.zeros(3))):
         stream, back = tmp_path / f"{name}.swz", tmp_path / f"{name}.ply"
@@ -100,7 +100,7 @@ def test_evaluate_compares_in_world_coordinates(files, run, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["ply", "compressed-ply", "spz", "sog", "splat", "glb"])
-def test_exports_are_in_world_coordinates_or_say_what_they_are_relative_to(kind, files, run, tmp_path, caplog):
+def test_exports_use_world_coordinates_or_report_their_origin(kind, files, run, tmp_path, caplog):
     path = tmp_path / f"a.{kind.replace('-', '.')}"
     done = run("export", kind, files / "world.ply", "-o", path, "--cameras", files / "world.json", "--json")
     assert done.status == 0
@@ -140,7 +140,7 @@ def test_a_clip_has_one_origin(run, tmp_path):
         assert np.median(found, axis=0) == pytest.approx(middle, abs=0.05)
 
 
-def test_a_clip_far_away_is_drawn_as_near_zero(run, tmp_path):
+def test_clip_far_from_zero_renders_like_one_near_zero(run, tmp_path):
     splats = some_splats(300, 0)
     for name, shift in (("world", np.array(UTM)), ("local", np.zeros(3))):
         (tmp_path / name).mkdir()
@@ -161,12 +161,7 @@ def test_a_damaged_origin_is_refused(files, run, tmp_path):
         assert "origin" in refused.err
 
 
-def test_points_to_train_from_are_in_world_coordinates(files):
-    points = points_of(open_scene(files / "world.ply"))
-    assert np.median(points.positions.astype(np.float64), axis=0) == pytest.approx(UTM, abs=2)
-
-
-def test_a_page_begins_where_a_camera_in_world_coordinates_is(files, run, tmp_path):
+def test_page_starts_at_a_camera_in_world_coordinates(files, run, tmp_path):
     words = {}
     for name in ("world", "local"):
         run("encode", files / f"{name}.ply", "-o", tmp_path / f"{name}.swz")
@@ -177,7 +172,7 @@ def test_a_page_begins_where_a_camera_in_world_coordinates_is(files, run, tmp_pa
     assert eye == pytest.approx(SHIFT - np.array(UTM), abs=1e-3)
 
 
-def test_outliers_are_an_option_of_verbs_that_write_such_formats(files, run, tmp_path, caplog):
+def test_outliers_option_exists_for_verbs_that_write_such_formats(files, run, tmp_path, caplog):
     splats = some_splats(400, 0)
     splats.means[7], splats.scales[7] = (1e6, 0, 0), 1e4
     source, stream = tmp_path / "floater.ply", tmp_path / "floater.swz"

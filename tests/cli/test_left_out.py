@@ -1,9 +1,10 @@
-"""A file with rows that draw nothing or cannot be drawn, through the verbs: all of them go by one rule and say so."""
+"""Every verb applies the same rule to rows that are invisible or cannot be rendered, and reports them."""
 
 import numpy as np
 import pytest
 
-from formats.handmade import glb, some_splats, write
+from splat_io.formats.handmade import glb, some_splats, write
+from splatwire.io.formats import write_splats
 
 
 @pytest.fixture
@@ -14,7 +15,7 @@ def broken(tmp_path):
     return write(tmp_path / "broken.glb", glb(splats))
 
 
-def test_every_verb_leaves_out_the_same_and_says_it_once(run, broken, tmp_path):
+def test_every_verb_skips_the_same_gaussians_and_reports_once(run, broken, tmp_path):
     told = [
         f"splatwire: {broken}: 3 of 60 Gaussians draw nothing and are left out",
         f"splatwire: warning: {broken}: 1 of 60 Gaussians cannot be drawn and are left out (the first is row 7)",
@@ -37,7 +38,7 @@ def test_every_verb_leaves_out_the_same_and_says_it_once(run, broken, tmp_path):
     assert run("inspect", tmp_path / "a.swz", "--json").json["num_elements"] == 56
 
 
-def test_nothing_left_is_one_clear_error(run, tmp_path):
+def test_scene_without_drawable_gaussians_is_one_error(run, tmp_path):
     splats = some_splats(5, 0)
     splats.opacities[:] = 0
     path = write(tmp_path / "empty.glb", glb(splats))
@@ -47,3 +48,31 @@ def test_nothing_left_is_one_clear_error(run, tmp_path):
         assert "none of its 5 Gaussians is left: 5 draw nothing" in done.err.splitlines()[-1]
     found = run("inspect", path, "--json").json
     assert (found["num_gaussians"], found["left_out"]["draw_nothing"]) == (0, 5)
+
+
+def test_warnings_about_clips_have_the_name_of_the_program(run, tmp_path):
+    clip = tmp_path / "clip"
+    clip.mkdir()
+    for number in (1, 2, 4):
+        write_splats([some_splats(60, 0)], clip / f"{number}.ply")
+    err = run("encode", clip, "-o", tmp_path / "a.swz").err
+    assert f"splatwire: warning: {clip}: frames are missing after 2.ply" in err
+
+
+def test_a_warning_about_many_frames_is_given_once_with_their_number(run, tmp_path):
+    clip = tmp_path / "clip"
+    clip.mkdir()
+    for number in range(5):
+        write_splats([some_splats(60, 0)], clip / f"{number}.ply")
+        data = (clip / f"{number}.ply").read_bytes()
+        comments = f"comment offset: {number} 20 30\n" + "comment unit: cm\n" * (number > 2)
+        (clip / f"{number}.ply").write_bytes(data.replace(b"element vertex", comments.encode() + b"element vertex"))
+    done = run("encode", clip, "-o", tmp_path / "a.swz")
+    shift = "comment 'offset: 0 20 30' may be a shift of the positions: it is left out, values are read as they are"
+    unit = "comment 'unit: cm' may be the unit of the positions: it is left out, values are read as they are"
+    assert [line for line in done.err.splitlines() if line.startswith("splatwire:")] == [
+        f"splatwire: warning: {clip}/0.ply: {shift} in the file",
+        f"splatwire: warning: {clip}/3.ply: {unit} in the file",
+        f"splatwire: warning: {clip}: 4 more files like 0.ply: {shift} in the file",
+        f"splatwire: warning: {clip}: 1 more file like 3.ply: {unit} in the file",
+    ]

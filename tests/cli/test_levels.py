@@ -1,11 +1,11 @@
-"""Levels from the command line: made, told, lost and concealed."""
+"""Levels on the command line: encoding, inspection, loss and concealment."""
 
 import json
 
 import pytest
 
 from codec.gaussians.test_gaussians import some_splats
-from splatwire.formats import write_splats
+from splatwire.io.formats import write_splats
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +15,7 @@ def scene(tmp_path_factory):
     return path
 
 
-def test_levels_are_made_told_and_concealed(scene, tmp_path, run):
+def test_levels_are_encoded_inspected_and_concealed(scene, tmp_path, run):
     stream, lossy, out = (str(tmp_path / name) for name in ("a.swz", "b.swz", "c.ply"))
     assert run("encode", str(scene), "-o", stream, "--levels", "auto", "--block-size", "60").status == 0
     told = json.loads(run("inspect", stream, "--json").out)
@@ -31,6 +31,6 @@ def test_levels_are_made_told_and_concealed(scene, tmp_path, run):
     assert json.loads(run("inspect", lossy, "--json").out)["num_elements"] == 900
 
 
-def test_levels_are_tiers_themselves(scene, tmp_path, run):
+def test_levels_exclude_the_option_tiers(scene, tmp_path, run):
     outcome = run("encode", str(scene), "-o", str(tmp_path / "a.swz"), "--levels", "auto", "--tiers", "0.1")
-    assert (outcome.status, "tiers themselves" in outcome.err) == (2, True)
+    assert (outcome.status, "replace --tiers" in outcome.err) == (2, True)

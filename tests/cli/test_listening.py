@@ -1,7 +1,9 @@
-"""Verbs that serve: addresses, counts, what ends them, errors that belong to no client."""
+"""Servers on the command line: addresses, counts, shutdown, and errors that belong to no client."""
 
 import asyncio
+import contextlib
 import errno
+import json
 import signal
 import subprocess
 import sys
@@ -12,19 +14,23 @@ from urllib.request import urlopen
 import pytest
 
 from splatwire.cli._background import first_of, start_thread
-from splatwire.cli._listening import REPORT_S, Listening, LoopErrors, Opened, stop_on_signals, url_host
-from splatwire.transport import ServerLimits, make_program
+from splatwire.cli._listening import REPORT_S, LoopErrors, open_server, stop_on_signals, tell_ready, url_host
+from splatwire.cli._options import Listening
+from splatwire.transport import ServerLimits, make_served_stream
 from splatwire.transport.address import parse_url
-from splatwire.transport.page import PageServer
-from splatwire.transport.page_content import PageContent
+from splatwire.transport.http.content import PageContent
+from splatwire.transport.http.server import PageServer
+from splatwire.transport.running_server import RunningServer
 from splatwire.transport.udp import UdpServer
 from transport.network import datagram_stream
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("host", ["::1", "::", "fe80::1", "127.0.0.1", "localhost", "[::1]"])
 @pytest.mark.parametrize("quic", [False, True])
-def test_a_printed_address_is_one_that_receive_takes(capsys, host, quic):
-    Listening(host=host, quic=quic).tell_ready(48900, {}, "serving")
+def test_receive_accepts_the_address_that_serve_prints(capsys, host, quic):
+    tell_ready(Listening(host=host, quic=quic), 48900, {}, "serving")
     address = parse_url(capsys.readouterr().out.split()[-1])
     assert (address.host, address.port) == (host.strip("[]"), 48900)
     assert url_host(host) == (f"[{host.strip('[]')}]" if ":" in host else host)
@@ -32,13 +38,13 @@ def test_a_printed_address_is_one_that_receive_takes(capsys, host, quic):
 
 def test_downloads_over_http_are_counted():
     pytest.importorskip("raptorq", reason="the package raptorq is not installed")
-    program = make_program(datagram_stream(num_anchors=400, side_bytes=2000))
+    program = make_served_stream(datagram_stream(num_anchors=400, side_bytes=2000))
 
-    async def work() -> Opened:
+    async def work() -> RunningServer:
         server = UdpServer({"scene": program}, "127.0.0.1", 0, limits=ServerLimits())
         try:
             async with PageServer(PageContent({"scene": program}, None, "127.0.0.1")) as page:
-                opened = Opened(server, {}, page)
+                opened = RunningServer(server, {}, page)
                 await asyncio.to_thread(lambda: urlopen(f"{page.url}streams/scene.swz", timeout=20).read())
                 return opened
         finally:
@@ -49,7 +55,7 @@ def test_downloads_over_http_are_counted():
     assert opened.served() == f"served 0 clients, 0 bytes, and 1 requests over HTTP, {opened.page.bytes_sent:,} bytes"
 
 
-def test_file_descriptors_that_run_out_are_one_line_now_and_then(capsys):
+def test_exhausted_file_descriptors_are_logged_once_in_a_while(capsys):
     now = [0.0]
     errors, loop = LoopErrors(lambda: now[0]), asyncio.new_event_loop()
     context = {
@@ -67,7 +73,31 @@ def test_file_descriptors_that_run_out_are_one_line_now_and_then(capsys):
     assert "ulimit -n" in said[0]
 
 
-def test_work_that_hangs_does_not_keep_a_verb_from_ending():
+def test_server_writes_errors_of_the_loop_and_renewed_certificates_into_its_log(capsys):
+    pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+    from splatwire.cli._quic import _told_renewed
+    from splatwire.transport.quic.certificate import self_signed
+
+    async def work() -> None:
+        async with contextlib.AsyncExitStack() as stack:
+            await open_server({}, Listening(port=0, log_format="json"), ServerLimits(), stack)
+            loop = asyncio.get_running_loop()
+            loop.call_exception_handler(
+                {"message": "accept", "exception": OSError(errno.EMFILE, "Too many open files")}
+            )
+            loop.call_exception_handler({"message": "odd", "exception": KeyError("lost")})
+            _told_renewed(identity)
+
+    identity = self_signed()
+    asyncio.run(asyncio.wait_for(work(), 20))
+    first, second, third = map(json.loads, capsys.readouterr().err.splitlines())
+    assert first["event"] == "server error"
+    assert first["error"].startswith("Too many open files; no more connections")
+    assert (second["message"], second["traceback"].splitlines()[-1]) == ("odd", "KeyError: 'lost'")
+    assert (third["event"], third["fingerprint"]) == ("certificate renewed", identity.fingerprint)
+
+
+def test_hanging_thread_does_not_block_exit():
     hangs = threading.Event()
 
     async def work() -> float:
@@ -79,13 +109,13 @@ def test_work_that_hangs_does_not_keep_a_verb_from_ending():
         return time.monotonic() - began
 
     try:
-        assert asyncio.run(asyncio.wait_for(work(), 20)) < 10  # an executor would be waited for
+        assert asyncio.run(asyncio.wait_for(work(), 20)) < 10  # the interpreter would wait for an executor
     finally:
         hangs.set()
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_work_that_ends_gives_its_result_or_its_error(fails):
+def test_finished_thread_returns_its_result_or_error(fails):
     async def work():
         future = start_thread(lambda: 1 // (not fails), "ends")
         await first_of(future, asyncio.Event(), 1.0)
@@ -98,7 +128,7 @@ def test_work_that_ends_gives_its_result_or_its_error(fails):
         assert asyncio.run(work()) == 1
 
 
-def test_the_second_signal_ends_a_verb_whatever_it_waits_for():
+def test_second_signal_ends_a_verb_immediately():
     async def work() -> None:
         stop = stop_on_signals()
         signal.raise_signal(signal.SIGINT)
@@ -113,7 +143,7 @@ def test_the_second_signal_ends_a_verb_whatever_it_waits_for():
 STUCK = """
 import os, signal, sys, threading
 from concurrent.futures import ThreadPoolExecutor
-from splatwire.cli import live
+from splatwire.cli import _run_live as live
 from splatwire.cli.main import main
 
 def run(self):
@@ -127,8 +157,8 @@ main(["live", sys.argv[1], "--port", "0"])
 """
 
 
-def test_live_ends_at_ctrl_c_though_its_encoder_hangs(tmp_path):
-    """A thread of an executor is waited for by the interpreter, for ever if it hangs in a read or a kernel."""
+def test_ctrl_c_ends_live_despite_a_hanging_encoder(tmp_path):
+    """The interpreter waits for threads of an executor, forever if one hangs in a read or a kernel."""
     words = [sys.executable, "-c", STUCK, str(tmp_path)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 1

@@ -1,4 +1,4 @@
-"""`live` goes on whatever becomes of single frames: damaged, cut, removed, odd, late, too many."""
+"""`live` continues after damaged, truncated, removed, deviating, late or excess frames."""
 
 import contextlib
 import itertools
@@ -13,20 +13,23 @@ import numpy as np
 import pytest
 
 from moving_clips import moving_frames
-from splatwire.cli._arriving import LOOK_S, Backlog, FolderSource, PipeSource
-from splatwire.cli._live_encoding import OTHERS, WARN_S, LiveEncoding, Warnings, print_if_read
-from splatwire.cli._live_frames import LiveFrames
+from splatwire.bitstream import packet_from_bytes
+from splatwire.cli._live_warnings import WARN_S, Warnings, print_if_read
 from splatwire.cli._terminal import PrintableStream, printable_streams
-from splatwire.clips import ClipFrame, ClipOptions
-from splatwire.clips.chapters import EndlessClip
-from splatwire.clips.live import LiveDecoder
 from splatwire.errors import InvalidValueError
-from splatwire.formats import write_splats
-from splatwire.model import SplatScene
-from splatwire.packets import packet_from_bytes
-from splatwire.scene.splats import Splats
+from splatwire.io.formats import write_splats
+from splatwire.sequence import ClipFrame, ClipOptions, arriving
+from splatwire.sequence.arriving import LOOK_S, Backlog, FolderSource, PipeSource
+from splatwire.sequence.live import LiveDecoder
+from splatwire.sequence.live_encoder import LiveEncoder
+from splatwire.sequence.live_encoding import OTHERS, LiveEncoding
+from splatwire.sequence.written_frames import numbered
 from splatwire.transport import fec
-from splatwire.transport.layout import Segments, split_head_object
+from splatwire.transport.protocol.layout import Segments, split_init_segment
+from splatwire.types import SplatScene
+from splatwire.types.splats import Splats
+
+pytestmark = pytest.mark.slow
 
 GROUP = 2
 RATE = 10
@@ -34,7 +37,7 @@ RATE = 10
 
 @dataclass
 class FakeClip:
-    """Takes frames without encoding them; remembers how many Gaussians each has."""
+    """Accepts frames without encoding them and records the number of Gaussians of each."""
 
     counts: list[int] = field(default_factory=list)
     restarts: list[int] = field(default_factory=list)
@@ -61,7 +64,7 @@ class FakeClip:
 
 
 class World:
-    """A folder with a writer, and a clock that runs while the encoder waits."""
+    """A folder with a writer, and a clock that advances while the encoder waits."""
 
     def __init__(self, folder: Path, clip=None) -> None:
         folder.mkdir()
@@ -86,7 +89,7 @@ class World:
         self.plan.sort(key=lambda item: item[0])
 
     def frame(self, number: int, count: int | None = None, suffix: str = ".ply") -> Path:
-        """Moves a frame in whose number of Gaussians says which one it is."""
+        """Renames a frame into place; its number of Gaussians identifies it."""
         target = self.folder / f"frame_{number:04}{suffix}"
         made = self.folder / f".making{suffix}"
         write_splats([splats(count or 100 + number)], made)
@@ -136,7 +139,7 @@ ODD = {
 
 
 @pytest.mark.parametrize("how", ODD)
-def test_an_odd_frame_is_skipped_with_a_warning_and_the_others_follow(tmp_path, how):
+def test_deviating_frame_is_skipped_with_a_warning(tmp_path, how):
     world = World(tmp_path / "in")
     for number in (0, 1, 2, 3):
         world.frame(number)
@@ -164,7 +167,7 @@ def test_an_unreadable_file_is_skipped(tmp_path, monkeypatch):
     assert world.live.num_skipped == 1
 
 
-def test_files_that_are_no_frames_are_ignored_without_a_word(tmp_path):
+def test_other_files_are_ignored_silently(tmp_path):
     world = World(tmp_path / "in")
     world.frame(0)
     (world.folder / "notes.txt").write_text("x")
@@ -176,7 +179,7 @@ def test_files_that_are_no_frames_are_ignored_without_a_word(tmp_path):
 
 
 @pytest.mark.parametrize("pause", [0.1, 0.3, 2.0])
-def test_a_writer_that_pauses_in_the_middle_of_a_file_loses_no_frame(tmp_path, pause):
+def test_partially_written_file_is_read_once_complete(tmp_path, pause):
     world = World(tmp_path / "in")
     world.frame(0)
     data = world.frame(1).read_bytes()
@@ -188,7 +191,7 @@ def test_a_writer_that_pauses_in_the_middle_of_a_file_loses_no_frame(tmp_path, p
     assert world.said == []
 
 
-def test_half_a_file_of_a_format_without_a_count_is_waited_for(tmp_path):
+def test_partial_file_of_a_format_without_count_is_awaited(tmp_path):
     world = World(tmp_path / "in")
     data = world.frame(0, suffix=".splat").read_bytes()
     path = world.folder / "frame_0000.splat"
@@ -197,7 +200,7 @@ def test_half_a_file_of_a_format_without_a_count_is_waited_for(tmp_path):
     assert world.run() == [100]
 
 
-def test_a_file_that_grows_without_end_does_not_hold_the_others_up_for_ever(tmp_path):
+def test_endlessly_growing_file_does_not_block_other_frames(tmp_path):
     world = World(tmp_path / "in")
     path = world.folder / "frame_0000.ply"
     for tick in range(400):
@@ -208,14 +211,36 @@ def test_a_file_that_grows_without_end_does_not_hold_the_others_up_for_ever(tmp_
     assert "frame_0000.ply" in world.said[0]
 
 
-def test_a_stall_of_the_writer_is_no_end(tmp_path):
+@pytest.mark.parametrize("interval", [0.03, 0.4, 1.0])
+@pytest.mark.parametrize("kind", ["folder", "file"])
+def test_what_is_no_frame_and_keeps_changing_is_given_up_with_one_warning(tmp_path, monkeypatch, kind, interval):
+    world = World(tmp_path / "in")
+    other, looks = world.folder / "work", []
+    (other / "deep").mkdir(parents=True) if kind == "folder" else other.touch()
+    sign = arriving.signature_of
+
+    def signed(path, status):
+        looks.extend([world.now] if path == other else [])
+        return sign(path, status)
+
+    monkeypatch.setattr(arriving, "signature_of", signed)
+    for tick in range(round(60 / interval)):
+        changed = other / "log" if kind == "folder" else other
+        world.at(tick * interval, lambda tick=tick, changed=changed: changed.write_bytes(b"x" * (tick + 1)))
+    world.at(50.0, lambda: world.frame(1))
+    assert world.run(60.0) == [101]
+    assert world.said == [f"{other} is no frame and keeps changing: ignored until it is removed"]
+    assert max(looks) < 30
+
+
+def test_stalled_writer_does_not_end_the_clip(tmp_path):
     world = World(tmp_path / "in")
     world.frame(0)
     world.at(30.0, lambda: world.frame(1))
     assert world.run(31.0) == [100, 101]
 
 
-def test_a_folder_that_vanishes_for_a_while_is_waited_for(tmp_path):
+def test_vanished_folder_is_awaited(tmp_path):
     world = World(tmp_path / "in")
     world.frame(0)
 
@@ -231,7 +256,7 @@ def test_a_folder_that_vanishes_for_a_while_is_waited_for(tmp_path):
 
 
 @pytest.mark.parametrize("how", ["moved in", "written in place", "removed before"])
-def test_a_name_that_repeats_is_a_new_frame(tmp_path, how):
+def test_repeated_file_name_is_a_new_frame(tmp_path, how):
     world = World(tmp_path / "in")
     path = world.frame(0)
 
@@ -247,7 +272,7 @@ def test_a_name_that_repeats_is_a_new_frame(tmp_path, how):
     assert world.run() == [100, 150]
 
 
-def test_a_group_that_cannot_be_encoded_is_dropped_and_the_next_begins_anew(tmp_path):
+def test_unencodable_group_is_dropped_and_the_next_starts_fresh(tmp_path):
     world = World(tmp_path / "in", FakeClip(refuses=102))
     for number in range(5):
         world.frame(number)
@@ -256,9 +281,9 @@ def test_a_group_that_cannot_be_encoded_is_dropped_and_the_next_begins_anew(tmp_
     assert "too many" in world.said[0]
 
 
-def test_frames_that_keep_another_degree_are_gone_on_with(tmp_path):
+def test_persistent_new_degree_is_accepted_after_some_frames(tmp_path):
     ids = itertools.count(7)
-    clip = EndlessClip(ClipOptions(Fraction(RATE), GROUP), lambda: next(ids))
+    clip = LiveEncoder(ClipOptions(Fraction(RATE), GROUP), lambda: next(ids))
     world = World(tmp_path / "in", clip)
     world.frame(0)
     world.frame(1)
@@ -275,10 +300,10 @@ def test_frames_that_keep_another_degree_are_gone_on_with(tmp_path):
 
 
 def decoded(editions):
-    """Frames that a viewer of all editions sees."""
+    """Frames that a viewer of all editions receives."""
     decoder, frames, known = LiveDecoder(), [], set()
     for edition in editions:
-        manifest, side_info, _ = split_head_object(b"".join(head_of(edition)))
+        manifest, side_info, _ = split_init_segment(b"".join(head_of(edition)))
         frames += decoder.grow(manifest, side_info)
         new = [data for data in edition.packets if data and data not in known]
         known.update(new)
@@ -287,7 +312,7 @@ def decoded(editions):
 
 
 def head_of(edition):
-    """Bytes of manifest and side information, of the source symbols of a program."""
+    """Bytes of manifest, side information and source symbols of a program."""
     segments = Segments(edition.head_bytes, edition.symbol_bytes)
     for number in range(segments.num_segments):
         span, size = segments.span(number), segments.size(number)
@@ -297,7 +322,7 @@ def head_of(edition):
 
 def test_a_slow_encoder_drops_frames_and_its_delay_stays_bounded(tmp_path):
     world = World(tmp_path / "in")
-    world.clip.world, world.clip.seconds = world, 0.3  # three times as long as a frame lasts
+    world.clip.world, world.clip.seconds = world, 0.3  # three frame durations
     delays = []
     real = world.clip.push
 
@@ -315,7 +340,7 @@ def test_a_slow_encoder_drops_frames_and_its_delay_stays_bounded(tmp_path):
     assert "dropped" in world.said[0]
 
 
-def test_a_queue_that_drains_is_not_cut_and_one_that_stands_is():
+def test_draining_queue_is_kept_and_standing_queue_is_cut():
     drains, stands = Backlog(30.0, 15), Backlog(30.0, 15)
     steps = [n * LOOK_S for n in range(500)]
     assert not any(drains.surplus(600 - round(30 * now), now) for now in steps)
@@ -324,7 +349,7 @@ def test_a_queue_that_drains_is_not_cut_and_one_that_stands_is():
     assert sum(map(bool, cut[:99])) == 0
 
 
-def test_frames_that_lie_there_from_the_beginning_are_all_shown_at_their_rate(tmp_path):
+def test_preexisting_frames_are_all_shown_at_the_frame_rate(tmp_path):
     world = World(tmp_path / "in")
     for number in range(40):
         world.frame(number)
@@ -332,7 +357,7 @@ def test_frames_that_lie_there_from_the_beginning_are_all_shown_at_their_rate(tm
     assert world.live.num_dropped == 0
 
 
-def test_names_of_a_pipe_come_whole_and_end_with_it():
+def test_pipe_names_are_read_whole_and_end_with_the_pipe():
     read, write = os.pipe()
     said = []
     source = PipeSource(read, said.append)
@@ -347,7 +372,7 @@ def test_names_of_a_pipe_come_whole_and_end_with_it():
     os.close(read)
 
 
-def test_names_of_a_pipe_that_are_no_files_are_skipped(tmp_path):
+def test_pipe_names_without_files_are_skipped(tmp_path):
     world = World(tmp_path / "in")
     read, write = os.pipe()
     good = world.frame(0)
@@ -361,7 +386,7 @@ def test_names_of_a_pipe_that_are_no_files_are_skipped(tmp_path):
     os.close(read)
 
 
-def test_warnings_are_few_and_count_those_between():
+def test_warnings_are_rate_limited_and_count_the_suppressed():
     now, shown = [0.0], []
     warn = Warnings(lambda: now[0], shown.append)
     for number in range(100):
@@ -374,8 +399,8 @@ def test_warnings_are_few_and_count_those_between():
     ]
 
 
-def test_a_reader_of_standard_error_that_stops_reading_does_not_stop_the_clip(monkeypatch):
-    """A full pipe blocked the encoder, and Ctrl-C had no effect until somebody read it."""
+def test_blocked_standard_error_does_not_stop_the_clip(monkeypatch):
+    """A full pipe blocked the encoder, and Ctrl-C had no effect until the pipe was read."""
     read, write = os.pipe()
     os.set_blocking(write, False)
     with contextlib.suppress(BlockingIOError):
@@ -393,19 +418,17 @@ def test_a_reader_of_standard_error_that_stops_reading_does_not_stop_the_clip(mo
 
 
 @pytest.mark.parametrize("name", ["1²3.ply", "²", "٣.ply", "1" * 200 + ".ply", "\x1b[31m.ply"])
-def test_names_of_any_kind_are_sorted(tmp_path, name):
+def test_file_names_of_any_form_are_sorted(tmp_path, name):
     world = World(tmp_path / "in")
     world.frame(1).rename(world.folder / name)
     world.frame(2)
     assert sorted(world.run()) == [101, 102]
 
 
-def test_frames_of_a_server_that_was_started_again_go_on_counting(tmp_path):
-    """It counts from 0 again; files of the frames before are kept."""
-    frames = LiveFrames(tmp_path, None, lambda what, share: None)
+def test_restarted_server_continues_frame_numbers(tmp_path):
+    """The restarted server counts from 0, and files of earlier frames are kept."""
     scene = SplatScene(splats(5))
     numbers = [3, 4, 5, 0, 1, 4, 10]
     every = np.arange(5)
-    frames._write([ClipFrame(number, scene, every, every < 0) for number in numbers])
-    names = [path.name for path in sorted(tmp_path.iterdir())]
-    assert names == [f"frame_{number:06}.ply" for number in (3, 4, 5, 6, 7, 10, 16)]
+    frames = numbered(ClipFrame(number, scene, every, every < 0) for number in numbers)
+    assert [number for _, number in frames] == [3, 4, 5, 6, 7, 10, 16]

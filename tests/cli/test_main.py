@@ -11,8 +11,12 @@ import numpy as np
 import pytest
 
 import splatwire
+from splatwire.bitstream.limits import MAX_GROUP_FRAMES
 from splatwire.cli import main as main_module
+from splatwire.cli._deprecated_options import with_current_names
+from splatwire.cli._parsing import settings_of
 from splatwire.cli.main import VERBS
+from splatwire.sequence.options import GROUP_FRAMES
 
 
 def test_help_names_every_verb(run):
@@ -21,7 +25,7 @@ def test_help_names_every_verb(run):
     assert all(verb in outcome.out for verb in VERBS)
 
 
-def test_without_words_the_overview_is_shown(run):
+def test_call_without_arguments_shows_the_overview(run):
     assert "demo" in run().out
 
 
@@ -38,7 +42,7 @@ def test_every_verb_has_help_and_json(run, words):
 
 @pytest.mark.parametrize("words", COMMANDS)
 def test_help_fits_a_narrow_terminal(run, words, monkeypatch):
-    """No number is cut at its comma, no line ends before it is full, and nothing is said to be None."""
+    """Numbers are not broken at a comma, lines are filled, and no default is shown as None."""
     monkeypatch.setenv("COLUMNS", "80")
     told = run(*words, "--help").out
     assert "None" not in told
@@ -49,14 +53,20 @@ def test_help_fits_a_narrow_terminal(run, words, monkeypatch):
         assert option or line.endswith((".", ")")) or len(line) + len(after.split()[0]) > 45, line
 
 
-def test_the_overview_tells_of_version_and_completion(run):
+@pytest.mark.parametrize("verb", ["encode", "live"])
+def test_help_states_the_default_gop_length(run, verb, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    assert re.search(rf"\(GOP\), 1 to {MAX_GROUP_FRAMES} frames, default {GROUP_FRAMES}\.", run(verb, "--help").out)
+
+
+def test_overview_mentions_version_and_completion(run):
     told = run("--help").out
     assert "--version" in told
     assert "--tyro-print-completion" in told
     assert "complete" in run("--tyro-print-completion", "bash").out
 
 
-def test_version(run):
+def test_version_is_printed(run):
     assert run("--version").out == f"splatwire {splatwire.__version__}\n"
 
 
@@ -65,14 +75,48 @@ def test_unknown_verb_is_a_usage_error(run):
     assert outcome.status == 2
     assert outcome.out == ""
     assert "teleport" in outcome.err
+    assert "receive" in run("qqqq").err
+
+
+def test_misspelt_verb_error_suggests_similar_verbs(run):
+    outcome = run("inspekt", "x.swz")
+    assert (outcome.status, outcome.out) == (2, "")
+    assert outcome.err.count("\n") == 1
+    assert "did you mean inspect?" in outcome.err
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_overview_has_the_first_paragraph_of_each_docstring(verb):
+    first = settings_of(verb).__doc__.partition("\n\n")[0]
+    assert VERBS[verb].help == " ".join(first.split())
+
+
+@pytest.mark.parametrize("columns", ["40", "80", "200"])
+def test_the_overview_fits_the_terminal(run, monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", columns)
+    verbs = run("--help").out.partition("verbs:")[2]
+    assert max(map(len, verbs.splitlines())) <= int(columns)
+
+
+def test_a_renamed_option_works_under_its_former_name_with_a_warning(capsys):
+    renamed = {"encode": {"old-size": "block-size"}}
+    words = ["x.ply", "--old-size", "60", "--old_size=7", "-o", "old-size", "--lanes", "2"]
+    now = with_current_names("encode", words, renamed)
+    assert now == ["x.ply", "--block-size", "60", "--block-size=7", "-o", "old-size", "--lanes", "2"]
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 2
+    assert all("--old-size is now --block-size" in line for line in told)
+    assert with_current_names("decode", words, renamed) == words
 
 
 def test_help_loads_no_heavy_library():
-    """A user who asks for help must not wait for torch."""
+    """The overview is printed from the table of verbs: no verb's module is imported."""
     code = (
         "import sys\nfrom splatwire.cli.main import main\n"
         "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
-        "heavy = {'torch', 'numba', 'scipy', 'matplotlib', 'numpy'} & set(sys.modules)\n"
+        "heavy = {'torch', 'numba', 'scipy', 'matplotlib', 'numpy', 'tyro', 'rich', 'asyncio'} & set(sys.modules)\n"
+        "heavy |= {name for name in sys.modules if name.startswith('splatwire.cli.') and '._' not in name}\n"
+        "heavy -= {'splatwire.cli.main'}\n"
         "sys.exit(f'loaded {heavy}' if heavy else 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -88,11 +132,10 @@ def test_help_loads_no_heavy_library():
     ],
 )
 def test_errors_are_one_line_without_traceback(run, monkeypatch, error, status, words):
-    class Failing:
-        def run(self) -> None:
-            raise error
+    def fail(verb, options):
+        raise error
 
-    monkeypatch.setattr(main_module, "_parse", lambda arguments: Failing())
+    monkeypatch.setattr(main_module, "_execute", fail)
     outcome = run("demo")
     assert outcome.status == status
     assert words in outcome.err
@@ -100,20 +143,19 @@ def test_errors_are_one_line_without_traceback(run, monkeypatch, error, status, 
     assert outcome.out == ""
 
 
-def test_ctrl_c_in_a_kernel_is_one_line(run, monkeypatch):
-    """numba makes a SystemError of it where a kernel returns an array."""
+def test_ctrl_c_in_a_kernel_is_one_error_line(run, monkeypatch):
+    """numba raises SystemError for an interrupt in a kernel that returns an array."""
 
-    class Interrupted:
-        def run(self) -> None:
-            words = (os.getpid(), signal.SIGINT)
-            timer = threading.Timer(0.2, os.kill, words)
-            timer.start()
-            while True:
-                _long_kernel(np.ones(3), 60_000_000)
+    def interrupted(verb, options):
+        words = (os.getpid(), signal.SIGINT)
+        timer = threading.Timer(0.2, os.kill, words)
+        timer.start()
+        while True:
+            _long_kernel(np.ones(3), 60_000_000)
 
     _long_kernel(np.ones(3), 1)
-    monkeypatch.setattr(main_module, "_parse", lambda arguments: Interrupted())
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+    monkeypatch.setattr(main_module, "_execute", interrupted)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs of a shell ignore the signal
     try:
         outcome = run("demo")
     finally:
@@ -121,7 +163,7 @@ def test_ctrl_c_in_a_kernel_is_one_line(run, monkeypatch):
     assert (outcome.status, outcome.out, outcome.err) == (130, "", "splatwire: stopped\n")
 
 
-@numba.njit(nogil=True)  # so that the timer's thread runs meanwhile
+@numba.njit(nogil=True)  # lets the timer thread run meanwhile
 def _long_kernel(values, count):
     total = 0.0
     for index in range(count):
@@ -129,19 +171,18 @@ def _long_kernel(values, count):
     return np.full(3, total), total
 
 
-def test_our_own_slips_keep_their_traceback(monkeypatch):
-    """Only errors raised on purpose are shortened: a bug must stay visible."""
+def test_internal_errors_keep_their_traceback(monkeypatch):
+    """Only deliberate errors are shortened; a bug must stay visible."""
 
-    class Failing:
-        def run(self) -> None:
-            raise ZeroDivisionError
+    def fail(verb, options):
+        raise ZeroDivisionError
 
-    monkeypatch.setattr(main_module, "_parse", lambda arguments: Failing())
+    monkeypatch.setattr(main_module, "_execute", fail)
     with pytest.raises(ZeroDivisionError):
         main_module.main(["demo"])
 
 
-def test_serve_says_which_options_are_for_a_relay(run, monkeypatch):
+def test_serve_help_marks_relay_options(run, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     lines = run("serve", "--help").out
     for option in ("--fingerprint", "--authority", "--insecure"):

@@ -1,17 +1,17 @@
-"""Metadata of a scene on its way through the verbs."""
+"""Verbs keep the metadata of a scene."""
 
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from formats.handmade import some_splats
+from splat_io.formats.handmade import some_splats
+from splatwire.bitstream import read_stream
+from splatwire.bitstream.sections import sections_of
 from splatwire.codec.metadata import read_metadata
-from splatwire.formats import write_splats
-from splatwire.formats.kinds import read_content
-from splatwire.packets import read_stream
-from splatwire.packets.sections import sections_of
-from splatwire.scene.metadata import SceneMetadata
+from splatwire.io.formats import write_splats
+from splatwire.io.formats.kinds import read_content
+from splatwire.types.metadata import SceneMetadata, StartView
 
 KNOWN = SceneMetadata("Garden [/b]", "Ana", "CC0")
 
@@ -62,7 +62,7 @@ def test_scenes_of_anchors_keep_metadata_on_a_round_trip(run: Any, journey: Path
     assert read_content(tmp_path / "d.ply").metadata == first
 
 
-def test_an_option_replaces_what_the_file_says(run: Any, tmp_path: Path) -> None:
+def test_metadata_option_overrides_the_file(run: Any, tmp_path: Path) -> None:
     write_splats([some_splats(200, 1)], tmp_path / "a.ply", metadata=SceneMetadata(up="z"))
     for words, up in (((), "z"), (("--up", "-y"), "-y"), (("--up", "y"), "y")):
         assert run("encode", tmp_path / "a.ply", "-o", tmp_path / "a.swz", *words).status == 0
@@ -77,8 +77,32 @@ def test_inspect_shows_metadata(run: Any, ply: Path, tmp_path: Path) -> None:
     assert "Garden [/b]" in run("inspect", tmp_path / "a.swz").out
 
 
-def test_a_format_without_a_place_says_so(
-    run: Any, ply: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_format_without_metadata_warns(run: Any, ply: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     assert run("export", "splat", ply, "-o", tmp_path / "a.splat").status == 0
     assert "no place for metadata: title, author, license" in caplog.text
+
+
+def test_clips_keep_metadata_on_a_round_trip(run: Any, tmp_path: Path) -> None:
+    known = SceneMetadata("Garden", "Ana", "CC0", "z", StartView((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    (tmp_path / "frames").mkdir()
+    for number in range(3):
+        metadata = known if number == 0 else SceneMetadata("later frame")
+        write_splats([some_splats(60, 0)], tmp_path / "frames" / f"{number}.ply", metadata=metadata)
+    for done in (
+        run("encode", tmp_path / "frames", "-o", tmp_path / "a.swz"),
+        run("decode", tmp_path / "a.swz", "-o", tmp_path / "b"),
+        run("encode", tmp_path / "b", "-o", tmp_path / "c.swz"),
+    ):
+        assert done.status == 0, done.err
+    assert metadata_in(tmp_path / "a.swz") == metadata_in(tmp_path / "c.swz") == known
+    assert read_content(tmp_path / "b" / "frame_2.ply").metadata == known
+    shown = run("inspect", tmp_path / "a.swz")
+    assert all(text in shown.out for text in ("Garden", "Ana", "CC0"))
+
+
+def test_an_upward_axis_that_is_asked_for_counts_more_than_that_of_a_frame(run: Any, tmp_path: Path) -> None:
+    (tmp_path / "frames").mkdir()
+    write_splats([some_splats(60, 0)], tmp_path / "frames" / "0.ply", metadata=SceneMetadata(up="z"))
+    for up, expected in (("-y", None), ("y", "y")):
+        assert run("encode", tmp_path / "frames", "-o", tmp_path / "a.swz", "--up", up).status == 0
+        assert metadata_in(tmp_path / "a.swz").up == expected

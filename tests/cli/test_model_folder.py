@@ -1,16 +1,16 @@
-"""A model folder of 3DGS, with its cameras.json, is taken by the verbs that take Gaussians."""
+"""Verbs for Gaussians accept a 3DGS model folder with its cameras.json."""
 
 import json
 
 import pytest
 
-from formats.handmade import some_splats
-from splatwire.formats import write_splats
+from splat_io.formats.handmade import some_splats
+from splatwire.io.formats import write_splats
 
 
 @pytest.fixture
 def model(tmp_path):
-    """A folder as 3DGS leaves it after two saved iterations."""
+    """Model folder that 3DGS writes after two saved iterations."""
     for iteration, count in ((7000, 20), (30000, 60)):
         folder = tmp_path / "model" / "point_cloud" / f"iteration_{iteration}"
         folder.mkdir(parents=True)
@@ -23,7 +23,7 @@ def model(tmp_path):
     return tmp_path / "model"
 
 
-def test_the_verbs_take_the_folder_and_its_cameras(run, model, tmp_path):
+def test_verbs_accept_a_model_folder_and_its_cameras(run, model, tmp_path):
     found = run("inspect", model, "--json").json
     ply = model / "point_cloud" / "iteration_30000" / "point_cloud.ply"
     assert (found["num_gaussians"], found["num_bytes"]) == (60, ply.stat().st_size)
@@ -34,8 +34,9 @@ def test_the_verbs_take_the_folder_and_its_cameras(run, model, tmp_path):
     assert run("import", "splats", model, "-o", tmp_path / "b.ply", "--json").json["num_gaussians"] == 60
 
 
+@pytest.mark.needs_torch
 @pytest.mark.parametrize("kind", ["hacpp", "scaffold"])
-def test_neural_importers_name_what_the_folder_is(run, model, tmp_path, kind):
+def test_neural_importers_name_the_kind_of_the_folder(run, model, tmp_path, kind):
     done = run("import", kind, model, "-o", tmp_path / "b.scene")
     assert done.status == 2
     assert "a model folder of 3DGS" in done.err

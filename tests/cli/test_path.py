@@ -1,16 +1,18 @@
-"""`evaluate --path`: a walk through a scene while it arrives."""
+"""`evaluate --path`: quality along a camera path during a transfer."""
 
 import json
 
 import pytest
 
 from codec.gaussians.test_gaussians import some_splats
+from splatwire.bitstream import Packetization, write_stream
 from splatwire.data import save_cameras
-from splatwire.formats import write_splats
-from splatwire.levels import encode_levels
-from splatwire.model import SplatScene
-from splatwire.packets import Packetization, write_stream
+from splatwire.io.formats import write_splats
+from splatwire.lod import encode_levels
 from splatwire.render.importance import surrounding_cameras
+from splatwire.types import SplatScene
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +29,7 @@ def command(folder, *options):
     return [*given, "--path", f"{folder}/cameras.json", *options]
 
 
-def test_the_command_tells_what_was_seen(folder, tmp_path, run):
+def test_path_evaluation_reports_quality_over_time(folder, tmp_path, run):
     outcome = run(*command(folder, "--rate", "200k", "--seconds", "1", "--json", "-o", str(tmp_path / "report")))
     told = json.loads(outcome.out)
     moments = told["moments"]
@@ -53,12 +55,12 @@ def test_the_command_tells_what_was_seen(folder, tmp_path, run):
         (["--rate", "1M", "--seeds", "1", "2"], "one seed"),
     ],
 )
-def test_what_a_path_cannot_use_is_refused(folder, run, options, told):
+def test_options_unusable_with_a_path_are_refused(folder, run, options, told):
     outcome = run(*command(folder, *options))
     assert (outcome.status, told in outcome.err) == (2, True)
 
 
-def test_a_rate_is_for_a_path(folder, run):
+def test_rate_requires_a_path(folder, run):
     given = ["evaluate", f"{folder}/city.swz", "--reference", f"{folder}/big.ply"]
     outcome = run(*given, "--rate", "1M")
     assert (outcome.status, "--path" in outcome.err) == (2, True)

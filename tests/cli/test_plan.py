@@ -2,11 +2,14 @@ import json
 
 import pytest
 
+from splatwire.bitstream import read_stream
+from splatwire.cli import _run_serve
 from splatwire.cli.serve import Serve
 from splatwire.errors import InvalidValueError, UnsupportedVersionError
-from splatwire.packets import read_stream
-from splatwire.plan.plan_file import MOST_BYTES, plan_content, read_plan
-from splatwire.transport import Protection, make_program
+from splatwire.planning.plan_file import MOST_BYTES, plan_content, read_plan
+from splatwire.transport import Protection, make_served_stream
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
@@ -17,7 +20,7 @@ def datagrams(run, journey, tmp_path):
     return target
 
 
-def test_serve_takes_what_plan_wrote(run, datagrams, tmp_path):
+def test_serve_accepts_a_plan_file(run, datagrams, tmp_path):
     target = tmp_path / "plan.json"
     words = ("--loss", "bernoulli:0.2", "--budget", 2.5, "--views", 1, "--trials", 5, "-o", target)
     content = run("plan", datagrams, *words, "--json").json
@@ -26,22 +29,22 @@ def test_serve_takes_what_plan_wrote(run, datagrams, tmp_path):
     assert content["sent_bytes"] <= content["budget_bytes"] == 2.5 * content["plain_bytes"]
     assert json.loads(target.read_text()) == content
     serve = Serve((str(datagrams),), plan=target)
-    protection, planned = serve.protection()
+    protection, planned = _run_serve.protection(serve)
     stream = read_stream(datagrams)[0]
     assert planned == stream.manifest.stream_id
     assert content["protection"] == json.loads(json.dumps(vars(protection)))
-    (program,) = serve._programs(protection, planned).values()
-    assert program.schedule == make_program(stream, protection).schedule
+    (program,) = _run_serve._programs(serve, protection, planned).values()
+    assert program.schedule == make_served_stream(stream, protection).schedule
     told = run("plan", datagrams, *words).out
     assert f"splatwire serve {datagrams} --plan {target}" in told
 
 
-def test_a_plan_for_another_stream_and_one_beside_other_wishes_are_refused(run, journey, datagrams, tmp_path):
+def test_plan_of_another_stream_or_with_conflicting_options_is_refused(run, journey, datagrams, tmp_path):
     target = tmp_path / "plan.json"
     target.write_text(json.dumps(plan_content(Protection(), 7, {})))
     assert "is for the stream 00000007" in run("serve", datagrams, "--plan", target).err
     for words in (("--side-repair", 0.1), ("--protect", "tier0=0.1")):
-        assert "give one or the other" in run("serve", datagrams, "--plan", target, *words).err
+        assert "--plan sets the protection" in run("serve", datagrams, "--plan", target, *words).err
     assert "No such file" in run("serve", datagrams, "--plan", tmp_path / "none.json").err
 
 
@@ -49,12 +52,12 @@ def test_a_plan_for_another_stream_and_one_beside_other_wishes_are_refused(run, 
     "protection",
     [Protection(), Protection(0.1, 0.5, 80, 0.02, (0.5, 0.1), 0.8, 0.3, 0.25, 0.5), Protection(side_symbol_bytes=64)],
 )
-def test_a_plan_reads_back_as_it_was(protection):
+def test_plan_round_trips_through_json(protection):
     content = plan_content(protection, 0xFEED, {"psnr": 30.0})
     assert read_plan(json.dumps(content).encode(), "plan.json") == (protection, 0xFEED)
 
 
-def test_what_is_no_plan_is_told_in_one_line():
+def test_invalid_plan_file_is_one_error_line():
     good = plan_content(Protection(), 7, {})
 
     def refused(change, told, kind=InvalidValueError):
@@ -89,8 +92,8 @@ def test_what_is_no_plan_is_told_in_one_line():
     refused(protected(resend=5), "from 0 to")
 
 
-def test_with_a_way_back_the_plan_says_what_is_sent_again(run, datagrams):
-    words = ("--loss", "bernoulli:0.2", "--views", 1, "--json", "--way-back")
+def test_plan_with_feedback_states_what_is_retransmitted(run, datagrams):
+    words = ("--loss", "bernoulli:0.2", "--views", 1, "--json", "--feedback")
     whole, part = (run("plan", datagrams, *words, "--budget", budget).json for budget in (2.0, 1.25))
     assert whole["protection"] == {**vars(Protection(0.0, resend=4.0)), "tier_repair": [], "motion": []}
     assert whole["lost"] == [0.0, 0.0]
@@ -101,15 +104,23 @@ def test_with_a_way_back_the_plan_says_what_is_sent_again(run, datagrams):
     assert "needs more than 0.1% of all bytes" in outcome.err
 
 
-def test_a_deadline_is_a_budget(run, datagrams):
+def test_way_back_is_a_deprecated_name_of_feedback(run, datagrams):
+    words = ("--loss", "bernoulli:0.2", "--views", 1, "--json", "--budget", 2.0)
+    former, now = (run("plan", datagrams, *words, option) for option in ("--way-back", "--feedback"))
+    assert former.json == now.json
+    assert "--way-back is now --feedback" in former.err
+    assert "--way-back" not in now.err
+
+
+def test_deadline_is_converted_to_a_byte_budget(run, datagrams):
     words = ("--views", 1, "--trials", 5, "--json", "--loss", "none")
     content = run("plan", datagrams, "--deadline", 0.5, "--rate", 2.0, *words).json
     assert content["budget_bytes"] == 125_000
 
 
-def test_a_stream_in_other_packets_is_planned_for_as_it_is_served(run, journey, tmp_path):
+def test_stream_is_planned_in_the_packets_it_is_served_in(run, journey, tmp_path):
+    from splatwire.bitstream import PRESETS, read_stream
     from splatwire.codec import repack
-    from splatwire.packets import PRESETS, read_stream
 
     outcome = run("plan", journey / "tiny.swz", "--views", 1, "--trials", 5, "-o", tmp_path / "plan.json")
     assert "packets that fit datagrams" in outcome.err
@@ -117,12 +128,12 @@ def test_a_stream_in_other_packets_is_planned_for_as_it_is_served(run, journey, 
     assert json.loads((tmp_path / "plan.json").read_text())["stream_id"] == f"{served.manifest.stream_id:08x}"
 
 
-def test_mistakes_are_told(run, datagrams):
+def test_invalid_options_are_one_error_line(run, datagrams):
     assert "--deadline and --rate together" in run("plan", datagrams, "--deadline", 1.0).err
     assert "unknown loss" in run("plan", datagrams, "--loss", "weather").err.lower()
 
 
-def test_motion_of_a_plan_is_checked():
+def test_motion_protection_of_a_plan_is_validated():
     content = plan_content(Protection(motion=((0.5, 0.25), (1.0, 0.1))), 7, {})
     text = json.dumps(content)
     assert read_plan(text.encode(), "plan.json")[0].motion == ((0.5, 0.25), (1.0, 0.1))

@@ -1,4 +1,4 @@
-"""What is used up is said in one line: memory, space, sizes of files, open files."""
+"""Exhausted memory, disk space, file sizes and open files are one error line each."""
 
 import errno
 import os
@@ -33,7 +33,7 @@ def raised(error: BaseException, cause: BaseException | None = None) -> BaseExce
         (raised(SystemError("kernel"), MemoryError()), "not enough memory"),
     ],
 )
-def test_a_used_up_resource_is_named(error, words):
+def test_exhausted_resource_is_named(error, words):
     problem = resource_problem(error)
     assert problem is not None
     assert words in problem
@@ -41,11 +41,11 @@ def test_a_used_up_resource_is_named(error, words):
 
 
 @pytest.mark.parametrize("error", [OSError(errno.ENOENT, "No such file", "a"), ValueError("memory"), KeyError("x")])
-def test_other_errors_are_not(error):
+def test_other_errors_are_no_resource_errors(error):
     assert resource_problem(error) is None
 
 
-def test_a_limited_address_space_is_named(monkeypatch):
+def test_limited_address_space_is_named_in_the_error(monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda _: (800_000_000, 800_000_000))
     said = "Could not find/load shared object file 'libllvmlite.so' from resource location"
     assert "limited to 0.8 GB, `ulimit -v`" in resource_problem(OSError(said))
@@ -54,8 +54,17 @@ def test_a_limited_address_space_is_named(monkeypatch):
     assert resource_problem(OSError(said)) is None  # a broken installation
 
 
-def test_a_file_that_may_not_grow_is_one_line_and_leaves_nothing(journey, tmp_path):
-    """The limit is that of the system: Python gets an error in place of the signal."""
+@pytest.mark.parametrize(("limit", "warns"), [(600_000_000, True), (4_000_000_000, False), (None, False)])
+def test_small_address_space_gives_a_warning_before_libraries_abort(run, journey, monkeypatch, limit, warns):
+    limit = resource.RLIM_INFINITY if limit is None else limit
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
+    outcome = run("inspect", journey / "tiny.swz")
+    assert outcome.status == 0
+    assert ("splatwire: warning: the address space is limited to 0.6 GB (`ulimit -v`)" in outcome.err) == warns
+
+
+def test_file_size_limit_is_one_error_line_and_leaves_no_file(journey, tmp_path):
+    """The system sets the limit; Python raises an error instead of receiving the signal."""
     words = [sys.executable, "-m", "splatwire", "transmit", str(journey / "tiny.swz"), "-o", str(tmp_path / "a.swz")]
     done = subprocess.run(
         [*words, "--loss", "none"], capture_output=True, text=True, timeout=120, check=False,
@@ -68,8 +77,20 @@ def test_a_file_that_may_not_grow_is_one_line_and_leaves_nothing(journey, tmp_pa
     assert not any(path.suffix == ".swz" for path in tmp_path.iterdir())
 
 
+def test_file_size_limit_leaves_no_cut_compiled_module(tmp_path):
+    """Python cuts a compiled module at the limit without an error, and cannot load it afterwards."""
+    cached = {"PYTHONPYCACHEPREFIX": str(tmp_path), "PYTHONDONTWRITEBYTECODE": ""}
+    done = subprocess.run(
+        [sys.executable, "-m", "splatwire", "inspect", str(tmp_path / "absent.swz")], capture_output=True, text=True,
+        timeout=120, check=False, env={**os.environ, **cached},
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
+    )  # fmt: skip
+    assert "no such file" in done.stderr
+    assert [path.name.partition(".")[0] for path in tmp_path.rglob("splatwire/cli/*.pyc")] == ["__init__"]
+
+
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is full")
-def test_standard_output_that_is_full_is_one_line():
+def test_full_standard_output_is_one_error_line():
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "splatwire", "--version"], stdout=full, stderr=subprocess.PIPE, text=True,

@@ -1,4 +1,4 @@
-"""The verbs `serve` and `receive`: a server process, and clients in this one."""
+"""The verbs `serve` and `receive`, with the server in another process."""
 
 import asyncio
 import contextlib
@@ -20,24 +20,27 @@ import numpy as np
 import pytest
 
 from codec.gaussians.test_gaussians import some_splats
-from processes import told_by
+from processes import server_process
 from scenes import tiny_cameras, tiny_scene
+from splatwire.bitstream import PRESETS, Packetization, read_stream, write_stream
+from splatwire.cli import _run_receive
+from splatwire.cli._run_receive import parse_seconds
 from splatwire.cli.main import main
-from splatwire.cli.receive import parse_seconds
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.preview import Preview, PreviewFrame, preview_scene, write_preview
-from splatwire.conceal import conceal
+from splatwire.concealment import conceal
 from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError
-from splatwire.formats import read_splats
-from splatwire.levels import encode_levels
-from splatwire.model import SplatScene
-from splatwire.packets import PRESETS, Packetization, read_stream, write_stream
+from splatwire.io.formats import read_splats
+from splatwire.lod import encode_levels
+from splatwire.types import SplatScene
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
 from splatwire.transport import Protection
-from splatwire.transport.page import PageLimits
-from splatwire.transport.wire import DATA, decode, kind_of
+from splatwire.transport.http.server import PageLimits
+from splatwire.transport.protocol.wire import DATA, decode, kind_of
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -48,8 +51,8 @@ def stream_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def serving(*words: str) -> contextlib.AbstractContextManager[dict[str, Any]]:
-    """A server process; gives what it says of itself."""
-    return told_by([sys.executable, "-m", "splatwire", "serve", *words, "--port", "0", "--json"])
+    """Runs a server process and yields its JSON description."""
+    return server_process([sys.executable, "-m", "splatwire", "serve", *words, "--port", "0", "--json"])
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +68,9 @@ def call(*words: str) -> int:
     return int(stopped.value.code or 0)
 
 
-def test_a_stream_arrives_as_it_was(url: str, stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_received_stream_equals_the_served_stream(
+    url: str, stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     assert call("receive", url, "-o", str(tmp_path / "got.swz"), "--json") == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["finished"] == "complete"
@@ -73,8 +78,10 @@ def test_a_stream_arrives_as_it_was(url: str, stream_file: Path, tmp_path: Path,
     assert (tmp_path / "got.swz").read_bytes() == stream_file.read_bytes()
 
 
-def test_only_the_preview_arrived(stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    """A server so slow that no scene comes in time; the file beside the output is a scene that can be drawn."""
+def test_receive_reports_when_only_the_preview_arrived(
+    stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    """The server is too slow for any packet, so the preview is written as a scene."""
     frame = PreviewFrame.fitting((0.0,) * 3, 1.0, (-0.5, -0.5, -0.5, -2.0), (0.5, 0.5, 0.5, -1.0))
     levels = np.random.default_rng(0).integers(0, 16, (20, 10))
     preview = write_preview(Preview(frame, (0, 51, 102), levels))
@@ -106,9 +113,9 @@ def test_only_the_preview_arrived(stream_file: Path, tmp_path: Path, capsys: pyt
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_what_arrived_before_ctrl_c_is_a_stream(stream_file: Path, tmp_path: Path, monkeypatch, capsys, number):
-    """Asked to end at the first packet, it keeps what is there, says so, and ends with the status of Ctrl-C."""
-    from splatwire.cli.receive import Moments
+def test_interrupted_receive_writes_the_arrived_packets(stream_file: Path, tmp_path: Path, monkeypatch, capsys, number):
+    """An interrupt after the first packet keeps the packets, reports them and exits with the status of Ctrl-C."""
+    from splatwire.cli._run_receive import Moments
     from splatwire.codec import decode_stream
     from splatwire.transport import PacketArrived
 
@@ -131,13 +138,14 @@ def test_what_arrived_before_ctrl_c_is_a_stream(stream_file: Path, tmp_path: Pat
     assert decode_stream(stream).erasures.num_lost > 0
 
 
-def test_without_a_stream_the_bundled_gaussians_are_served_as_they_are():
-    from splatwire.cli import _bundled, serve
+def test_serve_without_a_stream_serves_the_bundled_gaussians():
+    from splatwire.bitstream.sections import sections_of
+    from splatwire.cli import _bundled, _run_serve
+    from splatwire.cli.serve import Serve
     from splatwire.codec.viewpoint import SECTION
-    from splatwire.packets.sections import sections_of
 
     stream, _ = read_stream(_bundled.ASSETS / _bundled.SPLATS)
-    ((name, program),) = serve.Serve()._programs(Protection()).items()
+    ((name, program),) = _run_serve._programs(Serve(), Protection()).items()
     assert (name, program.stream_id) == ("snowmiku_gaussians", stream.manifest.stream_id)
     assert stream.manifest.elements == "Gaussians"
     assert SECTION in sections_of(stream)
@@ -153,15 +161,15 @@ def test_two_streams_of_one_name_are_refused(stream_file: Path, tmp_path: Path, 
     assert f"{stream_file} and {other}" in error
 
 
-def test_a_scene_is_written_on_the_spot(url: str, tmp_path: Path):
-    from splatwire.model.scene_file import load_scene
+def test_receive_writes_a_decoded_scene(url: str, tmp_path: Path):
+    from splatwire.anchors.scene_file import load_scene
 
     target = tmp_path / "decoded.scene"
     assert call("receive", f"{url}/tiny", "-o", str(target), "--conceal", "drop", "--deadline", "20s") == 0
     assert load_scene(target).anchors.num_anchors == 400
 
 
-def test_a_stream_in_other_packets_is_served_as_the_same_scene(tmp_path: Path):
+def test_stream_in_other_packets_is_repacked_to_the_same_scene(tmp_path: Path):
     paper, got = tmp_path / "paper.swz", tmp_path / "got.swz"
     whole = encode_scene(tiny_scene(seed=1, num_anchors=400), Packetization(lanes=1))
     write_stream(whole, paper)
@@ -173,7 +181,7 @@ def test_a_stream_in_other_packets_is_served_as_the_same_scene(tmp_path: Path):
     assert all(np.array_equal(values, vars(seen)[name]) for name, values in vars(sent).items())
 
 
-def test_mistakes_are_told_in_one_line(url: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_invalid_options_are_one_error_line(url: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     paper = tmp_path / "paper.swz"
     write_stream(encode_scene(tiny_scene(seed=1, num_anchors=400), Packetization(lanes=1)), paper)
     for words, told in (
@@ -194,7 +202,7 @@ def test_mistakes_are_told_in_one_line(url: str, tmp_path: Path, capsys: pytest.
     assert not (tmp_path / "a.swz").exists()
 
 
-def test_times():
+def test_durations_are_parsed():
     assert [parse_seconds(t) for t in ("2s", "500ms", "1.5", ".5 s")] == [2.0, 0.5, 1.5, 0.5]
     for wrong in ("", "s", "-1", "2m", "1e3"):
         with pytest.raises(InvalidValueError):
@@ -203,22 +211,23 @@ def test_times():
 
 def test_a_folder_of_packets_is_served_under_its_name(stream_file: Path, tmp_path: Path):
     from splatwire.cli._files import stream_name
+    from splatwire.cli._run_serve import _programs
     from splatwire.cli.serve import Serve
     from splatwire.transport import Protection
 
     folder = tmp_path / "scene"
     write_stream(read_stream(stream_file)[0], folder)
     assert stream_name(str(folder)) == "scene"
-    one, other = (Serve((str(path),))._programs(Protection()) for path in (folder, stream_file))
+    one, other = (_programs(Serve((str(path),)), Protection()) for path in (folder, stream_file))
     assert one["scene"].packets == other["tiny"].packets
 
 
-def test_quic_from_the_command_line(stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    """A certificate made on the spot and one from files; fingerprint, page, capture."""
+def test_serve_and_receive_work_over_quic(stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Covers a generated and a given certificate, the fingerprint, the page and the capture."""
     pytest.importorskip("aioquic", reason="the package aioquic is not installed")
     from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
-    from splatwire.transport.certificate import self_signed
+    from splatwire.transport.quic.certificate import self_signed
 
     with serving(str(stream_file), "--page", "0") as facts:
         url, target = f"quic://127.0.0.1:{facts['port']}/tiny", str(tmp_path / "got.swz")
@@ -246,8 +255,8 @@ def test_quic_from_the_command_line(stream_file: Path, tmp_path: Path, capsys: p
         assert call("receive", url, "-o", target, "--authority", str(certificate)) == 0
 
 
-def test_ending_beside_slow_readers_says_what_was_served_and_no_more():
-    """Readers of the page that take nothing, half-open requests, and a page that is half there."""
+def test_serve_ends_beside_slow_readers_with_its_summary_only():
+    """Clients include readers that never read, half-open requests and an incomplete page."""
     pytest.importorskip("aioquic", reason="the package aioquic is not installed")
     command = [sys.executable, "-m", "splatwire", "serve", "--page", "0", "--port", "0", "--json"]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -259,7 +268,7 @@ def test_ending_beside_slow_readers_says_what_was_served_and_no_more():
                     client = stack.enter_context(socket.create_connection((page.hostname, page.port), timeout=30))
                     client.sendall(said.encode())
                     if said.endswith("\r\n\r\n"):
-                        assert client.recv(8) == b"HTTP/1.1"  # so it is being served
+                        assert client.recv(8) == b"HTTP/1.1"  # the request is being answered
             server.terminate()
             _, told = server.communicate(timeout=30)
     finally:
@@ -267,21 +276,23 @@ def test_ending_beside_slow_readers_says_what_was_served_and_no_more():
         server.communicate()
     assert server.returncode == 0
     (line,) = told.splitlines()
-    answered = PageLimits().per_network  # to the others the page is busy
+    answered = PageLimits().per_network  # the page is busy for other clients
     assert re.fullmatch(rf"served 0 clients, 0 bytes, and {answered} requests over HTTP, [\d,]+ bytes", line)
 
 
-def test_tiers_on_the_command_line():
-    from splatwire.cli.serve import Serve, parse_tiers
+def test_serve_accepts_parity_per_tier():
+    from splatwire.cli._protection import parse_tiers
+    from splatwire.cli._run_serve import protection
+    from splatwire.cli.serve import Serve
     from splatwire.transport import Protection
 
     assert parse_tiers(["tier2=0.5", "tier0=1"]) == (1.0, 0.0, 0.5)
-    assert Serve(("x.swz",), protect=("tier0=0.4",)).protection() == (Protection(tier_repair=(0.4,)), None)
-    assert Serve(("x.swz",), side_repair=0.1).protection() == (Protection(side_repair=0.1), None)
+    assert protection(Serve(("x.swz",), protect=("tier0=0.4",))) == (Protection(tier_repair=(0.4,)), None)
+    assert protection(Serve(("x.swz",), side_repair=0.1)) == (Protection(side_repair=0.1), None)
 
 
-def test_what_a_camera_sees_is_all_that_comes(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    stream = encode_levels(SplatScene(some_splats(30_000)))  # in packets that fit no datagram
+def test_receive_with_a_camera_gets_only_visible_tiles(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    stream = encode_levels(SplatScene(some_splats(30_000)))  # the packets exceed a datagram
     cameras = tiny_cameras(1, 320, 240)
     poses = cameras.viewmats.copy()
     poses[:, :3, 3] += np.array([0.0, 0.0, 3000.0], np.float32)
@@ -299,10 +310,10 @@ def test_what_a_camera_sees_is_all_that_comes(tmp_path: Path, capsys: pytest.Cap
 
 
 @pytest.mark.parametrize(("words", "status"), [((), 3), (("--partial",), 0), (("--deadline", "30s"), 3)])
-def test_a_stream_that_stays_incomplete_is_no_success(stream_file: Path, tmp_path: Path, capsys, words, status):
-    """A relay on the way loses one packet for good; what arrived is written."""
+def test_incomplete_stream_exits_with_an_error(stream_file: Path, tmp_path: Path, capsys, words, status):
+    """A relay drops one packet permanently; the received packets are written."""
     target = tmp_path / "part.swz"
-    with serving(str(stream_file)) as facts, losing_one(facts["port"]) as port:
+    with serving(str(stream_file)) as facts, relay_losing_one(facts["port"]) as port:
         assert call("receive", f"udp://127.0.0.1:{port}", "-o", str(target), "--no-nack", *words) == status
     told = capsys.readouterr()
     assert "(sent) -> " in told.out
@@ -311,9 +322,40 @@ def test_a_stream_that_stays_incomplete_is_no_success(stream_file: Path, tmp_pat
     assert len(stream.packets) == len(whole.packets) - 1
 
 
+@pytest.mark.parametrize(("words", "status"), [((), 3), (("--partial",), 0)])
+def test_deadline_that_passes_before_all_arrived_is_no_success(stream_file, tmp_path, capsys, words, status):
+    target = tmp_path / "part.swz"
+    with serving(str(stream_file)) as facts, relay_losing_one(facts["port"]) as port:
+        url = f"udp://127.0.0.1:{port}"
+        assert call("receive", url, "-o", str(target), "--deadline", "1500ms", "--json", *words) == status
+    told = capsys.readouterr()
+    assert json.loads(told.out)["finished"] in ("deadline", "sent")
+    assert ("the stream is incomplete (" in told.err) == (status != 0)
+    assert len(read_stream(target)[0].packets) == len(read_stream(stream_file)[0].packets) - 1
+
+
+@pytest.mark.parametrize(
+    ("reason", "live", "missed", "complete"),
+    [
+        ("complete", False, 0, True),
+        ("complete", True, 3, False),  # of a chapter that has ended
+        ("seen", False, 0, True),
+        ("sent", True, 0, True),
+        ("sent", True, 1, False),
+        ("sent", False, 0, False),
+        ("deadline", False, 0, False),
+        ("deadline", True, 0, False),
+        ("stopped", False, 0, False),
+        ("the server fell silent", True, 0, False),
+    ],
+)
+def test_only_these_results_are_complete(reason, live, missed, complete):
+    assert _run_receive._is_all(reason, live=live, num_missed=missed) is complete
+
+
 @contextlib.contextmanager
-def losing_one(server_port: int) -> Iterator[int]:
-    """A relay that never passes a packet of the last place that it sees first."""
+def relay_losing_one(server_port: int) -> Iterator[int]:
+    """A relay that drops every copy of the last packet of its first pass."""
     ready, ports, loops = threading.Event(), [], []
 
     async def relay() -> None:
@@ -356,3 +398,30 @@ def losing_one(server_port: int) -> Iterator[int]:
         loop, stop = loops[0]
         loop.call_soon_threadsafe(stop.set)
         thread.join(10)
+
+
+def test_monitored_server_reports_its_transfers_in_metrics_and_log(stream_file: Path, tmp_path: Path):
+    pytest.importorskip("prometheus_client", reason="the package prometheus-client is not installed")
+    words = (str(stream_file), "--port", "0", "--json", "--monitor", "0", "--log-level", "info", "--log-format", "json")
+    with (tmp_path / "log").open("wb") as log:
+        server = subprocess.Popen(
+            [sys.executable, "-m", "splatwire", "serve", *words], stdout=subprocess.PIPE, stderr=log, text=True
+        )
+        try:
+            facts = json.loads(server.stdout.readline())
+            assert urlopen(f"{facts['monitor']}readyz", timeout=20).read() == b"ready\n"
+            assert call("receive", f"udp://127.0.0.1:{facts['port']}", "-o", str(tmp_path / "got.swz")) == 0
+            metrics = urlopen(f"{facts['monitor']}metrics", timeout=20).read().decode()
+        finally:
+            server.terminate()
+            server.communicate(timeout=20)
+    assert "splatwire_transfers_started_total 1.0" in metrics.splitlines()
+    events = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
+    assert [event["event"] for event in events] == ["transfer started", "transfer ended", "stopped"]
+    assert events[2]["transfers"] == 1
+
+
+@pytest.mark.parametrize("text", ["x", "1:2:x", "65536", "http://127.0.0.1:80", "-1"])
+def test_invalid_monitoring_address_is_refused(text: str, capsys: pytest.CaptureFixture[str]):
+    assert call("serve", f"--monitor={text}") == 2
+    assert "--monitor takes PORT or HOST:PORT" in capsys.readouterr().err

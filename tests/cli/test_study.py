@@ -1,9 +1,11 @@
-"""`splatwire study PROTOCOL.toml`: files, resuming, and one line for every mistake."""
+"""`splatwire study PROTOCOL.toml`: output files, resuming, and one error line per mistake."""
 
 import importlib.util
 import json
 
 import pytest
+
+pytestmark = pytest.mark.slow
 
 PROTOCOL = """
 [protocol]
@@ -37,7 +39,7 @@ def _protocol(tmp_path, journey, text=PROTOCOL):
     return path
 
 
-def test_a_protocol_runs_and_is_not_run_twice(run, journey, tmp_path):
+def test_protocol_runs_once_and_reuses_its_records(run, journey, tmp_path):
     path = _protocol(tmp_path, journey)
     words = (path, "-o", tmp_path / "out", "--views", 1, "--workers", 1, "--json")
     first, again = run("study", *words).json, run("study", *words).json
@@ -47,8 +49,9 @@ def test_a_protocol_runs_and_is_not_run_twice(run, journey, tmp_path):
     assert json.loads((tmp_path / "out" / "results.json").read_text())["seeds"] == [1, 2]
 
 
-def test_a_renderer_of_the_command_line_wins(run, journey, tmp_path):
-    """Also the one that would be taken anyway: the protocol may name another."""
+@pytest.mark.needs_torch
+def test_renderer_option_overrides_the_protocol(run, journey, tmp_path):
+    """The option also applies when it names the default, because the protocol may name another renderer."""
     text = PROTOCOL.replace("seeds = [1, 2]", 'seeds = [1]\nrenderer = "reference"')
     words = (_protocol(tmp_path, journey, text), "-o", tmp_path / "out", "--views", 1, "--workers", 1, "--json")
     for number, more in enumerate(((), ("--renderer", "cpu"))):
@@ -57,7 +60,7 @@ def test_a_renderer_of_the_command_line_wins(run, journey, tmp_path):
     assert ",cpu," in records[1]
 
 
-def test_a_protocol_says_what_is_wrong(run, journey, tmp_path):
+def test_invalid_protocol_is_one_error_line(run, journey, tmp_path):
     path = _protocol(tmp_path, journey)
     assert "--output" in run("study", path).err
     assert_complains(run("study", path, "-o", tmp_path / "out", "--engine", "moon"), "unknown engine")
@@ -75,7 +78,7 @@ def test_a_protocol_says_what_is_wrong(run, journey, tmp_path):
 
 
 @pytest.mark.parametrize("module", ["pyarrow", "matplotlib", "jinja2"])
-def test_a_module_that_only_writes_results_is_missed_before_the_work(run, journey, tmp_path, monkeypatch, module):
+def test_missing_result_writer_is_reported_before_the_work(run, journey, tmp_path, monkeypatch, module):
     found = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == module else found(name, *rest))
     done = run("study", _protocol(tmp_path, journey), "-o", tmp_path / "out")
@@ -85,5 +88,5 @@ def test_a_module_that_only_writes_results_is_missed_before_the_work(run, journe
 
 
 @pytest.mark.parametrize("words", [("--partition", "x"), ("--account", "x"), ("--minutes", 5), ("--memory-gb", 5)])
-def test_options_of_slurm_are_for_slurm(run, journey, tmp_path, words):
+def test_slurm_options_require_the_slurm_engine(run, journey, tmp_path, words):
     assert_complains(run("study", _protocol(tmp_path, journey), "-o", tmp_path / "out", *words), "for engine 'slurm'")

@@ -1,4 +1,4 @@
-"""Text of others on the terminal: nothing in names, messages or files controls it, and JSON stays JSON."""
+"""Names, messages and files cannot control the terminal, and JSON stays JSON."""
 
 import ast
 import contextlib
@@ -13,15 +13,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from unittest.mock import patch
 
+import pytest
+
 import splatwire.cli
-from splatwire.cli import _terminal, main
+from splatwire.cli import _rich, main
 from splatwire.cli._output import print_summary, progress_bars
+from splatwire.cli._rich import console, print_table
 from splatwire.cli._table import print_rows
-from splatwire.cli._terminal import PrintableStream, console, one_line, print_table, printable, printable_streams
+from splatwire.cli._terminal import PrintableStream, one_line, printable, printable_streams
 from splatwire.errors import InvalidValueError
 
 EVIL = "a\x1b[2J\x1b]0;title\x07\x9b31m\r\x08\x7f\u202egnp.exe\u2066\u200b\ufeff\u2028\udcff\x00z"
-"""Screen, title, C1, carriage return, backspace, bidirectional overrides, zero width, separators, a lone surrogate."""
+"""Sequences for screen and title, C1, carriage return, backspace, bidirectional overrides, a lone surrogate and more.
+"""
 GOOD = "plan à 東京\u3000Größe żółć עברית 👍 ±3 → “x”"
 
 
@@ -29,7 +33,8 @@ def controls(text: str, kept: str = "\n\t") -> list[str]:
     return [c for c in text if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp") and c not in kept]
 
 
-def test_every_character_that_controls_a_terminal_becomes_visible():
+@pytest.mark.slow
+def test_terminal_control_characters_are_made_visible():
     assert printable(GOOD) == GOOD
     assert printable("two\nlines\t") == "two\nlines\t"
     assert printable("\x1b[2J\u202e\x9b") == "\\x1b[2J\\u202e\\x9b"
@@ -39,7 +44,7 @@ def test_every_character_that_controls_a_terminal_becomes_visible():
     assert printable(EVIL).encode("utf-8").startswith(b"a\\x1b[2J")
 
 
-def test_all_that_is_printed_meanwhile_is_printable(capsys):
+def test_output_inside_the_context_is_printable(capsys):
     with printable_streams():
         print(EVIL, file=sys.stdout)
         print(EVIL, file=sys.stderr)
@@ -53,7 +58,7 @@ def test_all_that_is_printed_meanwhile_is_printable(capsys):
     assert capsys.readouterr().out == "\x1b[1m\n"
 
 
-def test_bytes_and_facts_of_a_stream_stay_what_they_are():
+def test_stream_attributes_and_bytes_are_unchanged():
     raw = io.BytesIO()
     stream = PrintableStream(io.TextIOWrapper(raw, "utf-8"))
     stream.buffer.write(b"\x1b\x00")
@@ -83,14 +88,14 @@ def at_a_terminal() -> Iterator[Terminal]:
 
 
 def own_sequences(text: str) -> str:
-    """Without the sequences of rich: colours, and movements of the cursor over bars."""
+    """Removes the sequences of rich: colours, and cursor movements of progress bars."""
     return re.sub(r"\x1b\[(\?25[lh]|[0-9;]*m|[12]?[KAG]|1A|2K)", "", text)
 
 
-def test_tables_on_a_terminal_have_colours_and_cells_without_control():
+def test_terminal_tables_have_colours_and_no_control_characters():
     row = {
         "method": f"{EVIL}[red]x[/red][link=https://evil.example]y[/link]", "psnr": 30.0, "exact": False, "ssim": 0.9,
-        "lpips": None, "num_lost": 3, "num_bytes": 10, "seconds": 1.0, "parts": {EVIL: 3},
+        "lpips": None, "num_lost": 3, "num_bytes": 10, "seconds": 1.0, "parts": {EVIL: 3}, "metrics": {"psnr": None},
     }  # fmt: skip
     with at_a_terminal() as terminal, printable_streams():
         print_rows([row], EVIL, lpips_note=EVIL)
@@ -101,7 +106,7 @@ def test_tables_on_a_terminal_have_colours_and_cells_without_control():
     assert not controls(own_sequences(shown))
 
 
-def test_progress_on_a_terminal_shows_names_without_control():
+def test_progress_shows_names_without_control_characters():
     with at_a_terminal() as terminal:
         with printable_streams(), progress_bars() as report:
             report(EVIL, 0.5)
@@ -114,7 +119,7 @@ def test_progress_on_a_terminal_shows_names_without_control():
     assert not controls(shown.replace("\r", ""))
 
 
-def test_errors_are_one_line_without_control(run, tmp_path):
+def test_errors_are_one_line_without_control_characters(run, tmp_path):
     path = tmp_path / "x\x1b[2J\u202e\nsecond.swz"
     path.write_bytes(b"nothing")
     for words in (("inspect", path), ("decode", path, "-o", tmp_path / "o.ply"), ("inspect", f"{path}.gone")):
@@ -125,8 +130,8 @@ def test_errors_are_one_line_without_control(run, tmp_path):
         assert "\\x1b[2J\\u202e" in outcome.err
 
 
-def test_what_a_file_says_of_itself_is_shown_without_control(run, tmp_path, monkeypatch):
-    from splatwire.cli import inspect as module
+def test_metadata_is_shown_without_control_characters(run, tmp_path, monkeypatch):
+    from splatwire.cli import _run_inspect as module
 
     content = {"kind": EVIL, "writer": EVIL, EVIL: {"a": EVIL, EVIL: [EVIL, EVIL]}}
     monkeypatch.setattr(module, "describe", lambda path: content)
@@ -138,11 +143,11 @@ def test_what_a_file_says_of_itself_is_shown_without_control(run, tmp_path, monk
     assert json.loads(run("inspect", path, "--json").out) == json.loads(json.dumps(content))
 
 
-def test_a_defect_of_ours_prints_a_traceback_without_control():
+def test_internal_error_prints_a_traceback_without_control_characters():
     code = (
-        "import sys\nfrom splatwire.cli import main, inspect\n"
-        f"def run(self): raise RuntimeError({EVIL!r})\n"
-        "inspect.Inspect.run = run\nsys.argv = ['splatwire', 'inspect', 'x']\nmain.main()"
+        "import sys\nfrom splatwire.cli import main, _run_inspect\n"
+        f"def run(command): raise RuntimeError({EVIL!r})\n"
+        "_run_inspect.run = run\nsys.argv = ['splatwire', 'inspect', 'x']\nmain.main()"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
     shown = done.stderr.decode("utf-8")
@@ -151,18 +156,18 @@ def test_a_defect_of_ours_prints_a_traceback_without_control():
     assert not controls(shown)
 
 
-def test_every_console_is_made_in_one_place():
-    """One that is made elsewhere would print texts of others as they are."""
+def test_every_console_is_created_in_one_function():
+    """A console that is created elsewhere would print untrusted text unchanged."""
     found = []
     for path in Path(splatwire.cli.__file__).parent.glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = [a.name for a in node.names] if isinstance(node, ast.ImportFrom) and node.module else []
             if "Console" in names:
                 found.append(path.name)
-    assert found == [Path(_terminal.__file__).name] * 2
+    assert found == [Path(_rich.__file__).name]
 
 
-def test_a_closed_stream_stays_closed(monkeypatch, capsys):
+def test_closed_standard_stream_is_not_wrapped(monkeypatch, capsys):
     monkeypatch.setattr(sys, "stdout", None)
     with printable_streams():
         assert sys.stdout is None
@@ -177,7 +182,7 @@ def test_messages_of_the_command_line_are_one_line(capsys):
     assert not controls(shown)
 
 
-def test_a_console_writes_past_our_own_streams():
+def test_console_bypasses_the_wrapped_streams():
     with at_a_terminal() as terminal, printable_streams(), printable_streams():
         assert console().file is terminal
         print_table("a[red]b\x1b")

@@ -1,4 +1,4 @@
-"""The journey verb by verb, and what each promises to print."""
+"""The printed results of each verb."""
 
 import json
 
@@ -7,11 +7,11 @@ import pytest
 from PIL import Image
 
 from scenes import tiny_scene
+from splatwire.anchors.scene_file import load_partial, load_scene
+from splatwire.bitstream import read_stream
 from splatwire.cli import _output
 from splatwire.cli.main import main
-from splatwire.model.scene_digest import scene_digest
-from splatwire.model.scene_file import load_partial, load_scene
-from splatwire.packets import read_stream
+from splatwire.types.scene_digest import scene_digest
 
 ROW_KEYS = {"method", "psnr", "ssim", "lpips", "seconds", "num_bytes"}
 
@@ -34,22 +34,22 @@ def test_encode_takes_a_packetization(run, journey, tmp_path):
 @pytest.mark.parametrize(
     ("words", "block_size", "lanes"),
     [
-        ((), 240, 8),  # one block of all anchors: lanes reach over the whole scene
+        ((), 240, 8),  # all anchors in one block, so lanes span the whole scene
         (("--preset", "spread"), 240, 8),
         (("--preset", "paper"), 3000, 8),
-        (("--block-size", 60), 60, 8),  # the paper's numbers where one of them is changed
+        (("--block-size", 60), 60, 8),  # values of the paper where one of them is changed
         (("--lanes", 4), 3000, 4),
     ],
 )
-def test_lanes_of_anchors_reach_over_the_whole_scene_unless_told_otherwise(
-    run, journey, tmp_path, words, block_size, lanes
-):
+def test_lanes_of_anchors_span_the_whole_scene_by_default(run, journey, tmp_path, words, block_size, lanes):
     run("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", *words)
     packetization = read_stream(tmp_path / "a.swz")[0].manifest.packetization
     assert (packetization.block_size, packetization.lanes) == (block_size, lanes)
 
 
-def test_encode_fits_the_context_model_again(run, journey, tmp_path):
+@pytest.mark.needs_torch
+@pytest.mark.slow
+def test_encode_refines_the_context_model(run, journey, tmp_path):
     words = ("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", "--json", "--refine")
     sizes = [run(*words, steps).json["parts"]["packet_payloads"] for steps in (0, 80, 80)]
     assert sizes[1] < 0.97 * sizes[0]
@@ -61,7 +61,7 @@ def test_encode_fits_the_context_model_again(run, journey, tmp_path):
 
 
 @pytest.mark.parametrize("preset", ["paper", "datagram"])
-def test_encode_gives_important_anchors_packets_of_their_own(run, journey, tmp_path, preset):
+def test_encode_puts_important_anchors_into_separate_packets(run, journey, tmp_path, preset):
     words = ("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", "--preset", preset, "--tiers", 0.1, 0.2)
     content = run(*words, "--json").json
     assert [tier["num_elements"] for tier in content["tiers"].values()] == [24, 48, 168]
@@ -77,14 +77,14 @@ def test_encode_gives_important_anchors_packets_of_their_own(run, journey, tmp_p
 
 
 @pytest.mark.parametrize("words", [("--tiers", 0), ("--tiers", 0.6, 0.5), ("--tiers", 0.001)])
-def test_impossible_tiers_are_said(run, journey, tmp_path, words):
+def test_impossible_tiers_are_refused(run, journey, tmp_path, words):
     outcome = run("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", *words)
     assert outcome.status == 2
     assert "tier" in outcome.err
     assert not (tmp_path / "a.swz").exists()
 
 
-def test_inspect_stream(run, journey):
+def test_inspect_reports_a_stream(run, journey):
     content = run("inspect", journey / "tiny.swz", "--json").json
     assert content["kind"] == "stream"
     assert content["num_bytes"] == (journey / "tiny.swz").stat().st_size == sum(content["parts"].values())
@@ -98,13 +98,13 @@ def test_a_folder_and_a_file_have_the_same_content(run, journey):
     assert file == folder
 
 
-def test_inspect_for_people(run, journey):
+def test_inspect_prints_a_table(run, journey):
     outcome = run("inspect", journey / "tiny.swz")
     assert "side_info" in outcome.out
     assert outcome.status == 0
 
 
-def test_transmit_says_what_was_lost(run, journey, tmp_path):
+def test_transmit_reports_lost_packets(run, journey, tmp_path):
     content = run("transmit", journey / "tiny.swz", "-o", tmp_path / "a", "--loss", "bernoulli:0.3", "--json").json
     assert content["unit"] == "pak"
     assert content["num_sent"] == 32
@@ -113,7 +113,7 @@ def test_transmit_says_what_was_lost(run, journey, tmp_path):
     assert run("inspect", tmp_path / "a", "--json").json["num_lost_packets"] == content["num_lost"]
 
 
-def test_deleting_packet_files_is_a_way_to_lose_them(run, journey, tmp_path):
+def test_deleted_packet_files_count_as_losses(run, journey, tmp_path):
     run("transmit", journey / "packets", "-o", tmp_path / "a", "--loss", "none")
     (tmp_path / "a" / "pak_lane0_s0.pak").unlink()
     content = run("decode", tmp_path / "a", "-o", tmp_path / "a.scene", "--json").json
@@ -121,7 +121,7 @@ def test_deleting_packet_files_is_a_way_to_lose_them(run, journey, tmp_path):
     assert 0 < content["num_lost"] < 60
 
 
-def test_decode_without_loss_gives_the_scene_back(run, journey, tmp_path):
+def test_decode_without_loss_restores_the_scene(run, journey, tmp_path):
     content = run("decode", journey / "tiny.swz", "-o", tmp_path / "a.scene", "--json").json
     assert content["num_lost"] == 0
     decoded = load_partial(tmp_path / "a.scene").scene.anchors
@@ -143,7 +143,7 @@ def test_a_decoded_scene_without_gaps_can_be_encoded_again(run, journey, tmp_pat
     assert "of the scene's 240 anchors were lost; conceal it first" in capsys.readouterr().err
 
 
-def test_inspect_decoded_scene(run, journey, tmp_path):
+def test_inspect_reports_a_decoded_scene(run, journey, tmp_path):
     decoded = run("decode", journey / "lossy.swz", "-o", tmp_path / "a.scene", "--json").json
     content = run("inspect", tmp_path / "a.scene", "--json").json
     assert content["digest"] == decoded["digest"] == scene_digest(load_partial(tmp_path / "a.scene").scene.anchors)
@@ -153,7 +153,8 @@ def test_inspect_decoded_scene(run, journey, tmp_path):
     assert content["kind"] == "partial scene"
 
 
-def test_a_concealed_scene_remembers_its_losses(run, journey, tmp_path):
+@pytest.mark.needs_torch
+def test_concealed_scene_keeps_its_loss_mask(run, journey, tmp_path):
     decoded = run("decode", journey / "lossy.swz", "-o", tmp_path / "a.scene", "--conceal", "idw", "--json").json
     content = run("inspect", tmp_path / "a.scene", "--json").json
     assert content["kind"] == "scene"
@@ -185,7 +186,8 @@ def _evaluate(run, journey, source, *words):
     return run("evaluate", source, *reference, *words).json
 
 
-def test_evaluate_rows(run, journey):
+@pytest.mark.needs_torch
+def test_evaluate_prints_one_row_per_concealer_and_loss(run, journey):
     content = _evaluate(
         run, journey, journey / "tiny.swz", "--loss", "bernoulli:0.3", "--seeds", 0, 1, "--conceal", "idw", "drop",
         "--contiguous",
@@ -202,7 +204,7 @@ def test_evaluate_rows(run, journey):
     assert content["unit"] == "pak"
 
 
-def test_evaluate_takes_what_was_lost_before(run, journey, tmp_path):
+def test_evaluate_accepts_an_already_lossy_stream(run, journey, tmp_path):
     rows = _evaluate(run, journey, journey / "lossy.swz", "--conceal", "drop")["rows"]
     run("decode", journey / "lossy.swz", "-o", tmp_path / "gaps.scene")
     run("decode", journey / "lossy.swz", "-o", tmp_path / "drop.scene", "--conceal", "drop")
@@ -213,7 +215,7 @@ def test_evaluate_takes_what_was_lost_before(run, journey, tmp_path):
 
 
 @pytest.mark.parametrize("loss", ["bernoulli:0", "bernoulli:1"])
-def test_nothing_and_everything_may_be_lost(run, journey, loss):
+def test_loss_rates_zero_and_one_are_accepted(run, journey, loss):
     rows = _evaluate(run, journey, journey / "tiny.swz", "--loss", loss)["rows"]
     for row in rows[1:]:
         assert row["num_lost"] == (0 if loss.endswith("0") else 240)
@@ -235,7 +237,7 @@ def test_progress_goes_to_standard_error(run, journey, tmp_path):
     assert len(outcome.out.splitlines()) == 1
 
 
-def test_long_work_shows_its_share_at_intervals_where_there_is_no_terminal(capsys, monkeypatch):
+def test_progress_without_a_terminal_is_printed_at_intervals(capsys, monkeypatch):
     now = [0.0]
     monkeypatch.setattr(_output.time, "perf_counter", lambda: now[0])
     with _output.progress_bars() as report:

@@ -1,11 +1,11 @@
-"""Damaged streams: every verb fails unless damage is accepted, and `verify` names the damaged packets."""
+"""Verbs fail on a damaged stream unless damage is allowed, and `verify` names damaged packets."""
 
 import shutil
 from pathlib import Path
 
 import pytest
 
-from splatwire.packets import make_packet, packet_from_bytes
+from splatwire.bitstream import make_packet, packet_from_bytes
 
 DAMAGES = ("flipped", "cut", "cut within a size", "longer", "foreign packet", "empty packet")
 
@@ -31,7 +31,7 @@ def damaged(request: pytest.FixtureRequest, journey: Path, tmp_path: Path) -> Pa
     return path
 
 
-def test_verbs_fail_on_a_damaged_stream_unless_damage_is_accepted(run, damaged, journey, tmp_path):
+def test_verbs_fail_on_damage_unless_it_is_allowed(run, damaged, journey, tmp_path):
     for words in (
         ("inspect", damaged, "--json"),
         ("decode", damaged, "-o", tmp_path / "x.scene"),
@@ -45,12 +45,12 @@ def test_verbs_fail_on_a_damaged_stream_unless_damage_is_accepted(run, damaged, 
         assert run(*words, "--accept-damage").status == 0, words
 
 
-def test_packets_that_a_channel_lost_are_no_damage(run, journey, tmp_path):
+def test_packets_lost_by_a_channel_are_no_damage(run, journey, tmp_path):
     assert run("inspect", journey / "lossy.swz").status == 0
     assert run("decode", journey / "lossy.swz", "-o", tmp_path / "x.scene").status == 0
 
 
-def test_verify_fails_on_damage_and_names_the_place(run, damaged):
+def test_verify_fails_on_damage_and_reports_its_position(run, damaged):
     done = run("verify", damaged)
     assert done.status == 3
     assert "damaged" in done.out
@@ -60,7 +60,7 @@ def test_verify_fails_on_damage_and_names_the_place(run, damaged):
     assert place in facts.json["streams"][str(damaged)]["problems"][0]
 
 
-def test_verify_takes_intact_streams_and_checks_all_that_are_named(run, journey):
+def test_verify_accepts_intact_streams_and_checks_every_argument(run, journey):
     both = run("verify", journey / "tiny.swz", journey / "packets", "--json")
     assert (both.status, both.json["ok"], len(both.json["streams"])) == (0, True, 2)
     assert "ok" in run("verify", journey / "tiny.swz").out
@@ -68,14 +68,14 @@ def test_verify_takes_intact_streams_and_checks_all_that_are_named(run, journey)
     assert (one_bad.status, [facts["ok"] for facts in one_bad.json["streams"].values()]) == (3, [True, False, True])
 
 
-def test_verify_counts_missing_packets_as_a_failure_unless_losses_are_accepted(run, journey):
+def test_verify_fails_on_missing_packets_unless_loss_is_allowed(run, journey):
     done = run("verify", journey / "lossy.swz")
     assert done.status == 3
     assert "incomplete" in done.out
     assert run("verify", journey / "lossy.swz", "--accept-losses").status == 0
 
 
-def test_verify_finds_copies_of_a_packet(run, journey, tmp_path):
+def test_verify_finds_duplicate_packets(run, journey, tmp_path):
     data = (journey / "tiny.swz").read_bytes()
     last = next(n for n in range(4, len(data)) if int.from_bytes(data[-n - 4 : -n], "little") == n)
     (tmp_path / "copied.swz").write_bytes(data + data[-last - 4 :])
@@ -85,7 +85,7 @@ def test_verify_finds_copies_of_a_packet(run, journey, tmp_path):
 
 
 @pytest.mark.parametrize("place", [6, 40, 900])
-def test_verify_finds_damage_of_the_manifest_and_the_side_information(run, journey, tmp_path, place):
+def test_verify_finds_damaged_manifest_and_side_information(run, journey, tmp_path, place):
     data = bytearray((journey / "tiny.swz").read_bytes())
     data[place] ^= 1
     (tmp_path / "x.swz").write_bytes(data)

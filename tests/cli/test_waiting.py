@@ -1,4 +1,4 @@
-"""Whoever waits is told why."""
+"""Long waits are explained to the user."""
 
 import logging
 
@@ -16,7 +16,7 @@ def clock(monkeypatch):
     return now
 
 
-def test_compiling_is_said_at_once_and_then_every_few_seconds(clock, capsys):
+def test_compilation_is_reported_at_once_and_every_few_seconds(clock, capsys):
     with _waiting.telling_why_it_takes_long("decode"):
         for second in range(8):
             clock[0] = 100.0 + second
@@ -29,7 +29,7 @@ def test_compiling_is_said_at_once_and_then_every_few_seconds(clock, capsys):
     assert not capsys.readouterr().err
 
 
-def test_only_a_person_at_a_terminal_is_told_of_loading(monkeypatch, capsys):
+def test_loading_is_reported_only_on_a_terminal(monkeypatch, capsys):
     started = []
     monkeypatch.setattr(_waiting.threading.Timer, "start", lambda timer: started.append(timer))
     with _waiting.telling_why_it_takes_long("decode"):

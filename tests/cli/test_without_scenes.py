@@ -1,14 +1,24 @@
-"""What is left of the command line where only numpy and tyro are installed, as on a relay."""
+"""Commands that work with numpy and tyro alone, as on a relay."""
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from formats.handmade import some_splats
+import splatwire
+from scenes import tiny_cameras, tiny_causal_scene, tiny_scene
+from splat_io.formats.handmade import some_splats
+from splatwire.bitstream import read_stream
+from splatwire.bitstream.sections import sections_of
+from splatwire.data import save_cameras
 from splatwire.errors import EXTRAS
-from splatwire.formats import write_splats
+from splatwire.io import save_scene
+from splatwire.io.formats import write_splats
+from splatwire.types import AnchorScene
+
+pytestmark = pytest.mark.slow
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 ALL = sorted({name for names in EXTRAS.values() for name in names})
@@ -26,13 +36,13 @@ sys.meta_path.insert(0, Absent())
 
 def bare(code: str, absent: list[str] = ALL) -> subprocess.CompletedProcess[str]:
     program = f"ABSENT = {absent}{BARE}{code}"
-    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=600)
 
 
 @pytest.mark.parametrize(
     "words", [["transmit", "--loss", "bernoulli:0.2"], ["pack"]], ids=["losing packets", "packing a page"]
 )
-def test_streams_are_carried_without_what_looks_into_scenes(words: list[str], tmp_path: Path) -> None:
+def test_streams_are_transported_without_scene_dependencies(words: list[str], tmp_path: Path) -> None:
     verb, *rest = words
     all_words = [verb, str(GOLDEN / "tiny_causal.swz"), "-o", str(tmp_path / "out"), *rest]
     done = bare(f"from splatwire.cli.main import main; main({all_words})")
@@ -40,7 +50,7 @@ def test_streams_are_carried_without_what_looks_into_scenes(words: list[str], tm
     assert (tmp_path / "out").stat().st_size > 1000
 
 
-def test_what_looks_into_a_scene_says_what_to_install(tmp_path: Path) -> None:
+def test_missing_scene_dependencies_name_the_extra_to_install(tmp_path: Path) -> None:
     words = ["decode", str(GOLDEN / "tiny_causal.swz"), "-o", str(tmp_path / "scene.ply")]
     done = bare(f"from splatwire.cli.main import main; main({words})")
     assert done.returncode == 2
@@ -49,13 +59,49 @@ def test_what_looks_into_a_scene_says_what_to_install(tmp_path: Path) -> None:
     assert "pip install 'splatwire[scenes]'" in bare("import splatwire; splatwire.decode_stream").stderr
 
 
-def test_without_torch_gaussians_are_encoded_for_datagrams_without_a_sketch(tmp_path: Path) -> None:
+def without_torch(*words: object) -> subprocess.CompletedProcess[str]:
+    """Runs a verb in an installation without torch."""
+    return bare(f"from splatwire.cli.main import main; main({[str(word) for word in words]})", ["torch", "gsplat"])
+
+
+@pytest.mark.parametrize("make", [tiny_scene, tiny_causal_scene])
+def test_scenes_of_anchors_need_no_torch(make: Callable[..., AnchorScene], tmp_path: Path) -> None:
+    save_scene(make(num_anchors=200), tmp_path / "scene.safetensors")
+    save_cameras(tiny_cameras(9, 48, 32), tmp_path / "cameras.json")
+    scene, stream, cameras = (tmp_path / name for name in ("scene.safetensors", "scene.swz", "cameras.json"))
+    for words in (
+        ("encode", scene, "-o", stream, "--cameras", cameras),
+        ("transmit", stream, "-o", tmp_path / "lossy.swz", "--loss", "bernoulli:0.3"),
+        ("decode", tmp_path / "lossy.swz", "-o", tmp_path / "back.safetensors", "--conceal", "grow"),
+        ("export", "ply", stream, "-o", tmp_path / "fitted.ply", "--cameras", cameras),
+        ("calibrate", "preview", scene, "-o", tmp_path / "more.swz", "--cameras", cameras),
+    ):
+        done = without_torch(*words)
+        assert done.returncode == 0, done.stderr
+    assert "preview" in sections_of(read_stream(tmp_path / "more.swz")[0])
+
+
+def test_sketches_of_anchors_need_no_torch(tmp_path: Path) -> None:
+    bundled = Path(splatwire.__file__).parent / "assets" / "snowmiku.swz"
+    for words in (
+        ("decode", bundled, "-o", tmp_path / "scene.safetensors"),
+        ("encode", tmp_path / "scene.safetensors", "-o", tmp_path / "scene.swz", "--preset", "datagram"),
+    ):
+        done = without_torch(*words)
+        assert done.returncode == 0, done.stderr
+        assert "without a sketch" not in done.stderr
+    assert "sketch" in sections_of(read_stream(tmp_path / "scene.swz")[0])
+
+
+def test_gaussians_get_their_sketch_without_torch(tmp_path: Path) -> None:
     write_splats([some_splats(300, 0)], tmp_path / "scene.ply")
-    words = ["encode", str(tmp_path / "scene.ply"), "-o", str(tmp_path / "scene.swz"), "--preset", "datagram"]
-    done = bare(f"from splatwire.cli.main import main; main({words})", ["torch"])
+    done = without_torch("encode", tmp_path / "scene.ply", "-o", tmp_path / "scene.swz", "--preset", "datagram")
     assert done.returncode == 0, done.stderr
-    assert "without a sketch: this needs torch" in done.stderr
-    words = ["decode", str(tmp_path / "scene.swz"), "-o", str(tmp_path / "back.ply"), "--conceal", "idw"]
-    done = bare(f"from splatwire.cli.main import main; main({words})", ["torch"])
+    assert "torch" not in done.stderr
+
+
+@pytest.mark.parametrize("name", ["idw", "kriging"])
+def test_concealers_of_the_paper_name_the_extra_to_install(name: str, tmp_path: Path) -> None:
+    done = without_torch("decode", GOLDEN / "tiny_causal.swz", "-o", tmp_path / "back.safetensors", "--conceal", name)
     assert done.returncode == 2
     assert "pip install 'splatwire[neural]'" in done.stderr

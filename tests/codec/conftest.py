@@ -1,11 +1,11 @@
 import pytest
 
 from scenes import tiny_scene
+from splatwire.anchors.voxels import voxel_indices
 from splatwire.codec import scene_in_order
-from splatwire.codec.schemas.hacpp.fit import fit_side_info
-from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info, write_side_info
-from splatwire.model import AnchorScene
-from splatwire.model.voxels import voxel_indices
+from splatwire.codec.anchors.hacpp.fit import fit_side_info
+from splatwire.codec.anchors.hacpp.side_info import SideInfo, read_side_info, write_side_info
+from splatwire.types import AnchorScene
 
 
 @pytest.fixture(scope="session")

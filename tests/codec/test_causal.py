@@ -1,4 +1,4 @@
-"""Schema `causal`: what is decoded is what was meant, on every machine, whatever is lost."""
+"""Schema `causal` decodes to the same integers on every machine and under every loss."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,25 +9,20 @@ import pytest
 from close import assert_close
 from reference.causal_packets import decode_reference
 from scenes import tiny_causal_scene
+from splatwire.anchors.scene_file import load_partial, load_scene, save_partial, save_scene
+from splatwire.anchors.voxels import voxel_indices
+from splatwire.bitstream import CAUSAL, PRESETS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, scene_in_order
-from splatwire.codec.schemas.causal.context import CodingContext, exponential
-from splatwire.codec.schemas.causal.encoder import HEAD_SHARE, _balanced
-from splatwire.codec.schemas.causal.packet_coder import (
-    cut_packets,
-    decode_packets,
-    encode_packets,
-    quantise,
-)
-from splatwire.codec.schemas.causal.places import Places, read_places, share_places
-from splatwire.codec.schemas.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
-from splatwire.conceal import conceal
+from splatwire.codec.anchors.causal.context import CodingContext, exponential
+from splatwire.codec.anchors.causal.encoder import HEAD_SHARE, _balanced
+from splatwire.codec.anchors.causal.packet_coder import cut_packets, decode_packets, encode_packets, quantise
+from splatwire.codec.anchors.causal.places import Places, read_places, share_places
+from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
+from splatwire.concealment import conceal
 from splatwire.errors import DesyncError, InvalidValueError, MissingSideInfoError, SplatwireError
-from splatwire.model import AnchorScene, Prior
-from splatwire.model.scene_file import load_partial, load_scene, save_partial, save_scene
-from splatwire.model.voxels import voxel_indices
 from splatwire.ops.morton import morton_encode
-from splatwire.packets import CAUSAL, PRESETS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
+from splatwire.types import AnchorScene, Prior
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +46,7 @@ def exact_places(scene: AnchorScene, info: SideInfo) -> Places:
     return replace(known, codes=morton_encode(voxels - known.origin))
 
 
-def test_what_is_decoded_is_within_half_a_step(scene: AnchorScene, stream: SceneStream):
+def test_decoded_values_are_within_half_a_step(scene: AnchorScene, stream: SceneStream):
     found, meant, steps = decode_stream(stream).scene.anchors, scene.anchors, scene.causal.steps
     assert np.array_equal(found.positions, meant.positions)
     assert np.array_equal(found.mask, meant.mask)
@@ -61,7 +56,7 @@ def test_what_is_decoded_is_within_half_a_step(scene: AnchorScene, stream: Scene
     logs = np.abs(np.log(found.scalings) - np.log(meant.scalings))
     assert float(logs[:, 0].max()) <= 0.5001 * steps[-3]
     assert float(logs[:, 3:].max()) <= 0.5001 * steps[-2]
-    # the rounding of the scale moves no Gaussian: offsets make up for it
+    # rounding of scales moves no Gaussian, because offsets compensate for it
     away = found.offsets * found.scalings[:, None, :3] - meant.offsets * meant.scalings[:, None, :3]
     assert bool((np.abs(away) <= 0.501 * steps[-1] * found.scalings[:, None, :3]).all())
 
@@ -75,7 +70,7 @@ def test_streams_name_their_codec_and_survive_files(stream: SceneStream):
 
 @pytest.mark.parametrize("preset", ["paper", "datagram"])
 @pytest.mark.parametrize("tiers", [False, True])
-def test_however_it_is_cut_the_anchors_are_the_same(scene: AnchorScene, stream: SceneStream, preset: str, tiers: bool):
+def test_anchors_are_equal_under_every_packetization(scene: AnchorScene, stream: SceneStream, preset: str, tiers: bool):
     of = (np.arange(scene.anchors.num_anchors) % 3).astype(np.uint8) if tiers else None
     other = encode_scene(scene, PRESETS[preset], tiers=of)
     whole, again = decode_stream(stream).scene.anchors, decode_stream(other).scene.anchors
@@ -85,7 +80,7 @@ def test_however_it_is_cut_the_anchors_are_the_same(scene: AnchorScene, stream: 
         assert max(packet.num_bytes for packet in other.packets) <= PRESETS[preset].packet_bytes
 
 
-def test_a_lost_packet_costs_its_anchors_only(scene: AnchorScene):
+def test_lost_packet_affects_only_its_anchors(scene: AnchorScene):
     stream = encode_scene(scene, PRESETS["datagram"])
     whole, damaged = decode_stream(stream), decode_stream(transmit(stream, parse_loss("bernoulli:0.4"), seed=1)[0])
     known = damaged.erasures.received.all(axis=1)
@@ -100,7 +95,7 @@ def test_a_lost_packet_costs_its_anchors_only(scene: AnchorScene):
     assert 0 < float(np.median(away)) < 0.5 * float(whole.places.std())
 
 
-def test_progressive_is_the_same(stream: SceneStream):
+def test_progressive_decoding_equals_decoding_at_once(stream: SceneStream):
     decoder, whole = ProgressiveDecoder(stream.manifest, stream.side_info), decode_stream(stream)
     for packet in reversed(stream.packets):
         decoder.add([packet])
@@ -109,7 +104,7 @@ def test_progressive_is_the_same(stream: SceneStream):
 
 
 @pytest.mark.parametrize("name", ["drop", "grow", "idw", "prior", "scene_free"])
-def test_concealment_keeps_up_though_places_arrive_late(scene: AnchorScene, name: str):
+def test_concealment_works_with_positions_from_packets(scene: AnchorScene, name: str):
     stream = encode_scene(scene, PRESETS["datagram"])
     decoder, whole = ProgressiveDecoder(stream.manifest, stream.side_info), decode_stream(stream)
     some = stream.packets[::2]
@@ -118,7 +113,7 @@ def test_concealment_keeps_up_though_places_arrive_late(scene: AnchorScene, name
     known = decoder.partial.erasures.known
     at_once = conceal(decode_stream(replace(stream, packets=some)), name)
     shown = conceal(decoder.partial, name)
-    for other in (conceal(whole.without(known), name), shown):
+    for other in (conceal(whole.masked(known), name), shown):
         for attribute, values in vars(at_once.anchors).items():
             assert np.array_equal(getattr(other.anchors, attribute), values), attribute
     assert_close(shown.hints.size_gain, at_once.hints.size_gain, rtol=1e-6, atol=0)
@@ -126,12 +121,12 @@ def test_concealment_keeps_up_though_places_arrive_late(scene: AnchorScene, name
     assert np.array_equal(shown.anchors.positions[~known], whole.places[~known])
 
 
-def test_the_plain_reference_reads_the_same_integers(scene: AnchorScene, info: SideInfo):
+def test_plain_reference_decodes_the_same_integers(scene: AnchorScene, info: SideInfo):
     context, rows = CodingContext.of(info), np.arange(9)
     places = exact_places(scene, info).select(rows)
     masks = scene.anchors.mask[rows].astype(np.uint8)
     values = np.random.default_rng(0).normal(0, 6, (9, context.stages[-1].first + context.stages[-1].size))
-    values[0, 3] = 9000.0  # far beyond the window of its distribution
+    values[0, 3] = 9000.0  # far outside the window of its distribution
     found = quantise(context, places, masks, values, 0.4)
     (payload,) = encode_packets(context, found, np.array([9]))
     codes, masks_back, numbers = decode_reference(context, info.places.known.select(rows), payload)
@@ -141,7 +136,7 @@ def test_the_plain_reference_reads_the_same_integers(scene: AnchorScene, info: S
 
 
 @pytest.mark.parametrize("batch", [1, 7, 333])
-def test_batches_do_not_matter(stream: SceneStream, info: SideInfo, batch: int):
+def test_batch_size_changes_nothing(stream: SceneStream, info: SideInfo, batch: int):
     context, packet = CodingContext.of(info), stream.packets[0]
     ranks = stream.manifest.plan.members(packet.id, packet.num_elements)
     known, voxels = info.places.known, info.places.known.voxels
@@ -154,7 +149,7 @@ def test_batches_do_not_matter(stream: SceneStream, info: SideInfo, batch: int):
     assert np.array_equal(np.tile(together[2], (2, 1)), twice[2])
 
 
-def test_side_information_survives(info: SideInfo, stream: SceneStream):
+def test_side_information_round_trips(info: SideInfo, stream: SceneStream):
     again = read_side_info(write_side_info(info), len(info.places.known.codes))
     assert again.config == info.config
     assert np.array_equal(again.places.known.voxels, info.places.known.voxels)
@@ -163,7 +158,7 @@ def test_side_information_survives(info: SideInfo, stream: SceneStream):
     assert write_side_info(again) == stream.side_info
 
 
-def test_damaged_side_information_is_told(stream: SceneStream, info: SideInfo):
+def test_damaged_side_information_is_refused(stream: SceneStream, info: SideInfo):
     for wrong in (
         replace(info, steps=np.zeros(5)), replace(info, spread=np.zeros(3, dtype=np.int64)),
         replace(info, voxel_size=0.0), replace(info, log_steps=np.array([0, 5])),
@@ -184,7 +179,7 @@ def test_damaged_side_information_is_told(stream: SceneStream, info: SideInfo):
             continue
 
 
-def test_any_payload_decodes_to_something(info: SideInfo):
+def test_arbitrary_payload_decodes(info: SideInfo):
     context, rng = CodingContext.of(info), np.random.default_rng(5)
     for size in (0, 1, 30, 400):
         places = info.places.known.select(np.arange(20))
@@ -194,7 +189,7 @@ def test_any_payload_decodes_to_something(info: SideInfo):
         assert np.abs(numbers.astype(np.int64)).max() < 1 << 31
 
 
-def test_a_changed_network_is_noticed(stream: SceneStream, info: SideInfo):
+def test_changed_network_fails_the_digest(stream: SceneStream, info: SideInfo):
     offset = info.networks["offset"]
     bias = offset.output.bias.copy()
     bias[0] += 1
@@ -204,7 +199,7 @@ def test_a_changed_network_is_noticed(stream: SceneStream, info: SideInfo):
 
 
 @pytest.mark.parametrize("leaf", [1, 2, 5, 64])
-def test_however_much_is_left_to_packets_places_come_back(info: SideInfo, leaf: int):
+def test_positions_split_between_side_information_and_packets_round_trip(info: SideInfo, leaf: int):
     rng, context = np.random.default_rng(leaf), CodingContext.of(info)
     coarse = rng.integers(-40, 900, (80, 3)) // rng.choice([1, 4, 16], (80, 1)) * 16
     voxels = np.concatenate([coarse, coarse[:9], coarse[:9] + 1])
@@ -221,12 +216,12 @@ def test_however_much_is_left_to_packets_places_come_back(info: SideInfo, leaf: 
     (payload,) = encode_packets(context, found, np.array([98]))
     assert np.array_equal(decode_packets(context, known, np.array([98]), [payload])[0], codes)
     assert decode_reference(context, known, payload)[0] == codes.tolist()
-    # what is said of the size before coding includes the places
+    # the estimated size includes the positions
     assert len(cut_packets(context, found, np.array([98]), len(payload) + 2)) == 1
     assert len(cut_packets(context, found, np.array([98]), len(payload) - 2)) == 2
 
 
-def test_side_information_is_kept_small(scene: AnchorScene, info: SideInfo):
+def test_side_information_is_small(scene: AnchorScene, info: SideInfo):
     voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
     everything = replace(info, places=share_places(voxels, 1))
     head = len(write_side_info(everything))
@@ -238,7 +233,7 @@ def test_side_information_is_kept_small(scene: AnchorScene, info: SideInfo):
     assert len(_balanced(everything, voxels, 0.0).section) == sizes[-1]
 
 
-def test_places_without_chances_are_damage(info: SideInfo):
+def test_positions_without_probabilities_are_refused(info: SideInfo):
     section = bytearray(info.places.section)
     assert section[1] > 1
     for place, value in ((0, 0), (0, 65), (1, 22), (1, section[1] - 1), (2, 0)):
@@ -258,7 +253,7 @@ def test_unusable_scenes_are_refused(scene: AnchorScene):
             encode_scene(scene, wrong)
 
 
-def test_powers_of_two():
+def test_powers_of_two_are_exact():
     logs = np.random.default_rng(0).integers(-40 << LOG_BITS, 40 << LOG_BITS, 1000)
     np.testing.assert_allclose(exponential(logs), np.exp2(logs / 2.0**LOG_BITS), rtol=2e-7)
 

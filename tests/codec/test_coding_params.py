@@ -6,16 +6,16 @@ import pytest
 import torch
 
 from reference import hacpp_params as reference
+from reference.float_prior import interpolate_hash_grid
 from reference.hacpp_grid import lookup_reference
-from splatwire.codec.schemas.hacpp.atomic import predict_group, predict_packets
-from splatwire.codec.schemas.hacpp.coding_params import dequantise, factor_table, quantise, step_indices
-from splatwire.codec.schemas.hacpp.grid_lookup import grid_levels, lookup, touched_rows
-from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info, write_side_info
+from splatwire.codec.anchors.hacpp.atomic import predict_group, predict_packets
+from splatwire.codec.anchors.hacpp.coding_params import dequantise, factor_table, quantise, step_indices
+from splatwire.codec.anchors.hacpp.grid_lookup import grid_levels, lookup, touched_rows
+from splatwire.codec.anchors.hacpp.side_info import SideInfo, read_side_info, write_side_info
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.model import AnchorScene
-from splatwire.model.hash_grid import interpolate_hash_grid
-from splatwire.model.prior_field import split_prior_outputs
-from splatwire.model.tensors import to_tensors
+from splatwire.neural.model.prior_field import split_prior_outputs
+from splatwire.neural.model.tensors import to_tensors
+from splatwire.types import AnchorScene
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_integers_follow_the_float_model(everything, scene: AnchorScene, side_in
     assert np.abs(feature / 2**14 - exact.numpy()).max() < 3e-3
 
 
-def test_batches_change_nothing(everything) -> None:
+def test_batch_size_changes_nothing(everything) -> None:
     context, voxels, feature, outputs = everything
     for size in (1, 7, 333):
         parts = [context.predict(voxels[i : i + size]) for i in range(0, 3 * size, size)]
@@ -97,14 +97,14 @@ def test_lookup_equals_numpy_inside_and_outside_the_box(everything) -> None:
     assert not fast[outside, : 4 * len(context.config.grid.resolutions_3d)].any()
 
 
-def test_rows_that_no_anchor_touches_do_not_matter(everything) -> None:
+def test_unused_hash_rows_change_nothing(everything) -> None:
     context, voxels, feature, _ = everything
     units = context.units(voxels)
     touched = touched_rows(units, context.config.grid)
     assert 0 < touched.sum() < grid_levels(context.config.grid).num_rows
     flipped = np.where(touched[:, None], context.signs, -context.signs)
     assert (lookup(units, flipped, context.config.grid) == feature).all()
-    for row in np.flatnonzero(touched)[:20]:  # and every touched row does
+    for row in np.flatnonzero(touched)[:20]:  # every used row changes the result
         one = context.signs.copy()
         one[row] *= -1
         assert (lookup(units, one, context.config.grid) != feature).any()
@@ -119,8 +119,8 @@ def test_quantise_inverts_dequantise(base: float) -> None:
 
 
 @pytest.mark.parametrize("width", [0.0, 1e-45, 1e-38, 1e-12])
-def test_a_box_that_is_a_hair_thin_is_refused_at_both_ends(side_info: SideInfo, width: float) -> None:
-    """Its fixed-point positions are no 64-bit numbers: infinite, or wrapped around without a word."""
+def test_very_thin_bounds_are_refused_by_writer_and_reader(side_info: SideInfo, width: float) -> None:
+    """Fixed-point positions do not fit into 64 bits, because of overflow to infinity or wraparound."""
     low = np.array([0.0, -1.0, -1.0], dtype=np.float32)
     high = np.array([width, 1.0, 1.0], dtype=np.float32)
     thin = dataclasses.replace(side_info, bounds_min=low, bounds_max=high)
@@ -128,7 +128,7 @@ def test_a_box_that_is_a_hair_thin_is_refused_at_both_ends(side_info: SideInfo, 
         write_side_info(thin)
 
 
-def test_a_thin_box_in_side_information_is_told(side_info: SideInfo, side_info_bytes: bytes) -> None:
+def test_thin_bounds_in_side_information_are_refused(side_info: SideInfo, side_info_bytes: bytes) -> None:
     old = struct.pack("<6f", *side_info.bounds_min, *side_info.bounds_max)
     new = struct.pack("<6f", 0.0, *side_info.bounds_min[1:], 1e-44, *side_info.bounds_max[1:])
     assert side_info_bytes.count(old) == 1

@@ -1,14 +1,14 @@
-"""The preset `datagram`: same scene, packets that fit a datagram, each decodable alone."""
+"""The preset `datagram` codes the same scene in independently decodable packets of datagram size."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from splatwire.bitstream import PRESETS, Packetization, SceneStream
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.errors import InvalidValueError
-from splatwire.model import AnchorScene
-from splatwire.packets import PRESETS, Packetization, SceneStream
+from splatwire.types import AnchorScene
 
 SMALL = replace(PRESETS["datagram"], block_size=300)
 
@@ -18,7 +18,7 @@ def stream(scene: AnchorScene) -> SceneStream:
     return encode_scene(scene, SMALL)
 
 
-def test_packets_fit_and_are_full(stream: SceneStream):
+def test_datagrams_fit_their_limit_and_are_filled(stream: SceneStream):
     sizes = [packet.num_bytes for packet in stream.packets]
     assert max(sizes) <= 1150
     last_of_block = [a.id.block != b.id.block for a, b in zip(stream.packets, stream.packets[1:], strict=False)]
@@ -27,7 +27,7 @@ def test_packets_fit_and_are_full(stream: SceneStream):
     assert min(inner) > 1150 - 60
 
 
-def test_nothing_lost_is_the_scene_that_the_paper_preset_gives(scene: AnchorScene, stream: SceneStream):
+def test_lossless_datagrams_equal_the_paper_preset(scene: AnchorScene, stream: SceneStream):
     ours, other = decode_stream(stream).scene.anchors, decode_stream(encode_scene(scene)).scene.anchors
     for name in ("positions", "features", "scalings", "offsets", "mask"):
         assert np.array_equal(getattr(ours, name), getattr(other, name))
@@ -44,7 +44,7 @@ def test_every_packet_decodes_alone(stream: SceneStream):
             assert np.array_equal(getattr(partial.scene.anchors, name)[ranks], getattr(whole, name)[ranks])
 
 
-def test_lost_packets_leave_exactly_their_anchors_out(stream: SceneStream):
+def test_lost_packets_remove_exactly_their_anchors(stream: SceneStream):
     rng = np.random.default_rng(0)
     lost = [packet for packet in stream.packets if rng.random() < 0.4]
     kept = [packet for packet in stream.packets if packet not in lost]
@@ -55,7 +55,7 @@ def test_lost_packets_leave_exactly_their_anchors_out(stream: SceneStream):
     assert erasures.num_lost == len(ranks) > 0
 
 
-def test_an_anchor_larger_than_a_packet_is_said(scene: AnchorScene):
+def test_anchor_larger_than_a_packet_is_refused(scene: AnchorScene):
     anchors = replace(scene.anchors, features=scene.anchors.features * 1e6, offsets=scene.anchors.offsets * 1e6)
     huge = AnchorScene(anchors, scene.heads, scene.coding)
     with pytest.raises(InvalidValueError, match="choose a larger packet size"):

@@ -8,14 +8,14 @@ from scipy.spatial.distance import cdist
 
 from close import unit
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.model import SplatScene
 from splatwire.render.precision import classes_of
-from splatwire.scene.splats import Splats
+from splatwire.types import SplatScene
+from splatwire.types.splats import Splats
 
 TINY = float(np.exp(-60))
-"""Size that readers give to an axis of 0."""
+"""Size that readers assign to an axis of 0."""
 FLATTEST = 0.004
-"""Ratio of the smallest axis to the next one that a stream holds, with the rounding of its companded values."""
+"""Smallest ratio of neighbouring axes that a stream can represent after rounding of companded values."""
 
 
 def ball(count: int = 500, seed: int = 8) -> Splats:
@@ -30,7 +30,7 @@ def ball(count: int = 500, seed: int = 8) -> Splats:
 
 
 def flattened(splats: Splats, share: float, axes: tuple[int, ...] = (2,)) -> tuple[Splats, np.ndarray]:
-    """Gaussians of which a share has no size along some axes, and which those are."""
+    """Gaussians with some axes of size zero, and the mask of those axes."""
     chosen = np.random.default_rng(0).random(splats.num_gaussians) < share
     scales = splats.scales.copy()
     for axis in axes:
@@ -39,15 +39,15 @@ def flattened(splats: Splats, share: float, axes: tuple[int, ...] = (2,)) -> tup
 
 
 def decoded(splats: Splats, quality: str) -> Splats:
-    """Gaussians as a receiver has them, in the order of `splats`."""
+    """Decoded Gaussians in the order of `splats`."""
     scene = SplatScene(splats)
-    found = decode_stream(encode_scene(scene, quality=quality, classes=classes_of(scene, anew=True))).scene.splats
+    found = decode_stream(encode_scene(scene, quality=quality, classes=classes_of(scene, recompute=True))).scene.splats
     return found.select(cdist(splats.means, found.means).argmin(axis=1))
 
 
 @pytest.mark.parametrize("quality", ["default", "near-lossless"])
 @pytest.mark.parametrize("share", [1.0, 0.1, 0.004])
-def test_flat_gaussians_stay_flat(quality: str, share: float) -> None:
+def test_decoded_flat_gaussians_are_flat(quality: str, share: float) -> None:
     splats, flat = flattened(ball(), share)
     low, middle, _ = np.sort(decoded(splats, quality).scales[flat], axis=1).T
     assert float((low / middle).max()) < FLATTEST
@@ -72,7 +72,7 @@ def test_a_missing_axis_makes_no_gaussian_less_precise(axes: tuple[int, ...]) ->
 
 
 @pytest.mark.parametrize("axes", [(2,), (1, 2), (0, 1, 2)], ids=["disks", "needles", "points"])
-def test_others_are_as_precise_as_without_flat_ones(axes: tuple[int, ...]) -> None:
+def test_flat_gaussians_do_not_change_precision_of_others(axes: tuple[int, ...]) -> None:
     splats, chosen = flattened(ball(), 0.1, axes)
     errors = []
     for scene in (splats, ball()):

@@ -17,7 +17,7 @@ def cloud(rng: np.random.Generator, n: int, spread: int, grid: int) -> np.ndarra
     seed=st.integers(0, 2**32), n=st.integers(0, 300), bits=st.integers(0, 19), grid=st.sampled_from([1, 4, 16]),
     order=st.sampled_from(["morton", "raster"]),
 )  # fmt: skip
-def test_positions_come_back_in_order(seed: int, n: int, bits: int, grid: int, order: str) -> None:
+def test_positions_round_trip_in_order(seed: int, n: int, bits: int, grid: int, order: str) -> None:
     voxels = cloud(np.random.default_rng(seed), n, 1 << bits, grid)  # small spreads repeat points
     decoded = decode_positions(encode_positions(voxels), n, order)
     assert (decoded == voxels[anchor_order(voxels, order)]).all()
@@ -62,7 +62,7 @@ def test_points_too_far_apart_are_refused() -> None:
         encode_positions(np.array([[0, 0, 0], [1 << 22, 0, 0]]))
 
 
-def test_lying_counts_are_refused_before_memory_is_taken() -> None:
+def test_excessive_counts_are_refused_before_allocation() -> None:
     data = encode_positions(cloud(np.random.default_rng(3), 100, 50, 1))
     with pytest.raises(BitstreamError, match="cannot hold"):
         decode_positions(data, 1 << 27, "morton")
@@ -70,7 +70,7 @@ def test_lying_counts_are_refused_before_memory_is_taken() -> None:
 
 @settings(max_examples=300, deadline=None)
 @given(data=st.binary(max_size=80), count=st.integers(0, 600))
-def test_any_bytes_are_points_or_an_error(data: bytes, count: int) -> None:
+def test_arbitrary_bytes_are_points_or_an_error(data: bytes, count: int) -> None:
     try:
         voxels = decode_positions(data, count, "morton")
     except SplatwireError:
@@ -78,6 +78,6 @@ def test_any_bytes_are_points_or_an_error(data: bytes, count: int) -> None:
     assert voxels.shape == (count, 3)
 
 
-def test_golden_positions() -> None:
+def test_coded_positions_are_pinned() -> None:
     voxels = np.array([[0, 0, 0], [16, -32, 48], [16, -32, 48], [1000, 1000, -1000], [7, 8, 9]])
     assert encode_positions(voxels).hex() == "00ff0fff0f2119b6dce0020410411444000000000000000800851d"

@@ -1,4 +1,4 @@
-"""What encoders do with elements that draw nothing or cannot be drawn: they code the others as if alone."""
+"""Encoders skip invisible and invalid elements and code the others as if alone."""
 
 import dataclasses
 import logging
@@ -6,20 +6,20 @@ import logging
 import numpy as np
 import pytest
 
-from formats.handmade import some_splats
 from scenes import tiny_causal_scene, tiny_scene
+from splat_io.formats.handmade import some_splats
+from splatwire.bitstream import Packetization, stream_to_bytes
 from splatwire.codec import encode_scene, scene_in_order
 from splatwire.errors import InvalidValueError
-from splatwire.model import AnchorScene, SplatScene
-from splatwire.packets import Packetization, stream_to_bytes
-from splatwire.scene.rows import ROWS, rows_of_splats
+from splatwire.types import AnchorScene, SplatScene
+from splatwire.types.rows import ROWS, rows_of_splats
 
 SMALL = Packetization(block_size=60, lanes=2)
 NAN, INF = float("nan"), float("inf")
 
 
 def _broken_anchors(scene: AnchorScene) -> AnchorScene:
-    """Its anchors 2 to 6, each broken in another way; 7 draws nothing; the hidden offsets of 8 are no numbers."""
+    """Scene whose anchors 2 to 6 are invalid in different ways, 7 is invisible and 8 has invalid hidden offsets."""
     columns = {name: values.copy() for name, values in vars(scene.anchors).items()}
     columns["scalings"][2, 3] = -1
     columns["positions"][3, 1] = NAN
@@ -33,7 +33,7 @@ def _broken_anchors(scene: AnchorScene) -> AnchorScene:
 
 
 @pytest.mark.parametrize("make", [tiny_scene, tiny_causal_scene])
-def test_anchors(make, caplog: pytest.LogCaptureFixture) -> None:
+def test_undrawable_anchors_are_left_out(make, caplog: pytest.LogCaptureFixture) -> None:
     whole = scene_in_order(make(seed=3, num_anchors=200), "morton")
     broken = _broken_anchors(whole)
     kept = np.ones(200, np.bool_)
@@ -50,7 +50,7 @@ def test_anchors(make, caplog: pytest.LogCaptureFixture) -> None:
     ]
 
 
-def test_scalings_of_0_are_coded_as_the_smallest_there_are() -> None:
+def test_zero_scalings_are_coded_as_the_smallest_positive_scaling() -> None:
     whole = scene_in_order(tiny_causal_scene(seed=3, num_anchors=100), "morton")
     scalings = whole.anchors.scalings.copy()
     scalings[5, 1] = 0
@@ -61,7 +61,7 @@ def test_scalings_of_0_are_coded_as_the_smallest_there_are() -> None:
     assert stream_to_bytes(encode_scene(flat, SMALL)) == stream_to_bytes(encode_scene(expected, SMALL))
 
 
-def test_gaussians(caplog: pytest.LogCaptureFixture) -> None:
+def test_undrawable_gaussians_are_left_out(caplog: pytest.LogCaptureFixture) -> None:
     whole = some_splats(200, 1)
     columns = {name: values.copy() for name, values in vars(whole).items()}
     columns["means"][3, 1] = NAN
@@ -84,7 +84,7 @@ def test_gaussians(caplog: pytest.LogCaptureFixture) -> None:
     ]
 
 
-def test_nothing_left_is_an_error() -> None:
+def test_scene_without_drawable_elements_is_refused() -> None:
     splats = some_splats(20, 0)
     nowhere = dataclasses.replace(splats, means=splats.means * NAN)
     for broken in (nowhere, splats.select(np.zeros(0, np.int64))):

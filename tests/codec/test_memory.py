@@ -1,4 +1,4 @@
-"""What a stream costs its receiver is in proportion to its bytes; who trusts it can allow more."""
+"""Memory and time of a receiver are proportional to the size of the stream; trusted streams may have a higher limit."""
 
 import base64
 import json
@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from greedy import LARGEST, greedy_clips, greedy_streams, of_gaussians
+from greedy import LARGEST, of_gaussians, oversized_clips, oversized_streams
+from splatwire.bitstream import SceneStream, read_stream, stream_from_bytes, write_stream
 from splatwire.codec import ProgressiveDecoder, decode_stream, memory
 from splatwire.codec.memory import VARIABLE, allocating, check_memory, threads_within
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.packets import SceneStream, read_stream, stream_from_bytes, write_stream
 
 TESTS = Path(__file__).parents[1]
 GOLDEN = TESTS / "golden"
@@ -28,13 +28,14 @@ def real_gaussians() -> bytes:
 
 @pytest.fixture(scope="module")
 def greedy() -> dict[str, SceneStream]:
-    clips = greedy_clips(read_stream(GOLDEN / "tiny_clip.swz")[0])
-    return dict([*greedy_streams(stream_from_bytes(real_gaussians())[0]), *clips])
+    clips = oversized_clips(read_stream(GOLDEN / "tiny_clip.swz")[0])
+    return dict([*oversized_streams(stream_from_bytes(real_gaussians())[0]), *clips])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("codec", ["gaussians", "causal", "hacpp", "tracks"])
-def test_no_small_stream_takes_much_memory(greedy: dict[str, SceneStream], codec: str, tmp_path: Path) -> None:
-    """Inspecting, decoding at once and packet by packet, writing what arrived, leaving out what did not."""
+def test_small_streams_allocate_little_memory(greedy: dict[str, SceneStream], codec: str, tmp_path: Path) -> None:
+    """Inspects, decodes at once and progressively, writes the received packets and drops lost elements."""
     small = {"causal": "tiny_causal.swz", "hacpp": "tiny.swz", "tracks": "tiny_clip.swz"}
     warm = GOLDEN / small[codec] if codec in small else tmp_path / "warm.swz"
     (tmp_path / "warm.swz").write_bytes(real_gaussians())
@@ -53,7 +54,7 @@ def test_no_small_stream_takes_much_memory(greedy: dict[str, SceneStream], codec
     assert any(VARIABLE in text for text in refused)
 
 
-def test_lost_elements_take_no_memory_until_somebody_asks(greedy: dict[str, SceneStream]) -> None:
+def test_lost_elements_allocate_memory_only_on_access(greedy: dict[str, SceneStream]) -> None:
     stream = greedy["gaussians announced in 4000 blocks"]
     decoder = ProgressiveDecoder(stream.manifest, stream.side_info)
     assert (decoder.num_known, decoder.complete) == (0, False)
@@ -64,7 +65,7 @@ def test_lost_elements_take_no_memory_until_somebody_asks(greedy: dict[str, Scen
         ProgressiveDecoder(anchors.manifest, anchors.side_info).partial  # noqa: B018
 
 
-def test_the_limit_is_one_number_that_the_environment_raises(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_environment_variable_raises_the_memory_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     stream = of_gaussians(stream_from_bytes(real_gaussians())[0], LARGEST, 65_535, 0)
     monkeypatch.setattr(memory, "FREE_BYTES", 10_000_000)
     with pytest.raises(BitstreamError) as refused:
@@ -82,7 +83,7 @@ def test_the_limit_is_one_number_that_the_environment_raises(monkeypatch: pytest
 
 
 @pytest.mark.parametrize("name", ["tiny.swz", "tiny_causal.swz"])
-def test_anchors_are_refused_before_they_take_memory(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_oversized_anchor_streams_are_refused_before_allocation(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     stream, _ = read_stream(GOLDEN / name)
     monkeypatch.setattr(memory, "FREE_BYTES", 0)
     monkeypatch.setattr(memory, "BYTES_PER_BYTE", 0)
@@ -98,7 +99,7 @@ def test_anchors_are_refused_before_they_take_memory(name: str, monkeypatch: pyt
         decoder.add(stream.packets)
 
 
-def test_few_bytes_get_few_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_small_streams_use_few_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, "1")
     assert threads_within(100, 200_000_000, None, "x", 16) == 4
     assert threads_within(100, 200_000_000, None, "x", 3) == 3
@@ -107,7 +108,7 @@ def test_few_bytes_get_few_threads(monkeypatch: pytest.MonkeyPatch) -> None:
         threads_within(900_000_000, 200_000_000, None, "x", 3)
 
 
-def test_allowance_grows_with_the_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_allowance_grows_with_the_stream(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(VARIABLE, raising=False)
     check_memory(memory.FREE_BYTES, 0, "x")
     check_memory(memory.FREE_BYTES + 1000 * memory.BYTES_PER_BYTE, 1000, "x")

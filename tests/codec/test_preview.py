@@ -1,10 +1,9 @@
-"""Previews: what is sent comes back, nothing that is not one gets through, and anything that does can be drawn."""
+"""Previews round-trip, invalid ones are refused, and every accepted one can be rendered."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -25,7 +24,7 @@ from splatwire.codec.preview import (
 )
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.render.cpu import render_cpu
-from splatwire.scene import Gaussians
+from splatwire.types import Gaussians
 
 MOST = np.array([(1 << bits) - 1 for bits in BITS])
 FRAME = PreviewFrame.fitting((0.1, -2.0, 3.0), 1.7, (-1.0, -0.5, 0.0, -5.0), (1.0, 0.7, 2.0, 0.5))
@@ -37,7 +36,7 @@ def preview_of(count: int, seed: int = 0) -> Preview:
 
 
 @given(st.integers(1, MAX_GAUSSIANS), st.integers(0, 1000))
-def test_round_trip(count: int, seed: int) -> None:
+def test_preview_round_trips(count: int, seed: int) -> None:
     preview = preview_of(count, seed)
     data = write_preview(preview)
     back = read_preview(data)
@@ -47,11 +46,10 @@ def test_round_trip(count: int, seed: int) -> None:
     assert gaussians_within(len(data)) == count
 
 
-def test_numbers_come_back_within_half_a_step() -> None:
-    generator = torch.Generator().manual_seed(0)
+def test_preview_values_are_within_half_a_step() -> None:
     low = np.array([*FRAME.low[:3], *FRAME.low[3:] * 3, 0, 0, 0, 1 / 32], np.float64)
     high = np.array([*FRAME.high[:3], *FRAME.high[3:] * 3, 1, 1, 1, 31 / 32], np.float64)
-    values = low + (high - low) * torch.rand(50, 10, generator=generator, dtype=torch.float64).numpy()
+    values = low + (high - low) * np.random.default_rng(0).random((50, 10))
     sent = FRAME.values(FRAME.levels(values).round())
     assert bool((np.abs(sent - values) <= (high - low) / MOST / 2 + 1e-6).all())
     assert np.array_equal(FRAME.levels((low - 1)[None]).round()[0], np.zeros(10, np.float32).astype(np.float64))
@@ -59,7 +57,7 @@ def test_numbers_come_back_within_half_a_step() -> None:
 
 
 def test_pinned_bytes() -> None:
-    """A change here needs a new version of the section."""
+    """A change of these bytes needs a new version of the section."""
     data = write_preview(Preview(FRAME, (1, 20, 255), np.array([[1, 2, 3, 4, 5, 6, 7, 8, 9, 10], MOST])))
     header = "01020114ff" + "cdcccc3d000000c000004040" + "9a99d93f" + "000080bf000000bf000000000000a0c0"
     assert data.hex() == header + "0000803f3333333f000000400000003f" + "010203214c7426bf" + "ff" * 6 + "f0"
@@ -72,7 +70,7 @@ def test_pinned_bytes() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 7, MAX_GAUSSIANS])
-def test_every_cut_and_every_tail_is_told(count: int) -> None:
+def test_truncated_and_extended_previews_are_refused(count: int) -> None:
     data = write_preview(preview_of(count))
     for size in range(len(data)):
         with pytest.raises(BitstreamError):
@@ -82,7 +80,7 @@ def test_every_cut_and_every_tail_is_told(count: int) -> None:
             read_preview(bad)
 
 
-def test_what_is_wrong_is_said() -> None:
+def test_errors_name_the_invalid_field() -> None:
     data = bytearray(write_preview(preview_of(3)))
     for place, value, told in (
         (0, b"\x02", "version 2"),
@@ -102,7 +100,7 @@ def test_what_is_wrong_is_said() -> None:
 @settings(max_examples=300, deadline=None)
 @given(st.binary(max_size=1100) | st.integers(0, 200).map(lambda n: bytes([1, n])).flatmap(
     lambda head: st.binary(min_size=0, max_size=1100).map(lambda rest: head + rest)))  # fmt: skip
-def test_any_bytes_give_a_preview_or_an_error(data: bytes) -> None:
+def test_arbitrary_bytes_give_a_preview_or_an_error(data: bytes) -> None:
     try:
         gaussians, background = preview_gaussians(data)
     except BitstreamError:
@@ -113,7 +111,7 @@ def test_any_bytes_give_a_preview_or_an_error(data: bytes) -> None:
 
 @settings(max_examples=50, deadline=None)
 @given(st.data())
-def test_flipped_bytes_give_something_drawable_or_an_error(data: st.DataObject) -> None:
+def test_flipped_bytes_give_a_drawable_preview_or_an_error(data: st.DataObject) -> None:
     good = bytearray(write_preview(preview_of(5)))
     for _ in range(data.draw(st.integers(1, 4))):
         good[data.draw(st.integers(0, len(good) - 1))] = data.draw(st.integers(0, 255))
@@ -132,7 +130,7 @@ def check(gaussians: Gaussians) -> None:
     assert render_cpu(gaussians, camera, background=np.zeros(3, np.float32)).shape == (1, 12, 16, 3)
 
 
-def test_explicit_gaussians_show_the_same() -> None:
+def test_preview_of_explicit_gaussians_renders_alike() -> None:
     data, camera = write_preview(preview_of(20)), tiny_cameras(num_views=1, width=32, height=24)
     (gaussians, background), scene = preview_gaussians(data), preview_scene(data)
     assert background == scene.background
@@ -144,7 +142,7 @@ def test_explicit_gaussians_show_the_same() -> None:
     assert bool(np.abs(pictures[0] - pictures[1]).max() < 1e-5)
 
 
-def test_the_largest_numbers_can_be_drawn() -> None:
+def test_preview_with_extreme_values_renders() -> None:
     rng = np.random.default_rng(0)
     for spread in (2.0**-20, 1.0, 2.0**20):
         frame = PreviewFrame(
@@ -153,7 +151,7 @@ def test_the_largest_numbers_can_be_drawn() -> None:
         check(Preview(frame, (0, 0, 0), rng.integers(0, MOST + 1, (MAX_GAUSSIANS, len(BITS)))).gaussians())
 
 
-def test_a_preview_that_cannot_be_sent_is_not_made() -> None:
+def test_oversized_preview_is_refused() -> None:
     with pytest.raises(InvalidValueError, match="1 to 133"):
         preview_of(MAX_GAUSSIANS + 1)
     with pytest.raises(InvalidValueError, match="fit its bits"):

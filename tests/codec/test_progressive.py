@@ -1,4 +1,4 @@
-"""Laws of incremental decoding: whatever the order, the moment or the thread, it is what `decode_stream` decodes."""
+"""Incremental decoding equals `decode_stream` for any packet order, time or thread."""
 
 import dataclasses
 import random
@@ -6,16 +6,16 @@ import threading
 
 import numpy as np
 import pytest
-import torch
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
+from random_numbers import Numbers
 from scenes import tiny_scene
+from splatwire.bitstream import PacketId, Packetization, SceneStream, make_packet
 from splatwire.codec import decode_stream, decoding, encode_scene
 from splatwire.codec.progressive import ProgressiveDecoder
 from splatwire.codec.schema import Run
 from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError
-from splatwire.model import Partial, Prior
-from splatwire.packets import PacketId, Packetization, SceneStream, make_packet
+from splatwire.types import Prior, ReceivedScene
 
 PACKETIZATIONS = {
     "stratified": Packetization(block_size=200, lanes=4),
@@ -27,7 +27,7 @@ PACKETIZATIONS = {
 @pytest.fixture(scope="module", params=[*PACKETIZATIONS, "stratified in tiers", "hashed in tiers"])
 def stream(request) -> SceneStream:
     name, _, tiered = request.param.partition(" in ")
-    important = torch.rand(500, generator=torch.Generator().manual_seed(1)).numpy() < 0.2
+    important = Numbers(1).rand(500) < 0.2
     tiers = (~important).astype(np.uint8) if tiered else None
     return encode_scene(tiny_scene(seed=5, num_anchors=500), PACKETIZATIONS[name], tiers=tiers)
 
@@ -42,7 +42,7 @@ def shuffled(stream: SceneStream, seed: int) -> list:
     return packets
 
 
-def assert_same(a: Partial, b: Partial) -> None:
+def assert_same(a: ReceivedScene, b: ReceivedScene) -> None:
     assert np.array_equal(a.erasures.received, b.erasures.received)
     for name in ("positions", "features", "scalings", "offsets", "mask"):
         assert np.array_equal(getattr(a.scene.anchors, name), getattr(b.scene.anchors, name)), name
@@ -53,7 +53,7 @@ def assert_same(a: Partial, b: Partial) -> None:
     assert np.array_equal(a.scene.heads.color.output.weight, b.scene.heads.color.output.weight)
 
 
-def test_every_moment_equals_decoding_what_is_there(stream):
+def test_progressive_state_equals_decoding_the_same_packets(stream):
     decoder, packets = start(stream), shuffled(stream, 1)
     assert_same(decoder.partial, decode_stream(stream.with_packets([])))
     for number in range(0, len(packets), 3):
@@ -66,14 +66,14 @@ def test_every_moment_equals_decoding_what_is_there(stream):
 
 
 @pytest.mark.parametrize("seed", [2, 3])
-def test_any_order_ends_in_the_same_scene(stream, seed):
+def test_packet_order_does_not_change_the_scene(stream, seed):
     decoder = start(stream)
     ranks = np.concatenate([decoder.add([packet]) for packet in shuffled(stream, seed)])
     assert sorted(ranks.tolist()) == list(range(stream.manifest.num_elements))
     assert_same(decoder.partial, decode_stream(stream))
 
 
-def test_duplicates_and_strangers_are_counted_and_change_nothing(stream):
+def test_duplicate_and_foreign_packets_are_counted_and_ignored(stream):
     decoder, first = start(stream), stream.packets[0]
     assert len(decoder.add([first, first])) == first.num_elements
     assert len(decoder.add([first])) == 0
@@ -97,7 +97,7 @@ def test_packets_may_come_from_several_threads(stream):
     assert_same(decoder.partial, decode_stream(stream))
 
 
-def test_a_snapshot_stays_as_it_was(stream):
+def test_snapshot_is_not_changed_by_later_packets(stream):
     decoder, packets = start(stream), shuffled(stream, 6)
     decoder.add(packets[:2])
     held = decoder.snapshot()
@@ -105,7 +105,7 @@ def test_a_snapshot_stays_as_it_was(stream):
     assert_same(held, decode_stream(stream.with_packets(packets[:2])))
 
 
-def test_wrong_integers_are_found_out_at_the_end(stream):
+def test_wrong_integers_fail_the_digest_once_complete(stream):
     wrong = dataclasses.replace(stream.manifest, symbols_digest="0" * 64)
     decoder = ProgressiveDecoder(wrong, stream.side_info)
     decoder.add(stream.packets[1:])
@@ -113,7 +113,7 @@ def test_wrong_integers_are_found_out_at_the_end(stream):
         decoder.add(stream.packets[:1])
 
 
-def test_a_payload_of_other_bytes_is_found_out_at_the_end(stream):
+def test_changed_payload_fails_the_digest_once_complete(stream):
     second = stream.packets[2]
     spoiled = make_packet(second.id, second.num_elements, second.payload[::-1])
     decoder = start(stream)
@@ -123,7 +123,7 @@ def test_a_payload_of_other_bytes_is_found_out_at_the_end(stream):
         decoder.add(stream.packets[3:])
 
 
-def test_side_information_must_be_there_and_fit(stream):
+def test_missing_or_inconsistent_side_information_is_refused(stream):
     with pytest.raises(MissingSideInfoError):
         ProgressiveDecoder(stream.manifest, b"")
     other = dataclasses.replace(stream.manifest, feature_dim=10, feature_groups=(5, 5))
@@ -137,7 +137,7 @@ def test_progress_reaches_the_end(stream):
     assert shares[-1] == 1.0
 
 
-def test_a_datagram_is_decoded_by_the_thread_that_brings_it(monkeypatch):
+def test_datagram_is_decoded_in_the_calling_thread(monkeypatch):
     stream = encode_scene(tiny_scene(seed=5, num_anchors=500), PACKETIZATIONS["hashed"])
     decoder, seen = ProgressiveDecoder(stream.manifest, stream.side_info, threads=2), []
     decode = decoder._decode
@@ -157,8 +157,8 @@ def test_a_datagram_is_decoded_by_the_thread_that_brings_it(monkeypatch):
     assert_same(decoder.partial, decode_stream(stream))
 
 
-def test_a_snapshot_is_the_whole_scene_in_tensors_of_its_own():
-    """Only what arriving packets fill is copied; everything else, the background too, is the scene's."""
+def test_snapshot_copies_only_arrays_that_packets_fill():
+    """Only arrays that packets fill are copied; the others, including the background, are shared."""
     scene = dataclasses.replace(tiny_scene(seed=5, num_anchors=500), background=(0.25, 0.5, 1.0))
     stream = encode_scene(scene, PACKETIZATIONS["stratified"])
     decoder = start(stream)

@@ -4,15 +4,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatwire.byte_io import ByteWriter
+from splatwire.anchors.scene_file import load_partial, save_partial
+from splatwire.bitstream import ANCHORS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
+from splatwire.bitstream.limits import MAX_SECTIONS
+from splatwire.bitstream.sections import read_sections, split_sections, write_sections
 from splatwire.codec import add_concealment, decode_stream, encode_scene, side_info_parts, without_concealment
-from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info, write_side_info
+from splatwire.codec.anchors.hacpp.side_info import SideInfo, read_side_info, write_side_info
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.model import AnchorScene
-from splatwire.model.scene_file import load_partial, save_partial
-from splatwire.packets import ANCHORS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
-from splatwire.packets.limits import MAX_SECTIONS
-from splatwire.packets.sections import read_sections, split_sections, write_sections
+from splatwire.files.byte_io import ByteWriter
+from splatwire.types import AnchorScene
 
 SECTIONS = {"gnn": b"weights", "hints": b"", "later_release": bytes(range(200))}
 
@@ -35,7 +35,7 @@ def test_pinned_bytes() -> None:
     assert write_sections({"zz": b"\x07", "gnn": b""}).hex() == "03676e6e00" + "027a7a0107"
 
 
-def test_sections_are_kept_whatever_their_name(side_info: SideInfo, side_info_bytes: bytes) -> None:
+def test_sections_with_unknown_names_are_kept(side_info: SideInfo, side_info_bytes: bytes) -> None:
     with_sections = write_side_info(replace(side_info, sections=SECTIONS))
     assert with_sections == side_info_bytes + write_sections(SECTIONS)
     assert read_side_info(with_sections, len(side_info.voxels), "morton").sections == SECTIONS
@@ -46,7 +46,7 @@ def test_sections_are_kept_whatever_their_name(side_info: SideInfo, side_info_by
     assert {name: parts[name] for name in SECTIONS} == {"gnn": 12, "hints": 7, "later_release": 216}
 
 
-def test_only_side_information_changes(stream: SceneStream) -> None:
+def test_adding_a_section_changes_side_information_only(stream: SceneStream) -> None:
     richer = add_concealment(add_concealment(stream, "hints", b"more"), "gnn", b"weights")
     assert richer == add_concealment(add_concealment(stream, "gnn", b"weights"), "hints", b"more")
     assert richer.packets == stream.packets
@@ -57,7 +57,7 @@ def test_only_side_information_changes(stream: SceneStream) -> None:
     assert without_concealment(stream, "gnn") == stream
 
 
-def test_a_decoder_hands_them_to_concealers(stream: SceneStream, tmp_path: Path) -> None:
+def test_decoder_passes_sections_to_concealers(stream: SceneStream, tmp_path: Path) -> None:
     richer = stream
     for name, data in SECTIONS.items():
         richer = add_concealment(richer, name, data)

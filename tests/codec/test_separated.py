@@ -1,16 +1,11 @@
-"""HAC++'s own layout: the same integers, and a lost file loses its attribute and whatever depends on it."""
+"""HAC++'s separated layout holds the same integers, and a lost file removes its attribute and dependent ones."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from splatwire.channel import parse_loss, transmit
-from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, scene_in_order
-from splatwire.codec.schemas.hacpp.separated import SECTION
-from splatwire.errors import BitstreamError, DesyncError
-from splatwire.model import AnchorScene, Partial
-from splatwire.packets import (
+from splatwire.bitstream import (
     PRESETS,
     PacketId,
     Packetization,
@@ -19,8 +14,12 @@ from splatwire.packets import (
     stream_from_bytes,
     stream_to_bytes,
 )
-from splatwire.packets.sections import side_info_parts, without_concealment
-from splatwire.scene import Anchors, Attribute
+from splatwire.bitstream.sections import side_info_parts, without_concealment
+from splatwire.channel import parse_loss, transmit
+from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, scene_in_order
+from splatwire.codec.anchors.hacpp.separated import SECTION
+from splatwire.errors import BitstreamError, DesyncError
+from splatwire.types import Anchors, AnchorScene, Attribute, ReceivedScene
 
 HACPP = replace(PRESETS["hacpp"], block_size=200)
 SCALING, OFFSET, FEATURE = 1, 2, 3
@@ -38,17 +37,17 @@ def whole(stream: SceneStream) -> Anchors:
     return decode_stream(stream).scene.anchors
 
 
-def without(stream: SceneStream, *ids: PacketId) -> Partial:
+def without(stream: SceneStream, *ids: PacketId) -> ReceivedScene:
     return decode_stream(stream.with_packets(packet for packet in stream.packets if packet.id not in ids))
 
 
-def test_the_preset_is_hacpps_layout():
+def test_separated_preset_equals_the_hacpp_layout():
     preset = PRESETS["hacpp"]
     assert (preset.block_size, preset.order, preset.lanes, preset.grouping) == (3000, "raster", 1, "contiguous")
     assert preset.separated
 
 
-def test_files_are_those_of_hacpp(stream: SceneStream):
+def test_packet_files_equal_those_of_hacpp(stream: SceneStream):
     parts = ("scaling", "offset", "feature0", "feature1", "feature2")
     assert [packet.id.filename for packet in stream.packets] == [
         f"pak_lane0_s{block}_{part}.pak" for block in range(4) for part in parts
@@ -65,7 +64,7 @@ def test_files_are_those_of_hacpp(stream: SceneStream):
     ],
     ids=["hacpp", "stratified", "contiguous"],
 )
-def test_no_loss_gives_the_integers_of_atomic_packets(scene: AnchorScene, packetization: Packetization):
+def test_lossless_separated_packets_equal_atomic_packets(scene: AnchorScene, packetization: Packetization):
     separated = encode_scene(scene, packetization)
     atomic = encode_scene(scene, replace(packetization, packaging="atomic"))
     assert separated.manifest.symbols_digest == atomic.manifest.symbols_digest
@@ -77,7 +76,7 @@ def test_no_loss_gives_the_integers_of_atomic_packets(scene: AnchorScene, packet
     assert stream_from_bytes(stream_to_bytes(separated))[0] == separated
 
 
-def test_lost_scalings_lose_scalings(stream: SceneStream, whole: Anchors):
+def test_lost_scaling_packets_lose_only_scalings(stream: SceneStream, whole: Anchors):
     partial = without(stream, PacketId(1, 0, SCALING))
     anchors, rows = partial.scene.anchors, slice(200, 400)
     assert not anchors.scalings[rows].any()
@@ -89,7 +88,7 @@ def test_lost_scalings_lose_scalings(stream: SceneStream, whole: Anchors):
     assert np.array_equal(anchors.scalings[400:], whole.scalings[400:])
 
 
-def test_lost_offsets_lose_offsets(stream: SceneStream, whole: Anchors):
+def test_lost_offset_packets_lose_only_offsets(stream: SceneStream, whole: Anchors):
     partial = without(stream, PacketId(3, 0, OFFSET))
     anchors = partial.scene.anchors
     assert not anchors.offsets[600:].any()
@@ -100,7 +99,7 @@ def test_lost_offsets_lose_offsets(stream: SceneStream, whole: Anchors):
 
 
 @pytest.mark.parametrize("lost", [0, 1, 2])
-def test_a_lost_feature_group_loses_those_that_depend_on_it(stream: SceneStream, whole: Anchors, lost: int):
+def test_lost_feature_group_loses_dependent_groups(stream: SceneStream, whole: Anchors, lost: int):
     partial = without(stream, PacketId(2, 0, FEATURE + lost))
     features, rows = partial.scene.anchors.features, slice(400, 600)
     for group, columns in enumerate(FEATURE_GROUPS):
@@ -115,7 +114,7 @@ def test_a_lost_feature_group_loses_those_that_depend_on_it(stream: SceneStream,
     assert bool(partial.erasures.received[:, 1:].all())
 
 
-def test_every_subset_decodes_to_values_of_the_whole_or_zero(stream: SceneStream, whole: Anchors):
+def test_every_subset_decodes_to_original_values_or_zero(stream: SceneStream, whole: Anchors):
     for seed in range(5):
         arrived, _ = transmit(stream, parse_loss("bernoulli:0.3"), seed=seed)
         partial = decode_stream(arrived)
@@ -134,7 +133,7 @@ def test_every_subset_decodes_to_values_of_the_whole_or_zero(stream: SceneStream
         assert np.array_equal(partial.scene.anchors.mask, whole.mask)
 
 
-def test_the_digest_covers_every_part(stream: SceneStream):
+def test_digest_covers_every_attribute(stream: SceneStream):
     for number in range(5):
         packets = list(stream.packets)
         payload = bytearray(packets[number].payload)
@@ -144,7 +143,7 @@ def test_the_digest_covers_every_part(stream: SceneStream):
             decode_stream(stream.with_packets(packets))
 
 
-def test_damaged_payloads_decode_to_something(stream: SceneStream):
+def test_damaged_payloads_decode(stream: SceneStream):
     rng = np.random.default_rng(1)
     for _ in range(20):
         packets = [make_packet(p.id, p.num_elements, rng.bytes(int(rng.integers(0, 90)))) for p in stream.packets[:7]]
@@ -159,15 +158,15 @@ def test_masks_are_side_information(stream: SceneStream):
         ProgressiveDecoder(stream.manifest, stream.side_info)
 
 
-def test_bytes_are_those_of_atomic_packets_within_headers(scene: AnchorScene, stream: SceneStream):
-    """The distributions are the same: what differs is the end of a stream, a byte each, and where masks adapt."""
+def test_separated_size_differs_from_atomic_by_headers_only(scene: AnchorScene, stream: SceneStream):
+    """The distributions are equal. Sizes differ by one byte per stream end and by the adaptation of masks."""
     atomic = encode_scene(scene, replace(HACPP, packaging="atomic"))
     masks = side_info_parts(stream.side_info, stream.manifest.codec)[SECTION]
     ours, theirs = stream.parts()["packet_payloads"] + masks, atomic.parts()["packet_payloads"]
     assert abs(ours - theirs) < 1.5 * len(stream.packets) + 0.02 * masks + 20
 
 
-def test_raster_order_is_hacpps(scene: AnchorScene, whole: Anchors):
+def test_raster_order_equals_that_of_hacpp(scene: AnchorScene, whole: Anchors):
     assert np.array_equal(scene_in_order(scene, "raster").anchors.positions, whole.positions)
     keys = (whole.positions * 64).astype(np.int64) @ np.array([1, 1 << 12, 1 << 24])
     assert bool((np.diff(keys) > 0).all())

@@ -1,4 +1,4 @@
-"""Sizes of tiers: a byte for each, there where there are tiers, read strictly, and what a receiver makes of them."""
+"""Tier sizes: one byte per tier, strictly parsed, and used by receivers for growth."""
 
 from dataclasses import replace
 
@@ -6,25 +6,24 @@ import numpy as np
 import pytest
 
 from scenes import tiny_causal_scene
+from splatwire.bitstream import PRESETS, Packetization, SceneStream
+from splatwire.bitstream.sections import sections_of, without_concealment
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.progressive import ProgressiveDecoder
 from splatwire.codec.tier_sizes import SECTION, encode_tier_sizes, read_tier_sizes
 from splatwire.codec.tiers import read_tiers
-from splatwire.conceal import conceal
-from splatwire.conceal.scene_free.signature import near_losses, signatures
-from splatwire.conceal.scene_free.surroundings import surroundings_of
+from splatwire.concealment import conceal
+from splatwire.concealment.scene_free.signature import near_losses, signatures
+from splatwire.concealment.scene_free.surroundings import surroundings_of
 from splatwire.errors import BitstreamError
-from splatwire.model import AnchorScene, Partial, TierSizes
-from splatwire.packets import PRESETS, Packetization, SceneStream
-from splatwire.packets.sections import sections_of, without_concealment
-from splatwire.scene import Anchors
+from splatwire.types import Anchors, AnchorScene, ReceivedScene, TierSizes
 
 PACKETIZATION = Packetization(block_size=200, lanes=4)
 TIER_OF = (np.arange(600) % 4).clip(None, 2).astype(np.uint8)
 
 
 def sized_like_tiers(scene: AnchorScene) -> AnchorScene:
-    """The same scene with anchors that are the smaller the less their tier matters."""
+    """The scene with anchors that shrink with the importance of their tier."""
     scalings = scene.anchors.scalings.copy()
     scalings[:, 3:] *= 0.25 ** TIER_OF[:, None].astype(np.float32)
     return replace(scene, anchors=replace(scene.anchors, scalings=scalings))
@@ -38,7 +37,7 @@ def whole(request, scene: AnchorScene) -> SceneStream:
 
 @pytest.fixture(scope="module")
 def cut(whole: SceneStream) -> SceneStream:
-    """What is left where all but the first tier and a part of the second was cut off."""
+    """Stream truncated after the first tier and a part of the second."""
     kept = [packet for packet in whole.packets if whole.manifest.plan.tier_of(packet.id.block) < 2]
     return whole.with_packets(kept[:-1])
 
@@ -55,7 +54,7 @@ def anchors_of(sizes: list[list[float]], offsets: list[int]) -> Anchors:
     )
 
 
-def test_a_size_is_the_root_of_the_mean_footprint():
+def test_tier_size_is_the_root_of_the_mean_footprint():
     anchors = anchors_of([[4, 0, 2], [1, 2, 3], [1, 1, 1], [0.5, 0.5, 0]], [1, 4, 1, 3])
     data = encode_tier_sizes(anchors, np.array([0, 0, 1, 2]), 3)
     mean = [(8 + 4 * 6) / 2, 1, 0.75]
@@ -63,17 +62,17 @@ def test_a_size_is_the_root_of_the_mean_footprint():
 
 
 @pytest.mark.parametrize("size", [0.0, -1.0, 1e-30, float("nan"), float("inf")])
-def test_tiers_of_one_size_are_alike_whatever_it_is(size: float):
+def test_tiers_of_equal_size_are_coded_equally(size: float):
     data = encode_tier_sizes(anchors_of([[size] * 3] * 2, [1, 1]), np.array([0, 1]), 2)
     assert list(data) == [0, 0]
 
 
-def test_sizes_beyond_all_others_stay_in_a_byte():
+def test_extreme_sizes_fit_into_one_byte():
     data = encode_tier_sizes(anchors_of([[1e38] * 3, [0.0] * 3], [4, 1]), np.array([0, 1]), 2)
     assert list(data) == [0, 255]
 
 
-def test_what_is_written_is_read(whole: SceneStream):
+def test_tier_sizes_round_trip(whole: SceneStream):
     sections = sections_of(whole)
     sizes = read_tier_sizes(sections, whole.manifest)
     assert len(sections[SECTION]) == len(sizes) == 3
@@ -83,18 +82,18 @@ def test_what_is_written_is_read(whole: SceneStream):
     assert SECTION not in partial.sections
     assert np.array_equal(partial.tier_sizes, sizes[read_tiers(sections, whole.manifest)])
     arriving = ProgressiveDecoder(whole.manifest, whole.side_info)
-    for found in (arriving.partial, arriving.snapshot(), partial.without(np.arange(600) % 2 == 0)):
+    for found in (arriving.partial, arriving.snapshot(), partial.masked(np.arange(600) % 2 == 0)):
         assert np.array_equal(found.tier_sizes, partial.tier_sizes)
 
 
-def test_there_is_none_without_tiers(scene: AnchorScene):
+def test_stream_without_tiers_has_no_tier_sizes(scene: AnchorScene):
     for made in (scene, tiny_causal_scene(seed=4)):
         stream = encode_scene(made, PACKETIZATION)
         assert SECTION not in sections_of(stream)
         assert decode_stream(stream).tier_sizes is None
 
 
-def test_separated_packets_have_none(scene: AnchorScene):
+def test_separated_packets_have_no_tier_sizes(scene: AnchorScene):
     stream = encode_scene(scene, PRESETS["hacpp"])
     assert SECTION not in sections_of(stream)
     assert decode_stream(stream).tier_sizes is None
@@ -117,29 +116,29 @@ def test_damaged_sections_are_refused(whole: SceneStream, data: bytes, message: 
         ProgressiveDecoder(stream.manifest, stream.side_info)
 
 
-def test_sizes_of_tiers_that_are_not_there_are_refused():
+def test_sizes_of_absent_tiers_are_refused():
     stream = encode_scene(tiny_causal_scene(seed=4), PACKETIZATION)
     for data, message in ((b"", "no tier is the largest"), (b"\0", "1 bytes for 0 tiers")):
         with pytest.raises(BitstreamError, match=message):
             decode_stream(add_concealment(stream, SECTION, data))
 
 
-def untold(partial: Partial) -> Partial:
-    return replace(partial, said=tuple(record for record in partial.said if not isinstance(record, TierSizes)))
+def without_tier_sizes(partial: ReceivedScene) -> ReceivedScene:
+    return replace(partial, records=tuple(record for record in partial.records if not isinstance(record, TierSizes)))
 
 
-def test_a_stream_of_before_is_what_it_was(cut: SceneStream):
-    """Without the section the size that the prior expects counts, and heads count in the limit."""
+def test_stream_without_tier_sizes_is_concealed_as_before(cut: SceneStream):
+    """Without the section, growth uses the size expected by the prior and a limit by anchor count."""
     old = decode_stream(without_concealment(cut, SECTION))
     assert old.tier_sizes is None
     for name in ("grow", "scene_free"):
-        plain = conceal(untold(decode_stream(cut)), name)
+        plain = conceal(without_tier_sizes(decode_stream(cut)), name)
         assert np.array_equal(conceal(old, name).hints.size_gain, plain.hints.size_gain)
         assert not np.array_equal(conceal(decode_stream(cut), name).hints.size_gain, plain.hints.size_gain)
 
 
 @pytest.mark.parametrize("name", ["grow", "scene_free"])
-def test_anchors_hardly_grow_over_small_ones_that_were_cut_off(cut: SceneStream, name: str):
+def test_losing_small_anchors_causes_little_growth(cut: SceneStream, name: str):
     told, without_them = decode_stream(cut), decode_stream(without_concealment(cut, SECTION))
     known = told.erasures.known
     with_sizes, without = (conceal(partial, name).hints.size_gain[known] for partial in (told, without_them))
@@ -149,9 +148,9 @@ def test_anchors_hardly_grow_over_small_ones_that_were_cut_off(cut: SceneStream,
     assert bool((with_sizes <= without + 1e-6).all())
 
 
-def test_what_the_network_sees_stays_what_it_was(cut: SceneStream):
+def test_tier_sizes_do_not_change_network_inputs(cut: SceneStream):
     context = decode_stream(cut)
-    plain, rows = untold(context), np.flatnonzero(context.erasures.known)
+    plain, rows = without_tier_sizes(context), np.flatnonzero(context.erasures.known)
     ours, theirs = surroundings_of(context, rows), surroundings_of(plain, rows)
     assert np.array_equal(signatures(context, ours), signatures(plain, theirs))
     assert bool((near_losses(context, ours) < near_losses(plain, theirs)).any())

@@ -1,4 +1,4 @@
-"""Where a scene is looked at first."""
+"""Initial viewpoint and up axis of a scene."""
 
 import struct
 
@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from scenes import tiny_cameras, tiny_scene
+from splatwire.bitstream.sections import sections_of
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.viewpoint import SECTION, UP_SECTION, up_axis, up_sections, viewpoint_section
 from splatwire.errors import BitstreamError
-from splatwire.packets.sections import sections_of
 
 
 def nine(section: bytes) -> np.ndarray:
     return np.array(struct.unpack("<9f", section)).reshape(3, 3)
 
 
-def test_cameras_around_a_point_look_at_it_from_the_first_one():
+def test_viewpoint_of_orbit_cameras_is_the_first_camera_and_the_common_target():
     cameras = tiny_cameras(5)
     eye, target, up = nine(viewpoint_section(cameras))
     assert np.allclose(eye, cameras.centers[0], atol=1e-5)
@@ -25,20 +25,20 @@ def test_cameras_around_a_point_look_at_it_from_the_first_one():
     assert abs(float(np.linalg.norm(up)) - 1) < 1e-5
 
 
-def test_one_camera_and_parallel_ones_look_ahead():
+def test_viewpoint_of_one_or_parallel_cameras_is_straight_ahead():
     for cameras in (tiny_cameras(1), tiny_cameras(1).select([0, 0])):
         eye, target, _ = nine(viewpoint_section(cameras))
         ahead = (target - eye) / np.linalg.norm(target - eye)
         assert np.allclose(ahead, cameras.viewmats[0, 2, :3], atol=1e-3)
 
 
-def test_concealers_do_not_see_it():
+def test_viewpoint_is_hidden_from_concealers():
     stream = add_concealment(encode_scene(tiny_scene(seed=2)), SECTION, viewpoint_section(tiny_cameras()))
     assert SECTION in sections_of(stream)
     assert SECTION not in decode_stream(stream).sections
 
 
-def test_what_is_up_is_read_as_it_was_written():
+def test_up_axis_round_trips():
     assert [up_axis(up_sections(axis)) for axis in ("y", "-y", "z", "-z")] == ["y", "-y", "z", "-z"]
     with pytest.raises(BitstreamError, match="no axis"):
         up_axis({UP_SECTION: b"\xffside"})

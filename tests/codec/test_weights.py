@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.codec.integer_network import IntegerLinear
 from splatwire.codec.weight_bytes import read_mlp, write_mlp
 from splatwire.codec.weights import QuantisedMlp, exact_linear, exact_mlp, quantise_linear, quantise_mlp
 from splatwire.entropy.coder import encode_symbols
 from splatwire.entropy.integers import scale_index, write_integers, zero_mean_rows
 from splatwire.errors import BitstreamError
+from splatwire.files.byte_io import ByteReader, ByteWriter
 
 
 def network(rng: np.random.Generator, leaky: bool, tolerance: float = 0.01) -> tuple[QuantisedMlp, tuple, np.ndarray]:
@@ -22,7 +22,7 @@ def evaluate(layers: tuple, inputs: np.ndarray, leaky: bool) -> np.ndarray:
 
 
 @pytest.mark.parametrize("leaky", [False, True])
-def test_rounding_noise_stays_near_the_tolerance(leaky: bool) -> None:
+def test_rounding_noise_is_near_the_tolerance(leaky: bool) -> None:
     rng = np.random.default_rng(0)
     for tolerance in (0.1, 0.01):
         mlp, layers, inputs = network(rng, leaky, tolerance)
@@ -44,7 +44,7 @@ def num_bytes(mlp: QuantisedMlp) -> int:
     return len(writer.bytes())
 
 
-def test_inputs_that_follow_from_others_save_bits_at_the_same_error() -> None:
+def test_correlated_inputs_save_bits_at_equal_error() -> None:
     rng = np.random.default_rng(4)
     layers = [(rng.normal(size=(20, 48)), rng.normal(size=20)), (rng.normal(size=(7, 20)) * 0.3, rng.normal(size=7))]
     alone = rng.normal(size=(4000, 48))
@@ -52,15 +52,15 @@ def test_inputs_that_follow_from_others_save_bits_at_the_same_error() -> None:
     sizes, errors = [], []
     for inputs in (alone, follow):
         mlp = quantise_mlp(*layers, inputs[:2000], np.full(7, 0.02), leaky=True)
-        others = mlp.integer()(np.rint(inputs[2000:] * 2**14)) / 2**16  # anchors that the rounding has not seen
+        others = mlp.integer()(np.rint(inputs[2000:] * 2**14)) / 2**16  # anchors that were not used for the rounding
         sizes.append(num_bytes(mlp))
         errors.append((others - evaluate(layers, inputs[2000:], True)).std())
     assert sizes[1] < 0.8 * sizes[0]
     assert max(errors) < 0.03
 
 
-def test_one_weight_makes_up_for_another() -> None:
-    # two inputs that are always equal: only the sum of their weights matters, rounded as finely as one
+def test_rounding_errors_of_equal_inputs_compensate() -> None:
+    # two equal inputs: only the sum of their weights counts, and it is rounded as finely as one weight
     inputs = np.repeat(np.linspace(-1, 1, 201)[:, None], 2, axis=1)
     layer = quantise_linear(np.array([[0.3, 0.45]]), np.zeros(1), inputs, np.array([0.05]))
     weight, _ = layer.dequantised()
@@ -69,19 +69,19 @@ def test_one_weight_makes_up_for_another() -> None:
     assert np.abs(layer.symbols).max() < 12
 
 
-def test_bias_takes_up_the_mean_of_the_rounding_error() -> None:
+def test_bias_compensates_the_mean_rounding_error() -> None:
     rng = np.random.default_rng(5)
     inputs = 100 + rng.normal(size=(500, 3))
     weight, bias = rng.normal(size=(4, 3)), rng.normal(size=4)
     layer = quantise_linear(weight, bias, inputs, np.full(4, 0.1))
     rounded, new_bias = layer.dequantised()
     error = inputs @ (rounded - weight).T + new_bias - bias
-    assert np.abs(rounded - weight).max() > 0.01  # each weight alone would be off by a hundred times as much
+    assert np.abs(rounded - weight).max() > 0.01  # separate rounding would give a hundred times the error
     assert np.abs(error.mean(axis=0)).max() < 0.002
     assert error.std() < 0.15
 
 
-def test_networks_without_column_scales_are_still_read() -> None:
+def test_networks_without_column_scales_are_read() -> None:
     mlp, _, _ = network(np.random.default_rng(6), False)
     writer = ByteWriter()
     for size in (12, 20, 7):
@@ -108,7 +108,7 @@ def test_unknown_flags_are_refused() -> None:
         read_mlp(ByteReader(writer.bytes(), "network"), "test", 12, 7)
 
 
-def test_networks_come_back_from_bytes() -> None:
+def test_networks_round_trip_through_bytes() -> None:
     mlp, _, _ = network(np.random.default_rng(2), True)
     writer = ByteWriter()
     write_mlp(writer, mlp)
@@ -121,7 +121,7 @@ def test_networks_come_back_from_bytes() -> None:
     assert again.leaky
 
 
-def test_wrong_shape_is_named() -> None:
+def test_wrong_weight_shape_is_named() -> None:
     writer = ByteWriter()
     write_mlp(writer, network(np.random.default_rng(3), False)[0])
     with pytest.raises(BitstreamError, match="color network"):
@@ -134,7 +134,7 @@ def test_weights_beyond_exact_arithmetic_are_refused() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_quantised_network_is_found_in_its_own_numbers(seed: int) -> None:
+def test_quantised_network_is_recognised(seed: int) -> None:
     mlp, layers, _ = network(np.random.default_rng(seed), True)
     numbers = [tuple(part.astype(np.float64) for part in layer.dequantised()) for layer in (mlp.hidden, mlp.output)]
     found = exact_mlp(*numbers, leaky=True)
@@ -147,7 +147,7 @@ def test_a_quantised_network_is_found_in_its_own_numbers(seed: int) -> None:
 
 
 @pytest.mark.parametrize("scale", [1.0, 100.0, 300.0])
-def test_float32_holds_what_the_integers_stand_for(scale: float) -> None:
+def test_integer_weights_are_exact_in_float32(scale: float) -> None:
     rng = np.random.default_rng(0)
     weight = rng.normal(size=(6, 8)) * scale
     layer = quantise_linear(weight, np.zeros(6), rng.normal(size=(100, 8)), np.full(6, 1e-4))

@@ -1,7 +1,7 @@
-"""A kind of scene that the package does not know, points with a colour, in one file.
+"""A third-party scene type, coloured points, defined in one file.
 
-It is encoded, lost in part, decoded while it arrives, concealed, drawn, sent, and refused by a page, without any other
-file changing: the acceptance test of one trunk.
+It is encoded, transmitted with losses, decoded progressively, concealed and rendered. A page refuses it. No other file
+changes.
 """
 
 import itertools
@@ -12,21 +12,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-import torch
 
+from random_numbers import Numbers
 from scenes import tiny_cameras
-from splatwire.byte_io import ByteReader
-from splatwire.channel import parse_loss, transmit
-from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, register_schema, registry, repack
-from splatwire.codec.background import background_sections, read_background
-from splatwire.codec.named_sections import concealer_sections
-from splatwire.codec.schema import CodedPackets, Options, Prepared, Run, Schema
-from splatwire.codec.weight_bytes import framed
-from splatwire.conceal import conceal, concealer_names
-from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, MissingSideInfoError
-from splatwire.model import Coverage, Partial, RenderHints
-from splatwire.model.appearance import gaussians_of_view
-from splatwire.packets import (
+from splatwire.anchors.appearance import gaussians_of_view
+from splatwire.bitstream import (
     HEADER_BYTES,
     PRESETS,
     Manifest,
@@ -38,13 +28,31 @@ from splatwire.packets import (
     spread_packetization,
     write_stream,
 )
-from splatwire.packets.limits import SCHEMAS, StreamSchema, register_stream_schema
-from splatwire.packets.sections import read_sections, write_sections
+from splatwire.bitstream.limits import SCHEMAS
+from splatwire.bitstream.sections import read_sections, write_sections
+from splatwire.channel import parse_loss, transmit
+from splatwire.codec import (
+    ProgressiveDecoder,
+    can_repack,
+    decode_stream,
+    encode_scene,
+    register_schema,
+    repack,
+    schema_named,
+    schema_of,
+)
+from splatwire.codec.background import BACKGROUND
+from splatwire.codec.named_sections import concealer_sections
+from splatwire.codec.schema import CodedPackets, Options, Prepared, Run, Schema
+from splatwire.codec.weight_bytes import framed
+from splatwire.concealment import conceal, concealer_names
+from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, MissingSideInfoError, UnknownNameError
+from splatwire.files.byte_io import ByteReader
 from splatwire.render import render_scene
-from splatwire.scene import Cameras, Erasures, Gaussians
-from splatwire.scene.background import BLACK, Background
-from splatwire.scene.rows import Rows
-from splatwire.transport.pack import pack_stream
+from splatwire.transport.http.pack import pack_stream
+from splatwire.types import Cameras, Coverage, Erasures, Gaussians, ReceivedScene, RenderHints
+from splatwire.types.background import BLACK, Background
+from splatwire.types.rows import Rows
 from splatwire.view.page import page_of_stream
 
 
@@ -136,7 +144,7 @@ class PointEncoder:
 
 class PointDecoder:
     order: np.ndarray | None = None
-    whole_blocks, alone, again = False, True, False
+    runs_are_blocks, packets_independent, redecode_on_demand = False, True, False
     row_bytes = 3
 
     def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
@@ -167,40 +175,47 @@ class PointDecoder:
     def update_digest(self, digest: Any, rows: tuple[np.ndarray, ...]) -> None:
         digest.update(rows[0].tobytes())
 
-    def scene(self) -> Partial:
+    def scene(self) -> ReceivedScene:
         points = Points(self.places, self.colors)
-        scene = PointScene(points, background=read_background(self.sections))
-        return Partial(scene, self.erasures, concealer_sections(self.sections))
+        scene = PointScene(points, background=BACKGROUND.read(self.sections))
+        return ReceivedScene(scene, self.erasures, concealer_sections(self.sections))
 
 
 def prepare(scene: PointScene, options: Options) -> Prepared:
     plan = PacketPlan(options.packetization or PRESETS["datagram"], scene.num_elements, ())
     places = framed(scene.positions.astype("<f4").tobytes())
-    side_info = places + write_sections(background_sections(scene.background))
+    side_info = places + write_sections(BACKGROUND.sections(scene.background))
     return Prepared(PointEncoder(scene.points.colors, plan), side_info, plan)
 
 
-def prepare_again(stream: SceneStream, packetization: Packetization, threads: int | None) -> Prepared:
+def prepare_repack(stream: SceneStream, packetization: Packetization, threads: int | None) -> Prepared:
     return prepare(decode_stream(stream, threads=threads).scene, Options(packetization))
+
+
+def points_schema(**changes: Any) -> Schema:
+    facts = {
+        "name": "points", "format_version": 2, "elements": "points", "sections": ("places",),
+        "elements_per_byte": 1024, "page": False, "scene_type": PointScene, "offers": frozenset((Points,)),
+        "prepare": prepare, "prepare_repack": prepare_repack, "open_decoder": PointDecoder,
+        "update_digest": lambda digest, rows: digest.update(rows[0].tobytes()),
+    }  # fmt: skip
+    return Schema(**{**facts, **changes})
 
 
 @pytest.fixture(scope="module", autouse=True)
 def registered() -> Iterator[None]:
-    register_stream_schema(StreamSchema("points", 2, "points", ("places",), 1024, page=False))
-    register_schema(
-        Schema("points", lambda scene: isinstance(scene, PointScene), frozenset((Points,)), prepare, prepare_again,
-               PointDecoder, lambda digest, rows: digest.update(rows[0].tobytes()))
-    )  # fmt: skip
+    register_schema(points_schema())
     yield
-    del SCHEMAS["points"], registry._SCHEMAS["points"]
+    for known in (SCHEMAS._entries, SCHEMAS._sources):
+        del known["points"]
 
 
 @pytest.fixture
 def scene() -> PointScene:
-    rng = torch.Generator().manual_seed(2)
+    rng = Numbers(2)
     points = Points(
-        torch.rand(400, 3, generator=rng).numpy() - 0.5,
-        (256 * torch.rand(400, 3, generator=rng).numpy()).astype(np.uint8),
+        rng.rand(400, 3) - 0.5,
+        (256 * rng.rand(400, 3)).astype(np.uint8),
     )
     return PointScene(points, background=(0.0, 0.25, 0.5))
 
@@ -211,13 +226,13 @@ def stream(scene: PointScene, request: pytest.FixtureRequest) -> SceneStream:
     return encode_scene(scene, small.get(request.param, spread_packetization(400)))
 
 
-def assert_same(one: Partial, other: Partial) -> None:
+def assert_same(one: ReceivedScene, other: ReceivedScene) -> None:
     assert np.array_equal(one.known, other.known)
     assert np.array_equal(one.scene.points.colors, other.scene.points.colors)
     assert one.scene.background == other.scene.background == (0.0, 0.25, 0.5)
 
 
-def test_what_is_encoded_is_decoded(scene: PointScene, stream: SceneStream, tmp_path: Path) -> None:
+def test_third_party_scene_round_trips(scene: PointScene, stream: SceneStream, tmp_path: Path) -> None:
     write_stream(stream, tmp_path / "points.swz")
     read, report = read_stream(tmp_path / "points.swz")
     whole = decode_stream(read)
@@ -229,13 +244,13 @@ def test_what_is_encoded_is_decoded(scene: PointScene, stream: SceneStream, tmp_
         decode_stream(wrong)
 
 
-def test_it_goes_into_other_packets(scene: PointScene, stream: SceneStream) -> None:
+def test_third_party_scene_is_repacked(scene: PointScene, stream: SceneStream) -> None:
     packed = repack(stream, Packetization(block_size=50, lanes=2))
     assert packed.manifest.packetization != stream.manifest.packetization
     assert_same(decode_stream(packed), decode_stream(stream))
 
 
-def test_while_it_arrives_it_is_what_a_decoder_makes_of_the_same_packets(stream: SceneStream) -> None:
+def test_third_party_scene_decodes_progressively(stream: SceneStream) -> None:
     lossy, record = transmit(stream, parse_loss("bernoulli:0.3"), seed=1)
     assert record.num_lost
     arriving = ProgressiveDecoder(stream.manifest, stream.side_info)
@@ -247,7 +262,7 @@ def test_while_it_arrives_it_is_what_a_decoder_makes_of_the_same_packets(stream:
 
 
 @pytest.mark.parametrize("name", ["drop", "grow"])
-def test_its_losses_are_concealed_and_drawn(stream: SceneStream, name: str) -> None:
+def test_third_party_scene_is_concealed_and_rendered(stream: SceneStream, name: str) -> None:
     whole, partial = decode_stream(stream), decode_stream(stream.with_packets(stream.packets[::2]))
     scene, known = conceal(partial, name), partial.known
     assert np.array_equal(scene.hints.left_out, ~known)
@@ -258,7 +273,8 @@ def test_its_losses_are_concealed_and_drawn(stream: SceneStream, name: str) -> N
     assert 0 < float(np.abs(picture - complete).mean()) < float(complete.mean())
 
 
-def test_who_needs_more_is_not_offered_and_says_so(stream: SceneStream) -> None:
+@pytest.mark.needs_torch
+def test_concealers_with_unmet_needs_are_not_offered(stream: SceneStream) -> None:
     partial = decode_stream(stream.with_packets(stream.packets[:3]))
     assert set(concealer_names((), partial.offers)) == {"drop", "grow"}
     for name in ("cari", "scene_free"):
@@ -266,8 +282,88 @@ def test_who_needs_more_is_not_offered_and_says_so(stream: SceneStream) -> None:
             conceal(partial, name)
 
 
-def test_a_page_refuses_it_politely(stream: SceneStream) -> None:
+def test_page_refuses_a_third_party_scene(stream: SceneStream) -> None:
     with pytest.raises(InvalidValueError, match="a stream of points is not for browsers"):
         page_of_stream("scene", stream, None, "127.0.0.1")
     with pytest.raises(InvalidValueError, match="a stream of points is not for browsers"):
         pack_stream(stream, "points")
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"name": "No good"}, "schema 'No good' is not complete: its name must be 1 to 32 lower-case letters"),
+        ({"format_version": 1}, "schema 'other' is not complete: format_version must be 2 to 4, not 1"),
+        ({"format_version": 9}, "format_version must be 2 to 4, not 9"),
+        ({"elements": ""}, "elements must be a word for its elements"),
+        ({"sections": ()}, "sections must be a tuple of names, one or more"),
+        ({"sections": "places"}, "sections must be a tuple of names, one or more"),
+        ({"elements_per_byte": 0}, "elements_per_byte must be 1 or more, not 0"),
+        ({"scene_type": "PointScene"}, "scene_type must be a class, not 'PointScene'"),
+        ({"offers": {"Points"}}, "offers must hold classes"),
+        ({"prepare": None, "open_decoder": 3}, "prepare, open_decoder cannot be called"),
+        ({"name": "gaussians"}, "two schemas are called 'gaussians': splatwire.bitstream.limits.gaussians and "),
+    ],
+)
+def test_schema_that_is_not_complete_is_refused(changes: dict[str, Any], sentence: str) -> None:
+    before = SCHEMAS.registered()
+    schema = points_schema(name="other")
+    for part, value in changes.items():
+        object.__setattr__(schema, part, value)
+    with pytest.raises(InvalidValueError, match=sentence):
+        register_schema(schema)
+    assert SCHEMAS.registered() == before
+
+
+def test_schema_without_a_part_cannot_be_made() -> None:
+    with pytest.raises(TypeError, match="open_decoder"):
+        Schema(
+            "other", 2, "points", ("places",), 1024, scene_type=PointScene, offers=frozenset(), prepare=prepare,
+            update_digest=lambda digest, rows: None,
+        )  # fmt: skip
+    with pytest.raises(InvalidValueError, match="expected a complete Schema"):
+        register_schema(SCHEMAS["gaussians"])
+
+
+@pytest.fixture
+def more_schemas() -> Iterator[Callable[[Schema], Schema]]:
+    """Registers schemas for one test."""
+    kept = SCHEMAS.registered()
+    yield register_schema
+    for name in set(SCHEMAS.registered()) - set(kept):
+        del SCHEMAS._entries[name], SCHEMAS._sources[name]
+
+
+def test_schema_of_the_most_specific_scene_type_codes_a_scene(scene: PointScene, more_schemas: Any) -> None:
+    class FinePoints(PointScene):
+        pass
+
+    class FinestPoints(FinePoints):
+        pass
+
+    more_schemas(points_schema(name="fine", scene_type=FinePoints))
+    assert schema_of(scene).name == "points"
+    assert schema_of(FinePoints(scene.points)).name == schema_of(FinestPoints(scene.points)).name == "fine"
+    more_schemas(points_schema(name="none_of_them", scene_type=FinestPoints, codes=lambda scene: False))
+    assert schema_of(FinestPoints(scene.points)).name == "fine"
+    more_schemas(points_schema(name="other_fine", scene_type=FinePoints))
+    with pytest.raises(InvalidValueError, match="schemas 'fine' and 'other_fine' both code FinePoints"):
+        schema_of(FinePoints(scene.points))
+
+
+def test_packets_of_a_schema_that_cannot_repack_stay(scene: PointScene, more_schemas: Any) -> None:
+    class Fixed(PointScene):
+        pass
+
+    more_schemas(points_schema(name="fixed", scene_type=Fixed, prepare_repack=None))
+    stream = encode_scene(Fixed(scene.points))
+    assert not can_repack(stream)
+    with pytest.raises(InvalidValueError, match="packets of points cannot be changed: encode the scene again"):
+        repack(stream, Packetization(block_size=50, lanes=2))
+
+
+def test_every_schema_of_the_package_is_complete() -> None:
+    for name in SCHEMAS.registered():
+        assert schema_named(name).name == name
+    with pytest.raises(UnknownNameError, match="unknown schema 'absent'"):
+        schema_named("absent")

@@ -1,4 +1,4 @@
-"""What a fresh machine compiles and loads: numbers of things, never seconds."""
+"""Numbers of compiled functions and loaded modules in a fresh process."""
 
 import gc
 import json
@@ -8,10 +8,13 @@ import sys
 import pytest
 
 from codec.gaussians.test_gaussians import some_splats
+from splatwire.cli._bundled import ASSETS
 from splatwire.cli.main import VERBS, main
-from splatwire.formats import write_splats
+from splatwire.io.formats import write_splats
 
-HEAVY = {"torch", "numba", "scipy", "matplotlib", "PIL", "ray", "pyarrow", "aioquic", "numpy"}
+pytestmark = pytest.mark.slow
+
+HEAVY = {"torch", "numba", "scipy", "matplotlib", "PIL", "ray", "pyarrow", "aioquic", "numpy", "typeguard", "asyncio"}
 _COUNT = """
 import json, sys
 import numpy as np
@@ -36,7 +39,7 @@ print(json.dumps(Compiled.found))
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory, pytestconfig):
-    """All that a round trip of a scene compiles in a fresh process with an empty cache."""
+    """Compilations of one round trip in a fresh process with an empty cache."""
     import os
 
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path_factory.mktemp("cache"))}
@@ -48,19 +51,19 @@ def compiled(tmp_path_factory, pytestconfig):
 
 
 def test_the_codec_compiles_each_of_its_functions_once(compiled):
-    """A second set of types would be a second compilation of the function, and of all that it calls."""
+    """A second set of argument types would compile the function and its callees again."""
     names = [name for name, _ in compiled if "<locals>" not in name]
     assert len(names) > 20
     assert sorted(names) == sorted(set(names))
 
 
-def test_the_codec_compiles_no_number_as_a_type_and_no_text(compiled):
+def test_codec_compiles_no_literal_types_and_no_strings(compiled):
     assert not [call for call in compiled if "<locals>" not in call[0] and "Literal" in str(call[1])]
     assert not [call for call in compiled if "raise_with_shape" in call[0] or "unicode" in str(call[1])]
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_the_help_of_a_verb_loads_nothing_heavy(verb):
+def test_help_loads_no_heavy_module(verb):
     code = (
         "import sys\nfrom splatwire.cli.main import main\n"
         f"try:\n    main(['{verb}', '--help'])\nexcept SystemExit:\n    pass\n"
@@ -70,20 +73,51 @@ def test_the_help_of_a_verb_loads_nothing_heavy(verb):
     assert done.returncode == 0, done.stderr
 
 
-def test_encoding_a_ply_with_levels_loads_no_more_than_it_needs(tmp_path):
-    write_splats([some_splats(200)], tmp_path / "scene.ply")
-    words = ["encode", str(tmp_path / "scene.ply"), "-o", str(tmp_path / "scene.swz"), "--levels", "auto"]
+@pytest.mark.parametrize("stream", ["snowmiku.swz", "snowmiku_gaussians.swz"])
+def test_inspecting_a_stream_imports_no_codec_of_a_schema(stream):
+    """The side information suffices; imports of numba, scipy and jaxtyping would take longer than the rest."""
     code = (
         "import sys\nfrom splatwire.cli.main import main\n"
-        f"try:\n    main({words})\nexcept SystemExit as end:\n    assert not end.code\n"
-        "found = {'torch', 'scipy.linalg', 'splatwire.train', 'splatwire.clips.decoding'} & set(sys.modules)\n"
+        f"try:\n    main(['inspect', {str(ASSETS / stream)!r}])\nexcept SystemExit as end:\n    assert not end.code\n"
+        "found = {'torch', 'numba', 'scipy', 'jaxtyping', 'PIL', 'asyncio', 'splatwire.codec.gaussians.decoder',"
+        " 'splatwire.codec.anchors.hacpp.decoder'}\n"
+        "found &= set(sys.modules)\n"
         "sys.exit(str(found) if found else 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
-def test_garbage_is_looked_for_as_before_once_a_verb_has_run(capsys):
+def test_encoding_levels_of_a_ply_loads_no_unneeded_module(tmp_path):
+    write_splats([some_splats(200)], tmp_path / "scene.ply")
+    words = ["encode", str(tmp_path / "scene.ply"), "-o", str(tmp_path / "scene.swz"), "--levels", "auto"]
+    code = (
+        "import sys\nfrom splatwire.cli.main import main\n"
+        f"try:\n    main({words})\nexcept SystemExit as end:\n    assert not end.code\n"
+        "found = {'torch', 'scipy.linalg', 'scipy.special', 'scipy.ndimage', 'rich', 'splatwire.neural.training',"
+        " 'splatwire.sequence.decoding', 'splatwire.data.dataset'} & set(sys.modules)\n"
+        "sys.exit(str(found) if found else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_encoding_gaussians_imports_no_codec_of_other_scenes(tmp_path):
+    write_splats([some_splats(200)], tmp_path / "scene.ply")
+    words = ["encode", str(tmp_path / "scene.ply"), "-o", str(tmp_path / "scene.swz")]
+    code = (
+        "import sys\nfrom splatwire.cli.main import main\n"
+        f"try:\n    main({words})\nexcept SystemExit as end:\n    assert not end.code\n"
+        "others = ('splatwire.codec.anchors', 'splatwire.codec.sequence', 'splatwire.sequence.encoding',"
+        " 'splatwire.io.formats.sog', 'splatwire.io.formats.gltf')\n"
+        "found = [name for name in sys.modules if name.startswith(others)]\n"
+        "sys.exit(str(found) if found else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_garbage_collection_is_restored_after_a_verb(capsys):
     before = gc.get_threshold()
     with pytest.raises(SystemExit):
         main(["--version"])

@@ -1,4 +1,4 @@
-"""Tests run with types checked, those of arrays and all others."""
+"""Tests run with run-time type checks of arrays and all other arguments."""
 
 import dataclasses
 from typing import TYPE_CHECKING
@@ -8,18 +8,18 @@ import pytest
 from beartype import beartype
 from jaxtyping import Float, TypeCheckError
 
-from splatwire.byte_io import ByteReader
+from splatwire.anchors.voxels import voxel_indices
 from splatwire.errors import check_kind
-from splatwire.model.voxels import voxel_indices
+from splatwire.files.byte_io import ByteReader
 from type_checks import checking
 
 if TYPE_CHECKING:
-    from collections.abc import Sized  # what nobody knows at run time may be anything
+    from collections.abc import Sized  # unknown types at run time may be anything
 
 checked = checking(typechecker=beartype)
 
 
-def test_functions_methods_and_data_of_the_package_are_checked():
+def test_package_functions_methods_and_dataclasses_are_type_checked():
     with pytest.raises(TypeCheckError):
         check_kind(1, int, 3)
     with pytest.raises(TypeCheckError):
@@ -28,7 +28,7 @@ def test_functions_methods_and_data_of_the_package_are_checked():
         voxel_indices(np.zeros((3, 4), np.float32), 0.5)
 
 
-def test_what_is_wrong_is_told_in_arguments_results_and_fields():
+def test_wrong_types_of_arguments_results_and_fields_raise():
     @checked
     def number(
         value: "int", other: "Sized", more: "tuple[Sized, ...]" = (), all: tuple["Sized", int] = ((), 1)
@@ -59,7 +59,7 @@ def test_what_is_wrong_is_told_in_arguments_results_and_fields():
             Pair(*wrong)
 
 
-def test_what_says_nothing_stays_as_it_is():
+def test_functions_without_annotations_are_unchanged():
     def plain(a, b=1):
         return a + b
 

@@ -11,7 +11,7 @@ MODEL_IDS = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "EQUIRECTANGULAR": 17}
 
 
 class Capture:
-    """Twelve posed images of 40 x 24 pixels and the numbers behind them; writes any layout by hand."""
+    """Twelve posed images of 40 x 24 pixels with their parameters; writes any layout."""
 
     width, height, focal = 40, 24, (33.0, 35.0)
 
@@ -27,7 +27,7 @@ class Capture:
         self.pixels = rng.integers(0, 256, (12, self.height, self.width, 3)).astype(np.uint8)
 
     def viewmat(self, i: int) -> np.ndarray:
-        """World to camera: rotates a vector v by q v q*, written out with quaternion products."""
+        """World to camera: rotates a vector v by q v q*, expanded into quaternion products."""
 
         def product(a, b):
             (w, *v), (s, *u) = a, b

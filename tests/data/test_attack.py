@@ -1,4 +1,4 @@
-"""Datasets, cameras and photos with bytes and numbers that nobody expects: read, or refused in one sentence."""
+"""Datasets, cameras and photos with unexpected bytes and numbers are read or refused in one sentence."""
 
 import json
 import random
@@ -12,13 +12,13 @@ from scenes import tiny_cameras
 from splatwire.data import load_cameras, open_dataset, save_cameras
 from splatwire.data.photos import load_mask, load_photo
 from splatwire.errors import DatasetError, InvalidValueError
-from splatwire.scene.cameras import MAX_PIXELS
+from splatwire.types.cameras import MAX_PIXELS
 
 SEEDS = range(2)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_cameras(tmp_path, seed):
+def test_hostile_camera_files_are_one_error(tmp_path, seed):
     path, rng = tmp_path / "cameras.json", random.Random(seed)
     save_cameras(tiny_cameras(2), path)
     data = path.read_bytes()
@@ -32,7 +32,7 @@ def test_cameras(tmp_path, seed):
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("layout", ["blender", "nerfstudio", "bungee"])
-def test_poses_in_json(capture, layout, seed):
+def test_hostile_transforms_json_is_one_error(capture, layout, seed):
     root = getattr(capture, f"write_{layout}")()
     name = {"blender": "transforms_test.json", "nerfstudio": "transforms.json", "bungee": "poses_enu.json"}[layout]
     content, rng = json.loads((root / name).read_text()), random.Random(seed)
@@ -43,7 +43,7 @@ def test_poses_in_json(capture, layout, seed):
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("layout", ["binary", "text"])
 @pytest.mark.parametrize("name", ["cameras", "images", "points3D"])
-def test_colmap(capture, layout, name, seed):
+def test_hostile_colmap_files_are_one_error(capture, layout, name, seed):
     capture.write_images()
     folder, rng = getattr(capture, f"write_{layout}")(), random.Random(seed)
     path = folder / f"{name}.{'bin' if layout == 'binary' else 'txt'}"
@@ -52,10 +52,10 @@ def test_colmap(capture, layout, name, seed):
     attack(path, lambda: mutated_bytes(data, rng), read, 40)
 
 
-@pytest.mark.filterwarnings("ignore")  # Pillow's own, of odd metadata
+@pytest.mark.filterwarnings("ignore")  # raised by Pillow for odd metadata
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("form", ["PNG", "JPEG", "WEBP", "BMP", "TIFF"])
-def test_photos(tmp_path, form, seed):
+def test_hostile_photos_are_one_error(tmp_path, form, seed):
     path, rng = tmp_path / "a", random.Random(seed)
     Image.effect_noise((24, 16), 80).convert("RGB").save(path, form)
     data = path.read_bytes()
@@ -66,7 +66,7 @@ def test_photos(tmp_path, form, seed):
     ("change", "words"),
     [
         ({"width": [64]}, "whole numbers"),
-        ({"width": 64.0}, "whole numbers"),
+        ({"width": 64.5}, "whole numbers"),
         ({"width": True}, "whole numbers"),
         ({"width": 10**6, "height": 10**6}, "over the limit"),
         ({"width": 10**400}, "over the limit"),
@@ -74,7 +74,7 @@ def test_photos(tmp_path, form, seed):
         ({"height": 0}, "no pixels"),
     ],
 )
-def test_sizes_that_no_picture_has(tmp_path, change, words):
+def test_impossible_picture_sizes_are_refused(tmp_path, change, words):
     path = tmp_path / "cameras.json"
     save_cameras(tiny_cameras(1), path)
     path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
@@ -82,16 +82,16 @@ def test_sizes_that_no_picture_has(tmp_path, change, words):
         load_cameras(path)
 
 
-def test_cameras_are_not_scaled_over_the_limit():
+def test_scaled_cameras_keep_the_size_limit():
     with pytest.raises(InvalidValueError, match="over the limit"):
         tiny_cameras(1, 8000, 8000).scaled(2.0)
 
 
-def test_a_name_leads_nowhere_but_into_the_folder(capture):
+def test_image_names_cannot_leave_the_folder(capture):
     capture.write_nerfstudio()
     path = capture.root / "transforms.json"
     content = json.loads(path.read_text())
-    Image.new("RGB", (40, 24)).save(capture.root.with_suffix(".png"))  # beside the dataset
+    Image.new("RGB", (40, 24)).save(capture.root.with_suffix(".png"))  # outside the dataset
     for name in (".", "./", "", "/etc/x", "a/../../scene", "C:x"):
         content["frames"][0]["file_path"] = name
         path.write_text(json.dumps(content))
@@ -99,7 +99,7 @@ def test_a_name_leads_nowhere_but_into_the_folder(capture):
             open_dataset(capture.root, split="all")
 
 
-def test_a_line_without_an_end_is_not_read_whole(capture, monkeypatch):
+def test_endless_line_is_not_read_whole(capture, monkeypatch):
     monkeypatch.setattr("splatwire.data._colmap_text._MAX_LINE_BYTES", 1000)
     capture.write_images()
     path = capture.write_text() / "points3D.txt"

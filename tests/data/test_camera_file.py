@@ -20,7 +20,7 @@ def cameras(capture):
     return open_dataset(capture.root, split="all").cameras
 
 
-def test_cameras_survive_bit_for_bit(cameras, tmp_path):
+def test_cameras_round_trip_bit_identically(cameras, tmp_path):
     save_cameras(cameras, tmp_path / "c.json")
     back = load_cameras(tmp_path / "c.json")
     assert np.array_equal(back.viewmats, cameras.viewmats)
@@ -74,7 +74,7 @@ def test_wrong_files_are_refused(spoil, reason, cameras, tmp_path):
     assert "c.json" in str(caught.value)
 
 
-def test_what_is_no_json_is_refused(tmp_path):
+def test_invalid_json_is_refused(tmp_path):
     (tmp_path / "c.json").write_text("{")
     with pytest.raises(DatasetError, match="not readable JSON"):
         load_cameras(tmp_path / "c.json")
@@ -83,7 +83,7 @@ def test_what_is_no_json_is_refused(tmp_path):
 
 
 def cameras_of_3dgs(cameras):
-    """The list that 3DGS writes, by hand: poses are camera to world."""
+    """Camera list as 3DGS writes it; poses are camera to world."""
     entries = []
     for number, (name, K, viewmat) in enumerate(zip(cameras.names, cameras.Ks, cameras.viewmats, strict=True)):
         rotation = viewmat[:3, :3].astype(np.float64).T
@@ -118,6 +118,14 @@ def entry(**values):
         (entry(fx=-3), "'view_03' has no positive"),
         (entry(position=[1, 2]), "'view_03': expected"),
         (entry(rotation=[[1, 0], [0, 1]]), "'view_03': expected 3 x 3 numbers"),
+        (entry(rotation=[["1", "0", "0"], ["0", "1", "0"], ["0", "0", "1"]]), "'view_03': expected 3 x 3 numbers"),
+        (entry(position="here"), "'view_03': expected 1 x 3 numbers"),
+        (entry(position=[True, 0, 0]), "'view_03': expected 1 x 3 numbers"),
+        (entry(fx="30"), "'view_03': expected 1 x 2 numbers"),
+        (entry(fy=None), "'view_03': expected 1 x 2 numbers"),
+        (entry(img_name=[3]), "has the name '\\[3\\]', which is no text"),
+        (entry(img_name=None), "has the name 'None', which is no text"),
+        (entry(img_name="\ud800"), "which is no text"),
         (entry(rotation=(2 * np.eye(3)).tolist()), "'view_03' is not a rotation"),
         (entry(position=[float("nan")] * 3), "'view_03' is not finite"),
     ],
@@ -136,7 +144,7 @@ def test_wrong_cameras_of_3dgs_are_refused(spoil, reason, cameras, tmp_path):
     ("scene", "model"),
     [("bonsai", "bonsai_30k"), ("snowmiku", "snowmiku_15k"), ("snowmiku_small", "snowmiku_small_2400")],
 )
-def test_our_test_views_are_the_official_ones(scene, model):
+def test_test_views_equal_the_official_ones(scene, model):
     if not (DATA / "scenes" / scene).is_dir():
         pytest.skip(f"no photos under {DATA / 'scenes' / scene} (set SPLATWIRE_DATA)")
     dataset = open_dataset(DATA / "scenes" / scene, split="test")
@@ -146,3 +154,23 @@ def test_our_test_views_are_the_official_ones(scene, model):
     assert_close(dataset.cameras.Ks, theirs.Ks, atol=1e-3, rtol=0)
     assert_close(dataset.cameras.viewmats, theirs.viewmats, atol=1e-5, rtol=0)
     assert dataset.image(0).shape == (theirs.height, theirs.width, 3)
+
+
+def test_3dgs_cameras_keep_a_principal_point_off_the_centre(cameras, tmp_path):
+    poses = np.linalg.inv(cameras.viewmats.astype(np.float64))
+    views = [
+        {"id": i, "img_name": n, "position": pose[:3, 3].tolist(), "rotation": pose[:3, :3].tolist()}
+        | {"width": 40.0, "height": 24.0, "fx": 33, "fy": 35}
+        for i, (n, pose) in enumerate(zip(cameras.names, poses, strict=True))
+    ]
+    (tmp_path / "cameras.json").write_text(json.dumps(views))
+    assert load_cameras(tmp_path / "cameras.json").Ks[0].tolist() == [[33, 0, 20], [0, 35, 12], [0, 0, 1]]
+    views[0] |= {"cx": 17.5, "cy": 10.25}
+    (tmp_path / "cameras.json").write_text(json.dumps(views))
+    back = load_cameras(tmp_path / "cameras.json")
+    assert back.Ks[0].tolist() == [[33, 0, 17.5], [0, 35, 10.25], [0, 0, 1]]
+    assert back.Ks[1].tolist() == [[33, 0, 20], [0, 35, 12], [0, 0, 1]]
+    views[0]["width"] = 40.5
+    (tmp_path / "cameras.json").write_text(json.dumps(views))
+    with pytest.raises(DatasetError, match="whole numbers"):
+        load_cameras(tmp_path / "cameras.json")

@@ -1,17 +1,21 @@
+import shutil
 import struct
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from splatwire.data import dataset_layout, open_dataset
+from splatwire.data._checks import make_cameras
 from splatwire.data.colmap import find_reconstruction, read_points, read_views
+from splatwire.data.rounding import without_origin
 from splatwire.errors import DatasetError
 
 
 @pytest.mark.parametrize("form", ["binary", "text"])
-def test_both_formats_give_the_numbers_behind_them(capture, form):
+def test_text_and_binary_models_give_equal_values(capture, form):
     folder = capture.write_binary() if form == "binary" else capture.write_text()
     assert find_reconstruction(capture.root) == folder
     views = read_views(folder)
@@ -38,7 +42,7 @@ def test_a_panorama_is_refused_by_name(capture):
 
 
 def _texts(capture, second, newline="\n", extra=""):
-    """Text files whose images have this second line; None for no second line."""
+    """Text files with this second line of images; None for no second line."""
     folder = capture.write_text()
     lines = (folder / "images.txt").read_text().splitlines()
     images = [line for line in lines[1:] if len(line.split()) >= 10]
@@ -53,27 +57,27 @@ MANY = " ".join(["512 384.25 -1", "17.5 20 9", "3 4 5", "8 9 12"])
 
 @pytest.mark.parametrize("second", [None, "", "  ", "0.5 0.5 -1", MANY, MANY + " " + MANY])
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
-def test_all_images_are_read_whatever_their_second_line_is(capture, second, newline):
+def test_images_are_read_with_any_second_line(capture, second, newline):
     expected = read_views(capture.write_text())
     found = read_views(_texts(capture, second, newline))
     assert [view.name for view in found] == [view.name for view in expected]
     assert all(np.array_equal(a.viewmat, b.viewmat) for a, b in zip(found, expected, strict=True))
 
 
-@pytest.mark.parametrize("names", ["{:04d}", "2024 shot {}.png", "{} {} 3.png"])
+@pytest.mark.parametrize("names", ["{:04d}", "2024 shot {}.png", "{} {} 3.png", "12 {} {}"])
 @pytest.mark.parametrize("second", [None, "", MANY])
-def test_names_of_numbers_and_spaces_are_no_points(capture, names, second):
+def test_numeric_image_names_are_not_read_as_points(capture, names, second):
     capture.names = [names.format(i, i) for i in range(12)]
     assert sorted(view.name for view in read_views(_texts(capture, second))) == sorted(capture.names)
 
 
-def test_a_line_that_is_neither_image_nor_points_is_refused(capture):
+def test_unrecognised_line_is_refused(capture):
     with pytest.raises(DatasetError, match="line 4 is not an image"):
         read_views(_texts(capture, "1.5 2.5"))
 
 
 @pytest.mark.parametrize("photos", ["images", "."])
-def test_a_text_model_may_lie_in_the_folder_itself(capture, photos):
+def test_text_model_is_found_in_the_root_folder(capture, photos):
     for file in capture.write_text().iterdir():
         file.rename(capture.root / file.name)
     capture.write_images(photos)
@@ -154,7 +158,7 @@ def test_damaged_text_files_are_refused(capture, name, content, reason):
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), name=st.sampled_from(["cameras.bin", "images.bin", "points3D.bin"]), cut=st.booleans())
-def test_damage_is_one_clear_error_or_finite_views(data, name, cut, capture):
+def test_damage_is_one_error_or_finite_views(data, name, cut, capture):
     folder = capture.write_binary()
     raw = bytearray((folder / name).read_bytes())
     at = data.draw(st.integers(0, len(raw) - 1))
@@ -166,3 +170,79 @@ def test_damage_is_one_clear_error_or_finite_views(data, name, cut, capture):
         return
     assert all(np.isfinite(view.viewmat).all() for view in views)
     assert points.num_points == 5
+
+
+def test_a_byte_order_mark_and_indented_comments_are_skipped(capture):
+    folder = capture.write_text()
+    before = [view.name for view in read_views(folder)], len(read_points(folder).positions)
+    for name in ("cameras", "images", "points3D"):
+        path = folder / f"{name}.txt"
+        path.write_bytes(b"\xef\xbb\xbf# first\r\n  # indented\n\t#\n" + path.read_bytes() + b"  # last\n")
+    assert ([view.name for view in read_views(folder)], len(read_points(folder).positions)) == before
+    path = folder / "cameras.txt"
+    path.write_bytes(b"\xef\xbb\xbf7 PINHOLE 40 24 33 35 20 12\n")
+    assert len(read_views(folder)) == 12
+
+
+def test_training_names_the_rounding_of_map_coordinates(capture, caplog):
+    viewmats = np.repeat(np.eye(4)[None], 4, axis=0)
+    viewmats[:, :3, 3] = [-451234, -5411876, -118]
+    names, Ks = ["a", "b", "c", "d"], np.repeat(np.diag([30.0, 30, 1])[None], 4, axis=0)
+    there = make_cameras(capture.root, names, viewmats, Ks, 40, 24)
+    assert without_origin(capture.root, there).origin == (0, 0, 0)
+    assert "cameras are around (451234 5411876 118)" in caplog.text
+    assert "steps of 0.5: subtract this point from cameras and points" in caplog.text
+    caplog.clear()
+    near = make_cameras(capture.root, names, np.repeat(np.eye(4)[None], 4, axis=0), Ks, 40, 24)
+    without_origin(capture.root, near)
+    assert not caplog.messages
+
+
+@pytest.mark.parametrize("parent", ["sparse", "colmap/sparse"])
+def test_the_reconstruction_with_the_lowest_number_is_read(capture, caplog, parent):
+    capture.write_images()
+    folder = capture.write_binary()
+    for number in ("10", "2"):
+        shutil.copytree(folder, capture.root / parent / number)
+    shutil.rmtree(folder)
+    assert find_reconstruction(capture.root) == capture.root / parent / "2"
+    assert open_dataset(capture.root).num_views == 2
+    assert "reconstructions beside it are not read: 10" in caplog.text
+
+
+def test_a_folder_for_reconstructions_without_one_is_not_called_a_dataset(capture):
+    (capture.root / "sparse").mkdir(parents=True)
+    with pytest.raises(DatasetError, match="COLMAP reconstruction") as refusal:
+        open_dataset(capture.root)
+    assert "looks like" not in str(refusal.value)
+
+
+def test_photos_in_folders_may_have_another_suffix(capture):
+    capture.names = [f"{'left' if i < 6 else 'right'}/{i:02d}.JPG" for i in range(12)]
+    capture.write_binary()
+    for i, pixels in enumerate(capture.pixels):
+        file = (capture.root / "images" / capture.names[i]).with_suffix(".png")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(pixels).save(file)
+    found = open_dataset(capture.root, split="all")
+    assert [path.parent.name for path in found.image_paths] == [name.split("/")[0] for name in capture.names]
+    assert [path.stem for path in found.image_paths] == [name.split("/")[1].split(".")[0] for name in capture.names]
+
+
+def test_photos_may_have_names_of_another_letter_case(capture):
+    capture.write_images()
+    capture.write_binary()
+    for file in (capture.root / "images").iterdir():
+        file.rename(file.with_name(file.name.upper()))
+    found = open_dataset(capture.root, split="all")
+    assert [path.name.lower() for path in found.image_paths] == sorted(capture.names)
+
+
+def test_other_reconstructions_give_a_warning(capture, caplog):
+    capture.write_images()
+    folder = capture.write_binary()
+    open_dataset(capture.root)
+    assert not caplog.text
+    shutil.copytree(folder, folder.parent / "1")
+    open_dataset(capture.root)
+    assert "reconstructions beside it are not read: 1; their photos are not used" in caplog.text

@@ -1,4 +1,6 @@
+import json
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -19,20 +21,20 @@ def scene(capture):
     return capture
 
 
-def test_every_eighth_by_sorted_name_is_test(scene):
+def test_every_eighth_view_by_name_is_a_test_view(scene):
     assert open_dataset(scene.root).cameras.names == ("view_00", "view_08")
     train = open_dataset(scene.root, split="train").cameras.names
     assert train == tuple(f"view_{i:02d}" for i in range(12) if i % 8)
     assert open_dataset(scene.root, split="all").num_views == 12
 
 
-def test_the_first_31_can_be_test(scene):
+def test_first_31_views_can_be_test_views(scene):
     assert open_dataset(scene.root, test_views="first_31").num_views == 12
     with pytest.raises(DatasetError, match="no views in the split 'train'"):
         open_dataset(scene.root, split="train", test_views="first_31")
 
 
-def test_cameras_and_photos_belong_together(scene):
+def test_cameras_and_photos_are_paired_by_name(scene):
     dataset = open_dataset(scene.root, split="all")
     assert (dataset.cameras.width, dataset.cameras.height) == (40, 24)
     for view, i in enumerate(scene.sorted_views):
@@ -44,7 +46,7 @@ def test_cameras_and_photos_belong_together(scene):
     assert np.array_equal(picked.image(1), dataset.image(1))
 
 
-def test_text_reconstructions_open_alike(scene, tmp_path):
+def test_text_and_binary_reconstructions_open_alike(scene, tmp_path):
     binary = open_dataset(scene.root, split="all").cameras
     for file in (scene.root / "sparse" / "0").glob("*.bin"):
         file.unlink()
@@ -77,7 +79,7 @@ def test_names_in_folders_and_other_suffixes_are_found(scene):
     assert [path.name for path in paths] == [f"view_{i:02d}.JPG" for i in range(12)]
 
 
-def test_blender_splits_are_the_files(capture):
+def test_blender_splits_come_from_their_files(capture):
     capture.write_blender()
     test = open_dataset(capture.root, background=(1.0, 1.0, 1.0))
     assert test.cameras.names == ("r_8", "r_9", "r_10", "r_11")
@@ -111,8 +113,9 @@ def test_nerfstudio_is_split_by_sorted_name(capture):
 def test_wrong_folders_are_refused(tmp_path, scene):
     with pytest.raises(DatasetError, match="no such file or folder"):
         open_dataset(tmp_path / "absent")
+    (tmp_path / "sparse").mkdir()
     with pytest.raises(DatasetError, match=r"not a dataset.*transforms_train\.json"):
-        open_dataset(tmp_path)
+        open_dataset(scene.root.parent / "sparse")
     with pytest.raises(DatasetError, match="images_2: the image folder is missing"):
         open_dataset(scene.root, images="images_2")
     (scene.root / "images" / "view_08.png").unlink()
@@ -120,14 +123,14 @@ def test_wrong_folders_are_refused(tmp_path, scene):
         open_dataset(scene.root)
 
 
-def test_a_missing_half_is_named(capture):
+def test_missing_photos_or_poses_are_named(capture):
     capture.write_blender()
     (capture.root / "transforms_test.json").unlink()
     with pytest.raises(DatasetError, match=r"transforms_test\.json: no such file"):
         open_dataset(capture.root)
 
 
-def test_photos_that_do_not_fit_their_cameras_are_refused(scene):
+def test_photos_inconsistent_with_their_cameras_are_refused(scene):
     path = scene.root / "images" / "view_08.png"
     Image.new("RGB", (20, 12)).save(path)
     with pytest.raises(DatasetError, match=r"view_08\.png: is 20 x 12 pixels, view_00\.png 40 x 24"):
@@ -159,7 +162,7 @@ def test_a_width_limit_must_be_positive(scene):
 
 
 @pytest.mark.data
-def test_real_layouts_open():
+def test_real_datasets_are_opened():
     if not (DATA / "scenes").is_dir():
         pytest.skip(f"no photos under {DATA / 'scenes'} (set SPLATWIRE_DATA)")
     sizes = {
@@ -183,3 +186,126 @@ def test_real_blender_cameras_look_at_the_object():
     assert (depth > 3.5).all()
     assert (depth < 4.5).all()
     assert (np.abs(cameras.viewmats[:, :2, 3]) < 0.2).all()
+
+
+def listed_again(capture, name):
+    """Writes a nerfstudio model with the first photo as its last frame under another name."""
+    path = capture.write_nerfstudio() / "transforms.json"
+    content = json.loads(path.read_text())
+    content["frames"].append({**content["frames"][0], "file_path": name})
+    path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize("split", ["train", "test", "all"])
+@pytest.mark.parametrize(
+    "name", ["images/view_03.png", "./images/view_03.png", "images/./view_03.png", "images//view_03.png",
+             "images/view_03", "images/link.png", "other/view_03.png", "images/hard.png"],
+)  # fmt: skip
+def test_a_photo_with_two_frames_is_refused(capture, name, split):
+    listed_again(capture, name)
+    (capture.root / "images" / "link.png").symlink_to("view_03.png")
+    (capture.root / "images" / "hard.png").hardlink_to(capture.root / "images" / "view_03.png")
+    (capture.root / "other").symlink_to("images")
+    with pytest.raises(DatasetError, match="are the same photo"):
+        open_dataset(capture.root, split=split)
+
+
+@pytest.mark.parametrize("split", ["train", "test", "all"])
+@pytest.mark.parametrize("name", ["view_03.png", "./view_03.png", "view_03.jpg", "sub/view_03.png", "link.png"])
+def test_a_photo_with_two_images_of_colmap_is_refused(capture, name, split):
+    capture.write_images()
+    (capture.root / "images" / "link.png").symlink_to("view_03.png")
+    path = capture.write_text() / "images.txt"
+    line = next(line for line in path.read_text().splitlines() if line.endswith("view_03.png"))
+    path.write_text(path.read_text() + line.replace("view_03.png", name) + "\n")
+    with pytest.raises(DatasetError, match="are the same photo"):
+        open_dataset(capture.root, split=split)
+
+
+@pytest.mark.parametrize("split", ["train", "test", "all"])
+@pytest.mark.parametrize("name", ["./train/r_2", "train/r_2.png", "test/link"])
+def test_a_photo_in_both_files_of_blender_is_refused(capture, name, split):
+    capture.write_blender()
+    (capture.root / "test" / "link.png").symlink_to("../train/r_2.png")
+    path = capture.root / "transforms_test.json"
+    content = json.loads(path.read_text())
+    content["frames"][1]["file_path"] = name
+    path.write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match="are the same photo"):
+        open_dataset(capture.root, split=split)
+
+
+def test_one_half_of_blender_opens_without_the_photos_of_the_other(capture):
+    capture.write_blender()
+    for photo in (capture.root / "test").iterdir():
+        photo.unlink()
+    assert open_dataset(capture.root, split="train").num_views == 8
+    (capture.root / "transforms_test.json").write_text("{")
+    assert open_dataset(capture.root, split="train").num_views == 8
+
+
+@pytest.mark.parametrize("tested", ["test", "val"])
+@pytest.mark.parametrize("split", ["train", "test", "all"])
+def test_a_photo_that_is_listed_for_training_and_testing_is_refused(capture, tested, split):
+    names = [f"images/view_{i:02d}.png" for i in range(12)]
+    capture.write_nerfstudio(**{"train_filenames": names[:9], f"{tested}_filenames": [f"./{names[8]}", *names[9:]]})
+    with pytest.raises(DatasetError, match=f"'images/view_08.png' is in 'train_filenames' and in '{tested}_filenames'"):
+        open_dataset(capture.root, split=split)
+
+
+def test_a_photo_with_two_poses_of_bungeenerf_is_refused(capture):
+    capture.write_bungee()
+    (capture.root / "images" / "view_03.png").unlink()
+    (capture.root / "images" / "view_03.png").symlink_to("view_04.png")
+    with pytest.raises(DatasetError, match="are the same photo"):
+        open_dataset(capture.root)
+
+
+def colmap_with_a_copy(capture, test, train):
+    capture.write_images()
+    (capture.root / "images" / test).write_bytes((capture.root / "images" / train).read_bytes())
+    capture.write_binary()
+
+
+def blender_with_a_copy(capture, test, train):
+    capture.write_blender()
+    (capture.root / "test" / test).write_bytes((capture.root / "train" / train).read_bytes())
+
+
+def nerfstudio_with_a_copy(capture, test, train):
+    colmap_with_a_copy(capture, test, train)
+    shutil.rmtree(capture.root / "sparse")
+    names = [f"images/view_{i:02d}.png" for i in range(12)]
+    capture.write_nerfstudio(train_filenames=names[1:], test_filenames=names[:1])
+    (capture.root / "images" / test).write_bytes((capture.root / "images" / train).read_bytes())
+
+
+def bungee_with_a_copy(capture, test, train):
+    capture.write_bungee()
+    (capture.root / "images" / test).write_bytes((capture.root / "images" / train).read_bytes())
+
+
+@pytest.mark.parametrize(
+    ("write", "test", "train", "rule"),
+    [
+        (colmap_with_a_copy, "view_08.png", "view_03.png", None),
+        (blender_with_a_copy, "r_9.png", "r_2.png", None),
+        (nerfstudio_with_a_copy, "view_00.png", "view_05.png", None),
+        (nerfstudio_with_a_copy, "view_08.png", "view_05.png", "every_8th"),
+        (bungee_with_a_copy, "view_08.png", "view_03.png", "every_8th"),
+    ],
+)
+def test_a_test_photo_with_the_bytes_of_a_training_photo_is_named(capture, caplog, write, test, train, rule):
+    write(capture, test, train)
+    open_dataset(capture.root, split="train", test_views=rule)
+    assert not caplog.messages
+    open_dataset(capture.root, split="test", test_views=rule)
+    assert "1 test views have the same photo as a training view, first" in caplog.text
+    assert Path(test).stem in caplog.text
+    assert Path(train).stem in caplog.text
+
+
+def test_copies_within_one_split_give_no_warning(capture, caplog):
+    colmap_with_a_copy(capture, "view_03.png", "view_04.png")
+    open_dataset(capture.root, split="all")
+    assert not caplog.messages

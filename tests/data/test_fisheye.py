@@ -1,4 +1,4 @@
-"""Photos through every lens that COLMAP knows are loaded as those of a pinhole camera.
+"""Photos of every lens model of COLMAP are undistorted to a pinhole camera.
 
 The references go from pixels to rays, by COLMAP's definitions of unprojection, by bisection or by iteration; the
 product goes from rays to pixels.
@@ -36,7 +36,7 @@ def _rays(u, v, project):
 
 
 def _radially(inverse):
-    """Unprojection of a lens that is symmetric, from its function of bent radius to straight radius."""
+    """Unprojection of a symmetric lens, from its function of distorted to undistorted radius."""
 
     def rays(u, v):
         radius = np.hypot(u, v)
@@ -47,7 +47,7 @@ def _radially(inverse):
 
 
 def _polynomial(*terms):
-    """Unprojection of a fisheye, whose angle is found by bisection."""
+    """Unprojection of a fisheye lens, with the angle found by bisection."""
 
     def inverse(wanted):
         low, high = np.zeros_like(wanted), np.full_like(wanted, 1.5)
@@ -127,7 +127,7 @@ FISHEYES = {
     "FISHEYE": (15, TWO, _radially(np.tan)),
     "EUCM": (16, (*TWO, 0.6, 1.1), _radially(_eucm)),
 }  # fmt: skip
-"""By name: number, parameters, and the rays of points of the picture plane."""
+"""Lens models by name: number, parameters, and the rays of image points."""
 
 
 def _write(folder, name, binary):
@@ -148,7 +148,7 @@ def _write(folder, name, binary):
 
 
 def _assert_straight(dataset):
-    """Each pixel shows what its pinhole camera sees there, also at the border."""
+    """Each pixel shows the ray of its pinhole camera, also at the border."""
     K = dataset.cameras.Ks[0].astype(np.float64)
     x, y = np.meshgrid((np.arange(WIDTH) + 0.5 - K[0, 2]) / K[0, 0], (np.arange(HEIGHT) + 0.5 - K[1, 2]) / K[1, 1])
     assert np.abs(dataset.image(0) - _picture(x, y)).max() < 0.025
@@ -187,7 +187,7 @@ def test_fisheye_photos_of_transforms_are_undistorted(tmp_path, more):
         EucmLens(0.6, 1.1),
     ],
 )
-def test_the_stretch_is_the_area_of_small_squares(lens):
+def test_local_area_scale_equals_that_of_small_squares(lens):
     x, y = np.random.default_rng(3).uniform(-0.7, 0.7, (2, 50))
     step = 1e-4
     corners = [lens.distort(x + dx, y + dy) for dx, dy in ((-step, -step), (step, -step), (step, step), (-step, step))]
@@ -195,11 +195,11 @@ def test_the_stretch_is_the_area_of_small_squares(lens):
     np.testing.assert_allclose(lens.stretch(x, y), area / (4 * step * step), rtol=1e-4)
 
 
-def test_a_lens_without_terms_is_a_pinhole_and_a_fold_is_refused(tmp_path):
+def test_lens_without_distortion_is_a_pinhole_and_a_folding_one_is_refused(tmp_path):
     for lens in (Lens(), FovLens(0.0), DivisionLens(0.0), EucmLens(0.0, 1.0)):
-        assert not lens.bends
+        assert not lens.has_distortion
     _write(tmp_path, "SIMPLE_RADIAL_FISHEYE", False)
     camera = tmp_path / "sparse" / "0" / "cameras.txt"
     camera.write_text(camera.read_text().replace("0.04", "-3"))
-    with pytest.raises(DatasetError, match=r"bends too much.*image_undistorter"):
+    with pytest.raises(DatasetError, match=r"the distortion of the lens is too large.*image_undistorter"):
         open_dataset(tmp_path, split="all")

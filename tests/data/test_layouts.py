@@ -1,4 +1,4 @@
-"""Every layout that a benchmark is published in, generated small."""
+"""Small generated datasets in every layout of the usual benchmarks."""
 
 import json
 import math
@@ -9,11 +9,12 @@ import pytest
 from PIL import Image
 
 from close import assert_close
+from data.conftest import Capture
 from splatwire.data import dataset_layout, open_dataset
 from splatwire.errors import DatasetError
 
 
-def test_layouts_are_told_apart(capture, tmp_path):
+def test_dataset_layouts_are_detected(capture, tmp_path):
     assert dataset_layout(tmp_path) is None
     capture.write_nerfstudio()
     assert dataset_layout(capture.root) == "nerfstudio"
@@ -27,7 +28,7 @@ def test_layouts_are_told_apart(capture, tmp_path):
 
 def test_bungeenerf_has_poses_in_the_order_of_the_photos(capture):
     capture.write_bungee()
-    dataset = open_dataset(capture.root)  # the first 31 are for testing, here all 12
+    dataset = open_dataset(capture.root)  # the first 31 views are test views, here all 12
     assert dataset.cameras.names == tuple(f"view_{i:02d}" for i in range(12))
     assert dataset.points is None
     for view, i in enumerate(capture.sorted_views):
@@ -50,7 +51,7 @@ def test_bungeenerf_with_a_reconstruction_takes_its_cameras_and_points(capture):
     capture.write_bungee()
     capture.write_binary()
     dataset = open_dataset(capture.root)
-    assert dataset.num_views == 12  # still the benchmark's own choice of test views
+    assert dataset.num_views == 12  # test views of the benchmark itself
     assert dataset.points.num_points == 5
     assert dataset.cameras.Ks[0, 1, 1] == 35
 
@@ -74,7 +75,10 @@ def test_damaged_bungeenerf_files_are_refused(capture, extra, reason):
 
 @pytest.mark.parametrize("factor", [2, 4, 8])
 def test_mip_nerf_360_folders_scale_the_cameras(capture, factor):
-    """`images`, `images_2`, `images_4`, `images_8` beside `sparse/0`; smaller photos may be a pixel off the ratio."""
+    """Writes `images`, `images_2`, `images_4` and `images_8` beside `sparse/0`.
+
+    Smaller photos may deviate from the ratio by a pixel.
+    """
     capture.write_images()
     capture.write_binary()
     size = (40 // factor, 24 // factor)
@@ -85,7 +89,7 @@ def test_mip_nerf_360_folders_scale_the_cameras(capture, factor):
 
 
 def test_tanks_and_temples_names_its_photos_by_number(capture):
-    """As 3DGS publishes it: `images/000001.jpg` and a binary reconstruction of one PINHOLE camera."""
+    """Layout published with 3DGS: `images/000001.jpg` and a binary reconstruction of one PINHOLE camera."""
     capture.names = [f"{i + 1:06d}.jpg" for i in range(12)]
     capture.write_images()
     capture.write_binary()
@@ -95,7 +99,7 @@ def test_tanks_and_temples_names_its_photos_by_number(capture):
 
 
 def test_deep_blending_has_one_camera_per_photo(capture):
-    """All photos have one size, but each has intrinsics of its own."""
+    """All photos have one size, and each has its own intrinsics."""
     capture.write_images()
     folder = capture.write_binary()
     cameras, images = struct.pack("<Q", 12), struct.pack("<Q", 12)
@@ -146,3 +150,44 @@ def test_alpha_is_blended_before_a_photo_is_reduced(capture):
     assert bool((white == 1).all())
     black = open_dataset(capture.root, max_width=20).image(0)
     assert float(black[:, -4:].max()) == 0
+
+
+@pytest.mark.parametrize(
+    ("given", "root"),
+    [
+        (".", "dense"),
+        ("dense/sparse", "dense"),
+        ("dense/sparse/0", "dense"),
+        ("dense/images", "dense"),
+        ("dense/images/view_03.png", "dense"),
+        ("dense/stereo", "dense"),
+        ("dense/sparse/0/images.bin", "dense"),
+    ],
+)
+def test_folders_above_and_inside_a_dataset_are_refused_with_its_path(tmp_path, given, root):
+    """COLMAP writes `dense/sparse`, `dense/images` and `dense/stereo` when it removes the distortion."""
+    capture = Capture(tmp_path / root)
+    capture.write_images()
+    capture.write_binary()
+    (tmp_path / "dense" / "stereo").mkdir()
+    with pytest.raises(DatasetError) as caught:
+        open_dataset(tmp_path / given)
+    assert str(caught.value).endswith(f"; {tmp_path / root} looks like a dataset (layout: colmap)")
+
+
+def test_a_workspace_with_numbered_reconstructions_is_refused_with_the_path_of_the_first(tmp_path):
+    """COLMAP's automatic reconstruction writes `dense/0`, `dense/1` and so on."""
+    for number in range(2):
+        capture = Capture(tmp_path / "dense" / str(number))
+        capture.write_images()
+        capture.write_binary()
+    for given in (tmp_path, tmp_path / "dense"):
+        with pytest.raises(DatasetError, match=r"dense/0 looks like a dataset"):
+            open_dataset(given)
+
+
+def test_folders_without_a_dataset_nearby_get_no_hint(tmp_path):
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    with pytest.raises(DatasetError) as caught:
+        open_dataset(tmp_path / "a")
+    assert "looks like a dataset" not in str(caught.value)

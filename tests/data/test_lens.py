@@ -1,4 +1,4 @@
-"""Photos through lenses that bend rays are loaded as those of a pinhole camera."""
+"""Photos with lens distortion are undistorted to a pinhole camera."""
 
 import json
 import struct
@@ -23,7 +23,7 @@ def _picture(x, y):
 
 
 def _bent(x, y, k1, k2, p1, p2):
-    """OpenCV's model, in complex numbers: p = p1 + i p2 turns the tangential part."""
+    """OpenCV's model in complex numbers: p = p1 + i p2 rotates the tangential part."""
     ray, square = x + 1j * y, x**2 + y**2
     turned = 1j * np.conj(p1 + 1j * p2)
     bent = ray * (1 + k1 * square + k2 * square**2) + turned * square + 2 * ray * np.real(ray * np.conj(turned))
@@ -31,7 +31,7 @@ def _bent(x, y, k1, k2, p1, p2):
 
 
 def _straight(u, v, bend):
-    """The rays that meet the picture at (u, v): the model's inverse, by iteration."""
+    """Rays of the picture points (u, v): the inverse of the model, by iteration."""
     x, y = u.copy(), v.copy()
     for _ in range(200):
         found = _bent(x, y, *bend)
@@ -69,7 +69,7 @@ def _write_colmap(folder, model, parameters):
 
 
 def _assert_straight(dataset):
-    """Each pixel shows what its pinhole camera sees there, also at the border."""
+    """Each pixel shows the ray of its pinhole camera, also at the border."""
     K = dataset.cameras.Ks[0].astype(np.float64)
     seen = _picture(*_pixels(K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
     assert np.abs(dataset.image(0) - seen).max() < 0.012
@@ -110,7 +110,7 @@ def test_reduced_photos_are_undistorted_alike(tmp_path, bend):
 
 
 @LENSES
-def test_the_derivative_is_that_of_the_model(bend):
+def test_distortion_derivative_equals_finite_differences(bend):
     lens, step = Lens(*bend), 1e-6
     x, y = np.random.default_rng(3).uniform(-0.7, 0.7, (2, 50))
     columns = [
@@ -122,8 +122,8 @@ def test_the_derivative_is_that_of_the_model(bend):
     np.testing.assert_allclose(lens.distort(x, y), _bent(x, y, *bend), rtol=1e-12)
 
 
-def test_masks_bend_with_their_photos(tmp_path):
-    """A mask that is a picture of the rays on one side stays one."""
+def test_masks_are_undistorted_with_their_photos(tmp_path):
+    """A mask of the rays on one side stays a mask of that side."""
     _write_transforms(tmp_path, BARREL)
     x, _ = _straight(*_pixels(FX, FY, CX, CY), BARREL)
     Image.fromarray(np.where(x > 0.3, 255, 0).astype(np.uint8)).save(tmp_path / "mask.png")
@@ -138,19 +138,19 @@ def test_masks_bend_with_their_photos(tmp_path):
 
 
 @pytest.mark.parametrize("bend", [(-2.0, 0.0, 0.0, 0.0), (9.0, 0.0, 0.0, 0.0)])
-def test_lenses_that_bend_too_much_are_refused(tmp_path, bend):
-    with pytest.raises(DatasetError, match=r"bends too much.*image_undistorter"):
+def test_excessive_distortion_is_refused(tmp_path, bend):
+    with pytest.raises(DatasetError, match=r"the distortion of the lens is too large.*image_undistorter"):
         undistortion(Lens(*bend), np.array([[FX, 0, CX], [0, FY, CY], [0, 0, 1]]), WIDTH, HEIGHT)
 
 
 @pytest.mark.parametrize("more", [{"k4": 0.01}, {"k1": 1e9}, {"is_fisheye": True, "p1": 0.01}])
-def test_other_lenses_are_refused(tmp_path, more):
+def test_unsupported_lens_models_are_refused(tmp_path, more):
     _write_transforms(tmp_path, BARREL, **more)
     with pytest.raises(DatasetError, match=r"view 'images/a.png' has (a lens|lens parameters)"):
         open_dataset(tmp_path, split="all")
 
 
-def test_a_folder_of_photos_is_told_how_poses_are_made(tmp_path):
+def test_photos_without_poses_name_how_to_make_them(tmp_path):
     for name in ("photos/a.JPG", "more/images/a.png"):
         (tmp_path / name).parent.mkdir(parents=True)
         (tmp_path / name).write_bytes(b"photo")

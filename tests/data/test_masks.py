@@ -1,4 +1,4 @@
-"""`mask_path` of nerfstudio: what it leaves out of a photo counts for nothing."""
+"""Pixels that `mask_path` of nerfstudio excludes do not count."""
 
 import json
 
@@ -12,7 +12,7 @@ from splatwire.errors import DatasetError
 
 @pytest.fixture
 def masked(capture):
-    """A nerfstudio folder in which every second frame has a mask: the left half counts."""
+    """A nerfstudio folder with every second frame has a mask of the left half."""
     path = capture.write_nerfstudio() / "transforms.json"
     content = json.loads(path.read_text())
     (capture.root / "masks").mkdir()
@@ -25,7 +25,7 @@ def masked(capture):
     return capture
 
 
-def test_masks_belong_to_their_views(masked):
+def test_masks_are_paired_with_their_views(masked):
     dataset, marked = open_dataset(masked.root, split="all"), {name[:-4] for name in masked.names[::2]}
     for view, name in enumerate(dataset.cameras.names):
         mask = dataset.mask(view)
@@ -48,7 +48,7 @@ def test_masks_follow_the_size_of_the_photos(masked):
     assert {path.parent.name for path in smaller.mask_paths if path} == {"masks_2"}
 
 
-def test_a_mask_that_leaves_nothing_is_told(masked):
+def test_empty_mask_is_refused(masked):
     for file in (masked.root / "masks").iterdir():
         Image.new("L", (masked.width, masked.height)).save(file)
     dataset = open_dataset(masked.root, split="all")
@@ -57,7 +57,7 @@ def test_a_mask_that_leaves_nothing_is_told(masked):
         dataset.mask(view)
 
 
-def test_a_dataset_without_masks_has_none(capture):
+def test_dataset_without_masks_returns_no_masks(capture):
     dataset = open_dataset(capture.write_nerfstudio(), split="all")
     assert dataset.mask_paths == ()
     assert dataset.mask(0) is None
@@ -74,14 +74,14 @@ def test_a_dataset_without_masks_has_none(capture):
         (lambda file: file.write_text("no image"), "not a readable image"),
     ],
 )
-def test_wrong_masks_are_told_when_the_folder_is_opened(masked, spoil, reason):
+def test_wrong_masks_are_refused_when_the_folder_is_opened(masked, spoil, reason):
     spoil(masked.root / "masks" / masked.names[0])
     with pytest.raises(DatasetError, match=reason):
         open_dataset(masked.root, split="all")
 
 
 @pytest.mark.parametrize(("path", "reason"), [(3, "is not a path"), ("../view.png", "does not stay inside")])
-def test_wrong_paths_are_told(masked, path, reason):
+def test_wrong_mask_paths_are_refused(masked, path, reason):
     file = masked.root / "transforms.json"
     content = json.loads(file.read_text())
     content["frames"][1]["mask_path"] = path

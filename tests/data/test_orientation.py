@@ -1,4 +1,4 @@
-"""Photos with an EXIF orientation: turned where the cameras are, and refused where nothing shows it."""
+"""Photos with an EXIF orientation are rotated to match their cameras, and refused if ambiguous."""
 
 import json
 
@@ -10,11 +10,11 @@ from splatwire.data import open_dataset
 from splatwire.errors import DatasetError
 
 TURNED = 6
-"""Orientation that viewers turn by a quarter."""
+"""Orientation that viewers rotate by 90 degrees."""
 
 
 def _photos(capture, orientation, size, count=12):
-    """Photos whose stored pixels are of one size, with an orientation; their names are those of the capture."""
+    """Photos of one stored size with an orientation; their names are those of the capture."""
     exif = Image.Exif()
     exif[0x112] = orientation
     rows = np.linspace(0, 255, size[0] * size[1]).astype(np.uint8).reshape(size[1], size[0])
@@ -27,7 +27,7 @@ def _photos(capture, orientation, size, count=12):
 
 
 @pytest.mark.parametrize("orientation", [5, 6, 7, 8])
-def test_photos_are_turned_where_their_cameras_are(capture, orientation):
+def test_photos_are_rotated_to_match_their_cameras(capture, orientation):
     stored = _photos(capture, orientation, (24, 40))
     capture.write_binary()
     dataset = open_dataset(capture.root, split="all")
@@ -36,14 +36,14 @@ def test_photos_are_turned_where_their_cameras_are(capture, orientation):
     assert np.abs(dataset.select([3]).image(0)[:, :, 0] - expected).max() < 0.02
 
 
-def test_photos_stay_as_stored_where_their_cameras_do(capture):
+def test_photos_stay_as_stored_when_cameras_match_stored_pixels(capture):
     stored = _photos(capture, TURNED, (40, 24))
     capture.write_binary()
     assert np.abs(open_dataset(capture.root, split="all").image(3)[:, :, 0] - stored).max() < 0.02
 
 
 @pytest.mark.parametrize("orientation", [2, 3, 4, 6, 8])
-def test_photos_whose_shape_shows_nothing_are_refused(capture, orientation):
+def test_photos_of_ambiguous_orientation_are_refused(capture, orientation):
     _photos(capture, orientation, (40, 40), count=1)
     capture.height = 40
     capture.write_binary()
@@ -52,14 +52,14 @@ def test_photos_whose_shape_shows_nothing_are_refused(capture, orientation):
 
 
 @pytest.mark.parametrize("upright", [True, False])
-def test_a_size_of_one_pixel_more_shows_how_nearly_square_photos_are_read(capture, upright):
+def test_nearly_square_photos_are_oriented_by_one_pixel(capture, upright):
     _photos(capture, TURNED, (400, 399))
     capture.width, capture.height = (399, 400) if upright else (400, 399)
     capture.write_binary()
     assert open_dataset(capture.root, split="all").upright == upright
 
 
-def test_an_upside_down_photo_is_refused_unless_another_one_shows_how_photos_are_read(capture):
+def test_upside_down_photo_needs_an_unambiguous_one(capture):
     stored = _photos(capture, 3, (40, 24), count=1)
     capture.write_binary()
     with pytest.raises(DatasetError, match="EXIF orientation"):
@@ -72,7 +72,7 @@ def test_an_upside_down_photo_is_refused_unless_another_one_shows_how_photos_are
     assert not open_dataset(capture.root, split="all").upright
 
 
-def test_a_size_that_is_only_that_of_the_photo_shows_nothing(capture):
+def test_photo_size_without_a_camera_size_is_no_evidence(capture):
     _photos(capture, TURNED, (40, 24))
     frames = [
         {"file_path": f"images/{name}", "transform_matrix": capture.c2w_opengl(i)}
@@ -85,7 +85,7 @@ def test_a_size_that_is_only_that_of_the_photo_shows_nothing(capture):
     assert not open_dataset(capture.root, split="all").upright
 
 
-def test_masks_are_those_of_the_turned_photo(capture):
+def test_masks_are_rotated_with_their_photo(capture):
     _photos(capture, TURNED, (24, 40))
     Image.fromarray(np.tile(np.arange(40) > 20, (24, 1)).astype(np.uint8) * 255).save(capture.root / "mask.png")
     frames = [

@@ -19,7 +19,7 @@ def test_rgb_is_divided_by_255(pixels, tmp_path):
     assert photo_size(tmp_path / "a.png") == (9, 6)
 
 
-def test_alpha_shows_the_background(pixels, tmp_path):
+def test_alpha_is_composed_on_the_background(pixels, tmp_path):
     Image.fromarray(pixels).save(tmp_path / "a.png")
     image = load_photo(tmp_path / "a.png", background=(1.0, 0.5, 0.0))
     colour, alpha = pixels[:, :, :3] / 255, pixels[:, :, 3:] / 255
@@ -51,11 +51,11 @@ def test_resizing_is_pillows_bicubic_on_bytes(pixels, tmp_path):
         ((5000, 1), 10, (10, 1)),
     ],
 )
-def test_the_width_limit(size, limit, expected):
+def test_width_limit_reduces_photos(size, limit, expected):
     assert limited_size(*size, limit) == expected
 
 
-def test_what_is_no_photo_is_refused(tmp_path):
+def test_invalid_photo_is_refused(tmp_path):
     (tmp_path / "text.png").write_text("not a picture")
     Image.fromarray(np.zeros((4, 4), dtype=np.uint16)).save(tmp_path / "deep.png")
     Image.fromarray(np.random.default_rng(0).integers(0, 256, (64, 64, 3)).astype(np.uint8)).save(tmp_path / "cut.png")

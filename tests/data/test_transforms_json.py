@@ -24,7 +24,7 @@ def test_nerfstudio_intrinsics_are_taken_as_given(capture):
         assert view.K.tolist() == [[33, 0, 19.5], [0, 35, 12.25], [0, 0, 1]]
 
 
-def test_intrinsics_of_a_frame_win(capture):
+def test_intrinsics_of_a_frame_override_global_ones(capture):
     path = capture.write_nerfstudio() / "transforms.json"
     content = json.loads(path.read_text())
     content["frames"][5]["fl_x"] = 50
@@ -54,6 +54,17 @@ def frame(**values):
         (frame(camera_model="VR180_L", fl_x=None), "'camera_model' 'VR180_L'"),
         (frame(camera_model="FISHEYE624"), "'camera_model' 'FISHEYE624'"),
         (frame(latlong=True), "'latlong'"),
+        (frame(latlong="no"), "'latlong' is 'no', neither true nor false"),
+        (frame(is_fisheye="false"), "'is_fisheye' is 'false', neither true nor false"),
+        (frame(is_fisheye=[]), "'is_fisheye' is '\\[\\]', neither"),
+        (frame(camera_model=3), "'camera_model' is not a name"),
+        (frame(file_path="images/" + "a" * 300), "File name too long"),
+        (frame(file_path="images/" + "a" * 253), "File name too long"),
+        (frame(file_path="a/" * 3000), "File name too long"),
+        (frame(file_path="images/\ud800.png"), "missing|no name of a file"),
+        (frame(mask_path="m" * 300), "File name too long"),
+        (lambda content: content.update(ply_file_path="p" * 300), "File name too long"),
+        (frame(transform_matrix=[["1", "0", "0", "0"]] * 4), "expected 4 x 4 numbers"),
         (lambda content: content.update(equirectangular=True), "'equirectangular'"),
         (lambda content: content.update(ply_file_path="gone.ply"), "point cloud 'gone.ply'"),
         (lambda content: content.update(ply_file_path="../gone.ply"), "does not stay inside"),
@@ -75,7 +86,7 @@ def test_wrong_files_are_refused(spoil, reason, capture):
     assert "transforms.json" in str(caught.value)
 
 
-def test_a_vertical_angle_of_view_is_as_good_as_a_horizontal_one(capture):
+def test_vertical_field_of_view_is_accepted(capture):
     path = capture.write_nerfstudio() / "transforms.json"
     content = json.loads(path.read_text())
     del content["fl_x"], content["fl_y"]
@@ -104,7 +115,7 @@ def _with_splits(capture, **splits):
     return {s: [n[-2:] for n in open_dataset(capture.root, split=s).cameras.names] for s in ("train", "test", "all")}
 
 
-def test_listed_splits_are_taken(capture):
+def test_listed_splits_are_used(capture):
     found = _with_splits(capture, train=(0, 1, 5), val=(7,), test=(2, 3))
     assert found["train"] == ["00", "01", "05"]
     assert found["test"] == ["02", "03"]
@@ -112,7 +123,7 @@ def test_listed_splits_are_taken(capture):
     assert len(open_dataset(capture.root, split="test", test_views="every_8th").cameras.names) == 2
 
 
-def test_validation_views_test_where_no_others_do_and_one_list_leaves_the_rest(capture):
+def test_validation_views_serve_as_test_views(capture):
     assert _with_splits(capture, train=(0, 1), val=(7, 8))["test"] == ["07", "08"]
     assert len(_with_splits(capture, train=range(9))["test"]) == 3
     assert len(_with_splits(capture, test=range(9))["train"]) == 3
@@ -142,3 +153,44 @@ def test_the_point_cloud_is_read(capture, form):
     assert np.array_equal(found.positions, points.astype(np.float32))
     expected = [[0.5] * 3] * 2 if form == "grey" else [[1, 0, 0.2], [0, 1, 0.2]]
     np.testing.assert_allclose(found.colors, expected, rtol=1e-6)
+
+
+def test_a_byte_order_mark_is_skipped(capture):
+    path = capture.write_nerfstudio() / "transforms.json"
+    before = [view.name for view in read_transforms(path).views]
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert [view.name for view in read_transforms(path).views] == before
+
+
+@pytest.mark.parametrize("value", [False, None, 0])
+def test_fisheye_without_distortion_is_a_pinhole(value, capture):
+    path = capture.write_nerfstudio(is_fisheye=value) / "transforms.json"
+    assert not any(view.lens.has_distortion for view in read_transforms(path).views)
+
+
+def rewritten(path, **values):
+    path.write_text(json.dumps(json.loads(path.read_text()) | values))
+    return path
+
+
+def test_listed_distortion_is_that_of_the_named_terms(capture):
+    path = capture.write_nerfstudio() / "transforms.json"
+    listed = read_transforms(rewritten(path, distortion_params=[0.1, 0.02, 0, 0, 0.001, -0.002])).views[0].lens
+    named = read_transforms(rewritten(path, distortion_params=None, k1=0.1, k2=0.02, p1=0.001, p2=-0.002)).views[0].lens
+    assert listed == named
+    for values, problem in (
+        ([0.1] * 12, "'distortion_params' is not the list k1, k2, k3, k4, p1, p2"),
+        ([0.2, 0.02, 0, 0, 0.001, -0.002], "has two values of k1"),
+        ([0.1, 0.02, 0, 0, 0.001, "x"], "has two values of p2"),
+    ):
+        with pytest.raises(DatasetError, match=problem):
+            read_transforms(rewritten(path, distortion_params=values))
+
+
+@pytest.mark.parametrize("key", ["camera_convention", "coordinate_system", "pose_convention"])
+def test_other_axes_of_poses_give_a_warning(key, capture, caplog):
+    path = capture.write_nerfstudio() / "transforms.json"
+    read_transforms(rewritten(path, **{key: "opengl"}))
+    assert not caplog.text
+    read_transforms(rewritten(path, **{key: "OpenCV"}))
+    assert f"{key} is 'OpenCV': poses are read with OpenGL axes" in caplog.text

@@ -36,7 +36,7 @@ def likely_symbols(rng: np.random.Generator, m: coder.Mixtures) -> np.ndarray:
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32), n=st.integers(0, 40))
-def test_bytes_equal_the_plain_reference_and_come_back(seed: int, n: int) -> None:
+def test_coder_bytes_equal_the_reference_and_round_trip(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     mixtures = random_mixtures(rng, n)
     symbols = likely_symbols(rng, mixtures)
@@ -53,8 +53,8 @@ def test_reference_decodes_the_fast_coder() -> None:
     assert reference.decode(coder.encode_symbols(symbols, mixtures), as_reference(mixtures)) == symbols.tolist()
 
 
-def test_carries_reach_bytes_already_written() -> None:
-    # the last symbol of a wide window again and again drives `low` towards 0xFF..., then a carry runs back
+def test_carries_propagate_into_written_bytes() -> None:
+    # repeating the last symbol of a wide window drives `low` towards 0xFF... until a carry propagates
     rng = np.random.default_rng(0)
     n = 20_000
     bits = (rng.random(n) < 0.999).astype(np.uint8)
@@ -65,7 +65,7 @@ def test_carries_reach_bytes_already_written() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_adaptive_bits(seed: int) -> None:
+def test_adaptive_bits_equal_the_reference(seed: int) -> None:
     rng = np.random.default_rng(seed)
     contexts = rng.integers(0, 7, 3000)
     bits = (rng.random(3000) < (contexts + 0.5) / 8).astype(np.uint8)
@@ -78,7 +78,7 @@ def test_adaptive_bits(seed: int) -> None:
     assert len(data) < 1.06 * entropy + 20
 
 
-def test_size_is_near_the_entropy() -> None:
+def test_coded_size_is_near_the_entropy() -> None:
     rng = np.random.default_rng(1)
     n = 50_000
     scales = rng.integers(80, 160, n)
@@ -107,12 +107,12 @@ def test_termination_costs_at_most_two_bytes() -> None:
 
 @settings(max_examples=300, deadline=None)
 @given(data=st.binary(max_size=64), seed=st.integers(0, 100))
-def test_any_bytes_decode_to_something(data: bytes, seed: int) -> None:
+def test_arbitrary_bytes_decode(data: bytes, seed: int) -> None:
     mixtures = random_mixtures(np.random.default_rng(seed), 50)
     assert coder.decode_symbols(data, mixtures).shape == (50,)
 
 
-def test_golden_bytes() -> None:
+def test_coded_bytes_are_pinned() -> None:
     symbols = np.array([0, 1, -1, 5, -300, 7, 100_000, -100_000, 0, 0])
     mixtures = coder.Mixtures(
         np.array([0, 4096, -4096, 20000, -1_228_800, 0, 0, 0, 100, -100]),

@@ -3,8 +3,8 @@ import pytest
 import torch
 
 from splatwire.entropy.coder import Mixtures, encode_symbols
-from splatwire.entropy.rate import binary_entropy_bits, bits, gaussian_likelihood, mixture_likelihood
 from splatwire.entropy.tables import MEAN_BITS, SCALE_MIN_EXPONENT, SCALE_STEPS
+from splatwire.neural.training.rate import binary_entropy_bits, bits, gaussian_likelihood, mixture_likelihood
 
 COUNT = 20_000
 
@@ -26,7 +26,7 @@ def _normals(seed: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     return mean, scale, mean + scale * torch.randn(COUNT, 1, generator=rng)
 
 
-def test_normals_cost_what_the_coder_writes() -> None:
+def test_normal_rate_equals_coded_bits() -> None:
     mean, scale, values = _normals(0)
     symbols = torch.round(values)
     estimate = float(bits(gaussian_likelihood(symbols, mean, scale, torch.ones(COUNT, 1))).sum()) / 8
@@ -35,7 +35,7 @@ def test_normals_cost_what_the_coder_writes() -> None:
     assert estimate == pytest.approx(real, rel=0.01)
 
 
-def test_mixtures_cost_what_the_coder_writes() -> None:
+def test_mixture_rate_equals_coded_bits() -> None:
     mean, scale, first = _normals(1)
     other_mean, other_scale, second = _normals(2)
     logit = torch.round(2 * torch.randn(COUNT, 1, generator=torch.Generator().manual_seed(3)) * 16) / 16
@@ -50,7 +50,7 @@ def test_mixtures_cost_what_the_coder_writes() -> None:
     assert estimate == pytest.approx(real, rel=0.01)
 
 
-def test_noise_stands_for_rounding() -> None:
+def test_uniform_noise_approximates_rounding() -> None:
     rng = torch.Generator().manual_seed(5)
     mean, scale, values = _normals(6)
     step = torch.full((COUNT, 1), 0.7)
@@ -60,7 +60,7 @@ def test_noise_stands_for_rounding() -> None:
     assert float(noisy) == pytest.approx(float(rounded), rel=0.03)
 
 
-def test_gradient_is_that_of_finite_differences() -> None:
+def test_rate_gradient_equals_finite_differences() -> None:
     rng = torch.Generator().manual_seed(7)
     values, mean, step = (torch.rand(6, 2, generator=rng, dtype=torch.float64) for _ in range(3))
     scale, step = 0.2 + torch.rand(6, 2, generator=rng, dtype=torch.float64), step[:, :1] + 0.1
@@ -68,7 +68,7 @@ def test_gradient_is_that_of_finite_differences() -> None:
     assert torch.autograd.gradcheck(lambda *x: bits(gaussian_likelihood(*x)), inputs)
 
 
-def test_the_unthinkable_costs_twenty_bits_and_pulls_at_nothing() -> None:
+def test_impossible_symbols_cost_twenty_bits_without_gradient() -> None:
     mean = torch.zeros(1, 1, requires_grad=True)
     cost = bits(gaussian_likelihood(torch.full((1, 1), 50.0), mean, torch.ones(1, 1), torch.ones(1, 1)))
     cost.sum().backward()
@@ -77,7 +77,7 @@ def test_the_unthinkable_costs_twenty_bits_and_pulls_at_nothing() -> None:
     assert float(mean.grad) == 0
 
 
-def test_entropy_of_binary_values() -> None:
+def test_binary_entropy_equals_its_definition() -> None:
     assert binary_entropy_bits(50.0, 100) == pytest.approx(100)
     assert binary_entropy_bits(0.0, 100) == pytest.approx(0, abs=1e-5)
     assert binary_entropy_bits(11.0, 100) == pytest.approx(49.99, abs=0.01)

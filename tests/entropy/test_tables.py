@@ -11,7 +11,7 @@ def digest(table: np.ndarray) -> str:
 
 
 def test_tables_are_pinned() -> None:
-    # one different entry makes every stream undecodable, so these never change within a format version
+    # one different entry makes every stream undecodable, so tables never change within a format version
     assert digest(tables.normal_table()) == "be354dbf4d6701d7"
     assert digest(tables.inverse_scale_table()) == "4ffd79d2cee04b00"
     assert digest(tables.half_width_table()) == "819a0da4fd31092e"
@@ -19,7 +19,7 @@ def test_tables_are_pinned() -> None:
     assert digest(tables.step_table(1024, 4, 16)) == "fd9fd815695828e9"
 
 
-def test_normal_table_is_the_normal_distribution() -> None:
+def test_normal_table_equals_the_normal_distribution() -> None:
     table = tables.normal_table()
     z = np.arange(len(table)) / 128 - 6
     assert np.abs(table - ndtr(z) * 2**24).max() <= 0.51
@@ -27,7 +27,7 @@ def test_normal_table_is_the_normal_distribution() -> None:
     assert (table + table[::-1] == 2**24).all()
 
 
-def test_inverse_scales_stand_for_the_middle_of_their_bin() -> None:
+def test_inverse_scales_are_bin_centres() -> None:
     inverse = tables.inverse_scale_table() / 2**tables.INVERSE_BITS
     index = np.arange(tables.NUM_SCALES)
     scale = 2.0 ** (index // 16 - 6) * (1 + (index % 16 + 0.5) / 16)
@@ -35,7 +35,7 @@ def test_inverse_scales_stand_for_the_middle_of_their_bin() -> None:
     assert np.allclose((inverse * scale)[: 16 * 12], 1, atol=1e-4)
 
 
-def test_logistic_tables() -> None:
+def test_logistic_tables_equal_the_logistic_function() -> None:
     logits = (np.arange(tables.NUM_WEIGHTS) - 128) / 16
     assert np.abs(tables.weight_table() - 65536 * expit(logits)).max() <= 0.51
     q = np.arange(-4096, 4097) / 1024

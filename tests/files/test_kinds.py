@@ -1,4 +1,4 @@
-"""What a file is, by its first bytes; and that whatever the bytes are, an answer comes."""
+"""File kinds are detected from the first bytes, and any bytes give a kind."""
 
 import contextlib
 import gzip
@@ -6,6 +6,7 @@ import json
 import os
 import pickle
 import random
+import shutil
 import struct
 
 import numpy as np
@@ -14,23 +15,24 @@ import torch
 from PIL import Image
 
 from scenes import tiny_cameras, tiny_scene
+from splatwire.anchors.scene_file import load_scene, save_partial, save_scene
+from splatwire.bitstream import Packetization, read_stream, write_stream
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.data import load_cameras, open_dataset, save_cameras
 from splatwire.errors import SplatwireError
 from splatwire.files import kinds
 from splatwire.files.kinds import file_kind, kind_of_bytes
-from splatwire.formats import read_splats, write_splats
-from splatwire.formats.kinds import KINDS as SPLATS
-from splatwire.importers.hacpp import import_hacpp
-from splatwire.model.scene_file import load_scene, save_partial, save_scene
-from splatwire.packets import Packetization, read_stream, write_stream
-from splatwire.scene.splats import Splats
-from splatwire.train.checkpoint import load_checkpoint
+from splatwire.files.scene_formats import FORMATS
+from splatwire.io import open_scene
+from splatwire.io.formats import read_splats, write_splats
+from splatwire.neural.importers.hacpp import import_hacpp
+from splatwire.neural.training.checkpoint import load_checkpoint
+from splatwire.types.splats import Splats
 
 
 @pytest.fixture(scope="module")
 def zoo(tmp_path_factory):
-    """A file of many kinds."""
+    """A file of any of several kinds."""
     folder = tmp_path_factory.mktemp("zoo")
     scene = tiny_scene(num_anchors=40)
     save_scene(scene, folder / "scene")
@@ -78,18 +80,23 @@ def zoo(tmp_path_factory):
     (folder / "pickle").write_bytes(pickle.dumps({"means": [1, 2]}))
     (folder / "dataset" / "sparse").mkdir(parents=True)
     (folder / "folder" / "photos").mkdir(parents=True)
+    (folder / "gsplat results" / "ckpts").mkdir(parents=True)
+    (folder / "gsplat results" / "ckpts" / "ckpt_6999_rank0.pt").write_bytes(b"PK")
+    (folder / "nerfstudio results" / "nerfstudio_models").mkdir(parents=True)
+    (folder / "frames").mkdir()
+    write_splats([splats], folder / "frames" / "point_cloud.ply")
     os.mkfifo(folder / "device")
     return folder
 
 
-def test_every_kind_is_told(zoo):
+def test_every_file_kind_is_detected(zoo):
     for path in zoo.iterdir():
         assert file_kind(path).key == path.name.partition(".")[0], path
     assert file_kind(zoo / "nobody") == file_kind(zoo / "json" / "x") == kinds.NOTHING
     assert file_kind(zoo / "a\0b") == kinds.UNREADABLE
 
 
-def test_a_splat_file_is_told_by_its_name_whatever_its_first_bytes_seem_to_be(tmp_path):
+def test_splat_file_is_detected_by_its_suffix(tmp_path):
     for start in (b"\x1f\x8b", b"BM", b"{", b"<html", b"abc"):
         (tmp_path / "a.splat").write_bytes(start.ljust(64, b"\0"))
         assert file_kind(tmp_path / "a.splat") == kinds.SPLAT
@@ -110,34 +117,39 @@ READERS = {
 WELCOME = {
     "load_scene": ["scene"],
     "read_stream": ["stream", "stream folder"],
-    "read_splats": [kind.key for group in SPLATS.values() for kind in group],
+    "read_splats": [kind.key for form in FORMATS.registered().values() for kind in form.kinds],
     "load_cameras": ["cameras"],
 }
 PARTICULAR = {
     ("load_scene", "partial scene"): ["conceal it first"],
+    ("open_dataset", "dataset"): ["neither a COLMAP reconstruction"],
 }
-"""Where more is known than the kind."""
+"""Covers files with more known than the kind."""
 
 
 @pytest.mark.parametrize("reader", READERS)
-def test_every_reader_says_what_it_was_given(zoo, reader):
-    """Also of a pipe, which would block, and of a name that is no name."""
+def test_readers_name_the_kind_of_a_wrong_file(zoo, reader):
+    """Covers a pipe, which would block, and a missing name."""
     for path in (*zoo.iterdir(), zoo / "nobody", zoo / "a\0b"):
         kind = file_kind(path)
         if kind.key in WELCOME.get(reader, ()):
-            with contextlib.suppress(SplatwireError):  # its own reader says what is damaged
+            with contextlib.suppress(SplatwireError):  # the reader of the kind reports the damage
                 READERS[reader](path)
             continue
         with pytest.raises(SplatwireError) as caught:
             READERS[reader](path)
         assert path.name.split("\0")[0] in str(caught.value)
-        words = (kind.what, *PARTICULAR.get((reader, kind.key), ()), *(["cannot be read"] * ("\0" in path.name)))
+        words = (
+            kind.what,
+            *PARTICULAR.get((reader, kind.key), ()),
+            *(["cannot be read", "expected the path"] * ("\0" in path.name)),
+        )
         assert any(word in str(caught.value) for word in words), str(caught.value)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_any_bytes_have_a_kind(seed):
-    """Heads of every kind, cut and with bytes changed, and bytes that are nothing at all."""
+def test_arbitrary_bytes_get_a_kind(seed):
+    """Headers of every kind, truncated or with changed bytes, and random bytes."""
     rng = random.Random(seed)
     heads = [magic for magic, _ in kinds._MAGICS] + [
         b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float scale_0\nend_header\n",
@@ -153,7 +165,7 @@ def test_any_bytes_have_a_kind(seed):
 
 
 @pytest.mark.parametrize("metadata", ["[]", "nonsense", '{"format": [], "kind": {}}', "[" * 3000, '"\\ud800"'])
-def test_hostile_headers_are_only_safetensors(metadata):
+def test_safetensors_kind_requires_a_valid_header(metadata):
     header = json.dumps({"__metadata__": {"splatwire": metadata}}).encode()
     assert kind_of_bytes(struct.pack("<Q", len(header)) + header, 10_000) == kinds.TENSORS
     for text in (b"{" * 4000, b'{"__metadata__": 3}', b'{"__metadata__": {"splatwire": 3}}'):
@@ -165,11 +177,15 @@ def test_hostile_headers_are_only_safetensors(metadata):
     [
         ("gsplat checkpoint.pt", ["gsplat", "never opened", "export_splats", "PLY"]),
         ("nerfstudio checkpoint.ckpt", ["nerfstudio", "never opened", "ns-export gaussian-splat"]),
+        ("gsplat results", ["gsplat", "never opened", "point_cloud_*.ply"]),
+        ("gsplat results/ckpts", ["gsplat", "never opened"]),
+        ("nerfstudio results", ["nerfstudio", "ns-export gaussian-splat"]),
+        ("frames", ["name one of them", "clip"]),
         ("pytorch", ["PyTorch", "never opened", "point_cloud.ply"]),
         ("pickle", ["pickle", "never opened"]),
     ],
 )
-def test_checkpoints_of_other_programs_are_named_with_the_way_to_a_ply(zoo, name, told):
+def test_foreign_checkpoints_are_named_with_their_export_to_ply(zoo, name, told):
     with pytest.raises(SplatwireError) as caught:
         read_splats(zoo / name)
     assert all(word in str(caught.value) for word in told), str(caught.value)
@@ -178,3 +194,67 @@ def test_checkpoints_of_other_programs_are_named_with_the_way_to_a_ply(zoo, name
 def test_a_model_folder_of_3dgs_is_read_as_the_ply_of_its_last_iteration(zoo):
     assert kinds.trained_ply(zoo / "3dgs") == zoo / "3dgs" / "point_cloud" / "iteration_30000" / "point_cloud.ply"
     assert read_splats(zoo / "3dgs").num_gaussians == 5
+
+
+@pytest.mark.parametrize(
+    ("given", "number"),
+    [("3dgs/point_cloud", 30000), ("3dgs/point_cloud/iteration_7000", 7000), ("3dgs", 30000)],
+)
+def test_parts_of_a_model_folder_of_3dgs_are_read(zoo, given, number):
+    assert kinds.trained_ply(zoo / given) == zoo / f"3dgs/point_cloud/iteration_{number}/point_cloud.ply"
+    assert open_scene(zoo / given).num_gaussians == 5
+
+
+def test_files_of_a_model_folder_and_folders_above_it_are_refused_with_its_path(tmp_path, zoo):
+    model = tmp_path / "runs" / "first"
+    shutil.copytree(zoo / "3dgs", model)
+    (model / "cfg_args").write_text("Namespace()")
+    for given in (tmp_path, tmp_path / "runs", model / "cfg_args"):
+        with pytest.raises(SplatwireError) as caught:
+            open_scene(given)
+        assert str(caught.value).endswith(f"{model} looks like a model folder of 3DGS")
+    for name in ("point_cloud", "point_cloud/iteration_3"):
+        folder = tmp_path / "hac" / name
+        folder.mkdir(parents=True)
+        for reader in (import_hacpp, open_scene):
+            with pytest.raises(SplatwireError, match=f"{tmp_path / 'hac'} looks like a model folder of HAC"):
+                reader(folder)
+
+
+def test_folders_above_many_others_are_searched_within_limits(tmp_path, monkeypatch):
+    looked = []
+    for number in range(100):
+        (tmp_path / f"{number:03d}" / "inner").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path)
+    kinds.folder_nearby(tmp_path, lambda folder: looked.append(folder) or False)
+    assert len(looked) == 3 + 32 + 32
+    assert kinds.folder_nearby(tmp_path / "absent", lambda folder: True) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("unknown", "; it is a file of an unknown format"),
+        ("empty", "; it is an empty file"),
+        ("empty folder", "; it is an empty folder"),
+        ("text", "; it looks like a text file"),
+    ],
+)
+def test_kinds_in_messages_are_sentences(zoo, name, words):
+    assert kinds.is_not(zoo / name, "a stream").endswith(f"{name}: not a stream{words}")
+
+
+@pytest.mark.parametrize("rest", range(1, 32))
+def test_a_splat_file_cut_within_a_row_is_refused_with_its_size(tmp_path, rest):
+    path = tmp_path / "a.splat"
+    path.write_bytes((np.arange(64, dtype=np.uint8) * 37 + 128).tobytes()[: 32 + rest])
+    with pytest.raises(SplatwireError, match=f"{32 + rest} bytes are not records of 32 bytes"):
+        read_splats(path)
+
+
+@pytest.mark.parametrize("content", ["<!DOCTYPE html><html>404", "404: Not found", '{"error": 404}'])
+def test_a_text_with_the_name_of_a_splat_file_is_named(tmp_path, content):
+    path = tmp_path / "a.splat"
+    path.write_text(content.ljust(64))
+    with pytest.raises(SplatwireError, match=r"looks like (an HTML page|a text file|a JSON file)"):
+        read_splats(path)

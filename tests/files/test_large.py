@@ -1,19 +1,20 @@
-"""Arrays in temporary files hold what arrays in memory hold, and leave nothing behind."""
+"""Arrays in temporary files hold the same values as arrays in memory and leave no file."""
 
 import os
 import tempfile
 
 import numpy as np
+import pytest
 
 from codec.gaussians.test_gaussians import some_splats
+from splatwire.bitstream import Packetization, stream_to_bytes
 from splatwire.files import large
-from splatwire.formats import read_splats, write_splats
-from splatwire.levels import encode_levels
-from splatwire.model import SplatScene
-from splatwire.packets import Packetization, stream_to_bytes
+from splatwire.io.formats import read_splats, write_splats
+from splatwire.lod import encode_levels
+from splatwire.types import SplatScene
 
 
-def test_a_large_array_is_an_array(tmp_path, monkeypatch):
+def test_large_array_behaves_like_an_array(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(large, "LARGE_BYTES", 1)
     values = large.large_empty((5, 3), np.float32)
@@ -26,13 +27,14 @@ def test_a_large_array_is_an_array(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == []
 
 
-def test_without_room_on_disk_it_lies_in_memory(tmp_path, monkeypatch):
+def test_large_array_falls_back_to_memory_without_disk_space(tmp_path, monkeypatch):
     monkeypatch.setattr(large, "LARGE_BYTES", 1)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "absent"))
     assert large.large_empty((5,), np.int64).shape == (5,)
 
 
-def test_scenes_in_files_and_in_memory_become_the_same_stream(tmp_path, monkeypatch):
+@pytest.mark.slow
+def test_file_backed_and_in_memory_scenes_encode_to_the_same_stream(tmp_path, monkeypatch):
     splats = some_splats(700)
     write_splats([splats], tmp_path / "a.ply")
 

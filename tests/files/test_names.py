@@ -19,14 +19,14 @@ def test_names_are_distinct_and_safe(names):
         assert len(name.encode()) <= 230
 
 
-def test_names_that_are_safe_and_different_stay():
+def test_safe_distinct_names_are_unchanged():
     assert distinct_names(["a", "b.c", "Ä-1"]) == ("a", "b.c", "Ä-1")
     assert distinct_names(["a b", "a_b", "a_b", "a_b_2"]) == ("a_b", "a_b_2", "a_b_3", "a_b_2_2")
     assert safe_name("../..", "view") == "view"
 
 
-def test_what_names_mean_to_a_file_system_does_not_matter():
-    """Folders, case and what a file system does not take are all the same to some file system."""
+def test_unsafe_names_become_distinct_safe_names():
+    """File systems differ in separators, case and allowed characters."""
     files = distinct_names(["a b", "a_b", "A/b", "../../sly", "/etc/passwd", "", "..", "ok"])
     assert len({file.lower() for file in files}) == 8
     assert files[:2] == ("a_b", "a_b_2")

@@ -1,4 +1,4 @@
-"""Written as a whole or not at all: errors, ended and killed writers, a full disk."""
+"""Files are written completely or not at all: errors, killed writers, a full disk."""
 
 import errno
 import os
@@ -11,7 +11,7 @@ import pytest
 
 from splatwire.errors import InvalidValueError
 from splatwire.files import whole
-from splatwire.files.whole import remove_unfinished, write_whole, written_whole
+from splatwire.files.whole import check_writable, remove_unfinished, write_whole, written_whole
 
 WAIT = (
     "import sys, time\n"
@@ -28,6 +28,14 @@ def hidden(folder):
     return [path.name for path in folder.iterdir() if path.name.startswith(".")]
 
 
+def workspace(folder, number=0x123456789AB, mode=0o700):
+    """Hidden folder of a killed writer."""
+    space = folder / f".splatwire-{number:012x}.part"
+    space.mkdir(parents=True)
+    space.chmod(mode)
+    return space
+
+
 def kill_a_writer(target, number):
     writer = subprocess.Popen([sys.executable, "-c", WAIT, str(target)], stdout=subprocess.PIPE)
     assert writer.stdout.readline() == b"writing\n"
@@ -36,8 +44,8 @@ def kill_a_writer(target, number):
     writer.stdout.close()
 
 
-def test_a_file_takes_its_name_at_the_end(tmp_path):
-    write_whole(tmp_path / "new" / "a", b"old")
+def test_file_gets_its_name_when_complete(tmp_path):
+    write_whole(tmp_path / "new" / "a", b"old", parents=True)
     with written_whole(tmp_path / "new" / "a") as new:
         new.write_bytes(b"new")
         assert (tmp_path / "new" / "a").read_bytes() == b"old"
@@ -46,7 +54,7 @@ def test_a_file_takes_its_name_at_the_end(tmp_path):
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["a"]
 
 
-def test_a_folder_replaces_a_folder_as_a_whole(tmp_path):
+def test_folder_is_replaced_atomically(tmp_path):
     for name in ("one", "two"):
         with written_whole(tmp_path / "a") as new:
             new.mkdir()
@@ -56,7 +64,7 @@ def test_a_folder_replaces_a_folder_as_a_whole(tmp_path):
 
 
 @pytest.mark.parametrize("problem", [ValueError, KeyboardInterrupt, SystemExit, OSError])
-def test_an_error_leaves_the_old_file_and_nothing_else(tmp_path, problem):
+def test_error_keeps_the_old_file_only(tmp_path, problem):
     (tmp_path / "a").write_bytes(b"old")
 
     def write():
@@ -84,7 +92,7 @@ def test_errors_name_the_target_not_the_hidden_folder(tmp_path, monkeypatch):
     assert not hidden(tmp_path)
 
 
-def test_a_link_is_followed_and_a_device_refused(tmp_path):
+def test_links_are_followed_and_devices_refused(tmp_path):
     (tmp_path / "there").write_bytes(b"old")
     (tmp_path / "link").symlink_to(tmp_path / "there")
     write_whole(tmp_path / "link", b"new")
@@ -95,14 +103,14 @@ def test_a_link_is_followed_and_a_device_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["same", "other"])
-def test_the_next_writer_removes_what_a_killed_one_left(tmp_path, name):
+def test_next_writer_removes_leftovers_of_a_killed_writer(tmp_path, name):
     kill_a_writer(tmp_path / "same", signal.SIGKILL)
     assert len(hidden(tmp_path)) == 1
     write_whole(tmp_path / name, b"whole")
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
-def test_living_writers_are_left_alone(tmp_path):
+def test_workspaces_of_running_writers_are_kept(tmp_path):
     with written_whole(tmp_path / "a") as new:
         new.write_bytes(b"a")
         other = threading.Thread(target=write_whole, args=(tmp_path / "b", b"b"))
@@ -113,9 +121,9 @@ def test_living_writers_are_left_alone(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
 
 
-def test_a_folder_that_a_killed_writer_moved_aside_comes_back(tmp_path):
-    """Killed between two renames: neither the old nor the new folder has its name."""
-    space = tmp_path / ".splatwire-0123456789ab.part"
+def test_folder_moved_aside_by_a_killed_writer_is_restored(tmp_path):
+    """The writer was killed between two renames, so neither folder has the target name."""
+    space = workspace(tmp_path)
     (space / "old" / "stream").mkdir(parents=True)
     (space / "old" / "stream" / "packet").touch()
     (space / "new" / "stream").mkdir(parents=True)
@@ -124,7 +132,7 @@ def test_a_folder_that_a_killed_writer_moved_aside_comes_back(tmp_path):
     assert [path.name for path in (tmp_path / "stream").iterdir()] == ["packet"]
 
 
-def test_only_its_own_is_removed(tmp_path):
+def test_only_own_workspaces_are_removed(tmp_path):
     for name in (".splatwire-notes", ".hidden.part", "splatwire-x.part"):
         (tmp_path / name).mkdir()
     (tmp_path / "kept").mkdir()
@@ -133,54 +141,77 @@ def test_only_its_own_is_removed(tmp_path):
     assert len(list(tmp_path.iterdir())) == 5
 
 
-def test_no_link_in_a_workspace_is_followed(tmp_path):
-    """A folder from elsewhere has links in names that look like those of a killed writer."""
+def test_links_in_a_workspace_are_not_followed(tmp_path):
+    """An untrusted folder contains links with the names of a killed writer's workspace."""
     secret = tmp_path / "home" / ".ssh"
     secret.mkdir(parents=True)
     (secret / "id").write_bytes(b"key")
     clone = tmp_path / "clone"
-    spaces = [clone / f".splatwire-{n:012x}.part" for n in range(5)]
-    for space in spaces[:3]:
-        space.mkdir(parents=True)
+    spaces = [workspace(clone, number) for number in range(4)]
     (spaces[0] / "old").symlink_to(tmp_path / "home")
     (spaces[1] / "old").mkdir()
     (spaces[1] / "old" / "b").symlink_to(secret)
-    (spaces[1] / "old" / "c").symlink_to(secret / "id")
-    (spaces[2] / "new").symlink_to(tmp_path / "home")
-    spaces[3].symlink_to(tmp_path / "home")
+    (spaces[2] / "old").mkdir()
+    (spaces[2] / "old" / "c").symlink_to(secret / "id")
+    (spaces[3] / "new").symlink_to(tmp_path / "home")
+    (clone / ".splatwire-0123456789ab.part").symlink_to(tmp_path / "home")
     write_whole(clone / "a", b"whole")
     assert (secret / "id").read_bytes() == b"key"
-    assert not (clone / ".ssh").exists()
-    assert sorted(path.name for path in clone.iterdir()) == [spaces[3].name, "a"]
+    assert not {".ssh", "b", "c", "id"} & {path.name for path in clone.iterdir()}
+
+
+@pytest.mark.parametrize("mode", [0o700, 0o755, 0o750, 0o705])
+@pytest.mark.parametrize(
+    "inside",
+    [["old/.git/config"], ["old/.GIT/config", "new/a/b"], ["old/.vscode/tasks.json"], ["old/a/b", "old/.git/c"],
+     ["old/a/b", "old/c/d"], ["notes.txt"], ["old/a/b", "new/c/d", "other/e"], ["old/a/b", "new"]],
+)  # fmt: skip
+def test_foreign_folder_with_a_workspace_name_is_kept(tmp_path, inside, mode):
+    space = workspace(tmp_path, mode=mode)
+    for name in inside:
+        (space / name).parent.mkdir(parents=True, exist_ok=True)
+        (space / name).write_bytes(b"mine")
+    write_whole(tmp_path / "target", b"whole")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [space.name, "target"]
+    assert all((space / name).read_bytes() == b"mine" for name in inside)
+
+
+@pytest.mark.parametrize("mode", [0o755, 0o775, 0o701])
+def test_folder_readable_by_others_is_no_workspace(tmp_path, mode):
+    """Version control systems and most archives create folders like this."""
+    space = workspace(tmp_path, mode=mode)
+    (space / "old" / "src").mkdir(parents=True)
+    write_whole(tmp_path / "target", b"whole")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [space.name, "target"]
 
 
 @pytest.mark.parametrize("name", [".splatwire-x.part", ".splatwire-0123456789AB.part", ".splatwire-0123456789ab.part "])
-def test_names_that_no_writer_makes_are_left_alone(tmp_path, name):
+def test_foreign_names_are_kept(tmp_path, name):
     (tmp_path / name / "old" / "stream").mkdir(parents=True)
     write_whole(tmp_path / "a", b"whole")
     assert (tmp_path / name / "old" / "stream").is_dir()
     assert not (tmp_path / "stream").exists()
 
 
-def test_what_another_user_left_is_left_alone(tmp_path, monkeypatch):
-    (tmp_path / ".splatwire-0123456789ab.part" / "old" / "stream").mkdir(parents=True)
+def test_leftovers_of_other_users_are_kept(tmp_path, monkeypatch):
+    (workspace(tmp_path) / "old" / "stream").mkdir(parents=True)
     monkeypatch.setattr(os, "geteuid", lambda: os.stat(tmp_path).st_uid + 1)
     remove_unfinished(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == [".splatwire-0123456789ab.part"]
 
 
-def test_a_link_in_the_way_is_not_replaced_by_what_was_moved_aside(tmp_path):
-    (tmp_path / ".splatwire-0123456789ab.part" / "old" / "stream").mkdir(parents=True)
+def test_link_is_not_replaced_by_a_restored_folder(tmp_path):
+    (workspace(tmp_path) / "old" / "stream").mkdir(parents=True)
     (tmp_path / "stream").symlink_to(tmp_path / "nowhere")
     remove_unfinished(tmp_path)
     assert (tmp_path / "stream").is_symlink()
     assert not (tmp_path / "nowhere").exists()
 
 
-def test_a_folder_that_becomes_a_link_while_it_is_restored_is_not_followed(tmp_path, monkeypatch):
+def test_folder_replaced_by_a_link_during_restore_is_not_followed(tmp_path, monkeypatch):
     (tmp_path / "home" / "old" / "secret").mkdir(parents=True)
     clone, locked = tmp_path / "clone", whole._lock
-    space = clone / ".splatwire-0123456789ab.part"
+    space = workspace(clone)
     (space / "old" / "stream").mkdir(parents=True)
 
     def swapped(handle):
@@ -195,7 +226,7 @@ def test_a_folder_that_becomes_a_link_while_it_is_restored_is_not_followed(tmp_p
     assert not (clone / "secret").exists()
 
 
-def test_a_workspace_is_open_to_its_user_alone_and_the_result_is_not(tmp_path):
+def test_workspace_is_private_and_the_result_has_default_permissions(tmp_path):
     with written_whole(tmp_path / "a") as new:
         assert (tmp_path / hidden(tmp_path)[0]).stat().st_mode & 0o777 == 0o700
         new.mkdir()
@@ -208,8 +239,8 @@ def _umask() -> int:
     return before
 
 
-def test_a_folder_that_was_taken_for_a_dead_writers_is_made_anew(tmp_path, monkeypatch):
-    """Another process sweeps between the making of the hidden folder and its lock."""
+def test_workspace_removed_as_stale_is_recreated(tmp_path, monkeypatch):
+    """Another process cleans up between creation and locking of the hidden folder."""
     lock, calls = whole._lock, []
 
     def late(handle):
@@ -224,7 +255,7 @@ def test_a_folder_that_was_taken_for_a_dead_writers_is_made_anew(tmp_path, monke
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
-def test_a_folder_that_is_gone_before_it_is_locked_is_made_anew(tmp_path, monkeypatch):
+def test_workspace_deleted_before_locking_is_recreated(tmp_path, monkeypatch):
     opened, tried = os.open, []
 
     def too_late(path, flags, *rest, **more):
@@ -239,8 +270,62 @@ def test_a_folder_that_is_gone_before_it_is_locked_is_made_anew(tmp_path, monkey
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
-def test_a_link_that_leads_to_itself_is_refused(tmp_path):
+def test_self_referencing_link_is_refused(tmp_path):
     (tmp_path / "loop").symlink_to("loop")
     with pytest.raises((InvalidValueError, OSError)), written_whole(tmp_path / "loop"):
         raise AssertionError
     assert os.readlink(tmp_path / "loop") == "loop"
+
+
+def test_folders_are_not_made_unless_they_are_asked_for(tmp_path):
+    for name in ("new/a", "x/y/a"):
+        with pytest.raises(InvalidValueError, match="no such folder, so a cannot be written into it: make it first"):
+            write_whole(tmp_path / name, b"")
+        with pytest.raises(InvalidValueError, match="no such folder"):
+            check_writable(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_can_be_written_is_found_without_a_trace(tmp_path):
+    (tmp_path / "folder").mkdir()
+    for name in ("new", "folder"):
+        check_writable(tmp_path / name)
+        check_writable(tmp_path / name, inside=True)
+    assert [path.name for path in tmp_path.rglob("*")] == ["folder"]
+
+
+def refuse(monkeypatch, folder, error=errno.EACCES):
+    """Makes a folder one in which nothing can be made, for the superuser, too."""
+    made = whole.Path.mkdir
+
+    def mkdir(path, *rest, **more):
+        if path.parent == folder:
+            raise OSError(error, os.strerror(error), str(path))
+        made(path, *rest, **more)
+
+    monkeypatch.setattr(whole.Path, "mkdir", mkdir)
+
+
+@pytest.mark.parametrize("error", [errno.EACCES, errno.EROFS, errno.EPERM, errno.ENOSPC])
+def test_what_cannot_be_written_is_found_before_the_work(tmp_path, monkeypatch, error):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").touch()
+    refuse(monkeypatch, tmp_path, error)
+    for name in ("new", "file", "folder"):
+        with pytest.raises(InvalidValueError, match=f"nothing can be written into {tmp_path}: {os.strerror(error)}"):
+            check_writable(tmp_path / name)
+    check_writable(tmp_path / "folder", inside=True)
+    for name in ("file/a", "file/a/b"):
+        with pytest.raises(InvalidValueError, match="not a folder, so nothing"):
+            check_writable(tmp_path / name)
+    with pytest.raises(InvalidValueError, match="File name too long"):
+        check_writable(tmp_path / "folder" / ("x" * 300))
+
+
+def test_another_users_file_in_a_folder_for_all_is_found_before_the_work(tmp_path, monkeypatch):
+    (tmp_path / "theirs").touch()
+    tmp_path.chmod(0o1777)
+    monkeypatch.setattr(os, "geteuid", lambda: os.stat(tmp_path).st_uid + 1)
+    check_writable(tmp_path / "mine")
+    with pytest.raises(InvalidValueError, match="is another user's and cannot be replaced"):
+        check_writable(tmp_path / "theirs")

@@ -1,6 +1,6 @@
-"""Pinned streams of explicit Gaussians and their decoded integers, for every decoder of format 2 in any language.
+"""Pinned streams of explicit Gaussians and their decoded integers, for decoders of format 2 in any language.
 
-`gaussians_3.json` holds whole files in base64 and what is in them; running this file as a program makes it. Those of
+`gaussians_3.json` holds whole files in base64 and their content; this file, run as a program, writes it. The streams of
 `gaussians.json` are of version 2, which is no longer written.
 """
 
@@ -13,10 +13,10 @@ import pytest
 
 from explicit import decode_splats, encode_splats
 from reference.gaussian_packets import ReferencePacket
-from splatwire.codec.schemas.gaussians.decoder import decode_packets, open_side_info
-from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.packets import PRESETS, Packetization, arrived_blocks, stream_from_bytes, stream_to_bytes
-from splatwire.scene.splats import Splats
+from splatwire.bitstream import PRESETS, Packetization, arrived_blocks, stream_from_bytes, stream_to_bytes
+from splatwire.codec.gaussians.decoder import decode_packets, open_side_info
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.types.splats import Splats
 
 FILE = Path(__file__).with_name("gaussians_3.json")
 OLD = FILE.with_name("gaussians.json")
@@ -59,7 +59,7 @@ def integers(stream):
     """Rows and harmonics of all Gaussians, block by block in the order of the packets."""
     info = open_side_info(stream.manifest, stream.side_info)
     found = [
-        decode_packets(info, block.number, block.counts, block.payloads)
+        decode_packets(info, block.block, block.counts, block.payloads)
         for block in arrived_blocks(stream.manifest.plan, stream.packets)
     ]
     return tuple(np.concatenate(part) for part in zip(*found, strict=True))

@@ -1,23 +1,23 @@
-"""A scene with levels (format 4) as the first release that wrote them wrote it: it decodes to the same for ever."""
+"""A scene with levels (format 4), written by the first release of levels, decodes to the same integers."""
 
 from pathlib import Path
 
+from splatwire.bitstream import read_stream
 from splatwire.codec import decode_stream
-from splatwire.levels import tiles_of
-from splatwire.packets import read_stream
+from splatwire.lod import tiles_of
 
 STREAM = Path(__file__).with_name("tiny_levels.swz")
 DIGEST = "6bb7ddc5c27c2426db3b2e69e6c1f45185e72cf8b743d3969867a496f7425061"
 
 
-def test_it_decodes_to_the_same_integers():
+def test_golden_levels_decode_to_the_same_integers():
     stream, report = read_stream(STREAM)
     assert report.num_missing == 0
     assert stream.manifest.symbols_digest == DIGEST
-    decode_stream(stream)  # compares what it decodes with that
+    decode_stream(stream)  # decoding compares the digest
 
 
-def test_it_has_the_same_tiles():
+def test_golden_levels_have_the_same_tiles():
     tiles = tiles_of(read_stream(STREAM)[0])
     assert tiles.levels.tolist() == [2] + [1] * 3 + [0] * 23
     assert tiles.parents[4:].tolist() == [1] * 8 + [2] * 7 + [3] * 8

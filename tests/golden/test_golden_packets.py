@@ -1,9 +1,8 @@
-"""Pinned bytes: a change here is a change of the wire format and needs a new version number."""
+"""Pinned bytes of the wire format. A change needs a new version number."""
 
 import numpy as np
 
-from splatwire.channel import LOSS_PRESETS, Bernoulli, transmit
-from splatwire.packets import (
+from splatwire.bitstream import (
     PRESETS,
     PacketId,
     Packetization,
@@ -14,6 +13,7 @@ from splatwire.packets import (
     stream_from_bytes,
     stream_to_bytes,
 )
+from splatwire.channel import LOSS_PRESETS, Bernoulli, transmit
 
 LANES_1337 = [3, 7, 2, 1, 3, 5, 1, 4, 1, 5, 2, 6, 5, 1, 6, 2, 7, 1, 3, 5, 5, 3, 0, 6, 7, 3, 5, 1, 6, 1, 4, 2]
 PACKET_HEX = "01ddccbbaa010745230177019e16bebc73706c6174"
@@ -49,16 +49,16 @@ def tiny_stream():
     )
 
 
-def test_lanes_of_the_first_ranks():
+def test_lanes_of_the_first_ranks_are_pinned():
     assert (PacketPlan(PRESETS["paper"], 32).packet_index_of() % 8).tolist() == LANES_1337
 
 
-def test_packet():
+def test_packet_bytes_are_pinned():
     packet = make_packet(PacketId(0x012345, 7, 1), 0x0177, b"splat", 0xAABBCCDD)
     assert packet.data.hex() == PACKET_HEX
 
 
-def test_stream():
+def test_stream_bytes_are_pinned():
     stream = tiny_stream()
     assert manifest_to_bytes(stream.manifest).decode() == MANIFEST
     golden = bytes.fromhex(STREAM_HEAD_HEX) + MANIFEST.encode() + b"side" + bytes.fromhex(RECORDS_HEX)
@@ -66,8 +66,8 @@ def test_stream():
     assert stream_from_bytes(golden)[0] == stream
 
 
-def test_masks():
-    """A seed means the same loss in every release, so that published results can be repeated."""
+def test_loss_masks_are_pinned():
+    """A seed gives the same loss in every release, so that published results are reproducible."""
     assert np.flatnonzero(~Bernoulli(0.2).received(48, generator())).tolist() == [2, 3, 11, 13, 15, 20, 21, 32]
     assert np.flatnonzero(~LOSS_PRESETS["webrtc-20/3"].received(48, generator())).tolist() == [0, 1, 3, 12, 13, 21]
     assert transmit(tiny_stream(), Bernoulli(0.5), seed=0)[1].lost == ("pak_lane1_s0.pak", "pak_lane1_s1.pak")

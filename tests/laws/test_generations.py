@@ -1,4 +1,4 @@
-"""What was decoded is a fixed point: encoded again, its elements are the same integers, in whatever packets."""
+"""Decoded scenes are a fixed point: encoding them again gives the same integers in any packets."""
 
 import base64
 import json
@@ -9,19 +9,21 @@ import numpy as np
 import pytest
 
 from scenes import tiny_causal_scene, tiny_scene
+from splatwire.anchors.appearance import Scene
+from splatwire.anchors.scene_file import load_scene, save_partial, save_scene
+from splatwire.bitstream import PRESETS, Packetization, SceneStream, spread_packetization, stream_from_bytes
 from splatwire.codec import add_concealment, decode_stream, encode_scene, repack
-from splatwire.codec.schemas.gaussians.coding import coding_to_bytes
-from splatwire.codec.schemas.gaussians.copies_encoder import write_copies
-from splatwire.codec.schemas.gaussians.decoder import open_side_info
+from splatwire.codec.gaussians.coding import coding_to_bytes
+from splatwire.codec.gaussians.copies_encoder import write_copies
+from splatwire.codec.gaussians.decoder import open_side_info
 from splatwire.errors import InvalidValueError, SplatwireError
-from splatwire.formats import PlyNote, write_splats
-from splatwire.model import AnchorScene, Copies, SplatScene
-from splatwire.model.appearance import Scene
-from splatwire.model.scene_file import load_scene, save_partial, save_scene
-from splatwire.packets import PRESETS, Packetization, SceneStream, spread_packetization, stream_from_bytes
-from splatwire.scene.splats import Splats
-from splatwire.scene_io import open_scene
-from splatwire.scene_io import save_scene as save_scene_as
+from splatwire.io import open_scene
+from splatwire.io import save_scene as save_scene_as
+from splatwire.io.formats import PlyNote, write_splats
+from splatwire.types import AnchorScene, Copies, SplatScene
+from splatwire.types.splats import Splats
+
+pytestmark = pytest.mark.slow
 
 ANCHORS = {"hacpp": tiny_scene(5, 300), "causal": tiny_causal_scene(5, 300)}
 PACKETIZATIONS = {
@@ -35,7 +37,7 @@ PACKETIZATIONS = {
 
 
 def tensors(scene: AnchorScene) -> dict[str, np.ndarray]:
-    """Everything that is drawn, by name."""
+    """All rendered attributes, by name."""
     found = dict(vars(scene.anchors))
     for name, head in vars(scene.heads).items():
         for layer in ("hidden", "output"):
@@ -74,19 +76,19 @@ def test_decoded_anchors_are_a_fixed_point_through_files(codec: str, file: str, 
 
 @pytest.mark.parametrize("codec", ANCHORS)
 @pytest.mark.parametrize("packets", PACKETIZATIONS)
-def test_decoded_anchors_stay_the_same_in_other_packets(codec: str, packets: str) -> None:
+def test_decoded_anchors_are_stable_under_other_packetizations(codec: str, packets: str) -> None:
     first = decode_stream(encode_scene(ANCHORS[codec], PACKETIZATIONS["few"])).scene
     assert_equal(decode_stream(encode_scene(first, PACKETIZATIONS[packets])).scene, first)
 
 
 @pytest.mark.parametrize("codec", ANCHORS)
-def test_decoded_anchors_stay_the_same_with_tiers(codec: str) -> None:
+def test_decoded_anchors_are_stable_with_tiers(codec: str) -> None:
     first = decode_stream(encode_scene(ANCHORS[codec], PACKETIZATIONS["few"])).scene
     tiers = (np.arange(first.num_elements) % 3 > 0).astype(np.uint8)
     assert_equal(decode_stream(encode_scene(first, PACKETIZATIONS["datagram"], tiers=tiers)).scene, first)
 
 
-def test_hacpp_stays_the_same_in_separated_packets() -> None:
+def test_hacpp_anchors_are_stable_in_separated_packets() -> None:
     first = decode_stream(encode_scene(ANCHORS["hacpp"], PACKETIZATIONS["few"])).scene
     native = decode_stream(encode_scene(first, PRESETS["hacpp"])).scene
     again: Scene = decode_stream(encode_scene(native, PACKETIZATIONS["few"])).scene
@@ -134,13 +136,13 @@ def test_incomplete_streams_and_sections_of_another_order_are_not_repacked() -> 
 
 
 def gaussians(degree: int, seed: int = 0) -> tuple[SplatScene, np.ndarray]:
-    """Gaussians of all kinds, some beyond the ranges of the format, and their classes of precision."""
+    """Gaussians of all kinds, some outside the ranges of the format, and their precision classes."""
     rng = np.random.default_rng(seed)
     count = 400
     means = rng.normal(size=(count, 3)) * 2.0 ** rng.integers(-3, 4, (count, 1)) + [100, -7, 0]
     scales = np.exp(rng.normal(size=(count, 3)) * 2 - 4)
     scales[:40] = scales[:40, :1]  # balls
-    scales[40:60, 2] *= 2.0**-14  # thinner than the format has it
+    scales[40:60, 2] *= 2.0**-14  # thinner than the format allows
     opacities = rng.uniform(0.001, 1.0, count)
     opacities[::7] = 1.0
     opacities[1::50] = 1e-5
@@ -151,7 +153,7 @@ def gaussians(degree: int, seed: int = 0) -> tuple[SplatScene, np.ndarray]:
 
 
 def ordered(stream: SceneStream) -> tuple[np.ndarray, np.ndarray]:
-    """All numbers of a stream's Gaussians with their classes, in an order that depends on nothing but themselves."""
+    """All numbers of a stream's Gaussians with their classes, in an order that depends only on the numbers."""
     scene = decode_stream(stream).scene
     assert isinstance(scene, SplatScene)
     assert scene.coding is not None
@@ -174,7 +176,7 @@ def test_decoded_gaussians_encode_to_the_same_integers(degree: int, quality: str
 
 @pytest.mark.parametrize("degree", [0, 3])
 def test_decoded_gaussians_are_a_fixed_point_through_a_ply(degree: int, tmp_path: Path) -> None:
-    """Those that arrived, and all; who changes a row of the file has Gaussians that nobody rounded."""
+    """The received and all Gaussians; a changed row of the file has no recorded rounding."""
     scene, classes = gaussians(degree)
     first, path = encode_scene(scene, PACKETIZATIONS["few"], classes=classes), tmp_path / "decoded.ply"
     save_scene_as(decode_stream(first), path)
@@ -193,7 +195,7 @@ def test_decoded_gaussians_are_a_fixed_point_through_a_ply(degree: int, tmp_path
     assert changed.coding is None
 
 
-def test_whatever_a_ply_says_that_gaussians_were_rounded_to(tmp_path: Path) -> None:
+def test_mutated_rounding_records_of_a_ply_are_read_or_refused(tmp_path: Path) -> None:
     scene, _ = gaussians(1)
     rng, path, refused = np.random.default_rng(0), tmp_path / "scene.ply", 0
     coding = decode_stream(encode_scene(scene, PACKETIZATIONS["few"])).scene.coding
@@ -215,7 +217,7 @@ def test_whatever_a_ply_says_that_gaussians_were_rounded_to(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("packets", PACKETIZATIONS)
-def test_gaussians_are_the_same_in_whatever_packets(packets: str) -> None:
+def test_gaussians_are_equal_under_every_packetization(packets: str) -> None:
     scene, classes = gaussians(2)
     first = encode_scene(scene, PACKETIZATIONS["few"], classes=classes)
     decoded, tiers = decode_stream(first).scene, (np.arange(400) % 3 > 0).astype(np.uint8)
@@ -241,8 +243,8 @@ def test_part_of_decoded_gaussians_keeps_its_integers() -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_what_nearly_a_float_tells_apart_stays(seed: int) -> None:
-    """Places whose cells are about as small as the difference of two floats."""
+def test_positions_near_float_resolution_are_stable(seed: int) -> None:
+    """Positions with cells about as small as the difference of neighbouring floats."""
     rng = np.random.default_rng(seed)
     scene, _ = gaussians(0, seed)
     splats = scene.splats

@@ -1,4 +1,4 @@
-"""Laws of packets: what holds for every packetization, stream and loss."""
+"""Laws of packets for every packetization, stream and loss."""
 
 from dataclasses import replace
 
@@ -7,8 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from reference.splitmix64 import splitmix64_reference
-from splatwire.channel import parse_loss, transmit
-from splatwire.packets import (
+from splatwire.bitstream import (
     Packetization,
     PacketPlan,
     SceneStream,
@@ -25,6 +24,7 @@ from splatwire.packets import (
     tier_order,
     write_stream,
 )
+from splatwire.channel import parse_loss, transmit
 
 laws = settings(max_examples=60, deadline=None)
 packetizations = st.builds(
@@ -43,7 +43,7 @@ plans = st.tuples(packetizations, st.integers(0, 1500), cuts)
 
 
 def plan_of(packetization: Packetization, num_anchors: int, cuts: list[int] | tuple[()] = ()) -> PacketPlan:
-    """A plan with tiers that end where the cuts are; inside the tests because the type checks draw from `random`."""
+    """A plan with tiers that end at the cuts; created inside the tests because type checks draw from `random`."""
     inner = {cut for cut in cuts if 0 < cut < num_anchors}
     if not inner or packetization.packaging != "atomic":
         return PacketPlan(packetization, num_anchors, feature_groups=2 if packetization.separated else 0)
@@ -52,7 +52,7 @@ def plan_of(packetization: Packetization, num_anchors: int, cuts: list[int] | tu
 
 
 def build(packetization: Packetization, num_anchors: int, seed: int, tiers: tuple[TierShape, ...] = ()) -> SceneStream:
-    """A stream of random bytes; built inside the tests because the type checks draw from `random`."""
+    """A stream of random bytes; created inside the tests because type checks draw from `random`."""
     plan, rng = (
         PacketPlan(packetization, num_anchors, tiers, 2 if packetization.separated else 0),
         np.random.default_rng(seed),
@@ -90,7 +90,7 @@ def test_each_rank_is_in_exactly_one_group(args):
 
 @laws
 @given(plans)
-def test_all_views_of_a_plan_agree(args):
+def test_all_representations_of_a_plan_agree(args):
     plan = plan_of(*args)
     p, index = plan.packetization, plan.packet_index_of()
     assert index.dtype == np.int32
@@ -119,7 +119,7 @@ def test_a_packet_holds_anchors_of_one_tier(args):
 @laws
 @given(st.lists(st.integers(0, 3), max_size=300), packetizations, losses, seeds)
 def test_tiers_round_trip(numbers, packetization, loss, seed):
-    """Manifest, bytes and channel with tiers; places are a permutation of ranks that keeps each tier's order."""
+    """Manifest, bytes and channel with tiers; places are a permutation of ranks that keeps the order of each tier."""
     tiers = np.unique(numbers, return_inverse=True)[1].astype(np.uint8)
     order = tier_order(tiers)
     assert sorted(order.tolist()) == list(range(len(tiers)))
@@ -141,7 +141,7 @@ def test_tiers_round_trip(numbers, packetization, loss, seed):
 
 @laws
 @given(plans)
-def test_the_papers_equations(args):
+def test_plan_follows_the_papers_equations(args):
     plan = plan_of(*args[:2])
     p = plan.packetization
     for rank, j in enumerate(plan.packet_index_of().tolist()):
@@ -153,7 +153,7 @@ def test_the_papers_equations(args):
 
 @laws
 @given(plans)
-def test_contiguous_runs(args):
+def test_contiguous_packets_hold_runs_of_ranks(args):
     plan = plan_of(*args[:2])
     p = plan.packetization
     plan = PacketPlan(Packetization(p.block_size, p.lanes, grouping="contiguous"), plan.num_elements)
@@ -168,7 +168,7 @@ def test_contiguous_runs(args):
 
 @laws
 @given(packetizations, sizes)
-def test_a_manifest_reads_back(packetization, num_anchors):
+def test_manifest_round_trips(packetization, num_anchors):
     stream = build(packetization, num_anchors, 0)
     assert manifest_from_bytes(manifest_to_bytes(stream.manifest)) == stream.manifest
     assert stream.manifest.plan.ids == tuple(packet.id for packet in stream.packets)
@@ -191,8 +191,8 @@ def test_a_channel_only_removes_packets(packetization, num_anchors, loss, seed):
 
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(packetizations, sizes, losses, seeds)
-def test_directory_and_file_hold_the_same(tmp_path, packetization, num_anchors, loss, seed):
-    """Directory, file, and back again; losing packets by the channel or by deleting files is the same."""
+def test_directory_and_file_hold_equal_streams(tmp_path, packetization, num_anchors, loss, seed):
+    """Round trip through directory and file; losing packets by the channel equals deleting their files."""
     stream = build(packetization, num_anchors, seed)
     arrived, record = transmit(stream, parse_loss(loss), seed=seed)
     write_stream(stream, tmp_path / "stream")

@@ -1,39 +1,39 @@
-"""Masks: what they leave out has no influence, and a rectangle is what the cut-out is."""
+"""Masked pixels have no influence, and a rectangular mask equals a crop."""
 
 import numpy as np
 import pytest
-import torch
 
 from close import assert_close
-from metrics.test_lpips import write_weights
+from random_numbers import Numbers
 from splatwire.errors import InvalidValueError
 from splatwire.metrics import black_outside, psnr, ssim
 from splatwire.metrics.lpips import load_lpips
+from tensor_files import write_lpips_weights
 
 METRICS = {"psnr": psnr, "ssim": ssim}
 
 
 def pictures(height: int = 40, width: int = 50) -> tuple[np.ndarray, np.ndarray]:
-    rng = torch.Generator().manual_seed(2)
-    first = torch.rand(2, height, width, 3, generator=rng).numpy()
-    return first, (first + 0.2 * torch.randn(first.shape, generator=rng).numpy()).clip(0, 1)
+    rng = Numbers(2)
+    first = rng.rand(2, height, width, 3)
+    return first, (first + 0.2 * rng.randn(*first.shape)).clip(0, 1)
 
 
 def garbled(images: np.ndarray, masks: np.ndarray, seed: int) -> np.ndarray:
-    garbage = torch.rand(images.shape, generator=torch.Generator().manual_seed(seed)).numpy()
+    garbage = Numbers(seed).rand(*images.shape)
     return np.where(masks[..., None], images, garbage)
 
 
 @pytest.fixture
 def masks() -> np.ndarray:
-    """A ragged one and a full one."""
-    ragged = torch.rand(2, 40, 50, generator=torch.Generator().manual_seed(3)).numpy() < 0.3
+    """An irregular mask and a full one."""
+    ragged = Numbers(3).rand(2, 40, 50) < 0.3
     ragged[1] = True
     return ragged
 
 
 @pytest.mark.parametrize("metric", METRICS.values(), ids=METRICS)
-def test_garbage_outside_changes_nothing(metric, masks):
+def test_pixels_outside_the_mask_change_nothing(metric, masks):
     a, b = pictures()
     expected = metric(a, b, masks)
     assert np.array_equal(metric(garbled(a, masks, 5), garbled(b, masks, 6), masks), expected)
@@ -42,7 +42,7 @@ def test_garbage_outside_changes_nothing(metric, masks):
 
 
 @pytest.mark.parametrize("metric", METRICS.values(), ids=METRICS)
-def test_a_rectangle_is_the_cut_out(metric):
+def test_rectangular_mask_equals_cropping(metric):
     a, b = pictures()
     masks = np.zeros((2, 40, 50), np.bool_)
     masks[:, 7:29, 11:42] = True
@@ -50,7 +50,7 @@ def test_a_rectangle_is_the_cut_out(metric):
     assert_close(metric(a, b, masks), cut, rtol=1e-5, atol=1e-6)
 
 
-def test_equal_inside_is_equal(masks):
+def test_pictures_equal_inside_the_mask_are_equal(masks):
     a, _ = pictures()
     other = garbled(a, masks, 5)
     assert psnr(a, other, masks)[0] == float("inf")
@@ -58,14 +58,14 @@ def test_equal_inside_is_equal(masks):
 
 
 @pytest.mark.parametrize("metric", METRICS.values(), ids=METRICS)
-def test_a_mask_that_leaves_nothing_is_an_error(metric, masks):
+def test_empty_mask_is_refused(metric, masks):
     masks[1] = False
     with pytest.raises(InvalidValueError, match="leaves nothing"):
         metric(*pictures(), masks)
 
 
-def test_lpips_of_blackened_pictures_knows_nothing_of_the_outside(tmp_path):
-    lpips = load_lpips(*write_weights(tmp_path, "alex"), "alex")
+def test_masked_lpips_ignores_pixels_outside(tmp_path):
+    lpips = load_lpips(*write_lpips_weights(tmp_path), "alex")
     a, b = pictures(64, 70)
     masks = np.zeros((2, 64, 70), np.bool_)
     masks[:, 10:50, 5:40] = True

@@ -18,7 +18,7 @@ def _codes(kind: str, count: int) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", ["any", "few", "one", "close"])
 @pytest.mark.parametrize("count", [0, 1, 5, 3 * SOME + 1])
-def test_the_order_is_that_of_a_stable_sort(kind: str, count: int):
+def test_code_order_equals_a_stable_sort(kind: str, count: int):
     codes = _codes(kind, count)
     assert code_order(lambda some: codes[some], count, 63).tolist() == np.argsort(codes, kind="stable").tolist()
     groups = (np.arange(count) % 5 // 2).astype(np.uint8)
@@ -26,7 +26,7 @@ def test_the_order_is_that_of_a_stable_sort(kind: str, count: int):
     assert found.tolist() == np.lexsort((codes, groups)).tolist()
 
 
-def test_memory_is_that_of_the_order():
+def test_memory_is_bounded_by_the_order():
     count = 3_000_000
     tracemalloc.start()
     order = code_order(lambda some: some.astype(np.int64) * 0x9E3779B1 & (1 << 32) - 1, count, 32)

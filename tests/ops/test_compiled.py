@@ -1,4 +1,4 @@
-"""Kernels keep their machine code where they may, and nowhere else."""
+"""Compiled kernels are cached in private folders only."""
 
 import logging
 import os
@@ -13,6 +13,8 @@ import pytest
 
 from splatwire.ops import compiled
 
+pytestmark = pytest.mark.slow
+
 SOURCE = Path(compiled.__file__).resolve().parents[2]
 _NOBODY = 65534
 
@@ -26,7 +28,7 @@ def _fresh():
 
 @pytest.fixture
 def temporary(tmp_path, monkeypatch):
-    """A folder for temporary files that all may write to, as `/tmp` is."""
+    """A folder for temporary files with the permissions of `/tmp`."""
     folder = tmp_path / "tmp"
     folder.mkdir()
     folder.chmod(0o1777)
@@ -34,7 +36,7 @@ def temporary(tmp_path, monkeypatch):
     return folder
 
 
-def test_the_folder_is_private_and_the_same_each_time(temporary):
+def test_cache_folder_is_private_and_stable(temporary):
     folder = compiled.private_folder()
     assert folder.parent == temporary
     assert folder.stat().st_mode & 0o777 == 0o700
@@ -54,18 +56,18 @@ def _link(folder):
 
 def _open_parent(folder):
     folder.mkdir(mode=0o700)
-    folder.parent.chmod(0o777)  # not sticky: anyone can put another folder in its place
+    folder.parent.chmod(0o777)  # without the sticky bit any user can replace it by another folder
 
 
 @pytest.mark.parametrize("plant", [_loosen, _link, _open_parent, Path.touch])
-def test_a_folder_that_others_can_reach_into_is_not_taken(plant, temporary, caplog):
+def test_cache_folder_writable_by_others_is_not_used(plant, temporary, caplog):
     plant(temporary / f"splatwire-kernels-{os.getuid()}")
     assert compiled.private_folder() is None
     assert "NUMBA_CACHE_DIR" in caplog.text
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="gives a folder away")
-def test_a_folder_of_another_user_is_not_taken(temporary):
+def test_cache_folder_of_another_user_is_not_used(temporary):
     folder = temporary / f"splatwire-kernels-{os.getuid()}"
     folder.mkdir(mode=0o700)
     os.chown(folder, _NOBODY, _NOBODY)
@@ -73,7 +75,7 @@ def test_a_folder_of_another_user_is_not_taken(temporary):
 
 
 def _refuse_caches(monkeypatch):
-    """Has numba find no place by itself, as in a read-only container without a home."""
+    """Makes numba find no cache folder, as in a read-only container without a home."""
 
     def njit(*, cache=False, **options):
         if cache and not numba.config.CACHE_DIR:
@@ -84,7 +86,7 @@ def _refuse_caches(monkeypatch):
     monkeypatch.setattr("numba.config.CACHE_DIR", "")
 
 
-def test_without_a_place_of_numbas_the_private_folder_is_taken(temporary, monkeypatch):
+def test_private_folder_is_used_without_a_numba_cache(temporary, monkeypatch):
     _refuse_caches(monkeypatch)
     kernel = compiled.njit(nogil=True)(_twice)
     assert kernel(21) == 42
@@ -92,14 +94,14 @@ def test_without_a_place_of_numbas_the_private_folder_is_taken(temporary, monkey
     assert numba.config.CACHE_DIR == ""
 
 
-def test_without_any_place_nothing_is_kept(temporary, monkeypatch):
+def test_no_cache_is_kept_without_a_writable_folder(temporary, monkeypatch):
     _refuse_caches(monkeypatch)
     monkeypatch.setattr(compiled, "private_folder", lambda: None)
     assert compiled.njit(nogil=True)(_twice)(21) == 42
     assert not list(temporary.rglob("*.nbi"))
 
 
-def test_compiling_is_logged_once_and_loading_is_not(tmp_path, monkeypatch, caplog):
+def test_compilation_is_logged_once_and_loading_is_not(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(_twice, "__module__", "splatwire.here")
     with caplog.at_level(logging.INFO, compiled.LOG.name):
@@ -125,8 +127,8 @@ CHAIN = {
 
 
 @pytest.mark.parametrize(("file", "old", "new", "result"), [("inner", "+ 10", "+ 20", 43), ("limits", "1", "5", 27)])
-def test_a_kernel_is_compiled_again_where_what_it_calls_or_reads_changed(file, old, new, result, tmp_path):
-    """What numba itself does not see: the file of the kernel that is called is the same as before."""
+def test_kernel_is_recompiled_when_its_dependencies_change(file, old, new, result, tmp_path):
+    """numba does not detect this change, because the file of the called kernel is unchanged."""
     package = tmp_path / "chain"
     package.mkdir()
     for name, text in CHAIN.items():
@@ -154,7 +156,7 @@ def test_a_kernel_is_compiled_again_where_what_it_calls_or_reads_changed(file, o
     assert run() == [str(result)]
 
 
-def test_no_kernel_goes_around_it():
+def test_every_kernel_uses_the_shared_cache():
     for path in (SOURCE / "splatwire").rglob("*.py"):
         if path != Path(compiled.__file__):
             assert "numba import njit" not in path.read_text(encoding="utf-8"), path
@@ -162,7 +164,7 @@ def test_no_kernel_goes_around_it():
 
 
 def test_a_read_only_installation_decodes_without_a_home(temporary):
-    """As in an ordinary container. Files in the place of folders keep even root from writing beside the source."""
+    """Simulates an ordinary container; files in place of folders stop even root from writing beside the source."""
     installed = temporary.parent / "installed"
     shutil.copytree(SOURCE / "splatwire", installed / "splatwire", ignore=shutil.ignore_patterns("__pycache__"))
     for folder in [installed / "splatwire", *(installed / "splatwire").rglob("*/")]:
@@ -183,8 +185,8 @@ def test_a_read_only_installation_decodes_without_a_home(temporary):
     assert list((temporary / f"splatwire-kernels-{os.getuid()}").rglob("*.nbi"))
 
 
-def test_an_index_that_cannot_be_read_counts_as_empty(tmp_path, monkeypatch):
-    """One of another release names types that are gone by now, and numba unpickles it."""
+def test_unreadable_cache_index_counts_as_empty(tmp_path, monkeypatch):
+    """An index of another release names removed types, and numba unpickles it."""
     source = "from splatwire.ops.compiled import njit\n\n\n@njit()\ndef doubled(x):\n    return 2 * x\n"
     (tmp_path / "old_kernels.py").write_text(source)
     words = [sys.executable, "-c", "import old_kernels; print(old_kernels.doubled(3))"]
@@ -214,10 +216,10 @@ print(data.hex())
 """
 
 
-def test_kernels_say_the_same_where_numba_has_no_private_option(tmp_path):
-    """`_nrt` may be gone from the next numba: then kernels count who holds arrays, and code the same bytes."""
+def test_kernels_work_without_numbas_private_option(tmp_path):
+    """A later numba may lack `_nrt`; kernels then count references to arrays and code the same bytes."""
     found = {}
-    for way in ("plain", "borrowing"):  # the second one as always, out of the cache of this machine
+    for way in ("plain", "borrowing"):  # the second one runs normally from the cache of this machine
         cache = {"NUMBA_CACHE_DIR": str(tmp_path)} if way == "plain" else {}
         environment = os.environ | {"PYTHONPATH": str(SOURCE)} | cache
         words = [sys.executable, "-c", _CODED, way]
@@ -227,6 +229,6 @@ def test_kernels_say_the_same_where_numba_has_no_private_option(tmp_path):
     assert found["plain"] == found["borrowing"] != ""
 
 
-def test_an_option_that_numba_does_not_have_is_told_from_one_that_it_has():
+def test_unknown_numba_options_are_detected():
     assert compiled._knows("_nrt")
     assert not compiled._knows("_gone")

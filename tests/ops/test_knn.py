@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-import torch
 
+from random_numbers import Numbers
 from splatwire.ops.knn import NeighborTree, nearest_neighbors, nearest_others
 
 
@@ -12,9 +12,9 @@ def brute_force(support: np.ndarray, queries: np.ndarray, k: int) -> tuple[np.nd
 
 
 @pytest.mark.parametrize(("num_points", "k"), [(500, 1), (500, 8), (500, 128), (5, 8), (1, 3), (0, 3)])
-def test_agrees_with_brute_force(num_points: int, k: int) -> None:
-    rng = torch.Generator().manual_seed(num_points + k)
-    support, queries = torch.randn(num_points, 3, generator=rng).numpy(), torch.randn(70, 3, generator=rng).numpy()
+def test_knn_equals_brute_force(num_points: int, k: int) -> None:
+    rng = Numbers(num_points + k)
+    support, queries = rng.randn(num_points, 3), rng.randn(70, 3)
     index, distance = nearest_neighbors(support, queries, k)
     wanted, far = brute_force(support, queries, k)
     assert index.shape == (70, min(k, num_points))
@@ -31,14 +31,14 @@ def test_equal_distances_go_to_the_lower_index() -> None:
     assert np.array_equal(distance, np.sqrt(np.full((1, 4), 3.0, np.float32)))
 
 
-def test_no_queries() -> None:
-    index, distance = nearest_neighbors(torch.randn(4, 3).numpy(), np.zeros((0, 3), np.float32), 2)
+def test_knn_accepts_no_queries() -> None:
+    index, distance = nearest_neighbors(Numbers(0).randn(4, 3), np.zeros((0, 3), np.float32), 2)
     assert index.shape == distance.shape == (0, 2)
 
 
 @pytest.mark.parametrize("k", [1, 5, 39, 60])
-def test_others_are_the_neighbours_without_oneself(k: int) -> None:
-    points = torch.randn(40, 3, generator=torch.Generator().manual_seed(k)).numpy()
+def test_neighbours_exclude_the_point_itself(k: int) -> None:
+    points = Numbers(k).randn(40, 3)
     own = np.array([3, 0, 39, 17])
     index, distance = nearest_others(NeighborTree(points), points[own], own, k)
     for row, me in enumerate(own.tolist()):
@@ -48,7 +48,7 @@ def test_others_are_the_neighbours_without_oneself(k: int) -> None:
         np.testing.assert_allclose(distance[row], far[0], rtol=1e-6)
 
 
-def test_others_among_twins() -> None:
+def test_neighbours_among_coincident_points_exclude_the_point_itself() -> None:
     points = np.zeros((20, 3), np.float32)
     own = np.arange(20)
     index, distance = nearest_others(NeighborTree(points), points, own, 4)
@@ -59,7 +59,7 @@ def test_others_among_twins() -> None:
         assert me not in row
 
 
-def test_a_lonely_point_has_no_others() -> None:
+def test_single_point_has_no_neighbours() -> None:
     points = np.zeros((1, 3), np.float32)
     index, distance = nearest_others(NeighborTree(points), points, np.array([0]), 4)
     assert index.shape == distance.shape == (1, 0)

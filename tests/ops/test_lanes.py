@@ -1,4 +1,4 @@
-"""Sixteen floats at a time against numpy, one function at a time."""
+"""Kernels on sixteen floats at a time against numpy, one function at a time."""
 
 import numba
 import numpy as np
@@ -41,7 +41,7 @@ def test_powers_of_two_are_near_exact_over_the_whole_range() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_arithmetic_and_masks_are_numpys(seed: int) -> None:
+def test_arithmetic_and_masks_equal_numpy(seed: int) -> None:
     a, b = np.random.default_rng(seed).normal(size=(2, 16)).astype(np.float32)
     c, out = np.float32(0.7), np.empty(32, np.float32)
     _arithmetic(a, b, c, out)
@@ -50,7 +50,7 @@ def test_arithmetic_and_masks_are_numpys(seed: int) -> None:
     np.testing.assert_allclose(out[16:], c - (a + c), rtol=1e-5, atol=1e-6)
 
 
-def test_totals_go_where_they_are_sent_and_nowhere_else() -> None:
+def test_totals_are_stored_at_their_index_only() -> None:
     rows, out = np.arange(32, dtype=np.float32), np.full(5, -1, np.float32)
     _totals(rows, out)
     assert out.tolist() == [-1, rows[:16].sum(), rows[16:].sum(), -1, -1]

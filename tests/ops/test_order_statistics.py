@@ -13,7 +13,7 @@ def _values(kind: str, count: int, dtype: str) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["any", "ties", "one"])
 @pytest.mark.parametrize("dtype", ["f4", "f8"])
 @pytest.mark.parametrize("count", [1, 2, 3, 70_001])
-def test_as_if_all_were_sorted(kind: str, dtype: str, count: int):
+def test_order_statistics_equal_those_of_sorted_values(kind: str, dtype: str, count: int):
     values = _values(kind, count, dtype)
     pieces = lambda: (values[begin : begin + 20_000] for begin in range(0, count, 20_000))  # noqa: E731
     ranks = [0, count // 3, count - 1]

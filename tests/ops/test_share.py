@@ -1,4 +1,4 @@
-"""Shared work is all done, once, in order, and errors of any thread reach the caller."""
+"""Shared work runs completely, once and in order, and errors of any thread reach the caller."""
 
 import os
 import threading
@@ -11,7 +11,7 @@ from splatwire.ops.threads import allowed_threads, share
 
 
 @pytest.mark.parametrize("num", [0, 1, 2, 1000])
-def test_every_item_is_done_once_and_results_keep_their_order(num):
+def test_every_item_runs_once_and_results_keep_their_order(num):
     done = []
 
     def work(item: int) -> int:
@@ -23,12 +23,12 @@ def test_every_item_is_done_once_and_results_keep_their_order(num):
 
 
 @pytest.mark.skipif(allowed_threads() < 2, reason="one processor")
-def test_another_thread_helps():
+def test_work_is_shared_with_another_thread():
     both = threading.Barrier(2)
     assert len(set(share(lambda _: (both.wait(20), threading.get_ident())[1], range(2)))) == 2
 
 
-def test_one_thread_is_the_callers_own():
+def test_single_thread_runs_in_the_caller():
     threads._LIMIT.set()
     try:
         assert set(share(lambda _: threading.get_ident(), range(50))) == {threading.get_ident()}
@@ -37,7 +37,7 @@ def test_one_thread_is_the_callers_own():
 
 
 @pytest.mark.parametrize("bad", [0, 5])
-def test_an_error_stops_the_work_and_reaches_the_caller(bad):
+def test_error_stops_the_work_and_is_raised_in_the_caller(bad):
     def work(item: int) -> None:
         time.sleep(0.001)
         if item == bad:
@@ -48,14 +48,14 @@ def test_an_error_stops_the_work_and_reaches_the_caller(bad):
     assert share(abs, [-1, 2]) == [1, 2]
 
 
-def test_work_may_share_its_own_work():
+def test_nested_sharing_works():
     assert share(lambda n: sum(share(lambda m: n * m, range(5))), range(8)) == [10 * n for n in range(8)]
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
-def test_a_forked_process_has_threads_of_its_own():
+def test_forked_process_starts_its_own_threads():
     share(abs, range(4))
-    child = os.fork()  # nothing of torch runs in the child
+    child = os.fork()  # no torch code runs in the child
     if child == 0:
         os._exit(0 if share(abs, [-3, -4]) == [3, 4] else 1)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0

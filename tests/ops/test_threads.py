@@ -1,4 +1,4 @@
-"""Small work stays on the thread that has it, and nobody else notices."""
+"""Small work stays on its thread and does not affect other threads."""
 
 import pytest
 from threadpoolctl import ThreadpoolController, threadpool_limits
@@ -16,12 +16,12 @@ def two_threads():
         yield
 
 
-def test_matrix_products_have_their_threads_again_once_the_last_one_leaves(two_threads):
+def test_blas_threads_are_restored_when_the_last_context_exits(two_threads):
     first, second = one_blas_thread(), one_blas_thread()
     first.__enter__()
     second.__enter__()
     assert blas_threads() == {1}
-    first.__exit__(None, None, None)  # not the order of a stack, as in threads
+    first.__exit__(None, None, None)  # not in the order of a stack, as with threads
     assert blas_threads() == {1}
     second.__exit__(None, None, None)
     assert blas_threads() == {2}

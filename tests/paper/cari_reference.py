@@ -1,14 +1,13 @@
-"""CARI once more, as loops over lists of numbers, straight from Section 3.3 of the paper; shares no code with it.
+"""CARI as loops over lists of numbers, from Section 3.3 of the paper, without shared code.
 
-Everything is float64 numpy on one anchor at a time; nothing is fast and nothing is clever.
+All values are float64 numpy arrays of one anchor at a time, without optimisation.
 """
 
 import math
 
 import numpy as np
 
-from splatwire.model import Prior
-from splatwire.scene import AnchorLayout
+from splatwire.types import AnchorLayout, Prior
 
 ALPHA, BETA, GAMMA, DELTA = 1.0, 2.0, 1.0, 1.5
 CONFIDENCE_RECOVERED = 0.5
@@ -34,9 +33,9 @@ def cari(context, num_candidates, num_neighbors, passes, eps):
     y = [v.double().numpy() for v in y]
     scale = [p.scale.double().numpy() for p in (prior.feature, prior.scaling, prior.offset)]
     mask = anchors.mask.numpy().copy()
-    mask[~received[:, 3]] = True  # not known yet: only ever read after a vote has replaced it
+    mask[~received[:, 3]] = True  # unknown until a vote has replaced it
 
-    # (attribute, columns within it) of the five (here: any number of) feature groups, scaling and offsets
+    # (attribute, columns within it) of the feature groups, scaling and offsets
     groups, start = [], 0
     for size in layout.feature_groups:
         groups.append((0, range(start, start + size)))
@@ -46,7 +45,7 @@ def cari(context, num_candidates, num_neighbors, passes, eps):
     def sigma(k, attribute, columns):
         return float(np.mean([scale[attribute][k, c] for c in columns]))
 
-    # residuals; None where there is none (yet)
+    # residuals; None where not yet available
     r = [[None] * n for _ in range(3)]
     for a in range(3):
         for k in range(n):

@@ -1,26 +1,25 @@
-"""A made-up scene whose features are a smooth function of place, so that neighbours tell what is lost."""
+"""A synthetic scene whose features are a smooth function of position, so neighbours predict lost features."""
 
 import numpy as np
 import torch
 
-from conceal.gaps import CONTEXT_DIM, LAYOUT, partial_of
-from splatwire.calibrate.pseudo_loss import CalibrationData
-from splatwire.model import AttributePrior, Prior
+from concealment.gaps import CONTEXT_DIM, LAYOUT, partial_of
+from splatwire.bitstream import PacketGroups
+from splatwire.calibration.pseudo_loss import CalibrationData
 from splatwire.ops.arrays import to_arrays
-from splatwire.packets import PacketGroups
-from splatwire.scene import Anchors, Erasures
+from splatwire.types import Anchors, AttributePrior, Erasures, Prior
 
 NUM_PACKETS = 40
 
 
 def smooth_field(num_anchors: int, *, noise: float, known_to_prior: float, seed: int = 0) -> CalibrationData:
-    """Makes the scene, complete, in packets whose anchors lie anywhere.
+    """Creates the complete scene in packets of scattered anchors.
 
     Args:
         num_anchors: Anchors, evenly spread over a cube.
-        noise: Standard deviation of what neighbours do not share; that of the smooth part is 1.
-        known_to_prior: Share of the smooth part that the prior's mean says. Its scale is the spread of the rest.
-        seed: Of everything random.
+        noise: Standard deviation of independent noise; that of the smooth part is 1.
+        known_to_prior: Share of the smooth part in the prior's mean. The prior's scale is the spread of the rest.
+        seed: Seed of all random choices.
     """
     rng = torch.Generator().manual_seed(seed)
 

@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 import torch
 
-from conceal.gaps import changed
+from concealment.gaps import changed
 from paper.contexts import estimate
 from paper.smooth_field import smooth_field
 from pretend_device import DEVICE, pretend_device
 from scenes import tiny_cameras, tiny_scene
-from splatwire.calibrate.pseudo_loss import calibration_data, pseudo_loss
+from splatwire.bitstream import Packetization
+from splatwire.calibration.pseudo_loss import calibration_data, pseudo_loss
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.model import Prior
-from splatwire.model.tensors import to_tensors
-from splatwire.packets import Packetization
+from splatwire.neural.model.tensors import to_tensors
 from splatwire.paper import Cari, Gnn, GnnSettings, GnnWeights, Idw, PriorMean
 from splatwire.paper.calibration.calibrate import calibrate
 from splatwire.paper.calibration.config import CALIBRATION_PRESETS, CalibrationConfig
@@ -31,6 +30,9 @@ from splatwire.paper.calibration.run import CalibrationRun
 from splatwire.paper.gnn.fusion import branches
 from splatwire.paper.gnn.graph import build_graph, prior_rows
 from splatwire.paper.gnn.network import RawResiduals
+from splatwire.types import Prior
+
+pytestmark = pytest.mark.slow
 
 SETTINGS = GnnSettings(neighbors=6, hidden=16, baseline="interpolation")
 CONFIG = CalibrationConfig(
@@ -59,7 +61,7 @@ def data(complete):
     return calibration_data(*complete, tiny_cameras(num_views=2, width=48, height=32))
 
 
-def test_whole_packets_are_dropped(data) -> None:
+def test_pseudo_losses_drop_whole_packets(data) -> None:
     known = pseudo_loss(data.groups, 400, 0.2, seed=3)
     ranks, starts = data.groups
     fates = [known[ranks[a:b]] for a, b in itertools.pairwise(starts)]
@@ -70,14 +72,14 @@ def test_whole_packets_are_dropped(data) -> None:
         assert 0 < int(pseudo_loss(data.groups, 400, rate, seed=0).sum()) < 400
 
 
-def test_a_network_sees_nothing_of_what_is_lost(data) -> None:
+def test_network_inputs_do_not_depend_on_lost_values(data) -> None:
     known = pseudo_loss(data.groups, 400, 0.3, seed=1)
-    partial = data.complete.without(known)
+    partial = data.complete.masked(known)
     assert not partial.scene.anchors.features[~known].any()
     assert bool(known[build_graph(partial, SETTINGS).index].all())
 
 
-def test_a_device_meets_no_tensor_of_the_cpu(data) -> None:
+def test_device_run_mixes_no_cpu_tensors(data) -> None:
     with pretend_device():
         result = calibrate(data, CONFIG, device=str(DEVICE))
     expected = calibrate(data, CONFIG)
@@ -89,7 +91,7 @@ def test_a_device_meets_no_tensor_of_the_cpu(data) -> None:
     assert result.errors == pytest.approx(expected.errors, rel=1e-3)
 
 
-def test_pictures_are_compared_on_the_cpu_only(data) -> None:
+def test_rendering_loss_requires_the_cpu(data) -> None:
     config = dataclasses.replace(CONFIG, losses=LossWeights(render=0.1))
     with pytest.raises(InvalidValueError, match="rendering loss is computed on the CPU, not on cuda"):
         calibrate(data, config, device="cuda")
@@ -101,7 +103,7 @@ def test_calibration_is_repeatable_and_resumable(data, tmp_path: Path) -> None:
     assert all(torch.equal(whole[name], again[name]) for name in whole)
 
     class PulledPlugError(Exception):
-        """Somebody pulls the plug."""
+        """Simulates a power failure."""
 
     def stop(iteration: int, loss: float) -> None:
         if iteration == 9:
@@ -118,8 +120,8 @@ def test_calibration_is_repeatable_and_resumable(data, tmp_path: Path) -> None:
         calibrate(data, CONFIG, checkpoint=tmp_path / "d", resume=True)
 
 
-def test_calibration_helps_where_there_is_something_to_learn(data) -> None:
-    """Residuals are made to follow from the hash feature alone, which no neighbour's residual tells."""
+def test_calibration_lowers_the_error_on_learnable_data(data) -> None:
+    """Residuals follow from the hash feature alone, so residuals of neighbours do not predict them."""
     prior = data.complete[Prior]
     residual = 2 * prior.feature.scale * prior.context[:, :12]
     anchors = dataclasses.replace(data.complete.scene.anchors, features=prior.feature.mean + residual)
@@ -139,7 +141,7 @@ def test_calibration_helps_where_there_is_something_to_learn(data) -> None:
     result = calibrate(easy, config)
     assert result.errors["feature"] < 0.97 * result.reference["feature"]
     known = pseudo_loss(data.groups, 400, 0.2, seed=77)
-    partial, rows = easy.complete.without(known), torch.from_numpy(np.flatnonzero(~known))
+    partial, rows = easy.complete.masked(known), torch.from_numpy(np.flatnonzero(~known))
     truth = to_tensors(anchors)
 
     def error(concealer) -> float:
@@ -149,8 +151,8 @@ def test_calibration_helps_where_there_is_something_to_learn(data) -> None:
     assert error(Gnn(result.weights)) < error(Cari())
 
 
-def test_what_does_not_help_is_never_trusted(data) -> None:
-    """Independent noise cannot be predicted: the result must be the interpolation, not worse."""
+def test_unhelpful_predictions_fall_back_to_interpolation(data) -> None:
+    """Independent noise cannot be predicted: the result must equal the interpolation, not be worse."""
     rng = np.random.default_rng(1)
     noise = data.complete[Prior].feature.mean + rng.standard_normal((400, 12)).astype(np.float32)
     anchors = dataclasses.replace(data.complete.scene.anchors, features=noise)
@@ -159,7 +161,7 @@ def test_what_does_not_help_is_never_trusted(data) -> None:
     assert result.errors["feature"] <= result.reference["feature"]
 
 
-def test_the_papers_preset_has_its_schedule_and_no_rule_of_ours(data) -> None:
+def test_paper_preset_uses_the_papers_schedule_without_selection(data) -> None:
     preset = CALIBRATION_PRESETS["paper"]
     assert (preset.iterations, preset.learning_rate, preset.drop_rate, preset.selected) == (15_000, 1e-3, 0.2, False)
     losses = preset.losses
@@ -169,21 +171,21 @@ def test_the_papers_preset_has_its_schedule_and_no_rule_of_ours(data) -> None:
         CONFIG, settings=preset.settings, learning_rate=1e-9, patience=1, validation_interval=2, selected=False
     )
     result = calibrate(data, hopeless)
-    assert result.iterations == hopeless.iterations  # nothing ends it early
+    assert result.iterations == hopeless.iterations  # no early stop
     assert result.weights.settings == preset.settings
     assert calibrate(data, dataclasses.replace(hopeless, selected=True)).iterations < hopeless.iterations
 
 
-def test_where_the_prior_knows_half_the_network_beats_every_interpolation() -> None:
-    """Features are half a smooth function that the prior says, half what only neighbours tell, and noise."""
+def test_network_beats_interpolation_when_the_prior_is_informative() -> None:
+    """Features are half a smooth function known to the prior, half a function known to neighbours, and noise."""
     data = smooth_field(1000, noise=0.5, known_to_prior=0.5)
     errors, weights = field_errors(data, FIELD)
     assert errors["gnn"] < min(errors["cari"], errors["idw"], errors["prior"]) - 0.005
     assert weights.settings.feature_threshold == 0.10
 
 
-def test_where_neighbours_tell_everything_the_papers_rule_alone_is_worse_than_cari() -> None:
-    """A small residual is full trust in the prior, which says nothing here; the added rule gives CARI instead."""
+def test_paper_rule_is_worse_than_cari_when_the_prior_is_uninformative() -> None:
+    """A small residual means full trust in the prior, which is uninformative here; the added rule gives CARI."""
     data = smooth_field(1000, noise=0.05, known_to_prior=0.0)
     alone, _ = field_errors(data, FIELD)
     assert alone["gnn"] > alone["cari"] + 0.05
@@ -193,10 +195,10 @@ def test_where_neighbours_tell_everything_the_papers_rule_alone_is_worse_than_ca
 
 
 def field_errors(data, config) -> tuple[dict[str, float], GnnWeights]:
-    """Errors of lost features over their spread, on a loss that calibration did not see."""
+    """Errors of lost features relative to their spread, under a loss that calibration did not use."""
     weights = calibrate(data, config).weights
     known, anchors = data.pseudo_losses([0.2], seed=77)[0], to_tensors(data.scene.anchors)
-    partial, rows = data.complete.without(known), torch.from_numpy(np.flatnonzero(~known))
+    partial, rows = data.complete.masked(known), torch.from_numpy(np.flatnonzero(~known))
     concealers = {"prior": PriorMean(), "idw": Idw(), "cari": Cari(), "gnn": Gnn(weights)}
     return {
         name: normalized_errors(estimate(c, partial).select(rows), anchors, channel_spread(anchors), rows)["feature"]
@@ -204,7 +206,7 @@ def field_errors(data, config) -> tuple[dict[str, float], GnnWeights]:
     }, weights
 
 
-def test_the_rendering_loss_reaches_the_network(data) -> None:
+def test_rendering_loss_has_gradients_for_the_network(data) -> None:
     losses = LossWeights(feature=1e-30, distill=0.0, smooth=0.0, prior=0.0, render=1.0)
     gradients = []
     for render in (0.0, 1.0):
@@ -217,10 +219,10 @@ def test_the_rendering_loss_reaches_the_network(data) -> None:
         calibrate(dataclasses.replace(data, cameras=None), dataclasses.replace(CONFIG, losses=losses))
 
 
-def test_the_equations_of_the_loss(data) -> None:
+def test_loss_follows_the_equations(data) -> None:
     known = pseudo_loss(data.groups, 400, 0.1, seed=0)
     complete = to_tensors(data.complete)
-    graph = build_graph(to_tensors(data.complete.without(known)), SETTINGS)
+    graph = build_graph(to_tensors(data.complete.masked(known)), SETTINGS)
     rng, count = torch.Generator().manual_seed(0), len(graph.queries)
     raw = RawResiduals(*(torch.randn(count, d, generator=rng) for d in (12, 6, 12, 4)))
     parts = branches(raw, prior_rows(complete[Prior], graph.queries), graph.interpolated, SETTINGS)
@@ -254,7 +256,7 @@ def test_the_equations_of_the_loss(data) -> None:
     assert float(weighted_sum(terms, weights)) == pytest.approx(total, rel=1e-3)
 
 
-def test_incomplete_scenes_and_senseless_runs_are_refused(complete) -> None:
+def test_incomplete_scenes_and_invalid_settings_are_refused(complete) -> None:
     stream, _ = complete
     lossy = stream.with_packets(stream.packets[1:])
     with pytest.raises(InvalidValueError, match="complete"):

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 import torch
 
-from conceal.gaps import LAYOUT, changed, permuted
+from concealment.gaps import LAYOUT, changed, permuted
 from paper.cari_reference import cari as cari_reference
 from paper.contexts import estimate, random_context
 from splatwire.errors import InvalidValueError
-from splatwire.model import Prior
-from splatwire.model.tensors import to_tensors
+from splatwire.neural.model.tensors import to_tensors
 from splatwire.ops.knn import nearest_neighbors
 from splatwire.paper import CARI_PRESETS, Cari, MaskVote
 from splatwire.paper.signature import residuals_of, signatures, uncertainties, unit_rows
 from splatwire.paper.weighting import ScoreExponents, Support, select_neighbors
+from splatwire.types import Prior
 
 ATTRIBUTES = ("features", "scalings", "offsets")
 
@@ -30,7 +30,7 @@ def test_the_paper_preset_holds_the_papers_constants() -> None:
 @pytest.mark.parametrize("separated", [False, True])
 @pytest.mark.parametrize("passes", [1, 2, 3])
 @pytest.mark.parametrize(("num_anchors", "candidates", "neighbors"), [(40, 12, 4), (25, 128, 8), (9, 3, 5)])
-def test_agrees_with_loops_over_the_equations(
+def test_cari_equals_loops_over_the_equations(
     num_anchors: int, candidates: int, neighbors: int, passes: int, separated: bool
 ) -> None:
     for seed in range(3):
@@ -44,7 +44,7 @@ def test_agrees_with_loops_over_the_equations(
         np.testing.assert_array_equal(result.mask.numpy(), mask)
 
 
-def test_the_compiled_scores_are_those_of_the_plain_version() -> None:
+def test_compiled_scores_equal_the_plain_version() -> None:
     context = random_context(600, 3)
     known = context.erasures.known
     support = Support(
@@ -62,13 +62,13 @@ def test_the_compiled_scores_are_those_of_the_plain_version() -> None:
         arguments = (support, queries, candidates, distance, 8, exponents)
         fast, plain = select_neighbors(*arguments), select_neighbors(*arguments, backend="torch")
         torch.testing.assert_close(fast.weight, plain.weight, rtol=1e-4, atol=1e-6)
-        assert (fast.index == plain.index).float().mean() > 0.999  # scores that are equal but for rounding may swap
+        assert (fast.index == plain.index).float().mean() > 0.999  # scores that differ by rounding only may swap
         assert bool((fast.weight >= 0).all())
         torch.testing.assert_close(fast.weight.sum(dim=2), torch.ones(len(queries), 8), rtol=0, atol=1e-4)
         assert bool((fast.weight[:, :, :-1] >= fast.weight[:, :, 1:]).all())
 
 
-def test_the_backends_conceal_alike() -> None:
+def test_backends_give_equal_results() -> None:
     context = random_context(300, 5)
     fast, plain = estimate(Cari(), context), estimate(Cari(backend="torch"), context)
     for name in ATTRIBUTES:
@@ -102,8 +102,8 @@ def test_equal_residuals_are_restored_exactly() -> None:
     assert torch.equal(result.mask, mask)
 
 
-def test_an_unlike_context_is_not_trusted() -> None:
-    """Two neighbours at the same distance: the one with the opposite hash context has weight 0."""
+def test_dissimilar_context_gets_no_weight() -> None:
+    """Of two equidistant neighbours, the one with the opposite hash context has weight 0."""
     context = random_context(3, 1)
     context.scene.anchors.positions.copy_(torch.tensor([[0.0, 0, 0], [1, 0, 0], [-1, 0, 0]]))
     known = torch.tensor([False, True, True])
@@ -125,7 +125,7 @@ def test_permuting_the_anchors_permutes_the_result() -> None:
     assert torch.equal(mixed.mask, straight.mask)
 
 
-def test_ridge_follows_a_gradient_that_the_mean_flattens() -> None:
+def test_ridge_regression_follows_a_linear_gradient() -> None:
     context = random_context(400, 2)
     slope = torch.tensor([[0.5] * 10, [-1.0] * 10, [0.25] * 10])
     truth = context[Prior].feature.mean + context.scene.anchors.positions @ slope
@@ -152,12 +152,12 @@ def test_ridge_follows_a_gradient_that_the_mean_flattens() -> None:
         {"backend": "cuda"},
     ],
 )
-def test_senseless_settings_are_refused(options: dict) -> None:
+def test_invalid_settings_are_refused(options: dict) -> None:
     with pytest.raises(InvalidValueError):
         Cari(**options)
 
 
-def test_a_vote_by_count_keeps_as_many_offsets_as_the_neighbours_have() -> None:
+def test_mask_vote_keeps_the_offset_count_of_neighbours() -> None:
     share = torch.tensor([[0.4, 0.1, 0.4, 0.1], [0.9, 0.9, 0.9, 0.4], [0.1, 0.1, 0.1, 0.0]])
     supported = torch.ones(3, dtype=torch.bool)
     count = MaskVote("count")(share, supported)

@@ -3,17 +3,16 @@ import dataclasses
 import pytest
 import torch
 
-from conceal.gaps import LAYOUT
+from concealment.gaps import LAYOUT
 from paper.contexts import estimate, random_context
 from splatwire.errors import InvalidValueError
-from splatwire.model import Prior
 from splatwire.paper import Idw, PriorMean
 from splatwire.paper.idw import inverse_distance_weights
-from splatwire.scene import Erasures
+from splatwire.types import Erasures, Prior
 
 
 @pytest.mark.parametrize("power", [0.0, 1.0, 2.0])
-def test_agrees_with_a_loop(power: float) -> None:
+def test_idw_equals_a_loop(power: float) -> None:
     context = random_context(60, 1)
     known = context.erasures.known
     anchors = context.scene.anchors
@@ -36,14 +35,14 @@ def test_agrees_with_a_loop(power: float) -> None:
                 torch.testing.assert_close(result.offsets[q, s].double(), mean, rtol=1e-4, atol=1e-5)
 
 
-def test_weights_are_a_share_at_any_scale() -> None:
+def test_weights_are_normalised_at_any_scale() -> None:
     distance = torch.tensor([[0.0, 0.0, 1.0], [1e-30, 2e-30, 4e-30], [1e30, 2e30, 4e30], [1.0, 2.0, 4.0]])
     weight = inverse_distance_weights(distance, 1)
     wanted = torch.tensor([4 / 7, 2 / 7, 1 / 7])
     torch.testing.assert_close(weight, torch.stack([torch.tensor([0.5, 0.5, 0.0]), wanted, wanted, wanted]))
 
 
-def test_a_twin_is_copied() -> None:
+def test_coincident_neighbour_is_copied() -> None:
     context = random_context(30, 2)
     q, k = int((~context.erasures.known).nonzero()[0]), int(context.erasures.known.nonzero()[0])
     context.scene.anchors.positions[q] = context.scene.anchors.positions[k]
@@ -55,11 +54,11 @@ def test_a_twin_is_copied() -> None:
         assert torch.equal(values[q], getattr(context.scene.anchors, part)[k])
 
 
-def test_mahalanobis_prefers_the_neighbour_that_reaches_as_far() -> None:
+def test_mahalanobis_prefers_neighbours_of_equal_extent() -> None:
     context = random_context(3, 5, loss=0)
     context.scene.anchors.positions.copy_(torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]]))
-    context.scene.anchors.scalings[1, :3] = 0.1  # ten of its own sizes away
-    context.scene.anchors.scalings[2, :3] = torch.tensor([0.1, 4.0, 0.1])  # half of its own size away
+    context.scene.anchors.scalings[1, :3] = 0.1  # ten times its size away
+    context.scene.anchors.scalings[2, :3] = torch.tensor([0.1, 4.0, 0.1])  # half its size away
     context = dataclasses.replace(context, erasures=Erasures.of_anchors(torch.tensor([False, True, True])))
     features = context.scene.anchors.features
     assert torch.equal(estimate(Idw(neighbors=1), context).features[0], features[1])
@@ -73,7 +72,7 @@ def test_mahalanobis_of_equal_round_anchors_is_euclidean() -> None:
     torch.testing.assert_close(other.features, plain.features, rtol=1e-4, atol=1e-5)
 
 
-def test_the_prior_is_the_prior_and_its_mask_a_vote() -> None:
+def test_prior_concealer_returns_prior_means_and_a_mask_vote() -> None:
     context = random_context(60, 3)
     lost = ~context.erasures.known
     result, vote = estimate(PriorMean(), context), estimate(Idw(), context).mask
@@ -85,6 +84,6 @@ def test_the_prior_is_the_prior_and_its_mask_a_vote() -> None:
 
 
 @pytest.mark.parametrize("options", [{"neighbors": 0}, {"power": -1.0}, {"metric": "taxi"}])
-def test_senseless_settings_are_refused(options: dict) -> None:
+def test_invalid_settings_are_refused(options: dict) -> None:
     with pytest.raises(InvalidValueError):
         Idw(**options)

@@ -3,16 +3,16 @@ import dataclasses
 import pytest
 import torch
 
-from conceal.gaps import changed, only
+from concealment.gaps import changed, only
 from paper.contexts import estimate, random_context
 from splatwire.errors import InvalidValueError
-from splatwire.model import Prior
 from splatwire.paper import Idw, Kriging, PriorMean
 from splatwire.paper.kriging import TARGETS, Correlogram, kriging_weights, regress
+from splatwire.types import Prior
 
 
 def _field_of(positions: torch.Tensor, correlation: float, length: float, channels: int) -> torch.Tensor:
-    """A random field with the model's own covariance, by a Cholesky factor in float64."""
+    """A random field with the model's covariance, by a Cholesky factor in float64."""
     between = torch.cdist(positions.double(), positions.double())
     covariance = correlation * torch.exp(-between / length)
     covariance.fill_diagonal_(1.0)
@@ -33,11 +33,11 @@ def test_weights_are_the_conditional_mean_of_a_joint_normal() -> None:
         points = torch.cat([positions[q][None], positions[index[q]]]).double()
         joint = 0.7 * torch.exp(-torch.cdist(points, points) / (1.3 * float(distance[q, -1])))
         joint.fill_diagonal_(1.0)
-        precision = torch.linalg.inv(joint)  # the conditional mean, read off the precision matrix instead
+        precision = torch.linalg.inv(joint)  # the conditional mean from the precision matrix
         torch.testing.assert_close(weight[q].double(), -precision[0, 1:] / precision[0, 0], rtol=1e-4, atol=1e-5)
 
 
-def test_beats_the_mean_and_inverse_distances_on_its_own_field() -> None:
+def test_kriging_beats_mean_and_idw_on_a_gaussian_field() -> None:
     context = random_context(500, 1)
     lost = ~context.erasures.known
     truth = _field_of(context.scene.anchors.positions, 0.8, 1.0, 10)
@@ -57,7 +57,7 @@ def test_beats_the_mean_and_inverse_distances_on_its_own_field() -> None:
     assert kriged < error(estimate(Idw(), context).features)
 
 
-def test_where_neighbours_say_nothing_the_mean_is_left() -> None:
+def test_uninformative_neighbours_give_the_mean() -> None:
     context = random_context(400, 2)
     lost = ~context.erasures.known
     residual = estimate(Kriging(target="residual"), context)
@@ -67,7 +67,7 @@ def test_where_neighbours_say_nothing_the_mean_is_left() -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("received", [0, 1, 2])
-def test_hardly_anything_received(target: str, received: int) -> None:
+def test_very_few_received_anchors_are_enough(target: str, received: int) -> None:
     context = only(random_context(20, 3, loss=0), torch.arange(20) < received)
     result = estimate(Kriging(target=target), context)
     for part in (result.features, result.scalings, result.offsets):
@@ -76,7 +76,7 @@ def test_hardly_anything_received(target: str, received: int) -> None:
         assert torch.equal(result.features, estimate(PriorMean(), context).features)
 
 
-def test_twins_and_separated_losses_stay_finite_and_received_values_stay() -> None:
+def test_coincident_anchors_give_finite_values_and_received_values_stay() -> None:
     context = random_context(200, 4, separated=True)
     context.scene.anchors.positions[:100] = context.scene.anchors.positions[0]
     result = estimate(Kriging(), context)
@@ -86,7 +86,7 @@ def test_twins_and_separated_losses_stay_finite_and_received_values_stay() -> No
     assert all(bool(part.isfinite().all()) for part in (result.features, result.scalings, result.offsets))
 
 
-def test_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunk_size_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     context = random_context(300, 6)
     whole = estimate(Kriging(), context)
     monkeypatch.setattr("splatwire.paper.kriging._CHUNK", 7)
@@ -94,12 +94,12 @@ def test_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("options", [{"neighbors": 0}, {"sample": 0}, {"target": "both"}])
-def test_senseless_settings_are_refused(options: dict) -> None:
+def test_invalid_settings_are_refused(options: dict) -> None:
     with pytest.raises(InvalidValueError):
         Kriging(**options)
 
 
-def test_regression_is_least_squares_where_values_exist() -> None:
+def test_regression_equals_least_squares_on_received_values() -> None:
     rng = torch.Generator().manual_seed(4)
     inputs = torch.randn(4000, 7, generator=rng, dtype=torch.float64)
     truth = torch.randn(7, 3, generator=rng, dtype=torch.float64)
@@ -113,7 +113,8 @@ def test_regression_is_least_squares_where_values_exist() -> None:
     assert bool((regress(inputs, values, torch.zeros_like(exists)) == 0).all())
 
 
-def test_regression_finds_what_priors_say_about_other_channels() -> None:
+@pytest.mark.slow
+def test_regression_uses_priors_of_other_channels() -> None:
     context = random_context(2000, 6)
     lost = ~context.erasures.known
     truth = context[Prior].feature.mean.flip(1) - 0.5 * context[Prior].scaling.mean.sum(dim=1, keepdim=True)

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from conceal.gaps import random_context
+from concealment.gaps import random_context
 from scenes import tiny_cameras, tiny_scene
+from splatwire.bitstream import Packetization, SceneStream
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.conceal import conceal, concealer_names, create_concealer
-from splatwire.model import Partial
-from splatwire.packets import Packetization, SceneStream
+from splatwire.concealment import conceal, concealer_names, create_concealer
 from splatwire.render import render_scene
-from splatwire.scene import Attribute
+from splatwire.types import Attribute, ReceivedScene
 
 FEATURE = 3
 """Part of the first feature group."""
@@ -22,11 +21,11 @@ def stream() -> SceneStream:
     return encode_scene(tiny_scene(seed=3, num_anchors=300), hacpp)
 
 
-def lossy(stream: SceneStream, *parts: int) -> Partial:
+def lossy(stream: SceneStream, *parts: int) -> ReceivedScene:
     return decode_stream(stream.with_packets(p for p in stream.packets if p.id.block != 1 or p.id.part not in parts))
 
 
-def test_the_scene_stays_as_it_was_decoded():
+def test_zero_concealer_keeps_the_decoded_scene():
     context = random_context(50, 1, separated=True)
     proposal = create_concealer("zero")(context)
     for name, value in vars(context.scene.anchors).items():
@@ -51,7 +50,7 @@ def test_received_feature_groups_stay_and_the_rest_is_zero(stream: SceneStream):
 
 
 @pytest.mark.parametrize("parts", [(1,), (2,), (FEATURE,), (1, 2, FEATURE)])
-def test_pictures_are_drawn_without_what_is_missing(stream: SceneStream, parts: tuple[int, ...]):
+def test_renders_omit_lost_attributes(stream: SceneStream, parts: tuple[int, ...]):
     cameras = tiny_cameras(1)
     picture = render_scene(conceal(lossy(stream, *parts), "zero"), cameras)
     assert bool(np.isfinite(picture).all())

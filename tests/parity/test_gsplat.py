@@ -1,15 +1,16 @@
-"""Our renderers against gsplat's, where there is a GPU."""
+"""The renderers against gsplat, where a GPU exists."""
 
 import numpy as np
+import pytest
 import torch
 
 from gpu import DEVICE, NEEDS_GPU
+from splatwire.neural.render.renderers import create_training_renderer
 from splatwire.ops.arrays import to_arrays
 from splatwire.render import create_renderer
-from splatwire.render.backends import create_training_renderer
-from splatwire.scene import Cameras, Gaussians
+from splatwire.types import Cameras, Gaussians
 
-pytestmark = NEEDS_GPU
+pytestmark = [*NEEDS_GPU, pytest.mark.slow]
 
 
 def _gaussians(max_opacity: float) -> Gaussians:
@@ -26,7 +27,7 @@ def _camera() -> Cameras:
     return Cameras(np.eye(4, dtype=np.float32)[None], K, 160, 120, ("only",))
 
 
-def test_gsplat_draws_what_the_cpu_renderer_draws() -> None:
+def test_gsplat_renders_like_the_cpu_renderer() -> None:
     gaussians, background = to_arrays(_gaussians(1.0)), np.float32([0.1, 0.2, 0.3])
     ours = create_renderer("cpu")(gaussians, _camera(), background=background)
     theirs = create_renderer("gsplat")(gaussians, _camera(), background=background)
@@ -34,7 +35,7 @@ def test_gsplat_draws_what_the_cpu_renderer_draws() -> None:
 
 
 def _gradients(device: str) -> dict[str, torch.Tensor]:
-    """Gradients of a weighted sum of pixels in the Gaussians and in their 2D centres, per pixel."""
+    """Gradients of a weighted pixel sum with respect to the Gaussians and their 2D centres, in pixels."""
     fields = {name: value.to(device).requires_grad_() for name, value in vars(_gaussians(0.9)).items()}
     draw, background = create_training_renderer(torch.device(device)), torch.tensor([0.1, 0.2, 0.3]).to(device)
     drawing = draw(Gaussians(**fields), _camera(), background=background, watched=True)
@@ -45,20 +46,20 @@ def _gradients(device: str) -> dict[str, torch.Tensor]:
     for name, value in fields.items():
         assert value.grad is not None
         found[name] = value.grad.cpu()
-    # gsplat normalises quaternions itself, so its gradient has no part along them; what spawns ours takes that part out
+    # gsplat normalises quaternions, so its gradient has no part along them; the spawning code removes that part
     quats, along = fields["quats"].detach().cpu(), found["quats"]
     found["quats"] = along - (along * quats).sum(dim=1, keepdim=True) * quats
     return found
 
 
-def test_gradients_are_those_of_the_cpu_renderer() -> None:
+def test_gsplat_gradients_equal_those_of_the_cpu_renderer() -> None:
     ours, theirs = _gradients("cpu"), _gradients(DEVICE)
     for name, expected in ours.items():
         assert float(expected.norm()) > 0, name
         assert float((theirs[name] - expected).norm() / expected.norm()) < 0.03, name
 
 
-def test_no_gaussians_are_the_background() -> None:
+def test_scene_without_gaussians_renders_the_background() -> None:
     none = Gaussians(**{name: value[:0].to(DEVICE).requires_grad_() for name, value in vars(_gaussians(1.0)).items()})
     background = torch.tensor([0.1, 0.2, 0.3]).to(DEVICE)
     drawing = create_training_renderer(torch.device(DEVICE))(none, _camera(), background=background, watched=True)

@@ -1,4 +1,4 @@
-"""Our pictures of the official decoded anchors against the official ones, and intermediate values of one view."""
+"""Renders of the official decoded anchors against the official ones, and intermediate values of one view."""
 
 import json
 from pathlib import Path
@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from splatwire.importers.hacpp import import_hacpp
 from splatwire.metrics import psnr, psnr_by_channel, ssim
-from splatwire.model.gaussian_heads import generate_gaussians, visible_anchors
-from splatwire.model.tensors import to_tensors
+from splatwire.neural.importers.hacpp import import_hacpp
+from splatwire.neural.model.gaussian_heads import generate_gaussians, visible_anchors
+from splatwire.neural.model.tensors import to_tensors
 from splatwire.ops.arrays import to_arrays
 from splatwire.render import render_scene
-from splatwire.scene import Cameras
+from splatwire.types import Cameras
 
-pytestmark = pytest.mark.data
+pytestmark = [pytest.mark.data, pytest.mark.slow]
 
 
 def official_cameras(model_dir: Path) -> Cameras:
@@ -56,7 +56,7 @@ def test_gaussians_of_one_view_match_the_trace(data_dir: Path) -> None:
 
 @pytest.mark.parametrize("model", ["snowmiku_small_2400", "snowmiku_15k"])
 def test_pictures_match_the_official_ones(data_dir: Path, model: str) -> None:
-    """The goal is 55 dB; what is left is how two roundings to 8 bits fall."""
+    """The goal is 55 dB; the difference is due to two roundings to 8 bits."""
     model_dir = data_dir / "hacpp" / model
     scene, cameras = import_hacpp(model_dir), official_cameras(model_dir)
     files = sorted((model_dir / "renders").glob("*_after.png"))[:2]

@@ -1,18 +1,17 @@
-"""Packets of schema `causal` in plain Python and torch integers: what fast code is compared with."""
+"""Packets of schema `causal` in plain Python and torch integers, the reference of the fast code."""
 
 import bisect
 from fractions import Fraction
 
-import torch
-from torch import Tensor
+import numpy as np
 
 from reference.range_coder import ReferenceDecoder, ReferenceMixture, decode_mixture
+from splatwire.codec.anchors.causal.context import CodingContext
+from splatwire.codec.anchors.causal.places import Places
 from splatwire.codec.fixed_point import ACTIVATION_BITS, ACTIVATION_LIMIT, OUTPUT_BITS, OUTPUT_LIMIT, WEIGHT_EXPONENT
 from splatwire.codec.integer_network import IntegerLinear, IntegerMlp
-from splatwire.codec.schemas.causal.context import CodingContext
-from splatwire.codec.schemas.causal.places import Places
 from splatwire.entropy.tables import weight_table
-from splatwire.model.causal import OCTAVES
+from splatwire.types.causal_coding import OCTAVES
 
 LEAK = 655
 """Slope of a network below zero, out of 2**16."""
@@ -35,14 +34,14 @@ def place_inputs_reference(voxel: list[int], context: CodingContext) -> list[int
 def network_reference(network: IntegerMlp, inputs: list[int]) -> list[int]:
     """Outputs of a network, with 16 fractional bits."""
 
-    def sums(layer: IntegerLinear, values: Tensor) -> Tensor:
-        return torch.from_numpy(layer.weight) @ values + torch.from_numpy(layer.bias)
+    def sums(layer: IntegerLinear, values: np.ndarray) -> np.ndarray:
+        return layer.weight @ values + layer.bias
 
-    hidden = sums(network.hidden, torch.tensor(inputs)) >> WEIGHT_EXPONENT
-    below = (hidden * LEAK) >> 16 if network.leaky else torch.zeros_like(hidden)
-    hidden = torch.where(hidden > 0, hidden, below).clamp(-ACTIVATION_LIMIT, ACTIVATION_LIMIT)
+    hidden = sums(network.hidden, np.array(inputs, np.int64)) >> WEIGHT_EXPONENT
+    below = (hidden * LEAK) >> 16 if network.leaky else np.zeros_like(hidden)
+    hidden = np.where(hidden > 0, hidden, below).clip(-ACTIVATION_LIMIT, ACTIVATION_LIMIT)
     shift = ACTIVATION_BITS + WEIGHT_EXPONENT - OUTPUT_BITS
-    return (sums(network.output, hidden) >> shift).clamp(-OUTPUT_LIMIT, OUTPUT_LIMIT).tolist()
+    return (sums(network.output, hidden) >> shift).clip(-OUTPUT_LIMIT, OUTPUT_LIMIT).tolist()
 
 
 def scale_reference(spread: int) -> int:
@@ -52,7 +51,7 @@ def scale_reference(spread: int) -> int:
 
 
 def code_reference(coder: ReferenceDecoder, code: int, unknown: int, chances: list[list[int]]) -> int:
-    """A place's code, of which `unknown` low bits follow in the packet."""
+    """Code of a position without its `unknown` low bits, which follow in the packet."""
 
     def raw(bits: int) -> int:
         value = coder.target(bits)
@@ -85,12 +84,12 @@ def code_reference(coder: ReferenceDecoder, code: int, unknown: int, chances: li
 def decode_reference(
     context: CodingContext, places: Places, payload: bytes
 ) -> tuple[list[int], list[list[int]], list[list[int]]]:
-    """Codes of places, masks and numbers of a packet's anchors.
+    """Position codes, masks and integers of a packet's anchors.
 
     Args:
-        context: What packets are predicted from.
-        places: Where its anchors are, as far as side information says.
-        payload: The packet's.
+        context: Coding context from the side information.
+        places: Known bits of its anchors' positions.
+        payload: Payload of the packet.
     """
     layout, coder, chances = context.config.layout, ReferenceDecoder(payload), context.chances.tolist()
     pairs = zip(places.codes.tolist(), places.unknown.tolist(), strict=True)
@@ -132,6 +131,6 @@ def _decode_mask(coder: ReferenceDecoder, one: int) -> int:
 
 
 def mask_weight(logit: int) -> int:
-    """How probable it is that an offset exists, out of 2**16."""
+    """Probability that an offset exists, out of 2**16."""
     index = min(max(((logit + 2048) >> 12) + 128, 0), 255)
     return min(max(int(weight_table()[index]), 32), 65504)

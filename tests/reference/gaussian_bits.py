@@ -1,14 +1,14 @@
 """Bits and whole numbers of a packet in plain Python, as `gaussian_packets` reads them."""
 
 from reference.range_coder import ReferenceDecoder
-from splatwire.codec.schemas.gaussians.layout import MAX_RESIDUAL
+from splatwire.codec.gaussians.layout import MAX_RESIDUAL
 
 
 class ReferenceBits:
-    """Reads what is no residual.
+    """Reads all fields except residuals.
 
     Args:
-        payload: Of a packet.
+        payload: Payload of a packet.
         zeros: Initial P(0) of each adaptive model, out of 2**16.
     """
 
@@ -38,14 +38,14 @@ class ReferenceBits:
         return value
 
     def below(self, count: int) -> int:
-        """A number below `count`, all alike probable."""
+        """A number below `count` with equal probabilities."""
         value = ((self.coder.target(16) + 1) * count - 1) >> 16
         start = (value << 16) // count
         self.coder.advance(start, ((value + 1 << 16) // count) - start, 16)
         return value
 
     def gamma(self) -> int:
-        """A number from 0 on in Elias gamma, of at most 32 bits."""
+        """A non-negative number in Elias gamma code of at most 32 bits."""
         length = 0
         while length < 32 and self.raw(1):
             length += 1

@@ -8,7 +8,7 @@ import numpy as np
 
 from reference.gaussian_bits import ReferenceBits
 from reference.range_coder import ReferenceMixture, decode_mixture
-from splatwire.codec.schemas.gaussians.layout import (
+from splatwire.codec.gaussians.layout import (
     BITS,
     COEFFICIENTS,
     DIRECTION_BITS,
@@ -43,8 +43,8 @@ from splatwire.codec.schemas.gaussians.layout import (
     WIDE,
     WINDOW,
 )
-from splatwire.codec.schemas.gaussians.side_info import SideInfo
-from splatwire.codec.schemas.gaussians.tables import thinness_table
+from splatwire.codec.gaussians.side_info import SideInfo
+from splatwire.codec.gaussians.tables import thinness_table
 from splatwire.entropy.tables import MEAN_BITS, NUM_SCALES
 
 ONE = 1 << DIRECTION_BITS
@@ -160,7 +160,7 @@ class ReferencePacket(ReferenceBits):
         return self.coded(stream, spread(len(near), deviation, shift), mean, shift)
 
     def coded(self, stream: int, context: int, mean: int, shift: int) -> int:
-        """A value that is expected to be `mean`: a multiple of the step, or whole steps from the mean."""
+        """A value with expectation `mean`: a multiple of the step, or whole steps from the mean."""
         self.shift = shift
         if not self.absolute:
             return mean + (self.residual(stream, context, shift, 0) << shift)
@@ -213,7 +213,7 @@ class ReferencePacket(ReferenceBits):
             g.colour.append(min(max(value, -MAX_COLOUR), MAX_COLOUR))
 
     def harmonics(self, g: Gaussian) -> None:
-        """Harmonics, the three channels of one after another."""
+        """Harmonics, the three channels of one coefficient after another."""
         shift = min(max(BITS - self.exponent(S_HARMONICS, g.level, (0, 0, 0, 0)), 0), BITS - 2)
         some, running = self.bit(FIRST_HARMONIC + g.level), 0
         for j in range(self.info.num_harmonics):
@@ -269,7 +269,7 @@ class ReferencePacket(ReferenceBits):
         return (sums + 2 ** (BITS + STEP_BITS - 1)) >> (BITS + STEP_BITS)
 
     def residual(self, stream: int, context: int, shift: int, eighths: int) -> int:
-        """A residual in steps; a context of all but the first two is how large those before were."""
+        """A residual in steps; its context, except for the first two, is the size of earlier residuals."""
         second = shift if stream < 2 else min(self.running.bit_length(), SECONDS - 1)
         scale = int(self.info.scales[stream, context, second]) * SCALE_UNIT
         mean = eighths << (MEAN_BITS - 3)

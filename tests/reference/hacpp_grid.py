@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from splatwire.codec.anchors.hacpp.grid_lookup import grid_levels
 from splatwire.codec.fixed_point import ACTIVATION_BITS, CELL_BITS, UNIT_BITS
-from splatwire.codec.schemas.hacpp.grid_lookup import grid_levels
-from splatwire.model import HashGridConfig
+from splatwire.types import HashGridConfig
 
 _PRIMES = (1, 2654435761, 805459861)
 

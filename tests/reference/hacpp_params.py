@@ -1,6 +1,6 @@
-"""The coding parameters in plain torch: the oracle of `coding_params`, and the same integers on any device.
+"""The coding parameters in plain torch: the reference of `coding_params`, equal on any device.
 
-Integers are int64 throughout; matrix products are carried in float64, exact as every partial sum stays below 2**53.
+Integers are int64. Matrix products use float64 and are exact, because every partial sum is below 2**53.
 """
 
 from dataclasses import dataclass
@@ -9,6 +9,8 @@ import torch
 from jaxtyping import Float64, Int64
 from torch import Tensor
 
+from splatwire.codec.anchors.hacpp.coding_params import CodingContext, factor_table, inverse_step_table, prior_columns
+from splatwire.codec.anchors.hacpp.grid_lookup import grid_levels
 from splatwire.codec.fixed_point import (
     ACTIVATION_BITS,
     ACTIVATION_LIMIT,
@@ -22,8 +24,6 @@ from splatwire.codec.fixed_point import (
     WEIGHT_EXPONENT,
 )
 from splatwire.codec.integer_network import IntegerLinear, IntegerMlp
-from splatwire.codec.schemas.hacpp.coding_params import CodingContext, factor_table, inverse_step_table, prior_columns
-from splatwire.codec.schemas.hacpp.grid_lookup import grid_levels
 
 _PRIMES = (1, 2654435761, 805459861)
 

@@ -1,4 +1,4 @@
-"""A packet of motion in plain Python, from its bytes and the bases of its tracks, as docs/format.md tells it."""
+"""A packet of motion in plain Python, from its bytes and the bases of its tracks, following docs/format.md."""
 
 from fractions import Fraction
 
@@ -18,7 +18,7 @@ class ReferenceMotion(ReferenceBits):
         zeros: Initial P(0) of each adaptive model, out of 2**8.
         count: Tracks that it has.
         frames: Frames of the group.
-        first_new: First track that is born in the group.
+        first_new: First track that starts in the group.
     """
 
     def __init__(self, payload: bytes, zeros: list[int], count: int, frames: int, first_new: int) -> None:
@@ -38,7 +38,7 @@ class ReferenceMotion(ReferenceBits):
         return heads, residuals
 
     def heads(self) -> list[list[int]]:
-        """Which tracks these are."""
+        """Tracks of the packet."""
         first, lead = self.raw(28), self.gamma()
         span, tail = self.raw(13), self.gamma()
         heads: list[list[int]] = []
@@ -91,7 +91,7 @@ class ReferenceMotion(ReferenceBits):
 def coefficients(
     places: list[list[int]], states: list[int], shifts: list[list[int]], residuals: list[list[list[int]]]
 ) -> list[list[list[int]]]:
-    """Coefficients of a packet's tracks, from residuals and what is known of their bases."""
+    """Coefficients of a packet's tracks, from residuals and known coefficients of their bases."""
     near = _shrunk(places)
     used = [0] * 5
     for own in residuals:

@@ -1,13 +1,13 @@
-"""Gaussians that move from their bases, in plain numpy and by SciPy's rotations."""
+"""Gaussians that move from their bases, in plain numpy with SciPy's rotations."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from splatwire.scene.splats import Splats
+from splatwire.types.splats import Splats
 
 
 def moved(splats: Splats, offsets: np.ndarray) -> Splats:
-    """Gaussians that differ from these as `splatwire.model.clip.GroupMotion.at` says, (n, C)."""
+    """Gaussians moved as in `splatwire.types.sequence_scene.GroupMotion.at`, (n, C)."""
     turn, order = offsets[:, 3:6] / 4, np.argsort(-splats.scales, axis=1, kind="stable")
     square = (turn * turn).sum(axis=1, keepdims=True)
     rotation = np.concatenate([1 - square, 2 * turn], axis=1) / (1 + square)
@@ -25,6 +25,6 @@ def moved(splats: Splats, offsets: np.ndarray) -> Splats:
 
 
 def turned(turns: np.ndarray, quats: np.ndarray) -> np.ndarray:
-    """Unit quaternions (N, 4), w first: `quats`, then turned."""
+    """Unit quaternions (N, 4), w first: `quats`, then rotated."""
     first, second = (Rotation.from_quat(np.roll(some.astype(np.float64), -1, axis=1)) for some in (turns, quats))
     return np.roll((first * second).as_quat(), 1, axis=1).astype(quats.dtype)

@@ -1,7 +1,7 @@
-"""The range coder in plain Python: slow, and written so that it can be checked by eye against docs/format.md.
+"""The range coder in plain Python, slow and close to the text of docs/format.md.
 
-The fast coder keeps a 48-bit window and carries into bytes already written; this one keeps the whole code as one
-unbounded integer, so a mistake in the carry shows.
+The fast coder keeps a 48-bit window and propagates carries into written bytes. This one keeps the whole code as one
+unbounded integer, so a carry error becomes visible.
 """
 
 import bisect
@@ -79,7 +79,7 @@ class ReferenceDecoder:
         """Removes an interval from the code."""
         unit = self.span >> total_bits
         self.span = unit * size
-        self.code = min(self.code - unit * start, self.span - 1)  # hostile bytes point behind the last interval
+        self.code = min(self.code - unit * start, self.span - 1)  # hostile bytes may point after the last interval
         while self.span < RANGE_FLOOR:
             following = self.data[self.position] if self.position < len(self.data) else 0
             self.code = self.code << 8 | following
@@ -98,7 +98,7 @@ class ReferenceMixture:
     weight: int = 1 << 16
 
     def window(self) -> tuple[int, int]:
-        """First and last symbol with an interval of their own."""
+        """First and last symbol with a separate interval."""
         widths = half_width_table()
         center = _nearest(self.mean0)
         low, high = center - int(widths[self.scale0]), center + int(widths[self.scale0])
@@ -169,7 +169,7 @@ def decode(data: bytes, mixtures: Sequence[ReferenceMixture]) -> list[int]:
 
 
 def decode_mixture(coder: ReferenceDecoder, mixture: ReferenceMixture) -> int:
-    """Decodes one integer: looks for the last symbol of the window that starts at the target or before it."""
+    """Decodes one integer: finds the last symbol of the window that starts at or before the target."""
     low, high = mixture.window()
     target = coder.target(TOTAL_BITS)
     if target >= (1 << TOTAL_BITS) - ESCAPE:

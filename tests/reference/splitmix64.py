@@ -1,10 +1,10 @@
 """SplitMix64 of one number in plain Python integers."""
 
-from splatwire.packets.splitmix64 import GAMMA, MASK64, MULTIPLIERS
+from splatwire.bitstream.splitmix64 import GAMMA, MASK64, MULTIPLIERS
 
 
 def splitmix64_reference(x: int) -> int:
-    """Hashes one number in plain Python integers: the oracle of `splitmix64`."""
+    """Hashes one number in plain Python integers: the reference of `splitmix64`."""
     z = (x + GAMMA) & MASK64
     z = ((z ^ (z >> 30)) * MULTIPLIERS[0]) & MASK64
     z = ((z ^ (z >> 27)) * MULTIPLIERS[1]) & MASK64

@@ -1,4 +1,4 @@
-"""Plain sum of squared gradients of one picture, for each Gaussian and attribute: what `add_squared` adds."""
+"""Plain sum of squared gradients of one picture, for each Gaussian and attribute: the reference of `add_squared`."""
 
 import torch
 from torch import Tensor
@@ -21,7 +21,7 @@ def squared(
 
 
 def half_product(quats: Tensor, axis: int) -> Tensor:
-    """Derivative of unit quaternions (w, x, y, z) by a turn about their own axis 0, 1 or 2."""
+    """Derivative of unit quaternions (w, x, y, z) for a rotation about their own axis 0, 1 or 2."""
     w, x, y, z = quats.double().unbind(dim=1)
     columns = ([-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w])[axis]
     return torch.stack(columns, dim=1) / 2

@@ -1,13 +1,12 @@
-"""What tracks do as coefficients, in plain numpy and torch."""
+"""Motion of tracks as coefficients, in plain numpy and torch."""
 
 import numpy as np
-import torch
 
-from splatwire.codec.schemas.gaussians.attributes import LUMA_CHROMA
-from splatwire.codec.schemas.gaussians.layout import BITS, DIRECTION_BITS
-from splatwire.codec.schemas.tracks.basis import polynomials
-from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS
-from splatwire.codec.schemas.tracks.trajectories import Trajectories
+from splatwire.codec.gaussians.attributes import LUMA_CHROMA
+from splatwire.codec.gaussians.layout import BITS, DIRECTION_BITS
+from splatwire.codec.sequence.basis import polynomials
+from splatwire.codec.sequence.layout import NUM_CHANNELS
+from splatwire.codec.sequence.trajectories import Trajectories
 from splatwire.ops.spherical_harmonics import DC
 
 _TURN = float(1 << DIRECTION_BITS)
@@ -15,11 +14,11 @@ _FIXED = float(1 << BITS)
 
 
 def targets_of(moves: Trajectories, bases: Trajectories, unit: int, size_log: int) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients of what tracks do, relative to their bases, in units of the channels.
+    """Coefficients of the motion of tracks relative to their bases, in units of the channels.
 
     Args:
         moves: n tracks over F frames.
-        bases: The same when they were born, one frame each.
+        bases: Their first frames.
         unit: `-log2` of the lattice's unit, relative to the scene's size.
         size_log: log2 of the scene's size.
 
@@ -43,43 +42,39 @@ def targets_of(moves: Trajectories, bases: Trajectories, unit: int, size_log: in
 def rotation_vectors(quats: np.ndarray, bases: np.ndarray) -> np.ndarray:
     """Rotations from bases, as axes times the tangent of a quarter of the angle, float64 (n, F, 3).
 
-    They go on from frame to frame: of the two quaternions of a rotation the one nearer to the frame before counts, so
-    that more than half a turn is one, too (up to a whole one).
+    They are continuous over frames: of the two quaternions of a rotation the one nearer to the earlier frame counts.
+    Rotations between half a turn and a whole one are therefore represented.
 
     Args:
         quats: (n, F, 4).
         bases: (n, 1, 4).
     """
-    q = torch.from_numpy(np.asarray(quats, np.float64))
-    b = torch.from_numpy(np.asarray(bases, np.float64))
-    q, b = q / q.norm(dim=2, keepdim=True), b / b.norm(dim=2, keepdim=True)
-    w = (q * b).sum(dim=2)
-    v = (
-        b[..., :1] * q[..., 1:]
-        - q[..., :1] * b[..., 1:]
-        - torch.linalg.cross(q[..., 1:], b[..., 1:].expand_as(q[..., 1:]))
-    )
-    turn = torch.cat([w[..., None], v], dim=2)
-    signs = torch.ones(turn.shape[:2], dtype=torch.float64)
-    signs[:, 0] = torch.where(w[:, 0] < 0, -1.0, 1.0)
-    steps = (turn[:, 1:] * turn[:, :-1]).sum(dim=2)
-    signs[:, 1:] = torch.where(steps < 0, -1.0, 1.0)
-    turn = turn * signs.cumprod(dim=1)[..., None]
-    return (turn[..., 1:] / (1 + turn[..., :1]).clamp(min=1e-3)).numpy()
+    q, b = np.asarray(quats, np.float64), np.asarray(bases, np.float64)
+    q, b = (values / np.linalg.norm(values, axis=2, keepdims=True) for values in (q, b))
+    w = (q * b).sum(axis=2)
+    v = b[..., :1] * q[..., 1:] - q[..., :1] * b[..., 1:] - np.cross(q[..., 1:], b[..., 1:])
+    turn = np.concatenate([w[..., None], v], axis=2)
+    signs = np.ones(turn.shape[:2])
+    signs[:, 0] = np.where(w[:, 0] < 0, -1.0, 1.0)
+    steps = (turn[:, 1:] * turn[:, :-1]).sum(axis=2)
+    signs[:, 1:] = np.where(steps < 0, -1.0, 1.0)
+    turn = turn * signs.cumprod(axis=1)[..., None]
+    return turn[..., 1:] / np.maximum(1 + turn[..., :1], 1e-3)
 
 
 def offsets_at(coefficients: np.ndarray, frames: int, frame: int, unit: int, size_log: int) -> np.ndarray:
-    """What coefficients do to bases in one frame, float64 (n, C) as in `splatwire.model.clip.GroupMotion.at`.
+    """Change of the bases in one frame by the coefficients, float64 (n, C) as in `types.sequence_scene.GroupMotion.at`.
 
     Args:
         coefficients: (n, C, K), the first K of a group; the others are 0.
         frames: Frames of the group.
         frame: Which of them.
         unit: As for `targets_of`.
-        size_log: As there.
+        size_log: As for `targets_of`.
     """
     tracks, channels, orders = coefficients.shape
-    rows = coefficients.reshape(tracks * channels, orders).astype(np.float64)  # one product: of three axes it is many
+    # a product of one axis; for three axes there are many
+    rows = coefficients.reshape(tracks * channels, orders).astype(np.float64)
     values = (rows @ polynomials(frames)[frame, :orders]).reshape(tracks, channels)
     values[:, :3] = np.ldexp(values[:, :3], size_log - unit - 1)
     values[:, 3:6] /= _TURN

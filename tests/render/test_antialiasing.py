@@ -1,4 +1,4 @@
-"""Gaussians of scenes that ask for it lose as much opacity as they are widened, in Python, in streams and files."""
+"""Antialiased Gaussians lose as much opacity as they are widened, in Python, in streams and in files."""
 
 import json
 import struct
@@ -11,20 +11,20 @@ import pytest
 
 from explicit import encode_splats
 from scenes import tiny_cameras
+from splatwire.anchors.projection import DILATION
+from splatwire.bitstream import stream_from_bytes, stream_to_bytes, write_stream
+from splatwire.bitstream.sections import sections_of
 from splatwire.cli.main import main
-from splatwire.clips import encode_clip, open_sequence
-from splatwire.clips.decoding import decode_frames
 from splatwire.codec import add_concealment, decode_stream, encode_scene, repack
 from splatwire.codec.antialiasing import SECTION
-from splatwire.formats import is_antialiased
-from splatwire.levels import encode_levels
-from splatwire.model.projection import DILATION
-from splatwire.model.splat_scene import SplatScene
-from splatwire.packets import stream_from_bytes, stream_to_bytes, write_stream
-from splatwire.packets.sections import sections_of
+from splatwire.io import open_scene, save_scene
+from splatwire.io.formats import is_antialiased
+from splatwire.lod import encode_levels
 from splatwire.render import render_scene
-from splatwire.scene.splats import Splats
-from splatwire.scene_io import open_scene, save_scene
+from splatwire.sequence import encode_clip, open_sequence
+from splatwire.sequence.decoding import decode_frames
+from splatwire.types.splat_scene import SplatScene
+from splatwire.types.splats import Splats
 from web.test_page import SMALL, ball
 
 
@@ -40,8 +40,8 @@ def dot(size: float) -> Splats:
     )
 
 
-def test_a_dot_has_the_light_of_what_it_covers() -> None:
-    """Its whole light is that of its own area, whatever the picture adds to it; without the wish it has more."""
+def test_antialiased_dot_emits_light_of_its_own_area() -> None:
+    """The antialiased dot emits light of exactly its area; without antialiasing it emits more."""
     cameras = tiny_cameras(1, 240, 180)
     depth, focal = float(cameras.viewmats[0, 2, 3]), float(cameras.Ks[0, 0, 0])
     for pixels in (0.1, 0.3, 3.0):
@@ -54,7 +54,7 @@ def test_a_dot_has_the_light_of_what_it_covers() -> None:
         assert asked / plain == pytest.approx(share, rel=0.25 if pixels < 1 else 0.05)
 
 
-def test_streams_say_it_and_others_are_what_they_always_were() -> None:
+def test_stream_stores_antialiasing_and_others_are_unchanged() -> None:
     plain = encode_splats(ball(), SMALL)
     assert SECTION not in sections_of(plain)
     scene = SplatScene(ball(), antialiased=True)
@@ -65,10 +65,10 @@ def test_streams_say_it_and_others_are_what_they_always_were() -> None:
     assert decode_stream(add_concealment(plain, SECTION, b"")).scene.antialiased
 
 
-def test_an_spz_says_it(tmp_path: Path) -> None:
+def test_spz_stores_antialiasing(tmp_path: Path) -> None:
     import gzip
 
-    from splatwire.formats.spz_writer import write_spz
+    from splatwire.io.formats.spz_writer import write_spz
 
     path = tmp_path / "ball.spz"
     write_spz([ball()], path, version=3)
@@ -83,7 +83,7 @@ def test_an_spz_says_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["a.ply", "a.compressed.ply", "a.spz", "a.sog", "a.glb"])
-def test_files_that_can_say_it_keep_it(name: str, tmp_path: Path) -> None:
+def test_formats_with_an_antialiasing_flag_keep_it(name: str, tmp_path: Path) -> None:
     for wish in (False, True):
         save_scene(SplatScene(ball(), antialiased=wish), tmp_path / name)
         assert is_antialiased(tmp_path / name) is wish
@@ -98,7 +98,7 @@ def called(*words: str) -> None:
     assert not ended.value.code
 
 
-def test_an_export_keeps_it_and_says_where_it_cannot(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_export_keeps_antialiasing_or_warns(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     source = tmp_path / "scene.swz"
     write_stream(encode_scene(SplatScene(ball(), antialiased=True), SMALL), source)
     kinds = ("ply", "compressed-ply", "spz", "sog")
@@ -114,7 +114,7 @@ def test_an_export_keeps_it_and_says_where_it_cannot(tmp_path: Path, caplog: pyt
 
 
 @pytest.mark.parametrize("wish", [False, True])
-def test_a_streamed_sog_says_it_and_levels_keep_it(wish: bool, tmp_path: Path) -> None:
+def test_streamed_sog_stores_antialiasing_and_levels_keep_it(wish: bool, tmp_path: Path) -> None:
     save_scene(SplatScene(ball(), antialiased=wish), tmp_path / "chunk.sog")
     zipfile.ZipFile(tmp_path / "chunk.sog").extractall(tmp_path / "0_0")
     whole = {"lods": {"0": {"file": 0, "offset": 0, "count": ball().num_gaussians}}}
@@ -127,7 +127,8 @@ def test_a_streamed_sog_says_it_and_levels_keep_it(wish: bool, tmp_path: Path) -
         assert decode_stream(each).scene.antialiased is wish
 
 
-def test_a_clip_says_it(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_clip_stores_antialiasing(tmp_path: Path) -> None:
     for number in range(2):
         save_scene(SplatScene(ball(), antialiased=True), tmp_path / f"{number}.spz")
     clip, _ = encode_clip(open_sequence(tmp_path).read())

@@ -1,4 +1,4 @@
-"""The compiled renderer against the plain one, and what must hold whatever the picture."""
+"""The compiled renderer against the plain one, and its invariances."""
 
 import math
 
@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
+from splatwire.neural.render.differentiable import render_differentiable
+from splatwire.neural.render.reference import render_reference
 from splatwire.ops import threads as ops_threads
 from splatwire.ops.arrays import to_arrays
 from splatwire.render import cpu
 from splatwire.render.cpu import render_cpu
-from splatwire.render.differentiable import render_differentiable
-from splatwire.render.reference import render_reference
-from splatwire.scene import Cameras, Gaussians
+from splatwire.types import Cameras, Gaussians
 
 BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
 
@@ -29,7 +29,7 @@ def make_cameras(width: int = 45, height: int = 37, num_views: int = 1) -> Camer
 
 
 def make_gaussians(count: int, seed: int, dtype: torch.dtype = torch.float64) -> list[torch.Tensor]:
-    """Some behind the near plane, some far outside the image, some opaque beyond the cap, some invisible."""
+    """Gaussians behind the near plane, far outside the image, above the opacity cap, and invisible."""
     generator = torch.Generator().manual_seed(seed)
 
     def rand(*shape: int) -> torch.Tensor:
@@ -64,8 +64,8 @@ def test_picture_and_gradients_match_the_reference(seed: int) -> None:
     assert probe.grad.abs().max() > 0
 
 
-def test_probe_gets_the_gradient_of_the_centres_in_pixels() -> None:
-    """Moving the principal point moves all centres and nothing else, as long as no Jacobian is clamped."""
+def test_probe_receives_centre_gradients_in_pixels() -> None:
+    """A moved principal point moves all centres and changes nothing else, as long as no Jacobian is clamped."""
     means = torch.tensor([[0.1, -0.1, 2.0], [-0.3, 0.2, 3.0]])
     fields = [means, *[t[:2] for t in make_gaussians(2, 5, torch.float32)[1:]]]
     cameras = make_cameras()
@@ -105,7 +105,7 @@ def test_result_does_not_depend_on_threads_or_bands(monkeypatch: pytest.MonkeyPa
         assert torch.allclose(a, b, rtol=1e-4, atol=1e-5 * float(a.abs().max()))
 
 
-def test_bands_stay_within_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_band_memory_stays_within_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cpu, "MAX_ENTRIES", 1000)
     arrays = [t.numpy() for t in make_gaussians(3000, 1, torch.float32)]
     picture = cpu.Picture(arrays, make_cameras(210, 150), 0, kept=False)
@@ -116,17 +116,18 @@ def test_bands_stay_within_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def make_needles(count: int, seed: int) -> list[torch.Tensor]:
-    """Long and thin, slanted every way, so that most tiles of their boxes are not theirs."""
+    """Long and thin in all directions, so that most tiles of their boxes are empty."""
     fields = make_gaussians(count, seed)
     fields[2] = torch.tensor([0.4, 0.003, 0.003]).expand(count, 3).double()
     return fields
 
 
-def test_needles_are_listed_only_where_they_reach_and_drawn_as_by_the_reference() -> None:
+def test_elongated_gaussians_are_binned_tightly_and_rendered_like_the_reference() -> None:
     cameras, fields = make_cameras(90, 70), make_needles(80, 4)
     single = [t.float() for t in fields]
     expected = render_reference(Gaussians(*fields), cameras, background=BACKGROUND.double())
-    # Near needles have exponents of many digits, which single precision rounds; a missed row would show ten times more.
+    # Exponents of elongated near Gaussians have many digits, which single precision rounds; a missing row would show
+    # ten times more.
     assert np.abs(drawn(Gaussians(*single), cameras, background=BACKGROUND) - expected.numpy()).max() < 2e-4
     picture = cpu.Picture([t.numpy() for t in single], cameras, 0, kept=False)
     boxes = np.prod(picture.tiles[:, 2:] - picture.tiles[:, :2], axis=1).sum()
@@ -135,7 +136,7 @@ def test_needles_are_listed_only_where_they_reach_and_drawn_as_by_the_reference(
     assert all((band.spans[:, 0] < band.spans[:, 1]).all() for band in bands)
 
 
-def test_nothing_to_draw_shows_the_background() -> None:
+def test_empty_scene_renders_the_background() -> None:
     cameras = make_cameras()
     for fields in (make_gaussians(0, 0, torch.float32), make_gaussians(30, 0, torch.float32)):
         fields[0] = fields[0] - torch.tensor([0.0, 0.0, 50.0])
@@ -147,7 +148,7 @@ def test_nothing_to_draw_shows_the_background() -> None:
     ("field", "value"),
     [(f, v) for f in range(4) for v in (math.nan, math.inf, -math.inf) if (f, v) != (3, math.inf)],
 )
-def test_gaussians_that_are_no_numbers_are_not_drawn(field: int, value: float) -> None:
+def test_non_finite_gaussians_are_not_drawn(field: int, value: float) -> None:
     fields = make_gaussians(40, 3, torch.float32)
     without = Gaussians(*[t[1:] for t in fields])
     fields[field] = fields[field].clone()
@@ -167,8 +168,8 @@ def test_equal_depths_keep_their_order() -> None:
     assert red > 5 * green > 0
 
 
-def test_a_gaussian_that_covers_the_screen_many_times_is_bounded() -> None:
-    """Ten thousand Gaussians, each on every tile, opaque: the lists are long but drawing stops early."""
+def test_work_of_a_huge_gaussian_is_bounded() -> None:
+    """Ten thousand opaque Gaussians cover every tile: the lists are long but rendering stops early."""
     fields = make_gaussians(10_000, 2, torch.float32)
     fields[0] = torch.tensor([0.0, 0.0, 3.0]) + 0.01 * fields[0]
     fields[2] = torch.full((10_000, 3), 5.0)

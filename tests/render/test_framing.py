@@ -1,15 +1,14 @@
-"""Views without cameras: an object fits into the picture; a scene that encloses its cameras is seen from inside."""
+"""Views without cameras: an object fits into the picture, and an enclosing scene is seen from inside."""
 
 import numpy as np
-import torch
 
 from close import unit
-from splatwire.model import SplatScene
-from splatwire.model.projection import project
+from splatwire.anchors.projection import project
+from splatwire.ops.quaternions import rotation_matrices
 from splatwire.render.framing import framing_cameras
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.reference import rotation_matrices
-from splatwire.scene.splats import Splats
+from splatwire.types import SplatScene
+from splatwire.types.splats import Splats
 
 SIZE = 96
 
@@ -22,16 +21,14 @@ def _splats(means, size):
 
 
 def _seen(splats, cameras, view):
-    """Share of the Gaussians whose middle is inside the picture and in front of the camera."""
-    found = project(
-        splats.means, splats.scales, rotation_matrices(torch.from_numpy(splats.quats)).numpy(), cameras, view
-    )
+    """Share of the Gaussians whose centre is inside the picture and in front of the camera."""
+    found = project(splats.means, splats.scales, rotation_matrices(splats.quats), cameras, view)
     inside = ((found.means2d > 0) & (found.means2d < SIZE)).all(axis=1) & (found.depths > 0)
     return float(inside.mean())
 
 
-def test_a_long_object_with_its_weight_at_one_end_is_in_every_picture_as_a_whole():
-    """A body of many Gaussians and a long neck of few, as a guitar has."""
+def test_long_unbalanced_object_is_fully_visible_in_every_view():
+    """A body of many Gaussians and a long neck of few, as of a guitar."""
     rng = np.random.default_rng(1)
     body = 0.3 * rng.normal(size=(4000, 3))
     neck = np.stack([np.zeros(400), np.linspace(-4, 0, 400), np.zeros(400)], axis=1)
@@ -43,7 +40,7 @@ def test_a_long_object_with_its_weight_at_one_end_is_in_every_picture_as_a_whole
     assert min(_seen(splats, before, view) for view in range(12)) < 0.9
 
 
-def test_far_outliers_do_not_push_the_cameras_away():
+def test_far_outliers_do_not_change_the_framing():
     rng = np.random.default_rng(1)
     body = rng.normal(size=(4000, 3))
     scene = SplatScene(_splats(body, 0.02))
@@ -52,7 +49,7 @@ def test_far_outliers_do_not_push_the_cameras_away():
     assert float(pushed) < 1.2 * float(near)
 
 
-def test_a_scene_that_encloses_its_cameras_is_seen_from_inside():
+def test_enclosing_scene_is_framed_from_inside():
     rng = np.random.default_rng(1)
     shell = 5 * unit(rng.normal(size=(20000, 3)))
     inner = 0.5 * rng.normal(size=(20002, 3))
@@ -62,5 +59,5 @@ def test_a_scene_that_encloses_its_cameras_is_seen_from_inside():
     assert float(np.linalg.norm(cameras.centers, axis=1).min()) < 5
 
 
-def test_a_single_gaussian_and_no_gaussian_have_views_or_an_error():
+def test_single_gaussian_is_framed_and_empty_scene_refused():
     assert framing_cameras(SplatScene(_splats(np.ones((1, 3)), 0.1)), 3, SIZE).num_views == 3

@@ -6,21 +6,21 @@ import torch
 
 import fake_gsplat
 from splatwire.errors import BackendUnavailableError
+from splatwire.neural.render.differentiable import draw_cpu
+from splatwire.neural.render.gsplat_backend import GsplatRenderer, check_gsplat
+from splatwire.neural.render.renderers import create_training_renderer
 from splatwire.render import create_renderer
-from splatwire.render.backends import create_training_renderer
 from splatwire.render.base import TrainingRenderer
-from splatwire.render.differentiable import draw_cpu
-from splatwire.render.gsplat_backend import GsplatRenderer, check_gsplat
-from splatwire.scene import Cameras, Gaussians
+from splatwire.types import Cameras, Gaussians
 
 
-def test_without_gsplat_the_error_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_gsplat_error_names_the_installation(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gsplat", None)
     with pytest.raises(BackendUnavailableError, match=r"splatwire\[gpu\]"):
         create_renderer("gsplat")
 
 
-def test_without_a_gpu_the_error_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_gpu_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gsplat", types.ModuleType("gsplat"))
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(BackendUnavailableError, match="CUDA device"):
@@ -29,7 +29,7 @@ def test_without_a_gpu_the_error_says_so(monkeypatch: pytest.MonkeyPatch) -> Non
 
 @pytest.fixture
 def gsplat(monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
-    """A stand-in for gsplat on the CPU."""
+    """A fake gsplat on the CPU."""
     module = fake_gsplat.module()
     monkeypatch.setitem(sys.modules, "gsplat", module)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
@@ -55,7 +55,7 @@ def _across(unit: torch.Tensor, vectors: torch.Tensor) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("count", [0, 60])
-def test_both_training_renderers_say_what_pulls_at_the_centres(count: int, gsplat: types.ModuleType) -> None:
+def test_training_renderers_return_centre_gradients(count: int, gsplat: types.ModuleType) -> None:
     background, weight = (
         torch.tensor([0.1, 0.2, 0.3]),
         torch.rand(24, 40, 3, generator=torch.Generator().manual_seed(1)),
@@ -69,7 +69,7 @@ def test_both_training_renderers_say_what_pulls_at_the_centres(count: int, gspla
         (drawing.image * weight).sum().backward()
         assert drawing.d_centers is not None
         pulls = {name: t.grad for name, t in vars(gaussians).items()}
-        # gsplat normalises quaternions itself, so its gradient has no part along them
+        # gsplat normalises quaternions, so its gradient has no part along them
         pulls["quats"] = _across(gaussians.quats.detach(), pulls["quats"])
         results.append([drawing.image.detach(), drawing.d_centers, *pulls.values()])
         assert draw(_gaussians(count), _camera(), background=background, watched=False).d_centers is None
@@ -79,8 +79,8 @@ def test_both_training_renderers_say_what_pulls_at_the_centres(count: int, gspla
         torch.testing.assert_close(own, theirs, atol=2e-3, rtol=2e-3)
 
 
-def test_the_centres_are_in_pixels(gsplat: types.ModuleType) -> None:
-    """A Gaussian and the camera's principal point, moved together by a pixel fraction, against the gradient."""
+def test_centre_gradients_are_in_pixels(gsplat: types.ModuleType) -> None:
+    """A Gaussian and the principal point, moved together by a part of a pixel, against the gradient."""
     weight = torch.linspace(0, 1, 40)[None, :, None].expand(24, 40, 3)
     place = torch.tensor([[0.1, 0.05, 2.0]], requires_grad=True)
     one = torch.ones(1)
@@ -101,7 +101,7 @@ def test_the_centres_are_in_pixels(gsplat: types.ModuleType) -> None:
         assert float(drawing.d_centers[0, 0]) == pytest.approx((sums[0] - sums[1]) / 0.1, rel=0.05)
 
 
-def test_gsplat_is_tried_with_one_gaussian(gsplat: types.ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gsplat_is_probed_with_one_gaussian(gsplat: types.ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     check_gsplat("cpu")
 
     def without_kernels(*words: object, **more: object) -> None:
@@ -117,7 +117,7 @@ def test_gsplat_is_tried_with_one_gaussian(gsplat: types.ModuleType, monkeypatch
             check_gsplat("cpu")
 
 
-def test_training_draws_on_known_devices_only(gsplat: types.ModuleType) -> None:
+def test_training_refuses_unknown_devices(gsplat: types.ModuleType) -> None:
     assert create_training_renderer(torch.device("cpu")) is draw_cpu
     assert isinstance(create_training_renderer(torch.device("cuda")), TrainingRenderer)
     with pytest.raises(BackendUnavailableError, match="'meta'"):

@@ -1,22 +1,21 @@
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import torch
 
 from reference.squared_gradients import squared
+from splatwire.neural.render.differentiable import render_differentiable
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
-from splatwire.render.backends import _each_gradient
 from splatwire.render.cpu import each_gradient_cpu
-from splatwire.render.differentiable import render_differentiable
 from splatwire.render.importance import cameras_around
 from splatwire.render.precision import SIZE, VIEWS_OF_PART, precision_classes
-from splatwire.scene.splats import Splats
+from splatwire.types import Cameras, Gaussians
+from splatwire.types.splats import Splats
 
 
 def two_shells() -> Splats:
-    """200 Gaussians on an opaque shell, 40 more inside it, where no camera sees them."""
+    """200 Gaussians on an opaque shell, and 40 inside it that no camera sees."""
     rng = torch.Generator().manual_seed(0)
     directions = torch.nn.functional.normalize(torch.randn(240, 3, generator=rng), dim=1)
     radius = torch.where(torch.arange(240) < 200, 1.0, 0.2)[:, None]
@@ -26,7 +25,7 @@ def two_shells() -> Splats:
     return Splats(*(np.ascontiguousarray(column) for column in columns))
 
 
-def test_what_is_hidden_may_be_coarse() -> None:
+def test_hidden_gaussians_get_coarser_classes() -> None:
     splats = two_shells()
     classes = precision_classes(splats, cameras_around(splats.means[:200], 4, 48))
     assert classes.shape == (240,)
@@ -34,18 +33,29 @@ def test_what_is_hidden_may_be_coarse() -> None:
     assert (classes <= 0).mean() > 0.9
 
 
-def test_classes_repeat() -> None:
+def test_precision_classes_are_repeatable() -> None:
     splats = two_shells()
     cameras = cameras_around(splats.means, 2, 32)
     assert (precision_classes(splats, cameras) == precision_classes(splats, cameras)).all()
 
 
-def test_the_quick_way_finds_the_gradients_of_torch() -> None:
+def _gradients_of_torch(
+    gaussians: Gaussians, cameras: Cameras, d_image: Callable[..., Iterator[np.ndarray]], use: Callable[..., None]
+) -> None:
+    """Does as `each_gradient_cpu`, with the differentiable renderer."""
+    inputs = [torch.from_numpy(values.copy()).requires_grad_() for values in vars(gaussians).values()]
+    picture = render_differentiable(Gaussians(*inputs), cameras, background=torch.zeros(3))[0]
+    for gradient in d_image(tuple(picture.shape)):
+        found = torch.autograd.grad(picture, inputs, torch.from_numpy(gradient).to(picture), retain_graph=True)
+        use(slice(0, gaussians.num_gaussians), *(g.contiguous().numpy() for g in found))
+
+
+def test_fast_gradients_equal_torch_gradients() -> None:
     splats = two_shells()
     seen, cameras = splats.seen_from(np.zeros(3, np.float32)), cameras_around(splats.means, 1, 48)
     rng = torch.Generator().manual_seed(2)
     found = []
-    for find in (each_gradient_cpu, partial(_each_gradient, render_differentiable)):
+    for find in (each_gradient_cpu, _gradients_of_torch):
         rows = [np.zeros(tuple(values.shape), np.float32) for values in vars(seen).values()]
 
         def use(some: slice, *gradients: np.ndarray, rows: list[np.ndarray] = rows) -> None:
@@ -62,8 +72,8 @@ def test_the_quick_way_finds_the_gradients_of_torch() -> None:
         np.testing.assert_allclose(quick, whole, rtol=1e-4, atol=1e-5 * np.abs(whole).max())
 
 
-def test_large_scenes_are_looked_at_part_by_part() -> None:
-    """A part knows nothing of the others: what is far away from it may be anything."""
+def test_large_scenes_are_processed_in_parts() -> None:
+    """Parts are independent: distant Gaussians may have any value."""
     near = two_shells()
     far = replace(near, means=near.means + np.array([1000.0, 0.0, 0.0], np.float32))
     both = Splats(**{name: np.concatenate([getattr(one, name) for one in (near, far)]) for name in vars(near)})
@@ -73,7 +83,7 @@ def test_large_scenes_are_looked_at_part_by_part() -> None:
     assert (precision_classes(near, part=240) == precision_classes(near)).all()
 
 
-def test_squared_gradients_are_those_of_the_plain_sum() -> None:
+def test_squared_gradients_equal_the_plain_sum() -> None:
     rng, num = torch.Generator().manual_seed(1), 1000
     gradients = [torch.randn(num, *size, generator=rng) for size in ((3,), (4,), (3,), (), (3,))]
     scales = torch.rand(num, 3, generator=rng)

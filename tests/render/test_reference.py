@@ -5,8 +5,8 @@ import math
 import pytest
 import torch
 
-from splatwire.render.reference import render_reference, rotation_matrices
-from splatwire.scene import Cameras, Gaussians
+from splatwire.neural.render.reference import render_reference, rotation_matrices
+from splatwire.types import Cameras, Gaussians
 
 FOCAL, DEPTH, SIZE = 40.0, 2.0, 33
 BLACK = torch.zeros(3, dtype=torch.float64)
@@ -18,7 +18,7 @@ def camera() -> Cameras:
 
 
 def stack(opacities: list[float], depths: list[float] | None = None, sigma: float = 0.1) -> Gaussians:
-    """Round Gaussians on the viewing axis, each in a colour of its own."""
+    """Round Gaussians on the viewing axis, each in a different colour."""
     n = len(opacities)
     means = torch.zeros(n, 3, dtype=torch.float64)
     means[:, 2] = torch.tensor(depths or [DEPTH] * n, dtype=torch.float64)
@@ -27,7 +27,7 @@ def stack(opacities: list[float], depths: list[float] | None = None, sigma: floa
     return Gaussians(means, quats, torch.full((n, 3), sigma).double(), torch.tensor(opacities).double(), colors)
 
 
-def test_one_gaussian_has_the_closed_form() -> None:
+def test_one_gaussian_renders_its_closed_form() -> None:
     picture = render_reference(stack([0.8]), camera(), background=BLACK)[0, ..., 0]
     variance = (FOCAL / DEPTH * 0.1) ** 2 + 0.3
     middle = SIZE // 2  # pixel centre (16.5, 16.5) is the principal point
@@ -44,15 +44,15 @@ def test_faint_parts_are_skipped_and_opaque_ones_capped() -> None:
     assert centre.item() == pytest.approx(0.99)
 
 
-def test_nearest_is_laid_first_and_the_rest_shows_through() -> None:
+def test_blending_is_front_to_back() -> None:
     gaussians = stack([0.6, 0.5], depths=[3.0, 2.0])
     background = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
     centre = render_reference(gaussians, camera(), background=background)[0, SIZE // 2, SIZE // 2]
     assert centre.tolist() == pytest.approx([0.5 * 0.6, 0.5, 0.5 * 0.4])
 
 
-def test_pixel_ends_before_its_light_falls_below_the_limit() -> None:
-    """0.01 is left after the first, 0.0001 would not pass the limit after the second: the third is never reached."""
+def test_pixel_stops_before_transmittance_falls_below_the_limit() -> None:
+    """0.01 remains after the first, and 0.0001 would fall below the limit after the second; the third is unused."""
     gaussians = stack([0.99, 0.9902, 0.9], depths=[1.0, 2.0, 3.0])
     kept = render_reference(stack([0.99], depths=[1.0]), camera(), background=BLACK)
     drawn = render_reference(gaussians, camera(), background=BLACK)
@@ -68,7 +68,7 @@ def test_near_gaussians_are_not_drawn() -> None:
     assert render_reference(stack([0.9], depths=[0.2001]), camera(), background=BLACK).abs().max() > 0
 
 
-def test_turning_the_world_and_the_camera_together_changes_nothing() -> None:
+def test_rendering_is_invariant_to_rigid_motion() -> None:
     generator = torch.Generator().manual_seed(0)
     means = torch.rand(20, 3, generator=generator, dtype=torch.float64) - 0.5 + torch.tensor([0, 0, 2.0])
     quats = torch.nn.functional.normalize(torch.randn(20, 4, generator=generator, dtype=torch.float64), dim=1)
@@ -90,7 +90,7 @@ def test_turning_the_world_and_the_camera_together_changes_nothing() -> None:
     assert (before - after).abs().max() < 1e-9
 
 
-def test_gradients_are_those_of_finite_differences() -> None:
+def test_gradients_equal_finite_differences() -> None:
     fields = [torch.tensor([[0.1, -0.2, 2.0]]), torch.tensor([[0.7, 0.1, -0.5, 0.5]]), torch.tensor([[0.2, 0.05, 0.1]])]
     fields = [t.double() for t in [*fields, torch.tensor([0.7]), torch.tensor([[0.3, 0.6, 0.9]])]]
     fields[1] = torch.nn.functional.normalize(fields[1], dim=1)

@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
-import torch
 
 from scenes import tiny_cameras, tiny_scene
+from splatwire.anchors.compiled_heads import drawn_gaussians
 from splatwire.errors import UnknownNameError
-from splatwire.model import RenderHints
-from splatwire.model.compiled_heads import drawn_gaussians
 from splatwire.render import create_renderer, iterate_views, render_scene
+from splatwire.types import RenderHints
 
 
-def test_cpu_and_reference_draw_the_same_scene() -> None:
+@pytest.mark.needs_torch
+def test_cpu_and_reference_render_the_same_scene() -> None:
     scene, cameras = tiny_scene(num_anchors=60), tiny_cameras(2, 48, 32)
     background = np.array([0.1, 0.2, 0.3], np.float32)
     ours = render_scene(scene, cameras, background=background)
@@ -19,19 +19,18 @@ def test_cpu_and_reference_draw_the_same_scene() -> None:
     assert np.abs(ours - background).max() > 0.1
 
 
-def test_views_come_one_by_one_with_progress_and_without_gradients() -> None:
+def test_views_are_yielded_singly_with_progress_and_without_gradients() -> None:
     scene, cameras, done = tiny_scene(num_anchors=60), tiny_cameras(3, 48, 32), []
     images = render_scene(scene, cameras, progress=lambda i, n: done.append((i, n)))
     assert done == [(1, 3), (2, 3), (3, 3)]
     for view, image in enumerate(iterate_views(scene, cameras)):
         assert np.array_equal(image, images[view])
-        assert torch.is_grad_enabled()
         gaussians = drawn_gaussians(scene, cameras, view)
         alone = create_renderer("cpu")(gaussians, cameras.select([view]), background=np.zeros(3, np.float32))
         assert np.array_equal(alone[0].clip(0, 1), image)
 
 
-def test_hints_reach_the_picture() -> None:
+def test_render_hints_change_the_picture() -> None:
     scene, cameras = tiny_scene(num_anchors=60), tiny_cameras(1, 48, 32)
     plain = render_scene(scene, cameras)
     nothing = RenderHints(np.ones(60, np.float32), np.zeros(60, np.bool_))

@@ -1,24 +1,24 @@
-"""What is up is where the light comes from, if there is any doubt at all."""
+"""The up axis points to the brighter side of the scene, with a default in case of doubt."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from close import unit
-from splatwire.clips import ClipOptions, encode_clip
-from splatwire.codec.schemas.tracks.side_info import open_side_info
+from random_numbers import Numbers
+from splatwire.codec.sequence.side_info import open_side_info
 from splatwire.codec.viewpoint import UP_SECTION
-from splatwire.model.splat_scene import SplatScene
-from splatwire.render.up import up_of
-from splatwire.scene.splats import Splats
+from splatwire.render.up import estimate_up_axis
+from splatwire.sequence import ClipOptions, encode_clip
+from splatwire.types.splat_scene import SplatScene
+from splatwire.types.splats import Splats
 
 
 def lit_ball(up: float, strength: float) -> SplatScene:
-    """A ball whose side towards `up` along y is the brighter one."""
-    rng = torch.Generator().manual_seed(1)
-    means = unit(torch.randn(800, 3, generator=rng).numpy())
+    """A ball with a brighter side towards `up` along y."""
+    rng = Numbers(1)
+    means = unit(rng.randn(800, 3))
     sh = np.zeros((800, 1, 3), np.float32) - 1.0
     sh += strength * up * means[:, 1, None, None]
     turns = np.tile(np.array([1.0, 0.0, 0.0, 0.0], np.float32), (800, 1))
@@ -26,24 +26,22 @@ def lit_ball(up: float, strength: float) -> SplatScene:
 
 
 @pytest.mark.parametrize(("up", "strength", "found"), [(1, 0.6, "y"), (-1, 0.6, "-y"), (1, 0.02, "-y"), (1, 0, "-y")])
-def test_the_brighter_side_is_up_and_minus_y_where_neither_is(up: float, strength: float, found: str) -> None:
-    assert up_of(lit_ball(up, strength)) == found
+def test_up_axis_is_the_brighter_side_or_minus_y(up: float, strength: float, found: str) -> None:
+    assert estimate_up_axis(lit_ball(up, strength)) == found
 
 
 @pytest.mark.parametrize("up", ["y", "-y"])
 @pytest.mark.parametrize("strength", [0.6, -0.6])
-def test_of_a_ground_what_stands_on_it_says_where_up_is(up: str, strength: float) -> None:
+def test_up_axis_follows_objects_standing_on_a_ground(up: str, strength: float) -> None:
     ball = lit_ball(1, strength).splats
-    ground = replace(
-        ball, means=ball.means * 0.01 + 20 * torch.rand(800, 3, generator=torch.Generator().manual_seed(4)).numpy()
-    )
+    ground = replace(ball, means=ball.means * 0.01 + 20 * Numbers(4).rand(800, 3))
     ground.means[:, 1] *= 0.001
     sign = 1.0 if up == "y" else -1.0
-    ground.means[::8, 1] += sign * 2 * torch.rand(100, generator=torch.Generator().manual_seed(5)).numpy()
-    assert up_of(SplatScene(ground)) == up
+    ground.means[::8, 1] += sign * 2 * Numbers(5).rand(100)
+    assert estimate_up_axis(SplatScene(ground)) == up
 
 
-def test_a_clip_is_told_as_a_scene_is_and_may_be_overridden() -> None:
+def test_up_axis_of_a_clip_is_detected_and_can_be_overridden() -> None:
     frames, sections = [lit_ball(1, 0.6).splats] * 2, []
     for options in (ClipOptions(), ClipOptions(up="-y"), ClipOptions(up="z")):
         stream, _ = encode_clip(frames, options)

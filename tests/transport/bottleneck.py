@@ -1,4 +1,4 @@
-"""Flows that share a bottleneck with a drop-tail queue, on virtual time: a splatwire transfer beside models of TCP."""
+"""Simulated flows that share a bottleneck with a drop-tail queue: a splatwire transfer and models of TCP."""
 
 import dataclasses
 import heapq
@@ -6,29 +6,29 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from splatwire.transport.broadcast import Edition
-from splatwire.transport.frames import MORE, Feedback
-from splatwire.transport.program import Program, make_program
-from splatwire.transport.protection import Protection
-from splatwire.transport.receiver import FEEDBACK_S
-from splatwire.transport.server_limits import ServerLimits
-from splatwire.transport.transfer import ServerTransfer
-from splatwire.transport.wire import DATA, SIDE, decode, kind_of
+from splatwire.transport.protocol.frames import Feedback, TierHead
+from splatwire.transport.protocol.live_session import StreamUpdate
+from splatwire.transport.protocol.protection import Protection
+from splatwire.transport.protocol.receiver import FEEDBACK_S
+from splatwire.transport.protocol.served_stream import ServedStream, make_served_stream
+from splatwire.transport.protocol.server_limits import ServerLimits
+from splatwire.transport.protocol.transfer import ServerTransfer
+from splatwire.transport.protocol.wire import DATA, SIDE, decode, kind_of
 from transport.network import datagram_stream
 
 IP_UDP_BYTES = 28
 SHOWN_S = 0.1
-"""Throughput and queue are kept in steps of this."""
+"""Time step of the recorded throughput and queue, seconds."""
 
 
 class Network:
-    """A clock, and one link that everything crosses.
+    """A clock, and one link that all flows share.
 
     Args:
-        rate: Bytes per second of the link; None for one that is never full.
-        queue_bytes: Size of its queue; what does not fit is lost.
-        round_trip: Of a packet that finds no queue, seconds.
-        lost: Whether a packet that leaves the queue is lost behind it, at random.
+        rate: Bytes per second of the link; None for no limit.
+        queue_bytes: Size of its queue; excess packets are lost.
+        round_trip: Round-trip time with an empty queue, seconds.
+        lost: Decides if a packet is lost at random after the queue.
     """
 
     def __init__(
@@ -49,16 +49,16 @@ class Network:
 
     @property
     def queue_s(self) -> float:
-        """How long a packet that comes now would wait."""
+        """Queueing delay of a packet that arrives now."""
         return max(self._free_at - self.now, 0.0)
 
     def at(self, time: float, do: Callable[[], None]) -> None:
-        """Plans something."""
+        """Schedules an action."""
         self._count += 1
         heapq.heappush(self._events, (max(time, self.now), self._count, do))
 
     def send(self, size: int, arrived: Callable[[], None]) -> None:
-        """Sends a packet; `arrived` is called half a round trip after it left the queue, if it does."""
+        """Sends a packet and calls `arrived`, if it is not lost, half a round trip after it left the queue."""
         if self.rate is not None:
             if self.queue_s * self.rate + size > self.queue_bytes + size / 2:
                 self.dropped += 1
@@ -68,11 +68,11 @@ class Network:
             self.at(max(self._free_at, self.now) + self.round_trip / 2, arrived)
 
     def back(self, do: Callable[[], None]) -> None:
-        """Sends an answer, which finds no queue."""
+        """Sends an answer, which meets no queue."""
         self.at(self.now + self.round_trip / 2, do)
 
     def run(self, until: float) -> None:
-        """Lets time pass."""
+        """Advances the time."""
         while self._events and self._events[0][0] <= until:
             at, _, do = heapq.heappop(self._events)
             while len(self.queues) * SHOWN_S <= at:
@@ -83,7 +83,7 @@ class Network:
 
 
 class Flow(Protocol):
-    """Somebody who sends over the link.
+    """A sender on the link.
 
     Attributes:
         arrived: Bytes that arrived, by steps of `SHOWN_S`.
@@ -93,7 +93,7 @@ class Flow(Protocol):
 
 
 def count(arrived: list[int], now: float, size: int) -> None:
-    """Notes bytes that arrived."""
+    """Records arrived bytes."""
     step = int(now / SHOWN_S)
     arrived.extend([0] * (step + 1 - len(arrived)))
     arrived[step] += size
@@ -106,7 +106,7 @@ def throughput(flow: Flow, start: float, stop: float) -> float:
 
 
 class _Endless(tuple[tuple[int, int, int], ...]):
-    """A schedule of one symbol of the head object, then the same packet for ever."""
+    """A schedule of one symbol of the head object, then the same packet repeatedly."""
 
     def __len__(self) -> int:
         return 1 << 60
@@ -115,9 +115,9 @@ class _Endless(tuple[tuple[int, int, int], ...]):
         return (DATA, 0, 0) if place else (SIDE, 0, 0)
 
 
-def endless(packet_bytes: int = 1100) -> Program:
-    """A program that is never sent to its end."""
-    short = make_program(datagram_stream(num_anchors=40, side_bytes=600), Protection(side_repair=0.0))
+def endless(packet_bytes: int = 1100) -> ServedStream:
+    """A program that never ends."""
+    short = make_served_stream(datagram_stream(num_anchors=40, side_bytes=600), Protection(side_repair=0.0))
     return dataclasses.replace(
         short, packets=(bytes(packet_bytes),), schedule=_Endless([(SIDE, 0, 0)]), resend=0.0, parity=(), tiers=()
     )
@@ -125,13 +125,13 @@ def endless(packet_bytes: int = 1100) -> Program:
 
 @dataclass
 class Splatwire:
-    """The real sender of one transfer, and what a receiver reports 50 times a second.
+    """The real sender of one transfer, and feedback of a receiver 50 times per second.
 
     Attributes:
-        network: What it sends over.
-        begin: When it starts.
-        deaf: Times between which no report arrives.
-        late: How much later than it came the receiver notes that a datagram is there.
+        network: Network of the flow.
+        begin: Start time, seconds.
+        deaf: Interval without feedback, seconds.
+        late: Extra delay until the receiver registers a datagram, seconds.
     """
 
     network: Network
@@ -148,12 +148,12 @@ class Splatwire:
         self._planned: float | None = None
         self.network.at(self.begin, self._start)
 
-    def _program(self) -> Program:
-        """What is sent."""
+    def _program(self) -> ServedStream:
+        """Size of the sent datagrams."""
         return _PROGRAM
 
     def _left(self, data: bytes) -> None:
-        """Hears what leaves."""
+        """Receives a sent datagram."""
 
     def _start(self) -> None:
         self.transfer = ServerTransfer(self._program(), 1, self.limits, self.network.now)
@@ -183,7 +183,7 @@ class Splatwire:
         if self._planned is None or self.network.now < self._planned:
             return
         self._planned = None
-        sequence = self.transfer._reports.sequence
+        sequence = self.transfer._feedback_tracker.sequence
         data = self.transfer.poll(self.network.now)
         if data is not None:
             size = len(data) + IP_UDP_BYTES
@@ -201,7 +201,7 @@ class Splatwire:
 
 @dataclass
 class LiveSplatwire(Splatwire):
-    """The same of a live clip: every half a second a group of frames, bases and motion, the most seen first.
+    """The sender of a live clip: a group of frames every half second, most important motion first.
 
     Attributes:
         bases: Packets of bases of a group.
@@ -215,20 +215,26 @@ class LiveSplatwire(Splatwire):
     left: set[int] = field(default_factory=set)
     firsts: list[int] = field(default_factory=list)
 
-    def _program(self) -> Program:
+    def _program(self) -> ServedStream:
         first = (self.bases + self.motion) * len(self.firsts)
         places = range(first, first + self.bases + self.motion)
-        lasting = (b"\1" * self.bases + bytes(self.motion)) * (len(self.firsts) + 1)
-        packets = tuple(_PROGRAM.packets[0] if lasts or n >= first else b"" for n, lasts in enumerate(lasting))
+        persistent = (b"\1" * self.bases + bytes(self.motion)) * (len(self.firsts) + 1)
+        packets = tuple(_PROGRAM.packets[0] if lasts or n >= first else b"" for n, lasts in enumerate(persistent))
         self.firsts.append(first)
         self.network.at(self.network.now + GROUP_S, self._renew)
-        fields = {f.name: getattr(_PROGRAM, f.name) for f in dataclasses.fields(Program)}
+        fields = {f.name: getattr(_PROGRAM, f.name) for f in dataclasses.fields(ServedStream)}
         schedule = ((SIDE, 0, 0), *((DATA, 0, place) for place in places))
-        told = {"packets": packets, "schedule": schedule, "tiers": (MORE,), "resend": None}
-        return Edition(**{**fields, **told}, lasting=lasting, newest=first)
+        told = {
+            "packets": packets,
+            "schedule": schedule,
+            "tiers": (TierHead(0, 0, 0),),
+            "resend": None,
+            "is_live": True,
+        }
+        return StreamUpdate(**{**fields, **told}, persistent=persistent, newest=first)
 
     def _renew(self) -> None:
-        self.transfer.renew(self._program())
+        self.transfer.update(self._program())
         self._plan()
 
     def _left(self, data: bytes) -> None:

@@ -1,4 +1,4 @@
-"""A headless Chromium on a leash: the DevTools protocol over two pipes, no package needed."""
+"""A headless Chromium, controlled by the DevTools protocol over two pipes without further packages."""
 
 import base64
 import contextlib
@@ -32,7 +32,7 @@ reads, writes = (os.dup(int(fd)) for fd in sys.argv[1:3])  # moved away first: t
 os.dup2(reads, 13), os.dup2(writes, 14), os.dup2(13, 3), os.dup2(14, 4)
 os.execv(sys.argv[3], sys.argv[3:])
 """
-"""The browser reads its orders from descriptor 3 and answers on 4."""
+"""The browser reads commands from descriptor 3 and answers on descriptor 4."""
 
 
 def executable() -> str | None:
@@ -42,8 +42,8 @@ def executable() -> str | None:
 class Browser(Page):
     """One page of a browser."""
 
-    patience = 60.0
-    """Seconds within which it answers."""
+    patience = 600.0
+    """Timeout of an answer, seconds."""
 
     def __init__(self, to_browser: int, from_browser: int, *, alone: bool = False) -> None:
         self._out, self._in, self._rest, self._count = to_browser, from_browser, b"", 0
@@ -52,11 +52,11 @@ class Browser(Page):
         self._session = self._call("Target.attachToTarget", targetId=self._target, flatten=True)["sessionId"]
 
     def another(self, *, alone: bool = False) -> "Browser":
-        """One more page of the same browser; `alone`: which knows nothing of what others kept."""
+        """Opens another page of the same browser; with `alone` it shares no storage with other pages."""
         return Browser(self._out, self._in, alone=alone)
 
     def close(self) -> None:
-        """Closes the page, not the browser."""
+        """Closes the page but not the browser."""
         self._call("Target.closeTarget", targetId=self._target)
 
     def open(self, url: str) -> None:
@@ -67,7 +67,7 @@ class Browser(Page):
         return found["result"].get("value")
 
     def resolve(self, expression: str) -> Any:
-        """What a promise comes to."""
+        """Result of a promise."""
         found = self._call(
             "Runtime.evaluate", self._session, expression=expression, returnByValue=True, awaitPromise=True
         )
@@ -75,7 +75,7 @@ class Browser(Page):
         return found["result"].get("value")
 
     def memory(self, kind: str = "renderer") -> int:
-        """Bytes of memory that are the own of the browser's pages, or of its `GPU` process."""
+        """Private memory in bytes of the browser's pages, or of its `GPU` process."""
         processes = self._call("SystemInfo.getProcessInfo")["processInfo"]
         kept = [
             Path(f"/proc/{process['id']}/smaps_rollup").read_text() for process in processes if process["type"] == kind
@@ -85,7 +85,7 @@ class Browser(Page):
         )
 
     def alive(self) -> dict[str, int]:
-        """What the page's process has after a collection of garbage, by the browser's own count; bytes of the heap."""
+        """The browser's counts of objects in the page after a garbage collection, and bytes of the heap."""
         for method in (
             "HeapProfiler.enable",
             "HeapProfiler.collectGarbage",
@@ -112,7 +112,7 @@ class Browser(Page):
         self._mouse("mouseWheel", x, y, deltaX=0, deltaY=turn)
 
     def touch(self, *moments: list[tuple[float, float]]) -> None:
-        """Fingers on the screen, moment by moment; they are lifted in the end."""
+        """Touches the screen at a sequence of positions, then lifts the fingers."""
         for n, fingers in enumerate([*moments, []]):
             kind = "touchEnd" if not fingers else "touchMove" if n else "touchStart"
             points = [{"x": x, "y": y, "id": finger} for finger, (x, y) in enumerate(fingers)]
@@ -129,7 +129,7 @@ class Browser(Page):
         self._call("Input.dispatchMouseEvent", self._session, type=kind, x=x, y=y, **more)
 
     def emulate(self, width: int, height: int, *, touch: bool = False, **media: str) -> None:
-        """Has a window of this size, fingers in place of a mouse, and what people prefer (media features)."""
+        """Emulates a window size, touch in place of a mouse, and media features."""
         self._call(
             "Emulation.setDeviceMetricsOverride", self._session, width=width, height=height, deviceScaleFactor=1,
             mobile=touch,
@@ -143,7 +143,7 @@ class Browser(Page):
         return str(self._call("Page.captureScreenshot", self._session, format="png")["data"])
 
     def recorded(self, seconds: float, longest: float = 0.0) -> list[bytes]:
-        """What is on the screen for a while, whenever that changes: PNG files; for longer while there is nothing."""
+        """Records changes of the screen as PNG files for a while, longer if no picture has appeared."""
         frames: list[bytes] = []
         began = time.monotonic()
         self._call("Page.startScreencast", self._session, format="png")
@@ -156,6 +156,51 @@ class Browser(Page):
                 self._send("Page.screencastFrameAck", self._session, sessionId=message["params"]["sessionId"])
         self._call("Page.stopScreencast", self._session)
         return frames
+
+    def timed_frames(self, url: str, quiet: float, least: float, most: float) -> list[tuple[float, float, bytes]]:
+        """Opens an address and records changes of the screen: Unix time, processor time of the browser, JPEG file.
+
+        Ends after `least` seconds once the picture has not changed for `quiet` seconds, at the latest after `most`.
+        """
+        frames: list[tuple[float, float, bytes]] = []
+        asked: dict[int, int] = {}
+        self._call("Page.startScreencast", self._session, format="jpeg", quality=90)
+        began = changed = time.monotonic()
+        self._send("Page.navigate", self._session, url=url)
+        while (now := time.monotonic()) < began + most and (now < began + least or now < changed + quiet):
+            if b"\0" not in self._rest and not select.select([self._in], [], [], 0.25)[0]:
+                continue
+            message = self._message()
+            if message.get("id") in asked:
+                place = asked.pop(message["id"])
+                frames[place] = (frames[place][0], processor_seconds(message["result"]), frames[place][2])
+            if message.get("method") == "Page.screencastFrame":
+                shown = message["params"]
+                frame = base64.b64decode(shown["data"])
+                self._send("Page.screencastFrameAck", self._session, sessionId=shown["sessionId"])
+                if not frames or frames[-1][2] != frame:
+                    self._send("SystemInfo.getProcessInfo")
+                    asked[self._count] = len(frames)
+                    frames.append((shown["metadata"]["timestamp"], 0.0, frame))
+                    changed = time.monotonic()
+        self._call("Page.stopScreencast", self._session)
+        return frames
+
+    def start_trace(self) -> None:
+        """Starts a trace of the browser's threads."""
+        wanted = {"includedCategories": ["toplevel", "devtools.timeline"], "recordMode": "recordAsMuchAsPossible"}
+        self._call("Tracing.start", transferMode="ReturnAsStream", traceConfig=wanted)
+
+    def trace_events(self) -> list[dict[str, Any]]:
+        """Ends the trace and returns its events."""
+        self._call("Tracing.end")
+        while (message := self._message()).get("method") != "Tracing.tracingComplete":
+            pass
+        handle, text, ended = message["params"]["stream"], "", False
+        while not ended:
+            part = self._call("IO.read", handle=handle)
+            text, ended = text + part["data"], part["eof"]
+        return json.loads(text)["traceEvents"]
 
     def _send(self, method: str, session: str | None = None, **params: Any) -> None:
         self._count += 1
@@ -185,9 +230,14 @@ class Browser(Page):
         return json.loads(data)
 
 
+def processor_seconds(told: dict[str, Any]) -> float:
+    """Processor time of all processes of the browser so far."""
+    return float(sum(process["cpuTime"] for process in told["processInfo"]))
+
+
 @contextlib.contextmanager
 def browser() -> Iterator[Browser]:
-    """Starts one with a fresh profile, and ends it."""
+    """Starts a browser with a fresh profile and ends it afterwards."""
     found = executable()
     assert found is not None
     theirs_in, ours_out = os.pipe()

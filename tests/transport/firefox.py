@@ -1,4 +1,4 @@
-"""A headless Firefox on a leash: the Marionette protocol over a socket, no package needed."""
+"""A headless Firefox, controlled by the Marionette protocol over a socket without further packages."""
 
 import contextlib
 import json
@@ -29,7 +29,7 @@ def executable() -> str | None:
 class Firefox(Page):
     """One page of a browser."""
 
-    def __init__(self, port: int, seconds: float = 60.0) -> None:
+    def __init__(self, port: int, seconds: float = 600.0) -> None:
         end = time.monotonic() + seconds
         while True:
             try:
@@ -39,7 +39,7 @@ class Firefox(Page):
                 assert time.monotonic() < end, "Firefox did not start"
                 time.sleep(0.2)
         self._rest, self._count = b"", 0
-        self._message()  # what it says of itself
+        self._message()  # greeting of the browser
         self._call("WebDriver:NewSession", {})
         self._call("WebDriver:SetTimeouts", {"script": 120_000, "pageLoad": 120_000})
 
@@ -47,7 +47,7 @@ class Firefox(Page):
         self._call("WebDriver:Navigate", {"url": url})
 
     def evaluate(self, expression: str) -> Any:
-        """What an expression comes to; a promise is waited for."""
+        """Result of an expression or promise."""
         script = f"const tell = arguments[0]; Promise.resolve({expression}).then(tell, (error) => tell(String(error)));"
         found = self._call("WebDriver:ExecuteAsyncScript", {"script": script, "args": [], "sandbox": None})
         return found["value"]
@@ -87,7 +87,7 @@ class Firefox(Page):
 
 @contextlib.contextmanager
 def firefox() -> Iterator[Firefox]:
-    """Starts one with a fresh profile, and ends it."""
+    """Starts a browser with a fresh profile and ends it afterwards."""
     found = executable()
     assert found is not None
     with socket.socket() as free:

@@ -1,4 +1,4 @@
-"""A relay of Media over QUIC on this machine: the server of moq-rs with an origin."""
+"""A local relay of Media over QUIC: the server of moq-rs with an origin."""
 
 import asyncio
 import contextlib
@@ -9,7 +9,7 @@ from splatwire.transport.address import Address
 
 @contextlib.asynccontextmanager
 async def moq_relay() -> AsyncIterator[Address]:
-    """A relay; the address of nobody there, whose name is to be replaced."""
+    """Runs a relay and yields an address with a placeholder name."""
     import moq
 
     origin, sessions = moq.OriginProducer(), []

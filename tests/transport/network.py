@@ -1,4 +1,4 @@
-"""A network of our own in memory: time is a number, loss is a seed, and everything between both ends is ours."""
+"""A simulated network in memory with virtual time and seeded losses; both ends are the real code."""
 
 import heapq
 import random
@@ -8,28 +8,28 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from splatwire.packets import PRESETS, PacketId, PacketPlan, SceneStream, make_packet, make_stream
-from splatwire.packets.tiers import TierShape
+from splatwire.bitstream import PRESETS, PacketId, PacketPlan, SceneStream, make_packet, make_stream
+from splatwire.bitstream.tiers import TierShape
 from splatwire.transport import Event, Receiver, ReceiverOptions, Server, ServerLimits
-from splatwire.transport.program import Program, make_program
-from splatwire.transport.protection import Protection
+from splatwire.transport.protocol.protection import Protection
+from splatwire.transport.protocol.served_stream import ServedStream, make_served_stream
 
 SECRET = b"0123456789abcdef"
 
 
-class OopsError(Exception):
-    """A mistake of whoever owns a receiver."""
+class FailingCallbackError(Exception):
+    """Error in a receiver's callback."""
 
 
-def oops(event: object) -> None:
-    """An owner who makes it at every event."""
-    raise OopsError
+def fail_on_event(event: object) -> None:
+    """Callback that fails on every event."""
+    raise FailingCallbackError
 
 
 def datagram_stream(
     num_anchors: int = 9000, seed: int = 0, side_bytes: int = 60_000, per_packet: int = 40
 ) -> SceneStream:
-    """A stream of random bytes with the sizes of a real one."""
+    """A stream of random bytes with realistic sizes."""
     rng = np.random.default_rng(seed)
     plan, packets = PacketPlan(PRESETS["datagram"], num_anchors), []
     for block in range(plan.num_blocks):
@@ -48,10 +48,10 @@ class Link:
     """One direction of a path.
 
     Attributes:
-        lost: Called for each datagram.
-        delay_s: Time that it takes.
+        lost: Called for each datagram; True loses it.
+        delay_s: One-way delay, seconds.
         jitter_s: Largest further delay.
-        duplicate: Share that arrives twice.
+        duplicate: Share of duplicated datagrams.
         rate: Bytes per second; None for no limit. Datagrams wait in a queue of `queue_s`, then are lost.
         queue_s: Longest wait.
     """
@@ -79,7 +79,7 @@ class Link:
 
 @dataclass
 class Result:
-    """What a simulated transfer gave."""
+    """Result of a simulated transfer."""
 
     receiver: Receiver
     events: list[Event] = field(default_factory=list)
@@ -93,7 +93,7 @@ def bernoulli(rate: float, rng: random.Random) -> Callable[[], bool]:
 
 
 def bursts(rate: float, mean: float, rng: random.Random) -> Callable[[], bool]:
-    """Two states, as in Gilbert's model: lost in one, not in the other."""
+    """Gilbert's model with two states: all datagrams are lost in one of them."""
     leave, enter, state = 1 / mean, rate / (mean * (1 - rate)), [rng.random() < rate]
 
     def lost() -> bool:
@@ -105,7 +105,7 @@ def bursts(rate: float, mean: float, rng: random.Random) -> Callable[[], bool]:
 
 
 def at_most(lost: Callable[[], bool], seconds: float) -> Callable[[], bool]:
-    """The same losses on a real path, where time ends a burst too: senders that wait longer and longer would not."""
+    """The same losses on a real path, where time ends a burst as well, because senders slow down during losses."""
     since: list[float] = []
 
     def brief() -> bool:
@@ -121,7 +121,7 @@ def at_most(lost: Callable[[], bool], seconds: float) -> Callable[[], bool]:
 
 
 def transfer(
-    stream: SceneStream | Program,
+    stream: SceneStream | ServedStream,
     *,
     down: Link | None = None,
     up: Link | None = None,
@@ -134,7 +134,7 @@ def transfer(
     """Runs one transfer to its end in simulated time."""
     rng = random.Random(seed)
     down, up = down or Link(), up or Link()
-    program = stream if isinstance(stream, Program) else make_program(stream, protection)
+    program = stream if isinstance(stream, ServedStream) else make_served_stream(stream, protection)
     server = Server({"scene": program}, secret=SECRET, random=rng.randbytes, limits=limits)
     receiver = Receiver(rng.getrandbits(64), 0.0, options)
     result, queue, count = Result(receiver), [], 0
@@ -174,7 +174,7 @@ def transfer(
 
 
 def tiered_stream(seed: int = 0, side_bytes: int = 30_000, per_packet: int = 40) -> SceneStream:
-    """The same with two tiers: 900 anchors of 9000 are the important ones."""
+    """The stream with two tiers: 900 of 9000 anchors are important."""
     rng = np.random.default_rng(seed)
     tiers = (TierShape(900, 1), TierShape(8100, 1))
     plan, packets = PacketPlan(PRESETS["datagram"], 9000, tiers), []

@@ -1,4 +1,4 @@
-"""A lossy relay on loopback: what netem does, where netem is not to be had.
+"""A lossy relay on loopback, for machines without netem.
 
 python tests/transport/relay.py --server 4840 --port 4841 --loss 0.2 --burst 20 --delay 0.01 --duplicate 0.01
 """
@@ -11,15 +11,15 @@ from collections.abc import Callable
 
 
 class Relay:
-    """Passes datagrams between clients and one server, and loses some on the way to the clients and back.
+    """Forwards datagrams between clients and one server, with losses in both directions.
 
     Args:
-        server_port: Where the server is, on 127.0.0.1.
+        server_port: Port of the server on 127.0.0.1.
         down: Called for each datagram to a client; true loses it.
         up: The same for the other direction.
-        delay_s: One-way delay, seconds; each datagram takes up to `jitter` times as much longer, so that many overtake.
-        duplicate: Share of the datagrams that pass twice.
-        port: Where clients find it; 0 lets the system choose.
+        delay_s: One-way delay, seconds; each datagram takes up to `jitter` times longer, so that many are reordered.
+        duplicate: Share of duplicated datagrams.
+        port: Port for clients; 0 lets the system choose.
         seed: Seed of the jitter.
     """
 
@@ -50,7 +50,7 @@ class Relay:
         return int(self._front.getsockname()[1])
 
     def rebind(self) -> None:
-        """Gives clients another address towards the server, as a router does that forgot them."""
+        """Changes the clients' address towards the server, like a router after a timeout."""
         for sock in self._back.values():
             self._loop.remove_reader(sock)
             sock.close()
@@ -121,7 +121,7 @@ def main() -> None:
     parser.add_argument("--duplicate", type=float, default=0.0)
     parser.add_argument("--seed", type=int, default=0)
     words = parser.parse_args()
-    from network import bernoulli, bursts  # beside this file
+    from network import bernoulli, bursts  # next to this file
 
     async def run() -> None:
         rng = random.Random(words.seed)

@@ -1,4 +1,4 @@
-"""Models of TCP senders: CUBIC (RFC 9438) and one of BBR's kind (draft-cardwell-iccrg-bbr-congestion-control-00)."""
+"""Models of TCP senders: CUBIC (RFC 9438) and one similar to BBR (draft-cardwell-iccrg-bbr-congestion-control-00)."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -23,9 +23,9 @@ class _Sent:
 
 
 class Tcp:
-    """What both have in common: every segment is acknowledged by itself, losses are found as by SACK.
+    """Common part of both models: each segment is acknowledged, and losses are detected as by SACK.
 
-    There is always more to send. Windows are counted in segments.
+    The sender always has data. Windows are counted in segments.
     """
 
     def __init__(self, network: Network, begin: float = 0.0) -> None:
@@ -54,7 +54,7 @@ class Tcp:
         return len(self._out)
 
     def fill(self) -> None:
-        """Sends what may be sent now."""
+        """Sends all segments that the window allows."""
         while self.in_flight < int(self.window):
             self.send_one()
 
@@ -179,7 +179,7 @@ class Cubic(Tcp):
 
 
 class Bbr(Tcp):
-    """One of BBR's kind: sends at the largest rate at which packets arrived, whatever is lost, and probes for more."""
+    """A sender similar to BBR: it sends at the largest delivery rate, regardless of loss, and probes for more."""
 
     HIGH = 2.885
     CYCLE = (1.25, 0.75, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)

@@ -1,4 +1,4 @@
-"""One machine among many clients: how many places, starts and answers it gets, whatever ports and tokens it uses."""
+"""Limits of sessions, starts and answers for one client among many, independent of its ports and tokens."""
 
 import asyncio
 import random
@@ -7,16 +7,24 @@ from collections import Counter
 
 import pytest
 
-from splatwire.transport import Server, ServerLimits, make_program
-from splatwire.transport.admission import MOST_NETWORKS, WINDOW_S, Places, Starts, greediest, makes_room, network_of
-from splatwire.transport.frames import Bye, Challenge, Feedback, Hello, Refuse, Request, Welcome
-from splatwire.transport.sender import STARTS, TOO_MANY
-from splatwire.transport.transfer import MOST_WELCOMES, WELCOME_S
-from splatwire.transport.wire import decode, encode
+from splatwire.transport import Server, ServerLimits, make_served_stream
+from splatwire.transport.protocol.admission import (
+    MAX_NETWORKS,
+    WINDOW_S,
+    ConnectionSlots,
+    StartRateLimiter,
+    choose_eviction,
+    largest_holder,
+    network_of,
+)
+from splatwire.transport.protocol.frames import Bye, Challenge, Feedback, Hello, Refuse, Request, Welcome
+from splatwire.transport.protocol.sender import STARTS, TOO_MANY
+from splatwire.transport.protocol.transfer import MAX_WELCOMES, WELCOME_S
+from splatwire.transport.protocol.wire import decode, encode
 from transport.network import SECRET, datagram_stream
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
-PROGRAM = make_program(datagram_stream(num_anchors=500, side_bytes=3000), preview=bytes(1018))
+PROGRAM = make_served_stream(datagram_stream(num_anchors=500, side_bytes=3000), preview=bytes(1018))
 LIMITS = ServerLimits(sessions=64, per_network=4)
 Address = tuple[str, int]
 
@@ -50,7 +58,7 @@ def test_a_network_is_an_ipv4_address_or_a_prefix_of_ipv6():
 
 
 @pytest.mark.parametrize("host", ["192.0.2.{}", "2001:db8::{}"])
-def test_one_network_holds_its_share_of_the_places_whatever_its_ports(host: str):
+def test_one_network_holds_at_most_its_share_of_sessions(host: str):
     serving, taken = server(), Counter[type]()
     for port in range(200):
         mine = host.format(1 if "." in host else hex(port)[2:])
@@ -60,15 +68,15 @@ def test_one_network_holds_its_share_of_the_places_whatever_its_ports(host: str)
     assert isinstance(begin(serving, ("198.51.100.9", 5), 5, 0.0), Welcome)
 
 
-def test_all_networks_together_get_no_more_places_than_there_are():
+def test_all_networks_share_the_session_limit():
     serving = server()
     answers = [begin(serving, (f"192.0.2.{n}", 1), n, 0.0) for n in range(100)]
     assert sum(isinstance(answer, Welcome) for answer in answers) == serving.num_transfers == 64
 
 
 @pytest.mark.parametrize("hosts", ["192.0.2.{0}", "2001:db8:0:{0:x}::1", "2001:db8:{0:x}::1"])
-def test_whoever_has_many_networks_makes_room_for_others(hosts: str):
-    """One place for each of many addresses of a /24, a /48 or a /32 that somebody has to himself."""
+def test_client_with_many_networks_yields_sessions_to_others(hosts: str):
+    """One session for each of many addresses of a /24, a /48 or a /32 of one owner."""
     serving = server(ServerLimits(sessions=64, per_network=4, silence_s=1e9))
     theirs = [(hosts.format(n), n) for n in range(1, 200)]
     assert sum(isinstance(begin(serving, here, here[1], 0.0), Welcome) for here in theirs) == 64
@@ -79,23 +87,23 @@ def test_whoever_has_many_networks_makes_room_for_others(hosts: str):
     assert sum(address in theirs for address, _ in serving._transfers) == 48
 
 
-def test_places_are_shared_between_wide_networks_then_within_them():
+def test_sessions_are_shared_between_then_within_wide_networks():
     one, two, three = ((("a", 1), ("a", 1, n)) for n in range(3))
     other, alone = (("b", 1), ("b", 1, 1)), (("c", 1), ("c", 1, 1))
     held = {one: 3, two: 2, other: 4}
-    assert makes_room(held, alone) == one, "of the wide network that holds five the fullest"
-    assert makes_room(held, three) == one, "within its own wide network"
-    assert makes_room(held, two) is None
-    assert makes_room({one: 1, two: 1, other: 1}, alone) == one, "they share a wide network"
-    assert makes_room({one: 1, other: 1}, alone) is None
-    assert makes_room({one: 1, two: 1, other: 2}, other) is None
-    assert greediest(held) == one
-    assert makes_room({}, alone) is None
+    assert choose_eviction(held, alone) == one, "of the wide network that holds five the fullest"
+    assert choose_eviction(held, three) == one, "within its own wide network"
+    assert choose_eviction(held, two) is None
+    assert choose_eviction({one: 1, two: 1, other: 1}, alone) == one, "they share a wide network"
+    assert choose_eviction({one: 1, other: 1}, alone) is None
+    assert choose_eviction({one: 1, two: 1, other: 2}, other) is None
+    assert largest_holder(held) == one
+    assert choose_eviction({}, alone) is None
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_whoever_holds_fewer_than_a_fair_share_gets_a_place(seed: int):
-    """Connections of random networks come and go; an honest one of a network of its own is never turned away."""
+def test_network_below_its_fair_share_is_admitted(seed: int):
+    """Random networks connect and disconnect; an honest connection from another network is never refused."""
 
     class Connection(asyncio.WriteTransport):
         open = True
@@ -103,7 +111,7 @@ def test_whoever_holds_fewer_than_a_fair_share_gets_a_place(seed: int):
         def abort(self) -> None:
             self.open = False
 
-    rng, places, there = random.Random(seed), Places(32, per_network=8), []
+    rng, places, there = random.Random(seed), ConnectionSlots(32, per_network=8), []
     for _ in range(3000):
         if there and rng.random() < 0.3:
             places.leave(*there.pop(rng.randrange(len(there))))
@@ -129,7 +137,7 @@ def test_a_token_begins_one_transfer():
     assert (serving.num_served, serving.num_transfers) == (1, 0)
 
 
-def test_a_network_begins_so_many_transfers_a_minute():
+def test_transfer_starts_per_network_are_rate_limited():
     serving, nonces = server(), iter(range(10_000))
 
     def begun(host: str, start: float) -> int:
@@ -149,12 +157,12 @@ def test_a_network_begins_so_many_transfers_a_minute():
     assert begun("192.0.2.1", WINDOW_S + 1) == STARTS * LIMITS.per_network
 
 
-def test_repeated_requests_are_answered_seldom_and_not_after_a_report():
+def test_repeated_requests_are_answered_rarely_and_not_after_feedback():
     serving, here = server(), ("192.0.2.1", 1)
     request = encode(Request(7, token(serving, here, 7, 0.0), ""))
     answers = [serving.receive(here, request, n / 1000) for n in range(10_000)]
     told = [answer for answer in answers if answer]
-    assert len(told) == MOST_WELCOMES
+    assert len(told) == MAX_WELCOMES
     assert len([answer for answer in answers[:1000] if answer]) <= 1 + 1 / WELCOME_S
     assert sum(map(len, told)) < 0.2 * len(request) * len(answers)
     fresh = begin(serving, ("192.0.2.2", 1), 8, 0.0)
@@ -164,7 +172,7 @@ def test_repeated_requests_are_answered_seldom_and_not_after_a_report():
     assert [serving.receive(("192.0.2.2", 1), again, 0.2 * n) for n in range(2, 40)] == [None] * 38
 
 
-def test_a_client_that_had_its_share_makes_room():
+def test_client_is_ended_after_its_share_of_bytes():
     serving, here = server(ServerLimits(fixed_rate=1e8)), ("192.0.2.1", 1)
     session, sent, now = begin(serving, here, 1, 0.0).session, 0, 0.0
     while serving.num_transfers and now < 60:
@@ -175,20 +183,20 @@ def test_a_client_that_had_its_share_makes_room():
     assert sent < 4.1 * sum(PROGRAM.sizes().values()) + 200_000
 
 
-def test_the_starts_of_many_networks_take_bounded_memory():
-    starts = Starts(8)
-    for n in range(3 * MOST_NETWORKS):
-        if n == 2 * MOST_NETWORKS:
+def test_memory_of_start_records_is_bounded():
+    starts = StartRateLimiter(8)
+    for n in range(3 * MAX_NETWORKS):
+        if n == 2 * MAX_NETWORKS:
             tracemalloc.start()
         starts.note((n,), n, 0.0)
-    assert tracemalloc.get_traced_memory()[0] < 1_000 * MOST_NETWORKS
+    assert tracemalloc.get_traced_memory()[0] < 1_000 * MAX_NETWORKS
     tracemalloc.stop()
-    assert [starts.seen((n,), n) for n in (0, 3 * MOST_NETWORKS - 1)] == [False, True]
-    assert len(starts._networks) == MOST_NETWORKS
+    assert [starts.seen((n,), n) for n in (0, 3 * MAX_NETWORKS - 1)] == [False, True]
+    assert len(starts._networks) == MAX_NETWORKS
 
 
-def test_an_opening_that_nobody_answers_ends():
-    """A server that comes to it late does not turn around what it will not send."""
+def test_unanswered_opening_expires():
+    """A delayed server does not send an outdated opening."""
     serving = server()
     assert isinstance(begin(serving, ("192.0.2.1", 1), 1, 0.0), Welcome)
     assert serving.next_at() is not None
@@ -196,9 +204,10 @@ def test_an_opening_that_nobody_answers_ends():
     assert serving.next_at() is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
-def test_three_greedy_machines_leave_room_for_others(seed: int):
-    """Greetings, replays, reports and farewells at random from 600 ports of three machines, for two minutes."""
+def test_three_greedy_clients_leave_room_for_others(seed: int):
+    """Random greetings, replays, feedback and closes from 600 ports of three machines, for two minutes."""
     rng, serving, said = random.Random(seed), server(), list[tuple[Address, bytes]]()
     hosts = ("192.0.2.1", "192.0.2.2", "2001:db8::1")
     asked, answered, sent, begun, now = Counter[str](), Counter[str](), Counter[str](), Counter[str](), 0.0

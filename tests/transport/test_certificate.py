@@ -1,4 +1,4 @@
-"""Certificates that a server makes for itself, and makes again while it serves."""
+"""Self-signed certificates of a server, and their renewal during operation."""
 
 import datetime
 import json
@@ -8,17 +8,17 @@ import pytest
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from splatwire.transport import ReceiverOptions
-from splatwire.transport.certificate import DAYS, RENEWED_DAYS, Identity, RenewedIdentity
-from splatwire.transport.page_content import Link, PageContent
-from splatwire.transport.quic_client import Trust
-from splatwire.transport.quic_server import QuicServer
+from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.quic.certificate import DAYS, RENEWED_DAYS, Identity, RenewedIdentity
+from splatwire.transport.quic.client import Trust
+from splatwire.transport.quic.server import QuicServer
 from transport.test_quic import OTHER, PROGRAMS, fetch, run
 
 BEGAN = datetime.datetime(2030, 1, 1, tzinfo=datetime.UTC)
 
 
 class Clock:
-    """A clock that is turned by hand."""
+    """A clock that the test sets."""
 
     def __init__(self) -> None:
         self.now = BEGAN
@@ -27,10 +27,10 @@ class Clock:
         return self.now
 
 
-def test_browsers_find_a_certificate_valid_whenever_they_come():
-    """For two months, every hour: within its dates, an hour to spare for other clocks, for less than 14 days."""
+def test_certificate_is_valid_for_browsers_at_any_time():
+    """Checked hourly for two months: within its dates, with an hour of margin, for less than 14 days."""
     clock, told = Clock(), list[Identity]()
-    identity, seen = RenewedIdentity(clock=clock, told=told.append), set()
+    identity, seen = RenewedIdentity(clock=clock, on_renewed=told.append), set()
     for hours in range(24 * 60):
         clock.now = BEGAN + datetime.timedelta(hours=hours)
         shown = identity().certificate
@@ -42,8 +42,8 @@ def test_browsers_find_a_certificate_valid_whenever_they_come():
     assert RENEWED_DAYS < DAYS
 
 
-def test_a_server_shows_the_new_certificate_and_its_page_tells_of_it():
-    """Sessions of pages that are fetched after the renewal, and the address that running pages ask once more."""
+def test_renewed_certificate_is_served_and_announced_by_the_page():
+    """Covers sessions of pages loaded after the renewal, and the address that open pages request again."""
 
     async def work() -> None:
         clock = Clock()

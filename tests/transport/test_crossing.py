@@ -1,7 +1,7 @@
-"""The bundled scene from `splatwire serve` through the lossy relay to `splatwire receive`, drawn and scored.
+"""Transfer of the bundled scene from `serve` through a lossy relay to `receive`, rendered and scored.
 
-Three processes, real sockets: 20 % lost, 10 ms and up to half as much again each way (so that many overtake each
-other), 2 % twice. This stands in for netem where the kernel has none.
+Three processes with real sockets: 20 % loss, a delay of 10 to 15 ms each way with reordering, 2 % duplicates. It
+replaces netem on kernels without it.
 """
 
 import contextlib
@@ -15,12 +15,14 @@ from typing import Any
 import pytest
 
 import splatwire
+from splatwire.bitstream import PRESETS, read_stream, write_stream
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.conceal import conceal, create_concealer
+from splatwire.concealment import conceal, create_concealer
 from splatwire.data import load_cameras
 from splatwire.metrics import psnr
-from splatwire.packets import PRESETS, read_stream, write_stream
 from splatwire.render import render_scene
+
+pytestmark = pytest.mark.slow
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
 ASSETS = Path(splatwire.__file__).parent / "assets"
@@ -30,7 +32,7 @@ PATH = ("--delay", "0.01", "--jitter", "0.5", "--duplicate", "0.02", "--seed", "
 
 @contextlib.contextmanager
 def process(*words: str) -> Iterator[str]:
-    """A process; gives the first line that it says."""
+    """Starts a process and yields the first line of its output."""
     started = subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert started.stdout is not None
     try:
@@ -49,7 +51,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def crossed(stream: Path, target: Path, *, quic: bool, burst: int, words: tuple[str, ...]) -> dict[str, Any]:
-    """What `splatwire receive` says of a stream that came through the relay."""
+    """Output of `splatwire receive` for a stream through the relay."""
     scheme = "quic" if quic else "udp"
     with process("-m", "splatwire", "serve", str(stream), "--port", "0", "--json", *["--quic"] * quic) as said:
         facts = json.loads(said)
@@ -65,10 +67,10 @@ def crossed(stream: Path, target: Path, *, quic: bool, burst: int, words: tuple[
 
 
 @pytest.mark.parametrize(("quic", "burst"), [(False, 2), (True, 1)])
-def test_the_bundled_scene_crosses_and_is_drawn(served: Path, tmp_path: Path, quic: bool, burst: int):
-    """Without asking again a fifth is missing: the picture is close, and concealment makes it closer.
+def test_bundled_scene_is_transferred_and_rendered(served: Path, tmp_path: Path, quic: bool, burst: int):
+    """Without retransmission a fifth is missing, and concealment improves the picture.
 
-    Losses come by twos at most: of 330 packets in bursts of 20, half may be lost by chance.
+    Bursts have at most two packets, because bursts of 20 could remove half of 330 packets.
     """
     target = tmp_path / "seen.swz"
     facts = crossed(served, target, quic=quic, burst=burst, words=("--no-nack", "--partial"))
@@ -85,7 +87,7 @@ def test_the_bundled_scene_crosses_and_is_drawn(served: Path, tmp_path: Path, qu
     assert scores["grow"] > scores["drop"]
 
 
-def test_asking_again_brings_every_byte(served: Path, tmp_path: Path):
+def test_retransmission_delivers_every_byte(served: Path, tmp_path: Path):
     facts = crossed(served, tmp_path / "seen.swz", quic=False, burst=20, words=())
     assert facts["finished"] == "complete"
     assert (tmp_path / "seen.swz").read_bytes() == served.read_bytes()

@@ -8,7 +8,7 @@ from splatwire.transport import fec
 
 
 @pytest.mark.parametrize("num_bytes", [1, 64, 65, 1000, 5000, 64 * 700])
-def test_any_k_and_a_few_more_symbols_suffice(num_bytes):
+def test_slightly_more_than_k_symbols_decode(num_bytes):
     pytest.importorskip("raptorq", reason="the package raptorq is not installed")
     rng = random.Random(num_bytes)
     data = rng.randbytes(num_bytes)
@@ -22,7 +22,7 @@ def test_any_k_and_a_few_more_symbols_suffice(num_bytes):
     assert fec.recover({n: symbols[n] for n in numbers[: total - 1]}, total, 64) is None
 
 
-def test_nothing_lost_needs_no_package(monkeypatch):
+def test_lossless_blocks_need_no_raptorq_package(monkeypatch):
     data = bytes(range(200))
     symbols = dict(enumerate(fec.source_symbols(data, 64)))
     without_package(monkeypatch)
@@ -52,9 +52,9 @@ def test_impossible_blocks_are_refused():
             fec.repair_symbols(*arguments)
 
 
-def test_framing_keeps_sizes():
+def test_framing_preserves_sizes():
     packets = [b"a", b"bc" * 50, b""]
-    size = fec.framed_bytes(100)
+    size = fec.symbol_bytes_for(100)
     framed = fec.framed(packets, size)
     assert [fec.unframed(framed[i : i + size]) for i in range(0, len(framed), size)] == packets
     assert fec.unframed(b"\xff\xff123") == b"123"

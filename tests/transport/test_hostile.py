@@ -1,13 +1,13 @@
-"""Datagrams that nobody should have sent: nothing crashes, nothing wrong is believed, nothing grows without bound."""
+"""Hostile datagrams cause no crash, no accepted forgery and no unbounded memory."""
 
 import random
 import tracemalloc
 
 import pytest
 
-from splatwire.packets import PacketId, make_packet
-from splatwire.transport import Event, PacketArrived, Receiver, Server, ServerLimits, make_program
-from splatwire.transport.frames import (
+from splatwire.bitstream import PacketId, make_packet
+from splatwire.transport import Event, PacketArrived, Receiver, Server, ServerLimits, make_served_stream
+from splatwire.transport.protocol.frames import (
     Bye,
     Challenge,
     Data,
@@ -21,20 +21,22 @@ from splatwire.transport.frames import (
     TierHead,
     Welcome,
 )
-from splatwire.transport.wire import VERSION, decode, encode
+from splatwire.transport.protocol.wire import VERSION, decode, encode
 from transport.network import SECRET, datagram_stream
+
+pytestmark = pytest.mark.slow
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
 STREAM = datagram_stream(num_anchors=4000, side_bytes=20_000)
-PROGRAM = make_program(STREAM)
+PROGRAM = make_served_stream(STREAM)
 HOSTILE = 50_000
-"""Datagrams into each of the two ends: 100,000 in all."""
+"""Number of datagrams into each of the two ends, 100,000 in all."""
 TRACED = 4000
-"""The last of them, during which memory is watched: it may not grow any more."""
+"""Number of last datagrams during which memory must not grow."""
 
 
 def handshake(server: Server, receiver: Receiver) -> list[bytes]:
-    """Until the receiver is welcome; gives everything that was said."""
+    """Runs the handshake until the receiver is accepted; returns all frames."""
     said: list[bytes] = []
     out, _ = receiver.poll(0.0)
     while out:
@@ -47,7 +49,7 @@ def handshake(server: Server, receiver: Receiver) -> list[bytes]:
 
 
 def finish(server: Server, receiver: Receiver) -> list[Event]:
-    """Lets both ends go on undisturbed for some seconds."""
+    """Runs both ends undisturbed for some seconds."""
     now, events = 0.0, []
     while receiver.finished is None and now < 3.0:
         now += 0.02
@@ -64,7 +66,7 @@ def finish(server: Server, receiver: Receiver) -> list[Event]:
 
 
 def hostile(rng: random.Random, seen: list[bytes], session: int, stream_id: int) -> bytes:
-    """One datagram of some kind of malice."""
+    """One hostile datagram of a random kind."""
     big = [0, 1, 255, 256, 65_535, 1 << 20, (1 << 31) - 1, (1 << 32) - 1]
     number = lambda: rng.choice(big)  # noqa: E731
     match rng.randrange(8):
@@ -101,13 +103,13 @@ def hostile(rng: random.Random, seen: list[bytes], session: int, stream_id: int)
                     ]
                 )
             )  # fmt: skip
-        case _:  # packets of another stream, or beyond this one's plan, with checksums that hold
+        case _:  # packets of another stream or outside of this one's plan, with valid checksums
             packet_id, place = PacketId(number() & 0xFFFFFF, number() & 0x3FFF), rng.randrange(200)
             packet = make_packet(packet_id, 1 + number() % 65_535, b"evil", rng.choice([stream_id, 7]))
             return encode(Data(session, number(), place, packet.data))
 
 
-def test_receiver_survives_and_still_receives():
+def test_receiver_survives_hostile_datagrams():
     rng = random.Random(1)
     server = Server({"scene": PROGRAM}, secret=SECRET, random=rng.randbytes, limits=ServerLimits(fixed_rate=1e9))
     receiver = Receiver(rng.getrandbits(64), 0.0)
@@ -135,8 +137,8 @@ def test_receiver_survives_and_still_receives():
     assert {event.packet.id for event in events if isinstance(event, PacketArrived)} == {p.id for p in stream.packets}
 
 
-def test_without_the_stream_id_nothing_can_be_put_in():
-    """Whoever does not see the traffic guesses neither session nor stream: every anchor is right."""
+def test_off_path_attacker_cannot_inject_packets():
+    """An off-path attacker guesses neither session nor stream: every anchor is correct."""
     rng = random.Random(2)
     server = Server({"scene": PROGRAM}, secret=SECRET, random=rng.randbytes, limits=ServerLimits(fixed_rate=1e9))
     receiver = Receiver(rng.getrandbits(64), 0.0)
@@ -152,7 +154,7 @@ def test_without_the_stream_id_nothing_can_be_put_in():
     assert receiver.stream() == STREAM
 
 
-def test_server_survives_and_still_serves():
+def test_server_survives_hostile_datagrams():
     rng = random.Random(3)
     server = Server({"scene": PROGRAM}, secret=SECRET, random=rng.randbytes)
     receiver = Receiver(rng.getrandbits(64), 0.0)
@@ -163,7 +165,7 @@ def test_server_survives_and_still_serves():
             tracemalloc.start()
         data, address = hostile(rng, seen, session, 7), rng.choice(["client", "other", n])
         if data[:1] == b"\x19" and address == "client":
-            continue  # a Bye of the client's own address ends its transfer, and may
+            continue  # a Bye from the client's own address may end its transfer
         answer = server.receive(address, data, 0.0)
         if answer is not None:
             assert len(answer) <= len(data) or address == "client"
@@ -177,7 +179,7 @@ def test_server_survives_and_still_serves():
     assert receiver.stream() == STREAM
 
 
-def test_an_address_without_a_token_gets_one_small_answer_for_a_large_greeting():
+def test_unvalidated_address_gets_one_small_answer():
     server = Server({"scene": PROGRAM}, secret=SECRET, random=random.Random(0).randbytes)
     hello = encode(Hello(5, ""))
     answer = server.receive("victim", hello, 0.0)
@@ -192,7 +194,7 @@ def test_an_address_without_a_token_gets_one_small_answer_for_a_large_greeting()
     assert server.poll(9.0) == [], "nothing is sent before the client reports"
 
 
-def test_a_silent_client_is_forgotten_and_a_greedy_one_is_cut_off():
+def test_silent_client_expires_and_greedy_client_is_limited():
     rng = random.Random(4)
     server = Server({"scene": PROGRAM}, secret=SECRET, random=rng.randbytes, limits=ServerLimits(fixed_rate=1e9))
     receiver = Receiver(rng.getrandbits(64), 0.0)
@@ -208,7 +210,7 @@ def test_a_silent_client_is_forgotten_and_a_greedy_one_is_cut_off():
     assert server.num_transfers == 0
 
 
-def test_lies_about_what_arrived_are_ignored():
+def test_false_acknowledgements_are_ignored():
     rng = random.Random(5)
     server = Server({"scene": PROGRAM}, secret=SECRET, random=rng.randbytes)
     receiver = Receiver(rng.getrandbits(64), 0.0)
@@ -220,7 +222,7 @@ def test_lies_about_what_arrived_are_ignored():
     assert next(iter(server._transfers.values())).control.rate == before
 
 
-def test_poisoned_side_information_is_thrown_away_and_asked_for_again():
+def test_poisoned_side_information_is_discarded_and_requested_again():
     rng = random.Random(6)
     server = Server({"scene": PROGRAM}, secret=SECRET, random=rng.randbytes, limits=ServerLimits(fixed_rate=1e9))
     receiver = Receiver(rng.getrandbits(64), 0.0)

@@ -1,4 +1,4 @@
-"""Through a relay of Media over QUIC: the server of moq-rs with an origin."""
+"""Transfers through a relay of Media over QUIC: the server of moq-rs with an origin."""
 
 import asyncio
 import contextlib
@@ -12,20 +12,25 @@ import numpy as np
 import pytest
 
 from codec.gaussians.test_gaussians import some_splats
+from splatwire.bitstream import Packetization, SceneStream
+from splatwire.bitstream.container import file_record
+from splatwire.bitstream.sections import add_concealment
 from splatwire.codec import encode_scene
-from splatwire.errors import BitstreamError
-from splatwire.levels import Look, encode_levels
-from splatwire.model import SplatScene
-from splatwire.packets import Packetization, SceneStream
-from splatwire.packets.container import file_record
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.lod import Viewpoint, encode_levels
 from splatwire.transport import ReceiverLimits, ReceiverOptions
 from splatwire.transport.address import Address
+from splatwire.types import SplatScene
 
 pytest.importorskip("moq", reason="the package moq-rs is not installed")
-from splatwire.transport.layout import head_object
-from splatwire.transport.moq import HEAD, RelayTrust, parts_of, publish, tiles_of
-from splatwire.transport.moq_receiver import RelayReceiver, receive_relayed
+import splatwire.transport.moq.receiver as moq_receiver
+from splatwire.transport.moq.publisher import HEAD, RelayTrust, parts_of, publish, tiles_of
+from splatwire.transport.moq.receiver import RelayReceiver, receive_relayed
+from splatwire.transport.protocol.events import Interrupted, Resumed
+from splatwire.transport.protocol.layout import init_segment
 from transport.moq_relay import moq_relay
+
+pytestmark = pytest.mark.slow
 
 CASES = int(os.environ.get("SPLATWIRE_FUZZ_CASES", "600"))
 TRUST = RelayTrust(insecure=True)
@@ -48,13 +53,13 @@ def run(work: Any) -> None:
     asyncio.run(asyncio.wait_for(work(), 120))
 
 
-def far() -> Look:
+def far() -> Viewpoint:
     matrix = np.eye(4)
     matrix[2, 3] = 60.0
-    return Look(matrix, 200.0, 320, 240)
+    return Viewpoint(matrix, 200.0, 320, 240)
 
 
-def test_streams_come_through_a_relay_as_they_were():
+def test_streams_pass_a_relay_unchanged():
     async def work() -> None:
         async with moq_relay() as there:
             for name, stream in (("levels", LEVELS), ("some/plain", encode_scene(SplatScene(some_splats(900))))):
@@ -67,17 +72,38 @@ def test_streams_come_through_a_relay_as_they_were():
     run(work)
 
 
-def test_what_is_looked_at_is_all_that_is_asked_for():
+def test_receiver_requests_only_visible_tiles_from_a_relay():
     async def work() -> None:
         async with moq_relay() as there, published(LEVELS, replace(there, name="levels")):
-            receiver = await receive_relayed(replace(there, name="levels"), ReceiverOptions(look=far()), TRUST)
+            receiver = await receive_relayed(replace(there, name="levels"), ReceiverOptions(viewpoint=far()), TRUST)
             assert receiver.finished.reason == "seen"
             assert 0 < len(receiver.stream().packets) < len(LEVELS.packets) / 2
 
     run(work)
 
 
-def test_nobody_publishes_what_nobody_published():
+def test_a_view_is_taken_relative_to_the_origin_of_the_stream():
+    origin = (442_000.0, 5_443_000.0, 120.0)
+    stream = add_concealment(LEVELS, "origin", np.array(origin, "<f8").tobytes())
+    world = replace(far(), origin=origin).relative_to((0.0, 0.0, 0.0))
+
+    async def work() -> None:
+        counts = []
+        async with moq_relay() as there, published(stream, replace(there, name="levels")):
+            for viewpoint in (replace(far(), origin=origin), world):
+                receiver = await receive_relayed(
+                    replace(there, name="levels"), ReceiverOptions(viewpoint=viewpoint), TRUST
+                )
+                counts.append({packet.id for packet in receiver.stream().packets})
+        async with moq_relay() as there, published(LEVELS, replace(there, name="levels")):
+            receiver = await receive_relayed(replace(there, name="levels"), ReceiverOptions(viewpoint=far()), TRUST)
+            counts.append({packet.id for packet in receiver.stream().packets})
+        assert counts[0] == counts[1] == counts[2]
+
+    run(work)
+
+
+def test_unknown_stream_on_a_relay_ends_at_the_deadline():
     async def work() -> None:
         async with moq_relay() as there:
             receiver = await receive_relayed(replace(there, name="nothing"), ReceiverOptions(deadline_s=1.0), TRUST)
@@ -88,25 +114,25 @@ def test_nobody_publishes_what_nobody_published():
 
 
 @dataclass
-class Liar:
-    """A relay that sends anything at all: stands for broadcast, track, group and frame."""
+class HostileRelay:
+    """A hostile relay that acts as broadcast, track, group and frame."""
 
     tracks: dict[str, list[bytes]]
     frames: list[bytes] = field(default_factory=list)
     payload: bytes = b""
 
-    async def subscribe_track(self, name: str, wanted: Any) -> "Liar":
-        return Liar(self.tracks, list(self.tracks.get(name, [])))
+    async def subscribe_track(self, name: str, wanted: Any) -> "HostileRelay":
+        return HostileRelay(self.tracks, list(self.tracks.get(name, [])))
 
-    async def recv_group(self) -> "Liar | None":
+    async def recv_group(self) -> "HostileRelay | None":
         return self if self.frames is not None else None
 
-    async def read_frame(self) -> "Liar | None":
-        return Liar(self.tracks, payload=self.frames.pop(0)) if self.frames else None
+    async def read_frame(self) -> "HostileRelay | None":
+        return HostileRelay(self.tracks, payload=self.frames.pop(0)) if self.frames else None
 
 
 def truth(stream: SceneStream) -> dict[str, list[bytes]]:
-    head = head_object(stream.manifest, stream.side_info)
+    head = init_segment(stream.manifest, stream.side_info)
     packets = [packet.data for packet in stream.packets]
     parts = parts_of(stream.manifest, tiles_of(stream.manifest, stream.side_info))
     return {
@@ -115,30 +141,111 @@ def truth(stream: SceneStream) -> dict[str, list[bytes]]:
     }
 
 
-def test_what_relays_say_is_not_believed():
+def test_hostile_relay_answers_are_validated():
     limits = ReceiverLimits(head_bytes=1 << 16, stream_bytes=1 << 18)
     tracks, rng = truth(LEVELS), random.Random(4)
     honest = RelayReceiver(ReceiverOptions(limits=limits), None)
-    assert asyncio.run(honest.receive(Liar(tracks))) == "complete"
+    assert asyncio.run(honest.receive(HostileRelay(tracks))) == "complete"
     for _ in range(CASES // 6):
         told = {name: [mutated(frame, rng) for frame in frames] for name, frames in tracks.items()}
         if rng.random() < 0.7:
             told[HEAD] = [*tracks[HEAD]]
         if rng.random() < 0.3:
             told[rng.choice(list(told))] *= rng.choice([0, 2, 5000])
-        receiver = RelayReceiver(ReceiverOptions(limits=limits, look=far() if rng.random() < 0.5 else None), None)
+        receiver = RelayReceiver(ReceiverOptions(limits=limits, viewpoint=far() if rng.random() < 0.5 else None), None)
         with contextlib.suppress(BitstreamError):
-            asyncio.run(receiver.receive(Liar(told)))
+            asyncio.run(receiver.receive(HostileRelay(told)))
         assert receiver.num_bytes <= limits.stream_bytes + (1 << 16)
         stream = receiver.stream()
         assert stream is None or set(stream.packets) <= set(LEVELS.packets)
 
 
 def mutated(data: bytes, rng: random.Random) -> bytes:
-    """The same, or somewhat else."""
+    """Returns the frame, possibly mutated."""
     if not data or rng.random() < 0.8:
         return data
     changed = bytearray(data)
     for _ in range(rng.randrange(1, 4)):
         changed[rng.randrange(len(changed))] = rng.randrange(256)
     return bytes(changed[: rng.randrange(len(changed)) if rng.random() < 0.3 else None])
+
+
+@dataclass
+class FailingRelay(HostileRelay):
+    """A relay that falls silent when it has sent a number of tracks."""
+
+    left: list[int] = field(default_factory=lambda: [0])
+    asked: list[str] = field(default_factory=list)
+
+    async def subscribe_track(self, name: str, wanted: Any) -> HostileRelay:
+        if not self.left[0]:
+            await asyncio.sleep(1000)
+        self.left[0] -= 1
+        self.asked.append(name)
+        return await super().subscribe_track(name, wanted)
+
+
+def relayed(monkeypatch, sessions: list[Any], options: ReceiverOptions) -> tuple[RelayReceiver, list[Any]]:
+    """Receives through sessions, one after another; of what is no relay no session comes about."""
+    events, left = list[Any](), list(sessions)
+
+    @contextlib.asynccontextmanager
+    async def session(address: Address, trust: RelayTrust) -> AsyncIterator[Any]:
+        relay = left.pop(0) if left else None
+        if relay is None:
+            raise InvalidValueError("no session with the relay")
+
+        class Client:
+            def announced_broadcast(self, name: str) -> "Client":
+                return self
+
+            async def available(self) -> Any:
+                return relay
+
+        yield Client(), "levels"
+
+    monkeypatch.setattr(moq_receiver, "session", session)
+    monkeypatch.setattr(moq_receiver, "RECONNECT_INTERVAL_S", 0.01)
+    work = receive_relayed(Address("127.0.0.1", 1, "levels", "moq"), options, TRUST, events.append)
+    return asyncio.run(asyncio.wait_for(work, 60)), events
+
+
+QUICK = ReceiverOptions(silence_s=0.2)
+
+
+def test_transfer_resumes_after_an_outage_of_the_relay(monkeypatch):
+    tracks = truth(LEVELS)
+    sessions = [FailingRelay(tracks, left=[4]), None, FailingRelay(tracks, left=[3]), FailingRelay(tracks, left=[999])]
+    receiver, events = relayed(monkeypatch, sessions, QUICK)
+    assert receiver.finished.reason == "complete"
+    assert set(receiver.stream().packets) == set(LEVELS.packets)
+    parts = [name for relay in sessions if relay for name in relay.asked if name != HEAD]
+    assert sorted(parts) == sorted(set(parts))  # nothing is taken twice
+    kinds = [type(event).__name__ for event in events if isinstance(event, (Interrupted, Resumed))]
+    assert kinds == ["Interrupted", "Resumed", "Interrupted", "Resumed"]
+    assert all(event.kept for event in events if isinstance(event, Resumed))
+
+
+def test_transfer_begins_anew_with_another_stream_of_the_relay(monkeypatch):
+    other = encode_levels(SplatScene(some_splats(2000)), Packetization(block_size=60, lanes=2))
+    sessions = [FailingRelay(truth(LEVELS), left=[4]), FailingRelay(truth(other), left=[999])]
+    receiver, events = relayed(monkeypatch, sessions, QUICK)
+    assert receiver.finished.reason == "complete"
+    assert set(receiver.stream().packets) == set(other.packets)
+    assert [event.kept for event in events if isinstance(event, Resumed)] == [False]
+
+
+def test_relay_that_stays_away_ends_the_transfer_with_what_arrived(monkeypatch):
+    options = ReceiverOptions(silence_s=0.2, reconnect_s=1.0)
+    receiver, _ = relayed(monkeypatch, [FailingRelay(truth(LEVELS), left=[4])], options)
+    assert receiver.finished.reason == "no session with the relay"
+    assert 0 < len(receiver.stream().packets) < len(LEVELS.packets)
+    none = ReceiverOptions(silence_s=0.2, reconnect_s=0.0)
+    receiver, events = relayed(monkeypatch, [FailingRelay(truth(LEVELS), left=[4])], none)
+    assert "fell silent" in receiver.finished.reason
+    assert not any(isinstance(event, Interrupted) for event in events)
+
+
+def test_relay_that_is_not_there_is_an_error_at_once(monkeypatch):
+    with pytest.raises(InvalidValueError, match="no session"):
+        relayed(monkeypatch, [None], QUICK)

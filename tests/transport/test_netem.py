@@ -16,9 +16,11 @@ from pathlib import Path
 
 import pytest
 
-from processes import told_by
-from splatwire.packets import read_stream, write_stream
+from processes import server_process
+from splatwire.bitstream import read_stream, write_stream
 from transport.network import datagram_stream
+
+pytestmark = pytest.mark.slow
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
 
@@ -29,7 +31,7 @@ def tool(*words: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture
 def namespace() -> Iterator[str]:
-    """A fresh network namespace with loopback up; skips where there is no right to make one."""
+    """A fresh network namespace with loopback; skips without the necessary privileges."""
     if not (shutil.which("ip") and shutil.which("tc")):
         pytest.skip("ip and tc (iproute2) are not installed; the lossy relay of test_udp.py stands in")
     name = f"splatwire-{uuid.uuid4().hex[:8]}"
@@ -45,10 +47,10 @@ def namespace() -> Iterator[str]:
 
 @contextlib.contextmanager
 def serving(namespace: str, stream: Path) -> Iterator[int]:
-    """A server process in a namespace; gives its port."""
+    """A server process in a namespace; yields its port."""
     words = ["ip", "netns", "exec", namespace, sys.executable, "-m", "splatwire"]
     command = [*words, "serve", str(stream), "--port", "0", "--json"]
-    with told_by(command, polite=False) as told:
+    with server_process(command, polite=False) as told:
         yield int(told["port"])
 
 
@@ -60,7 +62,7 @@ def serving(namespace: str, stream: Path) -> Iterator[int]:
         "delay 5ms rate 20mbit loss 20%",
     ],
 )
-def test_serve_and_receive_cross_netem(namespace: str, netem: str, tmp_path: Path):
+def test_serve_and_receive_work_over_netem(namespace: str, netem: str, tmp_path: Path):
     made = tool("ip", "netns", "exec", namespace, "tc", "qdisc", "add", "dev", "lo", "root", "netem", *netem.split())
     if made.returncode:
         pytest.skip(f"netem is not available ({made.stderr.strip()[:80]}); the relay of test_udp.py stands in")

@@ -1,10 +1,12 @@
-"""Pages of other sites, other names, proxies and caches: who may read a stream, and which address a page gets."""
+"""Other origins, host names, proxies and caches: access to a stream, and the addresses in a page."""
+
+from http import HTTPStatus
 
 import pytest
 
 from splatwire.errors import InvalidValueError
-from splatwire.transport.origins import is_loopback, is_loopback_origin, parse_origin
-from splatwire.transport.page_content import Link, PageContent
+from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.origins import is_loopback, is_loopback_origin, parse_origin
 from splatwire.view.page import _origins
 
 TARGETS = ("/streams/ball.swz", "/streams.json", "/splatwire.js", "/splatwire-view.js")
@@ -28,7 +30,7 @@ def asked(content, target="/streams/ball.swz", origin=None, host="127.0.0.1:8080
 
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "::1", "127.3.2.1"])
-def test_on_loopback_only_pages_of_this_machine_may_read(target, host):
+def test_loopback_server_allows_local_origins_only(target, host):
     content = PageContent({"ball": b"scene"}, host=host)
     for origin in FOREIGN:
         code, headers = asked(content, target, origin)
@@ -40,7 +42,7 @@ def test_on_loopback_only_pages_of_this_machine_may_read(target, host):
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_a_server_for_others_is_for_all_pages(target):
+def test_public_server_allows_every_origin(target):
     for content in (
         PageContent({"ball": b"scene"}, host="0.0.0.0"),
         PageContent({"ball": b"scene"}, public_origin="https://a.org"),
@@ -50,7 +52,7 @@ def test_a_server_for_others_is_for_all_pages(target):
 
 
 @pytest.mark.parametrize("more", ["", "Range: bytes=0-1\r\n", "Range: bytes=99-\r\n", "If-None-Match: TAG\r\n"])
-def test_with_origins_caches_keep_answers_to_different_pages_apart(more):
+def test_answers_with_origins_vary_by_origin(more):
     content = PageContent({"ball": b"scene"}, host="0.0.0.0", origins=("https://a.org",))
     more = more.replace("TAG", asked(content)[1]["ETag"])
     for origin in (None, "https://a.org", "https://b.org", "http://localhost", "null"):
@@ -59,13 +61,62 @@ def test_with_origins_caches_keep_answers_to_different_pages_apart(more):
         assert headers.get("Access-Control-Allow-Origin") == ("https://a.org" if origin == "https://a.org" else None)
 
 
-def test_packed_and_plain_scripts_are_kept_apart_by_caches():
+@pytest.mark.parametrize(
+    ("target", "host", "more", "code"),
+    [
+        ("/streams/ball.swz", "127.0.0.1", "", 200), ("/streams/ball.swz", "127.0.0.1", "Range: bytes=0-1\r\n", 206),
+        ("/streams/ball.swz", "127.0.0.1", "Range: bytes=99-\r\n", 416), ("/streams/no.swz", "127.0.0.1", "", 404),
+        ("/", "evil.example", "", 403),
+    ],
+)  # fmt: skip
+def test_status_lines_have_the_standard_reason(target, host, more, code):
+    content = PageContent({"ball": b"scene"})
+    head = content.answer(f"GET {target} HTTP/1.1\r\nHost: {host}\r\n{more}\r\n".encode()).head
+    reason = "Range Not Satisfiable" if code == 416 else HTTPStatus(code).phrase  # RFC 9110; 416 differs in Python
+    assert head.startswith(f"HTTP/1.1 {code} {reason}\r\n".encode())
+
+
+def test_answers_vary_by_content_encoding():
     content = PageContent({}, host="0.0.0.0")
     for more in ("", "Accept-Encoding: gzip\r\n"):
         assert asked(content, "/splatwire.js", more=more)[1]["Vary"] == "Accept-Encoding"
 
 
-def test_a_proxy_may_pass_the_public_name_or_that_of_the_server():
+@pytest.mark.parametrize(("origins", "readable"), [(None, "*"), (("https://a.org",), "https://a.org"), ((), None)])
+def test_pages_of_other_origins_see_why_a_stream_is_refused(origins, readable):
+    content = PageContent({"ball": b"scene"}, host="0.0.0.0", origins=origins)
+    code, headers = asked(content, "/streams/none.swz", "https://a.org")
+    assert (code, headers.get("Access-Control-Allow-Origin")) == (404, readable)
+    busy = content.busy(
+        b"GET /streams/ball.swz HTTP/1.1\r\nHost: 127.0.0.1\r\nOrigin: https://a.org\r\n\r\n"
+    ).head.decode()
+    assert busy.startswith("HTTP/1.1 503 ")
+    assert "Retry-After: 1\r\n" in busy
+    assert (f"Access-Control-Allow-Origin: {readable}\r\n" in busy) == (readable is not None)
+    assert content.busy(b"nonsense\r\n\r\n").head.startswith(b"HTTP/1.1 400 ")
+
+
+def test_proxy_with_another_host_header_is_answered_with_the_right_one():
+    content = PageContent({"ball": b"scene"}, public_origin="https://splats.example.org")
+    answer = content.answer(b"GET / HTTP/1.1\r\nHost: splat_backend\r\n\r\n")
+    assert b"Host: splats.example.org" in answer.body
+    assert b"--public-url" not in answer.body
+
+
+@pytest.mark.parametrize(
+    ("text", "packed"),
+    [
+        ("gzip", True), ("br, GZIP;q=0.5", True), ("gzip ; q=0.001", True), ("x-gzip", True), ("", False),
+        ("gzip;q=0", False), ("gzip;q=0.000, br", False), ("br;q=1, gzip; q=0.0", False), ("*;q=0", False),
+        ("gzipped", False),
+    ],
+)  # fmt: skip
+def test_scripts_are_compressed_only_for_clients_that_accept_it(text, packed):
+    headers = asked(PageContent({}), "/splatwire.js", more=f"Accept-Encoding: {text}\r\n")[1]
+    assert ("Content-Encoding" in headers) == packed
+
+
+def test_proxy_host_header_is_accepted():
     content = PageContent(
         {"ball": b"scene"}, Link(4840, "/splatwire", None), public_origin="https://splats.example.org"
     )
@@ -77,15 +128,15 @@ def test_a_proxy_may_pass_the_public_name_or_that_of_the_server():
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8080", "10.0.0.1", "[::1]:80", "localhost"])
-def test_the_page_is_the_same_by_whatever_name_it_is_asked_for(host):
-    """A proxy may ask by an address that no visitor knows."""
+def test_page_does_not_depend_on_the_host_header(host):
+    """A proxy may use an internal address."""
     content = PageContent({"ball": b"scene"}, Link(4840, "/splatwire", "ab" * 32))
     answer = content.answer(f"GET / HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
     assert answer == content.answer(b"GET / HTTP/1.1\r\nHost: 192.168.1.1\r\n\r\n")
     assert b'session=":4840/splatwire"' in answer.body
 
 
-def test_a_viewer_for_other_machines_is_for_no_other_page():
+def test_public_viewer_allows_no_other_origin():
     assert [_origins(host) for host in ("127.0.0.1", "localhost", "0.0.0.0", "10.0.0.1", "::")] == [
         None,
         None,
@@ -95,7 +146,7 @@ def test_a_viewer_for_other_machines_is_for_no_other_page():
     ]
 
 
-def test_origins_are_written_as_browsers_send_them():
+def test_origins_are_normalised_as_browsers_send_them():
     for text, origin in (
         ("https://a.org", "https://a.org"), ("https://A.org/", "https://a.org"), (" http://a.org:80 ", "http://a.org"),
         ("https://a.org:0443", "https://a.org"), ("http://[::1]:8080", "http://[::1]:8080"),
@@ -115,7 +166,7 @@ def test_origins_are_written_as_browsers_send_them():
             parse_origin(text)
 
 
-def test_loopback_is_this_machine_and_nothing_else():
+def test_only_loopback_addresses_are_loopback():
     assert all(map(is_loopback, ("localhost", "LOCALHOST", "127.0.0.1", "127.9.9.9", "::1", "[::1]", "a.localhost")))
     assert not any(map(is_loopback, ("0.0.0.0", "::", "10.0.0.1", "localhost.org", "notlocalhost", "128.0.0.1", "")))
     assert not is_loopback_origin(None)

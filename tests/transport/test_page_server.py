@@ -1,4 +1,4 @@
-"""Clients of the page's server that nobody should have written: what each takes, and that others are served."""
+"""Hostile clients of the page server: their limits, and service for other clients."""
 
 import asyncio
 import contextlib
@@ -14,16 +14,16 @@ from typing import Any
 import pytest
 
 from splatwire.errors import BitstreamError
-from splatwire.transport.http_messages import read_request
-from splatwire.transport.page import CHUNK_BYTES, PageLimits, PageServer
-from splatwire.transport.page_content import Link, PageContent
+from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.messages import read_request
+from splatwire.transport.http.server import CHUNK_BYTES, PageLimits, PageServer
 
 BODY = random.Random(0).randbytes(8 << 20)
 CONTENT = PageContent({"big": BODY}, Link(4840, "/splatwire", "ab" * 32))
 HERE, ELSEWHERE = "127.0.0.1", "127.0.0.2"
 GET = b"GET %b HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
 PATIENT = PageLimits(request_s=60.0, chunk_s=60.0)
-"""Of tests that are not about time: however slow a machine is, nobody is dropped for it."""
+"""Limits for tests independent of time: a slow machine drops no client."""
 PAGE, BIG = GET % b"/", GET % b"/streams/big.swz"
 
 
@@ -38,7 +38,7 @@ async def until(true: Callable[[], Any], seconds: float = 30.0) -> None:
 
 
 async def asked(port: int, request: bytes = PAGE, host: str = ELSEWHERE) -> bytes:
-    """What a client hears that sends a request and reads to the end."""
+    """Answer to a client that sends a request and reads to the end."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port, local_addr=(host, 0))
     writer.write(request)
     try:
@@ -51,7 +51,7 @@ async def asked(port: int, request: bytes = PAGE, host: str = ELSEWHERE) -> byte
 
 @contextlib.asynccontextmanager
 async def clients(port: int, count: int, said: bytes, host: str = HERE) -> AsyncIterator[list[socket.socket]]:
-    """Connections that say something and read nothing by themselves."""
+    """Connections that send data and do not read."""
     with contextlib.ExitStack() as stack:
         opened = [stack.enter_context(socket.socket()) for _ in range(count)]
         loop = asyncio.get_running_loop()
@@ -65,7 +65,7 @@ async def clients(port: int, count: int, said: bytes, host: str = HERE) -> Async
 
 
 def ended(client: socket.socket) -> bool:
-    """Whether the server has ended a connection; what came before is read."""
+    """Returns True if the server has ended a connection; reads earlier data."""
     try:
         return client.recv(1 << 20) == b""
     except BlockingIOError:
@@ -75,7 +75,7 @@ def ended(client: socket.socket) -> bool:
 
 
 @pytest.mark.parametrize("said", [b"", b"G", b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n"])
-def test_half_open_heads_of_one_address_shut_out_nobody(said: bytes):
+def test_half_open_requests_of_one_address_block_no_other_client(said: bytes):
     async def work() -> None:
         async with PageServer(CONTENT, limits=PATIENT) as server, clients(server.port, 300, said) as others:
             for _ in range(34):
@@ -86,7 +86,7 @@ def test_half_open_heads_of_one_address_shut_out_nobody(said: bytes):
     run(work())
 
 
-def test_heads_that_wait_are_bounded_and_the_greediest_network_makes_room():
+def test_waiting_requests_are_bounded_and_the_greediest_network_yields():
     limits = replace(PATIENT, waiting=8)
 
     async def work() -> None:
@@ -101,7 +101,7 @@ def test_heads_that_wait_are_bounded_and_the_greediest_network_makes_room():
     run(work())
 
 
-def test_a_head_that_is_dribbled_has_as_long_as_any():
+def test_slowly_sent_request_has_the_common_deadline():
     async def work() -> None:
         async with (
             PageServer(CONTENT, limits=PageLimits(request_s=0.3)) as server,
@@ -119,7 +119,7 @@ def test_a_head_that_is_dribbled_has_as_long_as_any():
 
 
 @pytest.mark.parametrize("wanted", [b"", b"Range: bytes=1-\r\n"], ids=["whole", "range"])
-def test_slow_readers_share_one_body(wanted: bytes):
+def test_slow_readers_share_one_body_in_memory(wanted: bytes):
     readers, said = 64, b"%b%b\r\n" % (BIG[:-2], wanted)
 
     async def work() -> None:
@@ -129,7 +129,7 @@ def test_slow_readers_share_one_body(wanted: bytes):
             async with clients(server.port, readers, said):
                 await until(lambda: len(server._places) == readers)
                 assert (await asked(server.port, said)).endswith(BODY[-1000:])
-                # The honest client above, which lives in this process, holds the stream twice for a moment.
+                # The honest client, which runs in this process, has the stream twice for a moment.
                 assert tracemalloc.get_traced_memory()[1] < readers * (CHUNK_BYTES + (1 << 16)) + 4 * len(BODY)
             tracemalloc.stop()
             await until(lambda: len(server._places) == 0)
@@ -145,7 +145,7 @@ def test_slow_readers_share_one_body(wanted: bytes):
     [(PageLimits(chunk_s=0.2), 0), (PageLimits(grace_s=0.2, slowest_bytes_s=1e8), 1000)],
     ids=["nothing is read", "a little is read again and again"],
 )
-def test_readers_that_are_too_slow_lose_their_places(limits: PageLimits, reads: int):
+def test_too_slow_readers_are_disconnected(limits: PageLimits, reads: int):
     async def work() -> None:
         async with PageServer(CONTENT, limits=limits) as server, clients(server.port, 20, BIG) as slow:
             await until(lambda: all(map(peeked, slow)))  # each was begun with
@@ -157,12 +157,12 @@ def test_readers_that_are_too_slow_lose_their_places(limits: PageLimits, reads: 
                 return len(server._places) == 0
 
             await until(dropped)
-            await until(lambda: not server._clients)  # nothing waits for them any more
+            await until(lambda: not server._clients)  # no connections wait for them any more
 
     run(work())
 
 
-def test_a_network_has_its_share_of_the_places():
+def test_one_network_holds_at_most_its_share_of_connections():
     async def work() -> None:
         limits = replace(PATIENT, places=6, per_network=4)
         async with PageServer(CONTENT, limits=limits) as server, clients(server.port, 9, BIG) as slow:
@@ -179,8 +179,8 @@ def test_a_network_has_its_share_of_the_places():
     run(work())
 
 
-def test_networks_that_hold_all_places_make_room_for_others():
-    """Slow readers of nine networks hold every place; honest ones of a tenth are all answered at once."""
+def test_networks_holding_all_connections_yield_to_others():
+    """Slow readers of nine networks hold all connections; honest readers of a tenth are answered at once."""
     limits = replace(PATIENT, places=36, per_network=4)
 
     async def work() -> None:
@@ -196,8 +196,8 @@ def test_networks_that_hold_all_places_make_room_for_others():
     run(work())
 
 
-def test_many_networks_of_one_provider_make_room_for_others():
-    """Each slow reader has an address of its own in one /24, so that no network has more than a stranger."""
+def test_many_networks_of_one_provider_yield_to_others():
+    """Each slow reader has its own address in one /24, so that no network has more than the honest one."""
 
     async def work() -> None:
         async with contextlib.AsyncExitStack() as stack:
@@ -218,7 +218,7 @@ def peeked(client: socket.socket) -> bytes:
         return b""
 
 
-def test_ending_prints_nothing_whatever_is_going_on(caplog: pytest.LogCaptureFixture):
+def test_shutdown_prints_nothing_during_transfers(caplog: pytest.LogCaptureFixture):
     async def work() -> None:
         async with (
             asyncio.timeout(60),
@@ -241,14 +241,14 @@ def test_ending_prints_nothing_whatever_is_going_on(caplog: pytest.LogCaptureFix
         "\xfcber.example", "127.0.0.1/", "user@localhost", "localhost\r\nHost: localhost", 'x"y', "localhost\t:80",
     ],
 )  # fmt: skip
-def test_a_host_is_a_number_or_a_name_and_nothing_else(host: str):
+def test_host_header_must_be_an_address_or_a_name(host: str):
     head, _ = CONTENT.answer(f"GET / HTTP/1.1\r\nHost: {host}\r\n\r\n".encode("latin-1"))
     assert head.startswith(b"HTTP/1.1 400 ")
     assert b"Injected" not in head
     assert b"script-src *" not in head
 
 
-def test_hosts_are_read_as_they_are_written():
+def test_host_headers_are_parsed():
     for text, host in (
         ("127.0.0.1:8080", "127.0.0.1"), ("[::1]:80", "[::1]"), ("[2001:DB8::1]", "[2001:DB8::1]"),
         ("localhost", "localhost"), ("my_host.local:", "my_host.local"), (" \tlocalhost ", "localhost"),
@@ -265,13 +265,13 @@ def test_hosts_are_read_as_they_are_written():
         b"GET / HTTP/1.1\r\nHost: a\r\nhost: a", b"G\x01T / HTTP/1.1\r\nHost: a", b"GET / HTTP/1.12\r\nHost: a",
     ],
 )  # fmt: skip
-def test_what_is_no_head_is_refused(head: bytes):
+def test_malformed_requests_are_refused(head: bytes):
     with pytest.raises(BitstreamError):
         read_request(head)
 
 
-def test_thousands_of_mutated_heads_get_answers_of_the_same_few_headers():
-    """Whatever is asked, no byte of it makes a header: names are ours, values of a set that is known beforehand."""
+def test_mutated_requests_get_answers_with_fixed_headers():
+    """No byte of a request appears in an answer's header: names and values come from a fixed set."""
     rng = random.Random(6)
     good = [
         b"GET / HTTP/1.1\r\nHost: [::1]:80\r\nOrigin: https://a.org\r\nAccept-Encoding: gzip\r\n\r\n",
@@ -308,7 +308,7 @@ def test_thousands_of_mutated_heads_get_answers_of_the_same_few_headers():
     }
 
 
-def test_hostile_ranges_get_what_they_name_or_nothing():
+def test_hostile_ranges_get_their_bytes_or_nothing():
     rng, body = random.Random(8), bytes(range(256)) * 4
     content = PageContent({"city": body})
     tag = content.answer(GET % b"/streams/city.swz").head.decode().split('ETag: "')[1].split('"')[0]

@@ -1,4 +1,4 @@
-"""Captures, read by programs that know nothing of ours."""
+"""Captures are readable by independent programs."""
 
 import asyncio
 import io
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from splatwire.transport import ReceiverOptions, make_program
+from splatwire.transport import ReceiverOptions, make_served_stream
 from splatwire.transport.address import Address
 from splatwire.transport.pcap import Capture, checksum, ip_datagram
 from splatwire.transport.udp import UdpServer, receive_udp
@@ -19,12 +19,12 @@ STREAM = datagram_stream(num_anchors=500, side_bytes=3000)
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[tuple[int, int, bytes]]]:
-    """A real transfer's capture, and what was told to it: ports and content."""
+    """Capture of a real transfer, with its ports and content."""
     pytest.importorskip("raptorq", reason="the package raptorq is not installed")
     path, told = tmp_path_factory.mktemp("capture") / "transfer.pcap", []
 
     async def work() -> None:
-        server = UdpServer({"s": make_program(STREAM)}, "127.0.0.1", 0)
+        server = UdpServer({"s": make_served_stream(STREAM)}, "127.0.0.1", 0)
         try:
             with path.open("wb") as file:
                 writer = Capture(file.write)
@@ -43,7 +43,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[tuple[
     return path, told
 
 
-def test_an_independent_reader_finds_the_same_datagrams(capture):
+def test_independent_reader_finds_the_same_datagrams(capture):
     dpkt = pytest.importorskip("dpkt", reason="the package dpkt is not installed")
     path, told = capture
     with path.open("rb") as file:
@@ -56,13 +56,13 @@ def test_an_independent_reader_finds_the_same_datagrams(capture):
         assert float(seconds) == pytest.approx(1_700_000_000.25 + n)
         assert (packet.data.sport, packet.data.dport, packet.data.data) == (source, target, payload)
         written = packet.sum, packet.data.sum
-        packet.sum = packet.data.sum = 0  # dpkt computes both when they are zero
+        packet.sum = packet.data.sum = 0  # dpkt computes both if zero
         again = dpkt.ip.IP(bytes(packet))
         assert (again.sum, again.data.sum) == written
 
 
 @pytest.mark.parametrize("tool", ["tcpdump", "tshark"])
-def test_public_tools_read_it(capture, tool):
+def test_public_tools_read_the_capture(capture, tool):
     if shutil.which(tool) is None:
         pytest.skip(f"{tool} is not installed")
     path, told = capture
@@ -74,7 +74,7 @@ def test_public_tools_read_it(capture, tool):
     assert "Malformed" not in read
 
 
-def test_ipv6_and_mapped_addresses():
+def test_ipv6_and_mapped_addresses_are_written():
     dpkt = pytest.importorskip("dpkt", reason="the package dpkt is not installed")
     data = ip_datagram(("fe80::1%eth0", 5), ("2001:db8::2", 6), b"odd")
     packet = dpkt.ip6.IP6(data)
@@ -85,7 +85,7 @@ def test_ipv6_and_mapped_addresses():
     assert ip_datagram(("::ffff:1.2.3.4", 5), ("::1", 6), b"x")[0] >> 4 == 6
 
 
-def test_checksums_of_rfc_1071_and_an_empty_file():
+def test_checksums_follow_rfc_1071_and_empty_captures_are_valid():
     assert checksum(bytes.fromhex("0001f203f4f5f6f7")) == 0xFFFF - 0xDDF2
     assert checksum(b"") == checksum(bytes(8)) == 0xFFFF
     assert checksum(b"\xff\xff") == 0

@@ -1,4 +1,4 @@
-"""Hostile datagrams by the hundred thousand: into a server, into both ends of a transfer, into sessions."""
+"""Hundreds of thousands of hostile datagrams into a server, both ends of a transfer, and sessions."""
 
 import asyncio
 import gc
@@ -10,28 +10,30 @@ import pytest
 
 from splatwire.transport import Receiver, ReceiverOptions, Server, ServerLimits
 from splatwire.transport.address import Address
-from splatwire.transport.wire import REQUEST, VERSION
+from splatwire.transport.protocol.wire import REQUEST, VERSION
 from transport.network import SECRET
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
-from splatwire.transport import quic_client
-from splatwire.transport.quic import QuicLimits, stream_frame
-from splatwire.transport.quic_client import receive_quic
+from splatwire.transport.quic import client as quic_client
+from splatwire.transport.quic.client import receive_quic
+from splatwire.transport.quic.common import QuicLimits, stream_frame
 from transport.test_hostile import PROGRAM, handshake, hostile
 from transport.test_quic import PINNED, STREAM, run, serving
-from transport.test_quic_hostile import ALPN, connected, hang_up, still_serves, until
+from transport.test_quic_hostile import ALPN, close_client, connected, still_serves, until
+
+pytestmark = pytest.mark.slow
 
 HOSTILE = 100_000
 FRAMES = 10_000
 TRACED = 4000
-"""The last of them, during which memory is watched: it may not grow any more."""
+"""Number of last datagrams during which memory must not grow."""
 MOST_GROWN = 1_000_000
-"""Bytes: as many connections as there may be take less; what is poured meanwhile has 2.5 million."""
+"""Memory limit in bytes: all allowed connections take less, and the flood has 2.5 million."""
 VERSIONS = (0, 1, 0x6B3343CF, 0xFF00001D, 0xFFFFFFFF)
 
 
 def hostile_udp(rng: random.Random, said: list[bytes]) -> bytes:
-    """A UDP datagram of some kind of malice, made of what was said in a real session."""
+    """A hostile UDP datagram, derived from datagrams of a real session."""
     data = bytearray(rng.choice(said))
     match rng.randrange(8):
         case 0:
@@ -48,11 +50,11 @@ def hostile_udp(rng: random.Random, said: list[bytes]) -> bytes:
             data[min(rng.choice((5, 14, 15, 23, 24, 32)), len(data) - 1)] = 0xFF
         case 6:  # other versions
             data[1:5] = rng.choice(VERSIONS).to_bytes(4, "big")
-    return bytes(data)  # or what was said, once more
+    return bytes(data)  # or repeated datagrams
 
 
 class Flood:
-    """Hands hostile datagrams to somebody, and watches memory during the last of them."""
+    """Sends hostile datagrams and measures memory during the last of them."""
 
     def __init__(self, total: int, seed: int, said: list[bytes]) -> None:
         self.left, self.said, self.grown, self._rng = total, said, 0, random.Random(seed)
@@ -64,19 +66,19 @@ class Flood:
             into[self.left % len(into)](hostile_udp(self._rng, self.said), self._rng)
             self.left -= 1
             if self.left == 0:
-                gc.collect()  # connections that ended refer to themselves
+                gc.collect()  # ended connections have reference cycles
                 self.grown = tracemalloc.get_traced_memory()[0]
                 tracemalloc.stop()
 
 
 @pytest.fixture(autouse=True)
-def no_tracing_left():
+def tracing_stopped():
     yield
     tracemalloc.stop()
 
 
 def test_hostile_udp_datagrams_do_not_stop_the_server():
-    """Of a real session, from many addresses and from its own."""
+    """Datagrams of a real session, from many addresses and from its own."""
 
     async def work() -> None:
         said, failures = [], []
@@ -105,9 +107,9 @@ def test_hostile_udp_datagrams_do_not_stop_the_server():
 
 
 def test_a_transfer_completes_while_both_ends_are_flooded(monkeypatch):
-    """By somebody who sees the traffic and writes either address: what was said, changed and again.
+    """An on-path attacker with either address changes and repeats datagrams.
 
-    The handshake is left alone: whoever sees it can end any QUIC connection (RFC 9000, 21.1).
+    The handshake is not attacked, because an on-path attacker can end any QUIC connection in it (RFC 9000, 21.1).
     """
     clients, said = [], []
 
@@ -121,7 +123,7 @@ def test_a_transfer_completes_while_both_ends_are_flooded(monkeypatch):
     async def work() -> None:
         failures, busy = [], False
         asyncio.get_running_loop().set_exception_handler(lambda loop, context: failures.append(context))
-        async with serving(ServerLimits(silence_s=30.0)) as server:  # the flood is no silence, on a slow machine either
+        async with serving(ServerLimits(silence_s=30.0)) as server:  # the flood is no silence, also on a slow machine
             address, flood = Address("127.0.0.1", server.port, scheme="quic"), Flood(HOSTILE, 3, said)
 
             def tap(source: tuple, target: tuple, data: bytes) -> None:
@@ -129,7 +131,7 @@ def test_a_transfer_completes_while_both_ends_are_flooded(monkeypatch):
                 if busy:
                     return
                 said.append(data)
-                if source[1] == server.port and clients[0]._receiver.welcome:  # it arrives: nobody is at work in QUIC
+                if source[1] == server.port and clients[0]._receiver.welcome:  # it arrives, and QUIC is idle
                     busy = True
                     into_client = lambda data, rng: clients[0].datagram_received(data, source)  # noqa: E731
                     into_server = lambda data, rng: server._endpoint.datagram_received(data, target)  # noqa: E731
@@ -148,8 +150,8 @@ def test_a_transfer_completes_while_both_ends_are_flooded(monkeypatch):
 
 
 @pytest.mark.parametrize("alpn", [ALPN, "h3"])
-def test_hostile_frames_in_a_session_change_nothing(alpn):
-    """A client that holds to QUIC and to nothing else; half of its frames travel on the reliable stream."""
+def test_hostile_frames_do_not_change_a_session(alpn):
+    """A client with valid QUIC and hostile frames, half of them on the reliable stream."""
     rng = random.Random(4)
     core = Server({"scene": PROGRAM}, secret=SECRET, random=rng.randbytes)
     receiver = Receiver(rng.getrandbits(64), 0.0)
@@ -159,13 +161,13 @@ def test_hostile_frames_in_a_session_change_nothing(alpn):
     def frame() -> bytes:
         while True:
             data = hostile(rng, seen, rng.choice([receiver.welcome.session, rng.getrandbits(32)]), 7)[:1180]
-            if data and data[0] != (VERSION << 4 | REQUEST):  # a client may ask for a stream
+            if data and data[0] != (VERSION << 4 | REQUEST):  # a client may request a stream
                 return data
 
     async def work() -> None:
         async with serving() as server:
-            heard, take = [], server.hear
-            server.hear = lambda session, data: (heard.append(len(data)), take(session, data))
+            heard, take = [], server.on_frame
+            server.on_frame = lambda session, data: (heard.append(len(data)), take(session, data))
             client = await connected(server.port, alpn)
             session = client.connect_to() if alpn == "h3" else 0
             stream = client.http.create_webtransport_stream(session) if alpn == "h3" else 0
@@ -176,7 +178,7 @@ def test_hostile_frames_in_a_session_change_nothing(alpn):
                     said(session, frame())
                     client.quic.send_stream_data(stream, stream_frame(frame()))
                 client.transmit()
-                for _ in range(25):  # the loop reads one datagram at a time; more would be lost on the way
+                for _ in range(25):  # the loop reads one datagram at a time; more would be lost
                     await asyncio.sleep(0)
             await until(lambda: len(heard) > FRAMES // 2)
             await asyncio.sleep(0.1)
@@ -185,6 +187,6 @@ def test_hostile_frames_in_a_session_change_nothing(alpn):
             assert server.core.num_transfers == 0
             assert server.core.num_rejected > FRAMES // 2
             await still_serves(server.port)
-            await hang_up(client)
+            await close_client(client)
 
     run(work())

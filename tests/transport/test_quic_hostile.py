@@ -1,4 +1,4 @@
-"""QUIC clients that nobody should have written: each ends its own connection and nothing else."""
+"""Hostile QUIC clients end only their own connection."""
 
 import asyncio
 import random
@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from splatwire.transport import ReceiverOptions
-from splatwire.transport.frames import Feedback, Request
-from splatwire.transport.wire import DATA, WELCOME, encode, kind_of
+from splatwire.transport.protocol.frames import Feedback, Request
+from splatwire.transport.protocol.wire import DATA, WELCOME, encode, kind_of
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from aioquic.asyncio.protocol import QuicConnectionProtocol
@@ -21,15 +21,24 @@ from aioquic.quic import events
 from aioquic.quic.connection import QuicConnection
 
 from splatwire.errors import BitstreamError
-from splatwire.transport import quic_server
-from splatwire.transport.quic import ALPN, WEBTRANSPORT_PATH, FrameReader, QuicLimits, configuration, stream_frame
-from splatwire.transport.quic_server import GREETINGS
-from splatwire.transport.quic_sessions import HELD
+from splatwire.transport.quic import server as quic_server
+from splatwire.transport.quic.common import (
+    ALPN,
+    WEBTRANSPORT_PATH,
+    FrameReader,
+    QuicLimits,
+    configuration,
+    stream_frame,
+)
+from splatwire.transport.quic.server import RETRY_HANDSHAKES
+from splatwire.transport.quic.sessions import HELD
 from transport.test_quic import OTHER, fetch, run, serving
+
+pytestmark = pytest.mark.slow
 
 
 class Client(QuicConnectionProtocol):
-    """A client with its hands on everything."""
+    """A client with direct access to all layers."""
 
     def __init__(self, quic: QuicConnection) -> None:
         super().__init__(quic)
@@ -48,13 +57,13 @@ class Client(QuicConnectionProtocol):
         self.got += isinstance(event, (events.StreamDataReceived, events.DatagramFrameReceived))
         if isinstance(event, events.StreamDataReceived) and event.stream_id == self.stream:
             self.frames += self._reader.feed(event.data)
-            return  # aioquic would take what comes on a stream of its own for HTTP
+            return  # aioquic would treat data on such a stream as HTTP
         for told in self.http.handle_event(event) if self.http else []:
             if isinstance(told, HeadersReceived):
                 self.statuses.append(int(dict(told.headers)[b":status"]))
 
     def connect_to(self, path: str = WEBTRANSPORT_PATH, **changed: str) -> int:
-        """Asks for a WebTransport session."""
+        """Requests a WebTransport session."""
         fields = {"method": "CONNECT", "scheme": "https", "authority": "localhost", "path": path,
                   "protocol": "webtransport", **changed}  # fmt: skip
         stream = self.quic.get_next_available_stream_id()
@@ -89,7 +98,7 @@ async def still_serves(port: int) -> None:
     assert (await fetch(port, ReceiverOptions(name="other"))).stream() == OTHER
 
 
-async def hang_up(*clients: Client) -> None:
+async def close_client(*clients: Client) -> None:
     for client in clients:
         client.close()
         client._transport.close()
@@ -115,13 +124,13 @@ def test_malformed_streams_end_their_connection_only(malice):
             await until(lambda: client.ended)
             assert server.num_malformed == 1
             await still_serves(server.port)
-            await hang_up(client)
+            await close_client(client)
 
     run(work())
 
 
-def test_thousands_of_wrong_frames_change_nothing():
-    """Random and oversized DATAGRAM frames, reports of other sessions, frames that only a server sends."""
+def test_thousands_of_invalid_frames_are_ignored():
+    """Random and oversized DATAGRAM frames, feedback of other sessions, and server-only frames."""
 
     async def work() -> None:
         rng = random.Random(1)
@@ -142,19 +151,19 @@ def test_thousands_of_wrong_frames_change_nothing():
             assert client.got == 0
             assert server.core.num_transfers == 0
             await still_serves(server.port)
-            await hang_up(client)
+            await close_client(client)
 
     run(work())
 
 
 @pytest.mark.parametrize("busy", [False, True])
-def test_an_address_that_shows_nothing_gets_little(busy):
-    """What a spoofed victim would get for each greeting: three times its bytes, one small answer where many greet."""
+def test_unvalidated_address_gets_few_bytes(busy):
+    """Traffic to a spoofed victim: three times its bytes per greeting, one small answer under load."""
 
     async def work() -> None:
         async with serving() as server:
             if busy:
-                server.greeting |= {object() for _ in range(GREETINGS)}
+                server.greeting |= {object() for _ in range(RETRY_HANDSHAKES)}
             settings = configuration(is_client=True, alpn=[ALPN], idle_s=5.0)
             settings.server_name = "localhost"
             quic = QuicConnection(configuration=settings)
@@ -181,17 +190,17 @@ def test_an_address_that_shows_nothing_gets_little(busy):
 
 
 @pytest.mark.parametrize("others", [4, 24])
-def test_many_networks_of_one_provider_make_room_for_others(others: int, monkeypatch: pytest.MonkeyPatch):
-    """All places are held by clients of one wide network, each of a network of its own: they make room.
+def test_many_networks_of_one_provider_yield_to_others(others: int, monkeypatch: pytest.MonkeyPatch):
+    """Clients of many networks in one wide network hold all connections and yield to others.
 
-    With 24 of them no more handshake would begin.
+    Without that, 24 of them would block every new handshake.
     """
     known: dict[Any, Any] = {}
     networks = iter([*((("wide",), ("wide", n)) for n in range(others)), (("other",), ("other", 1))])
     monkeypatch.setattr(
         quic_server, "network_of", lambda address: known.get(address) or known.setdefault(address, next(networks))
     )
-    monkeypatch.setattr(quic_server, "GREETING_S", 60.0)
+    monkeypatch.setattr(quic_server, "REQUEST_TIMEOUT_S", 60.0)
 
     async def work() -> None:
         async with serving() as server:
@@ -200,7 +209,7 @@ def test_many_networks_of_one_provider_make_room_for_others(others: int, monkeyp
             server.limits = QuicLimits(connections=4)
             await still_serves(server.port)
             await until(lambda: sum(client.ended is not None for client in held) == others - 3)
-            await hang_up(*held)
+            await close_client(*held)
 
     run(work())
 
@@ -209,7 +218,7 @@ def request(nonce: int = 1) -> bytes:
     return encode(Request(nonce, bytes(16), "other"))
 
 
-def test_a_datagram_asks_before_the_stream_is_there_and_the_stream_brings_what_was_said():
+def test_datagram_request_before_the_stream_is_answered_on_the_stream():
     async def work() -> None:
         async with serving() as server:
             client = await connected(server.port, "h3")
@@ -225,12 +234,12 @@ def test_a_datagram_asks_before_the_stream_is_there_and_the_stream_brings_what_w
             assert kind_of(client.frames[0]) == WELCOME
             assert server.core.num_served == 1
             assert server.num_malformed == 0
-            await hang_up(client)
+            await close_client(client)
 
     run(work())
 
 
-def test_a_session_without_a_stream_keeps_little():
+def test_session_without_a_stream_buffers_little():
     async def work() -> None:
         async with serving() as server:
             client = await connected(server.port, "h3")
@@ -243,12 +252,12 @@ def test_a_session_without_a_stream_keeps_little():
             connection._sessions._session.send(request())
             assert server.num_malformed == 1
             await until(lambda: client.ended)
-            await hang_up(client)
+            await close_client(client)
 
     run(work())
 
 
-def test_webtransport_answers_only_to_what_it_is_for():
+def test_webtransport_answers_only_its_own_path():
     async def work() -> None:
         async with serving(quic=QuicLimits(origins=("https://here.example",))) as server:
             client = await connected(server.port, "h3")
@@ -260,7 +269,7 @@ def test_webtransport_answers_only_to_what_it_is_for():
             await until(lambda: len(client.statuses) == 5)
             assert client.statuses == [404, 405, 403, 200, 429]
             assert client.ended is None
-            await hang_up(client)
+            await close_client(client)
 
     run(work())
 
@@ -278,7 +287,7 @@ def test_webtransport_streams_outside_the_session_end_the_connection():
                     client.quic.send_stream_data(other, b"\5")
                 client.transmit()
                 await until(lambda client=client: client.ended)
-                await hang_up(client)
+                await close_client(client)
             assert server.num_malformed == 4
             await still_serves(server.port)
 
@@ -297,13 +306,13 @@ def test_broken_http_ends_the_connection():
                 client.quic.send_stream_data(stream, data, end_stream=True)
                 client.transmit()
                 await until(lambda client=client: client.ended)
-                await hang_up(client)
+                await close_client(client)
             await still_serves(server.port)
 
     run(work())
 
 
-def test_frames_on_a_stream_come_whole_however_they_are_cut():
+def test_frames_are_reassembled_from_any_chunks():
     rng = random.Random(3)
     frames = [rng.randbytes(rng.randrange(1, 1200)) for _ in range(50)]
     data, reader, found = b"".join(map(stream_frame, frames)), FrameReader(), []

@@ -1,4 +1,4 @@
-"""Streams of QUIC clients that take what they can: bytes, frames that never end, streams given up at each moment."""
+"""QUIC clients with excessive streams: data, endless frames, and resets at any time."""
 
 import asyncio
 import random
@@ -11,9 +11,11 @@ pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from aioquic.buffer import encode_uint_var
 from aioquic.quic.connection import stream_is_unidirectional
 
-from splatwire.transport.quic import ALPN, OUTSIDE_BYTES, STREAMS, UNREAD_BYTES, stream_frame
+from splatwire.transport.quic.common import ALPN, OUTSIDE_BYTES, STREAMS, UNREAD_BYTES, stream_frame
 from transport.test_quic import run, serving
-from transport.test_quic_hostile import Client, connected, hang_up, request, still_serves, until
+from transport.test_quic_hostile import Client, close_client, connected, request, still_serves, until
+
+pytestmark = pytest.mark.slow
 
 HEADERS, DATA, SETTINGS, UNKNOWN, WEBTRANSPORT = 1, 0, 4, 0x21, 0x41
 CONTROL, PUSH, ENCODER, DECODER = range(4)
@@ -22,7 +24,7 @@ ENDLESS = encode_uint_var(1 << 40)
 
 @pytest.fixture
 def failures() -> Iterator[list[Any]]:
-    """What the event loop is told of exceptions that nobody expected; there have to be none."""
+    """Unexpected exceptions of the event loop; none may occur."""
     told: list[Any] = []
     yield told
     assert told == []
@@ -33,7 +35,7 @@ def watch(failures: list[Any]) -> None:
 
 
 async def pour(client: Client, stream: int, pieces: int = 400, size: int = 1000) -> int:
-    """Sends to a stream until the server ends the connection; how many bytes were handed over by then."""
+    """Sends to a stream until the server ends the connection; returns the bytes sent by then."""
     sent = 0
     for _ in range(pieces):
         if client.ended:
@@ -56,8 +58,8 @@ async def pour(client: Client, stream: int, pieces: int = 400, size: int = 1000)
     ids=["HEADERS", "unknown frame", "DATA of the session", "unknown frame of the session", "trailers of the session",
          "unknown stream", "QPACK", "unknown frame of control"],
 )  # fmt: skip
-def test_what_is_said_outside_the_sessions_stream_is_bounded(stream: int, begins: bytes, failures: list[Any]):
-    """Each of these was taken for as long as it came; a HEADERS frame was read again with every datagram."""
+def test_data_outside_the_session_stream_is_bounded(stream: int, begins: bytes, failures: list[Any]):
+    """Each of these was buffered without limit; a HEADERS frame was parsed again with every datagram."""
 
     async def work() -> None:
         watch(failures)
@@ -71,14 +73,14 @@ def test_what_is_said_outside_the_sessions_stream_is_bounded(stream: int, begins
             await until(lambda: client.ended)
             assert connection._read < OUTSIDE_BYTES + 4000
             await still_serves(server.port)
-            await hang_up(client)
+            await close_client(client)
 
     run(work())
 
 
 @pytest.mark.parametrize("alpn", [ALPN, "h3"])
-def test_what_waits_for_a_gap_is_bounded(alpn: str, failures: list[Any]):
-    """The first byte of a stream never comes: all others would have been kept."""
+def test_data_buffered_behind_a_gap_is_bounded(alpn: str, failures: list[Any]):
+    """The first byte of a stream never arrives, and all later ones would be buffered."""
 
     async def work() -> None:
         watch(failures)
@@ -91,13 +93,13 @@ def test_what_waits_for_a_gap_is_bounded(alpn: str, failures: list[Any]):
             await until(lambda: client.ended)
             assert connection.quic._local_max_data.used < UNREAD_BYTES + 4000
             await still_serves(server.port)
-            await hang_up(client)
+            await close_client(client)
 
     run(work())
 
 
-def test_streams_that_are_opened_and_ended_are_counted(failures: list[Any]):
-    """Requests of no byte: none of them was whole, so none had an answer, and each made room for the next."""
+def test_opened_and_ended_streams_are_counted(failures: list[Any]):
+    """Requests without bytes: none was complete or answered, and each allowed the next."""
 
     async def work() -> None:
         watch(failures)
@@ -114,13 +116,13 @@ def test_streams_that_are_opened_and_ended_are_counted(failures: list[Any]):
             await until(lambda: client.ended)
             assert connection.quic._local_max_streams_bidi.used <= OUTSIDE_BYTES // 16 + 64
             await still_serves(server.port)
-            await hang_up(client)
+            await close_client(client)
 
     run(work())
 
 
-def give_up(client: Client, kind: str, session: int) -> None:
-    """Something that no browser does, in one flight."""
+def abort_streams(client: Client, kind: str, session: int) -> None:
+    """A sequence that no browser sends, in one flight."""
     quic, http = client.quic, client.http
     trailers = [(b"x", b"y")]
     match kind:
@@ -169,23 +171,23 @@ def give_up(client: Client, kind: str, session: int) -> None:
         "the session's stream stopped, then a datagram", "our streams stopped", "everything reset",
     ],
 )  # fmt: skip
-def test_what_is_given_up_is_no_defect_of_ours(kind: str, failures: list[Any]):
+def test_aborted_streams_log_no_internal_error(kind: str, failures: list[Any]):
     async def work() -> None:
         watch(failures)
         async with serving() as server:
             client = await connected(server.port, "h3")
             session = client.connect_to()
             await until(lambda: client.statuses == [200])
-            give_up(client, kind, session)
+            abort_streams(client, kind, session)
             await still_serves(server.port)
             assert len(server.connections) <= 2
-            await hang_up(client)
+            await close_client(client)
 
     run(work())
 
 
 def noise(rng: random.Random) -> bytes:
-    """Frames of HTTP/3 that make sense, none, or half of it."""
+    """Frames of HTTP/3 that are valid, invalid or incomplete."""
     frame = rng.choice((HEADERS, DATA, SETTINGS, UNKNOWN, WEBTRANSPORT, 3, 5, 7, 0xD, rng.randrange(1 << 14)))
     body = rng.choice((rng.randbytes(rng.randrange(40)), b"\0\0\xd1\xd7\x50\x01a", b"\2\0\x80", b"\0\0", b""))
     size = rng.choice((len(body), len(body), rng.randrange(100), rng.randrange(1 << 30)))
@@ -193,8 +195,8 @@ def noise(rng: random.Random) -> bytes:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_noise_on_every_stream_ends_one_connection_at_most(seed: int, failures: list[Any]):
-    """Frames, resets, STOP_SENDING and ends at random, on streams of both directions, hundreds of connections long."""
+def test_noise_on_streams_ends_at_most_one_connection(seed: int, failures: list[Any]):
+    """Random frames, resets, STOP_SENDING and ends on streams of both directions, over hundreds of connections."""
     rng = random.Random(seed)
 
     async def work() -> None:
@@ -202,7 +204,7 @@ def test_noise_on_every_stream_ends_one_connection_at_most(seed: int, failures: 
         async with serving() as server:
             for _ in range(40):
                 client = await connected(server.port, "h3")
-                client.quic_event_received = lambda event: None  # else it answers on streams that it has ended
+                client.quic_event_received = lambda event: None  # otherwise it answers on streams that it has ended
                 session = client.connect_to() if rng.random() < 0.7 else 0
                 for _ in range(rng.randrange(1, 60)):
                     stream = rng.choice((0, 4, 8, 2, 6, 10, 14, 18))
@@ -220,13 +222,13 @@ def test_noise_on_every_stream_ends_one_connection_at_most(seed: int, failures: 
                             case _:
                                 client.quic.send_stream_data(stream, said)
                     except (RuntimeError, ValueError):
-                        pass  # what this client itself has ended
+                        pass  # streams that this client itself has ended
                     if rng.random() < 0.3:
                         client.transmit()
                         await asyncio.sleep(0)
                 client.transmit()
                 await asyncio.sleep(0.01)
-                await hang_up(client)
+                await close_client(client)
             await still_serves(server.port)
 
     run(work())

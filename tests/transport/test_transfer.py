@@ -1,4 +1,4 @@
-"""Both ends over a network in memory: what arrives is what was sent, whatever the network does."""
+"""Both ends over a simulated network: the received stream equals the sent one under all conditions."""
 
 import dataclasses
 import itertools
@@ -6,9 +6,9 @@ import random
 
 import pytest
 
+from splatwire.bitstream import ANCHORS, Packetization, PacketPlan, make_packet, make_stream, packet_from_bytes
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.packets import ANCHORS, Packetization, PacketPlan, make_packet, make_stream, packet_from_bytes
-from splatwire.plan.outline import StreamLoad, outline_transfer
+from splatwire.planning.transfer_model import StreamLoad, model_transfer
 from splatwire.transport import (
     Finished,
     PacketArrived,
@@ -20,18 +20,28 @@ from splatwire.transport import (
     ServerLimits,
     SideInfoArrived,
     Welcomed,
-    make_program,
+    make_served_stream,
 )
-from splatwire.transport.frames import MAX_PREVIEW, Data, Feedback, Have, Hello, Refuse, Request, Side, Welcome
-from splatwire.transport.layout import head_object, split_head_object
-from splatwire.transport.preview import SECTION, stream_preview
-from splatwire.transport.transfer import ServerTransfer
-from splatwire.transport.wire import DATA, PARITY, SIDE, decode, encode
+from splatwire.transport.protocol.frames import (
+    MAX_PREVIEW,
+    Data,
+    Feedback,
+    Have,
+    Hello,
+    Refuse,
+    Request,
+    Side,
+    Welcome,
+)
+from splatwire.transport.protocol.layout import init_segment, split_init_segment
+from splatwire.transport.protocol.preview import SECTION, stream_preview
+from splatwire.transport.protocol.transfer import ServerTransfer
+from splatwire.transport.protocol.wire import DATA, PARITY, SIDE, decode, encode
 from transport.network import SECRET, Link, bernoulli, bursts, datagram_stream, tiered_stream, transfer
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
 STREAM = datagram_stream()
-PROGRAM = make_program(STREAM)
+PROGRAM = make_served_stream(STREAM)
 
 
 def complete(result) -> None:
@@ -40,7 +50,7 @@ def complete(result) -> None:
     assert result.receiver.report().complete
 
 
-def test_a_clean_path_gives_the_stream_and_no_byte_twice():
+def test_lossless_path_delivers_the_stream_without_duplicates():
     result = transfer(PROGRAM)
     complete(result)
     assert result.bytes_down < 1.01 * sum(PROGRAM.sizes().values())
@@ -53,7 +63,7 @@ def test_a_clean_path_gives_the_stream_and_no_byte_twice():
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("kind", ["random", "burst", "rough"])
-def test_lossy_paths_give_the_stream_too(kind, seed):
+def test_lossy_paths_deliver_the_stream(kind, seed):
     rng = random.Random(seed)
     link = {
         "random": lambda: Link(bernoulli(0.2, rng)),
@@ -63,7 +73,7 @@ def test_lossy_paths_give_the_stream_too(kind, seed):
     complete(transfer(PROGRAM, down=link(), up=Link(bernoulli(0.2, rng)), seed=seed))
 
 
-def test_without_nack_everything_is_sent_once():
+def test_transfer_without_nack_sends_everything_once():
     rng = random.Random(5)
     result = transfer(PROGRAM, down=Link(bernoulli(0.2, rng)), options=ReceiverOptions(nack=False))
     assert result.receiver.finished == Finished("sent", True)
@@ -72,12 +82,12 @@ def test_without_nack_everything_is_sent_once():
     assert set(result.receiver.stream().packets) < set(STREAM.packets)
 
 
-def test_parity_brings_the_first_tier_back():
+def test_parity_restores_the_first_tier():
     stream, protection = tiered_stream(), Protection(side_lead=0.1, tier_repair=(0.9,))
     result = transfer(
         stream, protection=protection, down=Link(bernoulli(0.2, random.Random(6))), options=ReceiverOptions(nack=False)
     )
-    program = make_program(stream, protection)
+    program = make_served_stream(stream, protection)
     first = set(program.packets[: program.tiers[0].num_packets])
     have = result.receiver.collector
     assert list(have.missing(0, program.tiers[0].num_packets)) == []
@@ -89,7 +99,7 @@ def test_parity_brings_the_first_tier_back():
     assert set(result.receiver.stream().packets) <= set(stream.packets)
 
 
-def test_a_deadline_is_kept_and_leaves_what_arrived():
+def test_deadline_ends_the_transfer_and_keeps_received_packets():
     options = ReceiverOptions(deadline_s=0.3)
     result = transfer(PROGRAM, options=options, limits=ServerLimits(fixed_rate=1e6))
     assert result.receiver.finished == Finished("deadline", True)
@@ -97,19 +107,19 @@ def test_a_deadline_is_kept_and_leaves_what_arrived():
     assert 0 < result.receiver.collector.num_packets < len(STREAM.packets)
 
 
-def test_side_information_is_sent_again_on_request():
-    """Without any redundancy, and without asking for packets again."""
-    program = make_program(STREAM, Protection(side_repair=0.0))
+def test_side_information_is_retransmitted_on_request():
+    """No redundancy and no retransmission."""
+    program = make_served_stream(STREAM, Protection(side_repair=0.0))
     result = transfer(program, down=Link(bernoulli(0.3, random.Random(1))), options=ReceiverOptions(nack=False))
     assert result.receiver.finished.ok
     assert result.receiver.stream().side_info == STREAM.side_info
 
 
 @pytest.mark.parametrize("burst", [1, 20])
-def test_what_is_sent_again_is_limited_and_goes_to_what_matters(burst):
-    """The head object first, then tier 0; the receiver learns that no more will come."""
+def test_retransmission_is_limited_and_ordered_by_importance(burst):
+    """The head object is sent first, then tier 0; the receiver learns of the end."""
     stream = tiered_stream()
-    program = make_program(stream, Protection(side_repair=0.0, side_lead=0.0, resend=0.08))
+    program = make_served_stream(stream, Protection(side_repair=0.0, side_lead=0.0, resend=0.08))
     one_pass = sum(program.sizes().values())
     important = sum(packet.id.block < 1 for packet in stream.packets)
     lost_important, spent = 0, []
@@ -119,25 +129,25 @@ def test_what_is_sent_again_is_limited_and_goes_to_what_matters(burst):
         result = transfer(program, down=Link(lost, rate=2e6), seed=seed)
         assert result.receiver.finished.ok
         assert result.receiver.stream().side_info == stream.side_info
-        spent.append((result.bytes_down - 5_000) / one_pass - 1)  # without handshake and what says that it is over
+        spent.append((result.bytes_down - 5_000) / one_pass - 1)  # without handshake and close
         lost_important += important - sum(packet.id.block < 1 for packet in result.receiver.stream().packets)
         if burst == 1:  # a burst may also miss everything
             assert result.receiver.finished.reason == "sent"
             assert len(result.receiver.stream().packets) < len(stream.packets)
-    assert lost_important <= 0.08 * 6 * important  # of all, a fifth
+    assert lost_important <= 0.08 * 6 * important  # a fifth of all
     if burst == 1:
         assert max(spent) <= 0.08
-    else:  # one burst may take the whole head object, which is sent again in any case
+    else:  # one burst may remove the whole head object, which is retransmitted in any case
         assert sum(spent) / len(spent) <= 0.08
 
 
 @pytest.mark.parametrize("burst", [1, 20])
-def test_only_the_first_packets_are_sent_again(burst):
-    """All of tier 0 arrives, whatever a transfer loses, and nothing is spent on the rest."""
+def test_only_the_first_packets_are_retransmitted(burst):
+    """All of tier 0 arrives despite losses, without retransmission of the rest."""
     stream = tiered_stream()
     important = sum(packet.id.block < 1 for packet in stream.packets)
     share = important / len(stream.packets)
-    program = make_program(stream, Protection(side_repair=0.0, side_lead=0.0, resend_until=share))
+    program = make_served_stream(stream, Protection(side_repair=0.0, side_lead=0.0, resend_until=share))
     for seed in range(4):
         rng = random.Random(seed)
         lost = bernoulli(0.2, rng) if burst == 1 else bursts(0.2, burst, rng)
@@ -152,21 +162,21 @@ def test_only_the_first_packets_are_sent_again(burst):
 
 
 @pytest.mark.parametrize("rate", [5e4, 1e6])
-def test_what_is_sent_again_is_hardly_more_than_what_was_lost(rate):
-    """Nothing is asked for again while it waits to leave, not even at a slow sender."""
+def test_retransmitted_bytes_barely_exceed_lost_bytes(rate):
+    """Packets that wait to be sent are not requested again, even from a slow sender."""
     protection = Protection(side_repair=0.0, resend_until=0.5)
-    program = make_program(datagram_stream(num_anchors=30_000), protection)
+    program = make_served_stream(datagram_stream(num_anchors=30_000), protection)
     limits, again = ServerLimits(fixed_rate=rate), 0
     for seed in range(3):
         result = transfer(program, down=Link(bernoulli(0.2, random.Random(seed))), seed=seed, limits=limits)
         assert result.receiver.finished == Finished("sent", True)
-        again += result.datagrams_down - len(program.schedule) - 27  # two greetings; 25 times that it is over
+        again += result.datagrams_down - len(program.schedule) - 27  # two greetings; 25 closes
     wanted = len(program.schedule) - 0.5 * len(program.packets)
     assert 0.9 < again / (3 * 0.2 / 0.8 * wanted) < 1.15
 
 
-def test_nothing_is_sent_again_where_nothing_may_be():
-    program = make_program(STREAM, Protection(side_repair=2.0, resend=0.0))
+def test_nothing_is_retransmitted_when_disabled():
+    program = make_served_stream(STREAM, Protection(side_repair=2.0, resend=0.0))
     result = transfer(program, down=Link(bernoulli(0.1, random.Random(3))))
     assert result.receiver.finished == Finished("sent", True)
     assert len(result.receiver.stream().packets) < len(STREAM.packets)
@@ -176,17 +186,20 @@ def test_nothing_is_sent_again_where_nothing_may_be():
         Protection(resend_until=1.1)
 
 
-def test_side_information_is_sent_again_before_everything_has_left():
-    program = make_program(datagram_stream(num_anchors=60_000), Protection(side_repair=0.0, side_lead=0.0, resend=4.0))
+def test_side_information_is_retransmitted_before_the_schedule_ends():
+    program = make_served_stream(
+        datagram_stream(num_anchors=60_000), Protection(side_repair=0.0, side_lead=0.0, resend=4.0)
+    )
     result = transfer(program, down=Link(bernoulli(0.2, random.Random(4)), rate=1e6))
     kinds = [type(event) for event in result.events]
     assert kinds.index(SideInfoArrived) < 0.3 * len(kinds)
     assert result.receiver.finished == Finished("complete", True)
 
 
-def test_a_full_link_is_used_and_not_flooded():
+@pytest.mark.slow
+def test_transfer_fills_a_link_without_flooding_it():
     """10 Mbit/s with a queue of 100 ms, with and without 20 % of random loss."""
-    stream = make_program(datagram_stream(num_anchors=120_000, side_bytes=200_000))
+    stream = make_served_stream(datagram_stream(num_anchors=120_000, side_bytes=200_000))
     for loss, seeds in ((0.0, (7,)), (0.2, (7, 8, 9))):
         useful = []
         for seed in seeds:
@@ -205,24 +218,24 @@ def test_an_unreachable_server_is_given_up():
     assert result.datagrams_down == 0
 
 
-def test_refusals_are_told():
+def test_refusals_are_reported():
     result = transfer(PROGRAM, options=ReceiverOptions(name="other"))
     assert result.receiver.finished == Finished("no such stream", False)
     result = transfer(PROGRAM, limits=ServerLimits(sessions=0))
     assert result.receiver.finished == Finished("the server is full", False)
 
 
-def test_a_stream_beyond_the_limits_is_not_begun():
+def test_stream_beyond_the_limits_is_refused():
     for limits in (ReceiverLimits(head_bytes=1000), ReceiverLimits(stream_bytes=100_000), ReceiverLimits(packets=10)):
         result = transfer(PROGRAM, options=ReceiverOptions(limits=limits))
         assert "the server announces" in result.receiver.finished.reason
         assert result.receiver.collector is None
 
 
-def test_bursts_do_not_take_blocks_whole():
-    """Every block keeps some of its packets at 20 % loss in bursts of 20: the sending order spreads them."""
+def test_bursts_leave_packets_of_every_block():
+    """Every block keeps some packets under 20 % loss in bursts of 20, because the send order spreads them."""
     stream = datagram_stream(num_anchors=60_000)
-    program = make_program(stream)
+    program = make_served_stream(stream)
     for seed in range(3):
         result = transfer(
             program, down=Link(bursts(0.2, 20, random.Random(seed))), seed=seed, options=ReceiverOptions(nack=False)
@@ -231,9 +244,9 @@ def test_bursts_do_not_take_blocks_whole():
         assert blocks == set(range(20))
 
 
-def test_the_head_is_sent_between_a_share_of_the_packets():
+def test_head_is_interleaved_with_a_share_of_the_packets():
     def packets_before_its_end(lead: float) -> float:
-        schedule = make_program(STREAM, Protection(side_lead=lead)).schedule
+        schedule = make_served_stream(STREAM, Protection(side_lead=lead)).schedule
         last = max(n for n, item in enumerate(schedule) if item[0] == SIDE)
         return sum(item[0] == DATA for item in schedule[:last]) / len(STREAM.packets)
 
@@ -242,9 +255,9 @@ def test_the_head_is_sent_between_a_share_of_the_packets():
     assert packets_before_its_end(1.0) > 0.98
 
 
-def test_what_cannot_be_served_is_said():
+def test_unservable_streams_are_refused():
     with pytest.raises(InvalidValueError, match="only a complete stream"):
-        make_program(STREAM.with_packets(STREAM.packets[1:]))
+        make_served_stream(STREAM.with_packets(STREAM.packets[1:]))
     plan = PacketPlan(Packetization(), 100)
     paper = make_stream(
         packetization=Packetization(), num_elements=100, feature_dim=1, num_offsets=1, feature_groups=(1,),
@@ -252,16 +265,16 @@ def test_what_cannot_be_served_is_said():
         writer="test",
     )  # fmt: skip
     with pytest.raises(InvalidValueError, match="--preset datagram"):
-        make_program(paper)
+        make_served_stream(paper)
     for wrong in ({"side_repair": 3.0}, {"head_share": 1.1}, {"tier_repair": (0.5, 3.0)}):
         with pytest.raises(InvalidValueError):
             Protection(**wrong)
 
 
-def test_the_streams_own_tiers_travel_in_order_and_tier_0_survives():
-    """Parity for tier 0 alone brings all of it back at 20 % loss; the rest loses its fifth."""
+def test_stream_tiers_are_sent_in_order_and_tier_0_survives():
+    """Parity for tier 0 restores all of it at 20 % loss; the rest loses a fifth."""
     stream = tiered_stream()
-    program = make_program(stream, Protection(tier_repair=(0.9,), parity_until=0.6))
+    program = make_served_stream(stream, Protection(tier_repair=(0.9,), parity_until=0.6))
     assert [(tier.num_packets, tier.groups > 0) for tier in program.tiers] == [(23, True), (204, False)]
     tier_of = {p.id: stream.manifest.plan.tier_of(p.id.block) for p in stream.packets}
     kinds = [kind for kind, _, _ in program.schedule]
@@ -278,19 +291,19 @@ def test_the_streams_own_tiers_travel_in_order_and_tier_0_survives():
         assert 130 < arrived.count(1) < 190
 
 
-def test_parity_for_tiers_that_are_not_there_is_refused():
+def test_parity_for_absent_tiers_is_refused():
     with pytest.raises(InvalidValueError, match="encode with --tiers"):
-        make_program(STREAM, Protection(tier_repair=(0.4, 0.1)))
+        make_served_stream(STREAM, Protection(tier_repair=(0.4, 0.1)))
 
 
-def test_packets_in_the_head_object_survive_with_it():
-    """They never leave by themselves, not even where everything that is missing is asked for again."""
+def test_packets_in_the_head_object_are_protected_with_it():
+    """Packets of the head are never sent separately, not even with retransmission of all missing packets."""
     stream = tiered_stream()
     protection = Protection(head_share=23 / 227, tier_repair=(0.0, 0.1))
-    program = make_program(stream, protection)
+    program = make_served_stream(stream, protection)
     assert [tier.num_packets for tier in program.tiers] == [23, 204]
     assert sorted(n for kind, _, n in program.schedule if kind == DATA) == list(range(23, 227))
-    assert sum(program.sizes().values()) == outline_transfer(StreamLoad.of_stream(stream), protection).num_bytes.sum()
+    assert sum(program.sizes().values()) == model_transfer(StreamLoad.of_stream(stream), protection).num_bytes.sum()
     for seed in range(3):
         rng = random.Random(seed)
         result = transfer(program, down=Link(bernoulli(0.2, rng)), seed=seed, options=ReceiverOptions(nack=False))
@@ -301,26 +314,28 @@ def test_packets_in_the_head_object_survive_with_it():
         assert {packet.id for packet in with_it} <= {packet.id for packet in result.receiver.stream().packets}
     complete_one = transfer(program, down=Link(bursts(0.2, 20, random.Random(3))))
     assert complete_one.receiver.stream() == stream
-    everything = transfer(make_program(stream, Protection(head_share=1.0)), down=Link(bernoulli(0.2, random.Random(4))))
+    everything = transfer(
+        make_served_stream(stream, Protection(head_share=1.0)), down=Link(bernoulli(0.2, random.Random(4)))
+    )
     assert everything.receiver.stream() == stream
 
 
-def test_a_head_object_whose_packets_are_not_those_announced_ends_the_transfer():
+def test_head_object_with_unannounced_packets_ends_the_transfer():
     stream = tiered_stream()
-    program = make_program(stream, Protection(head_share=0.1))
-    for wrong in (program.carried - 1, program.carried + 1, 0):
-        result = transfer(dataclasses.replace(program, carried=wrong))
+    program = make_served_stream(stream, Protection(head_share=0.1))
+    for wrong in (program.bundled - 1, program.bundled + 1, 0):
+        result = transfer(dataclasses.replace(program, bundled=wrong))
         assert not result.receiver.finished.ok
-        assert f"{wrong} were announced" in result.receiver.finished.reason
-    data = head_object(stream.manifest, stream.side_info, [b"packet", b"other"])
-    assert split_head_object(data)[2] == (b"packet", b"other")
+        assert f"not {wrong}" in result.receiver.finished.reason
+    data = init_segment(stream.manifest, stream.side_info, [b"packet", b"other"])
+    assert split_init_segment(data)[2] == (b"packet", b"other")
     for cut in (1, 3, 6):
         with pytest.raises(BitstreamError, match="within a packet"):
-            split_head_object(data[:-cut])
+            split_init_segment(data[:-cut])
 
 
-def test_fine_symbols_cross_too():
-    program = make_program(STREAM, Protection(side_symbol_bytes=128, side_lead=1.0))
+def test_small_symbols_are_transferred():
+    program = make_served_stream(STREAM, Protection(side_symbol_bytes=128, side_lead=1.0))
     assert program.symbol_bytes == 128
     complete(transfer(program, down=Link(bursts(0.2, 20, random.Random(3)))))
     for size in (60, 100, 2000):
@@ -328,7 +343,7 @@ def test_fine_symbols_cross_too():
             Protection(side_symbol_bytes=size)
 
 
-def test_a_client_that_falls_silent_is_sent_no_more_for_a_while():
+def test_silent_client_is_paused():
     server = Server({"scene": PROGRAM}, secret=SECRET, random=random.Random(0).randbytes)
     receiver = Receiver(7, 0.0)
     pending = receiver.poll(0.0)[0]
@@ -343,7 +358,7 @@ def test_a_client_that_falls_silent_is_sent_no_more_for_a_while():
     assert server.poll(2.0)
 
 
-def test_one_address_cannot_take_all_places():
+def test_one_address_cannot_hold_all_sessions():
     server = Server({"scene": PROGRAM}, secret=SECRET, random=random.Random(0).randbytes)
     requests = [encode(Request(n, bytes(16), "")) for n in range(18)]
     answers = [decode(server.receive("greedy", request, 0.0, reliable=True)) for request in requests]
@@ -353,9 +368,9 @@ def test_one_address_cannot_take_all_places():
     assert server.num_transfers == 0
 
 
-def test_what_is_sent_again_of_the_head_is_news():
-    """Symbols that no schedule had come first; what a client has already would mostly be sent in vain."""
-    program = make_program(STREAM, Protection(side_repair=0.1))
+def test_head_retransmission_sends_new_symbols():
+    """New symbols are useful to every client, whereas repeated ones would mostly be duplicates."""
+    program = make_served_stream(STREAM, Protection(side_repair=0.1))
     run = ServerTransfer(program, 7, ServerLimits(fixed_rate=1e9), 0.0)
     sent: list[tuple[int, int]] = []
 
@@ -382,12 +397,12 @@ def test_what_is_sent_again_of_the_head_is_news():
     assert not scheduled & set(again)
 
 
-def test_a_preview_comes_with_the_first_answer():
-    """It is there when no symbol of the side information ever comes, and any bytes will do."""
+def test_preview_is_part_of_the_first_answer():
+    """The preview arrives even if no symbol of the side information does, and may hold any bytes."""
     preview = random.Random(0).randbytes(MAX_PREVIEW)
-    program = make_program(STREAM, preview=preview)
+    program = make_served_stream(STREAM, preview=preview)
     sent = itertools.count()
-    lost = Link(lambda: next(sent) >= 2)  # challenge and welcome arrive, nothing after them
+    lost = Link(lambda: next(sent) >= 2)  # challenge and welcome arrive, and nothing after them
     result = transfer(program, down=lost, options=ReceiverOptions(deadline_s=1.0))
     receiver = result.receiver
     assert (receiver.finished, receiver.stream()) == (Finished("deadline", False), None)
@@ -396,20 +411,20 @@ def test_a_preview_comes_with_the_first_answer():
     complete(transfer(program, down=Link(bernoulli(0.3, random.Random(3)))))
     assert transfer(PROGRAM).receiver.preview == b""
     with pytest.raises(InvalidValueError, match="at most 1024"):
-        make_program(STREAM, preview=bytes(MAX_PREVIEW + 1))
+        make_served_stream(STREAM, preview=bytes(MAX_PREVIEW + 1))
 
 
-def test_nobody_without_a_token_is_sent_a_preview():
+def test_preview_requires_a_token():
     rng = random.Random(0)
-    server = Server({"scene": make_program(STREAM, preview=bytes(1000))}, secret=SECRET, random=rng.randbytes)
+    server = Server({"scene": make_served_stream(STREAM, preview=bytes(1000))}, secret=SECRET, random=rng.randbytes)
     assert len(server.receive("me", encode(Hello(1, "")), 0.0)) < 40
     assert server.receive("me", encode(Request(1, bytes(16), "")), 0.0) is None
 
 
 def test_the_preview_is_found_in_the_side_information():
+    from splatwire.bitstream.limits import FORMAT_1_SECTIONS
     from splatwire.codec import add_concealment
     from splatwire.codec import preview as codec
-    from splatwire.packets.limits import FORMAT_1_SECTIONS
 
     assert (codec.SECTION, codec.MAX_PREVIEW_BYTES) == (SECTION, MAX_PREVIEW)
     side_info = b"".join(bytes([n]) + b"x" * n for n in range(len(FORMAT_1_SECTIONS)))
@@ -428,7 +443,7 @@ def test_the_preview_is_found_in_the_side_information():
 
 
 def told(server: Server, nonce: int, haves: list[Have], name: str = "client") -> list:
-    """What a client gets that says what it has; it never reports a loss."""
+    """Frames to a client that reports its held packets and no losses."""
     server.receive(name, encode(Request(nonce, bytes(16), "")), 0.0, reliable=True)
     for have in haves:
         server.receive(name, encode(have), 0.0, reliable=True)
@@ -436,8 +451,8 @@ def told(server: Server, nonce: int, haves: list[Have], name: str = "client") ->
     return [frame for frame in found if not isinstance(frame, Welcome)]
 
 
-def test_what_a_client_has_from_before_is_not_sent_and_costs_its_share():
-    program = make_program(STREAM, Protection(side_repair=0.0))
+def test_packets_held_by_the_client_are_not_sent_but_counted():
+    program = make_served_stream(STREAM, Protection(side_repair=0.0))
     limits = ServerLimits(fixed_rate=1e9)
     server = Server({"scene": program}, secret=SECRET, random=random.Random(0).randbytes, limits=limits)
     count, rng = len(program.packets), random.Random(3)
@@ -448,7 +463,7 @@ def test_what_a_client_has_from_before_is_not_sent_and_costs_its_share():
         haves = [Have(nonce, stream_id, 1, 0, bits[:cut]), Have(nonce, stream_id, 1, 8 * cut, bits[cut:] + bytes(9))]
         frames = told(server, nonce, haves * 3, f"client {nonce}")
         places = {frame.place for frame in frames if isinstance(frame, Data)}
-        scheduled = set(range(program.carried, count))
+        scheduled = set(range(program.bundled, count))
         assert places == ({place for place in scheduled if not held[place]} if left_out else scheduled)
         assert any(isinstance(frame, Side) for frame in frames) is not left_out
         key = (f"client {nonce}", nonce)
@@ -462,7 +477,7 @@ LINE, DELAY_S = 2.5e6, 0.05
 
 
 def test_random_loss_hardly_slows_the_start():
-    """A few losses do not stop slow start."""
+    """A few losses do not end slow start."""
     stream = datagram_stream(num_anchors=18_000)
 
     def seconds(loss: float, seed: int) -> float:

@@ -7,14 +7,22 @@ from typing import Any
 
 import pytest
 
+from splatwire.bitstream import SceneStream
 from splatwire.errors import InvalidValueError
-from splatwire.packets import SceneStream
-from splatwire.transport import Event, PacketArrived, Protection, Receiver, ReceiverOptions, ServerLimits, make_program
+from splatwire.transport import (
+    Event,
+    PacketArrived,
+    Protection,
+    Receiver,
+    ReceiverOptions,
+    ServerLimits,
+    make_served_stream,
+)
 from splatwire.transport.address import DEFAULT_PORT, Address, parse_url
-from splatwire.transport.page import PageServer
-from splatwire.transport.page_content import PageContent
+from splatwire.transport.http.content import PageContent
+from splatwire.transport.http.server import PageServer
 from splatwire.transport.udp import UdpServer, receive_udp
-from transport.network import OopsError, at_most, bernoulli, bursts, datagram_stream, oops
+from transport.network import FailingCallbackError, at_most, bernoulli, bursts, datagram_stream, fail_on_event
 from transport.relay import Relay
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
@@ -27,7 +35,7 @@ def run(work: Coroutine[Any, Any, Any]) -> Any:
 
 
 def served(*streams: SceneStream, limits: ServerLimits | None = None) -> UdpServer:
-    programs = {f"scene{n}": make_program(stream, Protection()) for n, stream in enumerate(streams)}
+    programs = {f"scene{n}": make_served_stream(stream, Protection()) for n, stream in enumerate(streams)}
     return UdpServer(programs, "127.0.0.1", 0, limits=limits)
 
 
@@ -35,7 +43,7 @@ async def fetch(port: int, options: ReceiverOptions | None = None, on_event: Any
     return await receive_udp(Address("127.0.0.1", port), options or ReceiverOptions(), on_event)
 
 
-def test_a_stream_crosses_loopback():
+def test_stream_is_transferred_over_loopback():
     async def work() -> None:
         server, events = served(STREAM), []
         try:
@@ -50,7 +58,7 @@ def test_a_stream_crosses_loopback():
 
 
 @pytest.mark.parametrize("kind", ["random", "burst"])
-def test_a_stream_crosses_a_lossy_relay(kind):
+def test_stream_passes_a_lossy_relay(kind):
     async def work() -> None:
         rng = random.Random(1)
         lost = bernoulli(0.2, rng) if kind == "random" else at_most(bursts(0.2, 20, rng), 0.3)
@@ -84,7 +92,7 @@ def test_many_clients_share_one_stream():
     run(work())
 
 
-def test_a_deadline_ends_it():
+def test_deadline_ends_the_transfer():
     async def work() -> None:
         server = served(STREAM, limits=ServerLimits(fixed_rate=1.5e5))
         try:
@@ -97,7 +105,7 @@ def test_a_deadline_ends_it():
     run(work())
 
 
-def test_nobody_there_is_told_at_once():
+def test_unreachable_server_is_reported_at_once():
     async def work() -> None:
         server = served(OTHER)
         port = server.port
@@ -109,7 +117,7 @@ def test_nobody_there_is_told_at_once():
     run(work())
 
 
-def test_what_arrived_before_somebody_ended_it_stays():
+def test_interrupted_transfer_keeps_received_packets():
     async def work() -> None:
         server, stop = served(STREAM, limits=ServerLimits(fixed_rate=1.5e5)), asyncio.get_running_loop().create_future()
 
@@ -123,7 +131,9 @@ def test_what_arrived_before_somebody_ended_it_stays():
             server.close()
         assert receiver.finished.reason == "stopped"
         assert 0 < len(receiver.stream().packets) < len(STREAM.packets)
-        assert receiver.lacking() == f"{len(receiver.stream().packets)} of {len(STREAM.packets)} packets arrived"
+        assert (
+            receiver.describe_missing() == f"{len(receiver.stream().packets)} of {len(STREAM.packets)} packets arrived"
+        )
 
     run(work())
 
@@ -145,19 +155,19 @@ def test_a_port_in_use_is_named():
     run(work())
 
 
-def test_an_error_of_the_owner_reaches_the_owner():
+def test_callback_error_is_raised_in_the_caller():
     async def work() -> None:
         server = served(OTHER)
         try:
-            with pytest.raises(OopsError):
-                await fetch(server.port, on_event=oops)
+            with pytest.raises(FailingCallbackError):
+                await fetch(server.port, on_event=fail_on_event)
         finally:
             server.close()
 
     run(work())
 
 
-def test_addresses():
+def test_udp_addresses_are_parsed():
     assert parse_url("udp://example.org:1234/scene") == Address("example.org", 1234, "scene")
     assert parse_url("udp://[::1]") == Address("::1", DEFAULT_PORT)
     for wrong in (

@@ -1,4 +1,4 @@
-"""`splatwire view` as a person starts and ends it."""
+"""Start and end of `splatwire view`."""
 
 import json
 import signal
@@ -10,22 +10,24 @@ from pathlib import Path
 
 import pytest
 
-from scenes import tiny_cameras, tiny_scene
+from scenes import tiny_cameras, tiny_causal_scene
+from splatwire.bitstream import CAUSAL, stream_from_bytes, write_stream
 from splatwire.cli.main import main
 from splatwire.codec import encode_scene
-from splatwire.packets import COLUMNS, stream_from_bytes, write_stream
 from splatwire.view import page_of_stream
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
 def stream(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("view") / "tiny.swz"
-    write_stream(encode_scene(tiny_scene(num_anchors=200)), path)
+    write_stream(encode_scene(tiny_causal_scene(num_anchors=200)), path)
     return path
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_it_serves_a_page_until_it_is_told_to_stop(stream, how):
+def test_view_serves_a_page_until_a_signal(stream, how):
     command = [sys.executable, "-m", "splatwire", "view", str(stream), "--port", "0", "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
@@ -33,13 +35,13 @@ def test_it_serves_a_page_until_it_is_told_to_stop(stream, how):
             with urllib.request.urlopen(told["url"], timeout=20) as answer:
                 assert "<splat-wire" in answer.read().decode()
             with urllib.request.urlopen(told["url"] + "streams/tiny.swz", timeout=20) as answer:
-                assert stream_from_bytes(answer.read())[0].manifest.codec == COLUMNS
+                assert stream_from_bytes(answer.read())[0].manifest.codec == CAUSAL
             process.send_signal(how)
             rest, problems = process.communicate(timeout=30)
         finally:
             process.kill()
     assert process.returncode == 0, problems
-    assert rest == ""  # one JSON object and nothing else
+    assert rest == ""  # exactly one JSON object
     assert "Traceback" not in problems
 
 
@@ -50,7 +52,7 @@ def complaint(capsys, *arguments: str) -> str:
     return capsys.readouterr().err
 
 
-def test_mistakes_are_one_line(capsys, tmp_path, stream):
+def test_invalid_options_are_one_error_line(capsys, tmp_path, stream):
     (tmp_path / "notes.swz").write_text("hello")
     cases = {
         (str(tmp_path / "absent.swz"),): "no such file",
@@ -67,14 +69,14 @@ def test_mistakes_are_one_line(capsys, tmp_path, stream):
         assert text.splitlines()[-1].startswith("splatwire: error:")
 
 
-def test_a_port_that_is_taken_is_not_changed_silently(capsys, stream):
+def test_occupied_port_is_refused(capsys, stream):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         assert f"port {port}" in complaint(capsys, str(stream), "--port", str(port))
 
 
-def test_gaps_and_cameras_reach_the_page():
-    stream = encode_scene(tiny_scene(num_anchors=200))
+def test_losses_and_cameras_are_passed_to_the_page():
+    stream = encode_scene(tiny_causal_scene(num_anchors=200))
     content = page_of_stream("tiny", stream.with_packets(stream.packets[1:]), tiny_cameras(), "127.0.0.1")
     page, file = (
         content.answer(f"GET {target} HTTP/1.1\r\nHost: localhost".encode()).body

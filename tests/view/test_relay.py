@@ -1,19 +1,16 @@
-"""A transfer that is handed on while it arrives: whoever asks, and whenever, gets the same file."""
+"""A transfer that is relayed while it arrives: every reader gets the same file at any time."""
 
 import asyncio
 import itertools
+import struct
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
 from moving_clips import moving_frames
-from scenes import tiny_causal_scene, tiny_scene
-from splatwire.clips import ClipOptions
-from splatwire.clips.chapters import EndlessClip
-from splatwire.codec import encode_scene
-from splatwire.errors import BitstreamError, MissingSideInfoError
-from splatwire.packets import (
-    COLUMNS,
+from scenes import tiny_cameras, tiny_causal_scene, tiny_scene
+from splatwire.bitstream import (
     Manifest,
     PacketIntake,
     Packetization,
@@ -22,16 +19,22 @@ from splatwire.packets import (
     stream_from_bytes,
     stream_to_bytes,
 )
+from splatwire.bitstream.sections import add_concealment
+from splatwire.codec import encode_scene
+from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError
+from splatwire.sequence import ClipOptions
+from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport import Event, Finished, PacketArrived, Receiver, SideInfoArrived, Welcomed, fec
-from splatwire.transport.events import Resumed
-from splatwire.transport.layout import Segments, split_head_object
-from splatwire.view import Relay, columns_of, relay
+from splatwire.transport.protocol.events import Resumed
+from splatwire.transport.protocol.layout import Segments, split_init_segment
+from splatwire.view import Relay, relay
+from splatwire.view.page import page_of_relay, page_of_stream
 
 HASHED = Packetization(block_size=200, lanes=1, grouping="hashed", packet_bytes=900)
 
 
 def sent(stream: SceneStream, *, lose_every: int = 10**9) -> list[Event]:
-    """What a receiver tells of a stream, some packets lost."""
+    """Events of a receiver for a stream with some lost packets."""
     intake = PacketIntake(stream.manifest)
     kept = [packet for n, packet in enumerate(stream.packets) if (n + 1) % lose_every]
     there: list[Event] = [PacketArrived(packet, False) for packet in kept]
@@ -51,7 +54,7 @@ def relay_of(events: list[Event], failure: Exception | None = None) -> Relay:
 
 
 async def files(relay: Relay) -> list[bytes]:
-    """What one gets who asks before anything is there, one who asks in the middle, and one who comes late."""
+    """Files of three readers: one before the start, one in the middle, and one late."""
 
     async def file() -> bytes:
         return b"".join([piece async for piece in relay.pieces()])
@@ -64,7 +67,7 @@ async def files(relay: Relay) -> list[bytes]:
 
 
 @pytest.mark.parametrize("lose_every", [3, 10**9])
-def test_everybody_gets_what_arrived(lose_every: int) -> None:
+def test_every_reader_gets_the_received_packets(lose_every: int) -> None:
     stream = encode_scene(tiny_causal_scene(num_anchors=200), HASHED)
     found = asyncio.run(files(relay_of(sent(stream, lose_every=lose_every))))
     assert found[0] == found[1] == found[2]
@@ -74,14 +77,15 @@ def test_everybody_gets_what_arrived(lose_every: int) -> None:
     assert arrived.packets == tuple(kept)
 
 
-def test_what_browsers_do_not_decode_is_handed_on_as_columns() -> None:
+def test_streams_unsupported_by_browsers_are_refused() -> None:
     stream = encode_scene(tiny_scene(num_anchors=200), HASHED)
-    found, _ = stream_from_bytes(asyncio.run(files(relay_of(sent(stream))))[0])
-    assert found.manifest.codec == COLUMNS
-    assert found.packets == columns_of(stream).packets
+    with pytest.raises(InvalidValueError, match="not for browsers"):
+        asyncio.run(asyncio.wait_for(files(relay_of(sent(stream))), 60))
+    with pytest.raises(InvalidValueError, match="not for browsers"):
+        page_of_stream("a", stream, None, "127.0.0.1")
 
 
-def test_one_who_reads_slowly_holds_a_little_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slow_reader_gets_small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(relay, "AT_ONCE", 2000)
     stream = encode_scene(tiny_causal_scene(num_anchors=400), HASHED)
     handed_on = relay_of(sent(stream))
@@ -95,28 +99,40 @@ def test_one_who_reads_slowly_holds_a_little_at_a_time(monkeypatch: pytest.Monke
     assert max(found) < 2000 + HASHED.packet_bytes + 8
 
 
-def test_a_transfer_without_a_scene_is_an_error() -> None:
-    with pytest.raises(MissingSideInfoError, match="udp://nowhere"):
+def test_transfer_without_a_scene_is_refused() -> None:
+    with pytest.raises(MissingSideInfoError, match=r"udp://nowhere: no scene arrived \(deadline\)"):
         asyncio.run(files(relay_of([Finished("deadline", False)])))
 
 
-def test_what_goes_wrong_is_told_and_ends_the_file() -> None:
-    stream = encode_scene(tiny_scene(num_anchors=200), HASHED)
+@pytest.mark.parametrize("reason", ["complete", "seen", "sent", "deadline", "the server stopped"])
+@pytest.mark.parametrize("is_live", [False, True])
+def test_reason_of_an_incomplete_transfer_is_kept(reason: str, is_live: bool) -> None:
+    stream = encode_scene(tiny_causal_scene(num_anchors=200), HASHED)
+    handed_on = relay_of([*sent(stream)[:3], Finished(reason, True)])
+    handed_on.is_live = is_live
+    assert handed_on.failure() == ""
+    asyncio.run(handed_on.run())
+    complete = reason in ("complete", "seen") or (reason == "sent" and is_live)
+    assert handed_on.failure() == ("" if complete else reason)
+
+
+def test_failure_is_reported_and_ends_the_file() -> None:
+    stream = encode_scene(tiny_causal_scene(num_anchors=200), HASHED)
     broken = SideInfoArrived(stream.manifest, stream.side_info[:-40], PacketIntake(stream.manifest))
     for events, failure in (([broken], None), (sent(stream)[:3], BitstreamError("gone"))):
         with pytest.raises(BitstreamError):
             asyncio.run(asyncio.wait_for(files(relay_of(events, failure)), 60))
 
 
-def test_of_a_live_clip_a_page_gets_the_running_chapter_and_one_chapter_is_kept() -> None:
-    """Each group of frames has a new head; a file has one, and what is kept does not grow from chapter to chapter."""
+def test_page_gets_the_current_period_of_a_live_clip() -> None:
+    """Each group of frames has a new head; a file has one, and memory does not grow from period to period."""
     frames, ids = moving_frames(80, 24), itertools.count(7)
-    clip = EndlessClip(ClipOptions(group_frames=2), lambda: next(ids), chapter_groups=3)
+    clip = LiveEncoder(ClipOptions(group_frames=2), lambda: next(ids), period_groups=3)
     editions = [edition for splats in frames if (edition := clip.push(splats))]
     events: list[Event] = []
     for edition in editions:
         manifest, side_info = head_of(edition)
-        events += [Welcomed(len(edition.packets), len(side_info), open=True)]
+        events += [Welcomed(len(edition.packets), len(side_info), is_live=True)]
         events += [SideInfoArrived(manifest, side_info, PacketIntake(manifest))]
         new = edition.packets[edition.newest :]
         events += [PacketArrived(packet_from_bytes(data, edition.stream_id), False) for data in new]
@@ -151,14 +167,33 @@ def head_of(edition) -> tuple[Manifest, bytes]:
         found = fec.recover(dict(list(enumerate(edition.head[number]))[:size]), size, edition.symbol_bytes)
         assert found is not None
         data += b"".join(found)[: span.stop - span.start]
-    manifest, side_info, _ = split_head_object(data)
+    manifest, side_info, _ = split_init_segment(data)
     return manifest, side_info
 
 
-def test_a_server_that_sends_another_stream_after_an_outage_begins_another_file() -> None:
+def test_other_stream_after_an_outage_starts_another_file() -> None:
     first = encode_scene(tiny_causal_scene(num_anchors=200), HASHED)
     other = encode_scene(tiny_causal_scene(seed=1, num_anchors=200), HASHED)
     events = [*sent(first)[:-3], Resumed(False), *sent(other)]
     found = asyncio.run(files(relay_of(events)))
     assert stream_from_bytes(found[-1])[0].manifest == other.manifest
     assert stream_from_bytes(found[-1])[0].packets == other.packets
+
+
+def test_a_page_begins_where_a_camera_in_world_coordinates_is():
+    """Cameras become relative to the origin of the stream, which is in its side information, as for a file."""
+    origin = (442_000.0, 5_443_000.0, 120.0)
+    stream = add_concealment(encode_scene(tiny_causal_scene()), "origin", struct.pack("<3d", *origin))
+    cameras = replace(tiny_cameras(1), origin=origin).relative_to((0.0, 5_443_000.0, 0.0))
+
+    async def work() -> None:
+        handed_on = relay_of([Welcomed(3, 5, b"seen first"), *sent(stream)])
+        running = asyncio.create_task(handed_on.run())
+        await handed_on.headed()
+        page = page_of_relay("a", handed_on, cameras, "127.0.0.1")
+        words = page_of_stream("a", stream, cameras, "127.0.0.1").attributes["viewpoint"]
+        assert page.attributes["viewpoint"] == words
+        assert all(abs(float(word)) < 1000 for word in words.split())
+        await running
+
+    asyncio.run(work())

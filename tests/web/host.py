@@ -1,12 +1,12 @@
-"""A web site of somebody else around the element: its pages, its server, and what that server does to transfers."""
+"""A third-party web site with the element: its pages, its server, and interrupted transfers."""
 
 import asyncio
 import contextlib
 import threading
 from collections.abc import AsyncIterator, Callable
 
-from splatwire.transport.http_messages import Request, read_range, read_request
-from splatwire.transport.page_content import web_file
+from splatwire.transport.http.content import web_file
+from splatwire.transport.http.messages import Request, read_range, read_request
 
 WATCH = """<script>
 window.workers = 0;
@@ -38,20 +38,22 @@ for (const kind of ["progress", "firstpicture", "load", "error", "lost"])
     if (target.localName === "splat-wire") events.push([kind, detail]);
   }, true);
 </script>"""
-"""Counts what was begun and not ended: contexts of WebGL, workers, addresses of blobs, observers; notes events."""
+"""Counts open WebGL contexts, workers, blob addresses and observers, and records events."""
 
 Deliver = Callable[[Request, bytes], int | None]
-"""How many bytes of a stream's answer are sent before the connection is cut, 0 for no answer; None for all of them."""
+"""Bytes of a stream's answer before the connection is cut; 0 for no answer, None for all."""
 
 
 class Host:
-    """What was asked for and how much of it was sent; `deliver` may be changed while it serves."""
+    """Requests and the bytes sent for each; `deliver` may change during operation."""
 
     def __init__(self, pages: dict[str, str], streams: dict[str, bytes], scripts: dict[str, str]) -> None:
         self.pages, self.streams, self.scripts = pages, streams, scripts
         self.deliver: Deliver = lambda request, body: None
         self.ranges = True
         """False for a server that ignores ranges."""
+        self.busy: dict[str, int] = {}
+        """Number of requests for a script that are still refused, as by a full server."""
         self.asked: list[Request] = []
         self.cut = threading.Event()
         self.sent = 0
@@ -67,18 +69,21 @@ class Host:
             answer, cut = self._bytes(request)
             writer.write(answer)
             await writer.drain()
-            if cut:  # once the page has it: a browser may throw away what a broken connection had brought
+            if cut:  # after the page has it: a browser may discard data of a broken connection
                 await asyncio.to_thread(self.cut.wait, 120)
         except (asyncio.IncompleteReadError, ConnectionError):
-            pass  # a browser that opens connections which it does not need
+            pass  # a browser that opens connections without need
         finally:
             writer.close()
 
     def _bytes(self, request: Request) -> tuple[bytes, bool]:
-        """What is sent, and whether the connection then waits until it is cut."""
+        """Data to send, and whether the connection then waits until it is cut."""
         name = request.target[1:]
         if name in self.streams:
             return self._stream(request, self.streams[name])
+        if self.busy.get(name, 0) > 0:
+            self.busy[name] -= 1
+            return _answer("503 Service Unavailable", "text/plain", b"busy"), False
         if name in ("splatwire.js", "splatwire-view.js"):
             return _answer("200 OK", "text/javascript", web_file(name).encode()), False
         if name in self.scripts:
@@ -111,7 +116,7 @@ def _answer(status: str, kind: str, body: bytes) -> bytes:
 async def hosting(
     pages: dict[str, str], streams: dict[str, bytes], scripts: dict[str, str] | None = None
 ) -> AsyncIterator[Host]:
-    """Serves pages, streams and scripts, by name."""
+    """Serves pages, streams and scripts by name."""
     host = Host(pages, streams, scripts or {})
     server = await asyncio.start_server(host.answer, "127.0.0.1", 0)
     host.port = server.sockets[0].getsockname()[1]

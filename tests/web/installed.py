@@ -1,4 +1,4 @@
-"""The npm package as others have it: packed, and installed into projects of their own."""
+"""The npm package as users get it: packed and installed into separate projects."""
 
 import json
 import subprocess
@@ -25,7 +25,7 @@ def called(words: list[str], folder: Path) -> str:
 
 
 def package(folder: Path) -> Path:
-    """The package as a file that `npm publish` would upload."""
+    """The file that `npm publish` would upload."""
     if reason := lacking():
         pytest.skip(reason)
     called(["node", "scripts/package.mjs", str(folder / "splatwire")], WEB)
@@ -35,7 +35,7 @@ def package(folder: Path) -> Path:
 
 
 def install(folder: Path, packed: Path, others: Mapping[str, str]) -> None:
-    """Makes the folder a project that has the package and these others, by version."""
+    """Turns the folder into a project with the package and other packages, by version."""
     project = {"name": "theirs", "private": True, "type": "module", "devDependencies": dict(others)}
     (folder / "package.json").write_text(json.dumps(project))
     (folder / "tsconfig.json").write_text(json.dumps(TSCONFIG))

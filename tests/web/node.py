@@ -1,4 +1,4 @@
-"""The workshop of the page: node, its packages, and answers of Python that its tests compare with."""
+"""Node, its packages, and expected results of Python for the node tests."""
 
 import fcntl
 import functools
@@ -14,21 +14,21 @@ import numpy as np
 
 from explicit import decode_splats
 from reference.splitmix64 import splitmix64_reference
+from splatwire.anchors.appearance import spawned_gaussians
+from splatwire.bitstream import CAUSAL, SceneStream
+from splatwire.bitstream.sections import sections_of
+from splatwire.bitstream.stream import write_stream
 from splatwire.codec import decode_stream
+from splatwire.codec.gaussians.tables import thinness_table
 from splatwire.codec.preview import preview_gaussians
-from splatwire.codec.schemas.gaussians.tables import thinness_table
 from splatwire.codec.tiers import arrange_stream
-from splatwire.conceal import conceal
-from splatwire.conceal.sketch.section import SECTION
+from splatwire.concealment import conceal
+from splatwire.concealment.sketch.section import SECTION
 from splatwire.entropy.tables import exp2_table, half_width_table, inverse_scale_table, normal_table, weight_table
-from splatwire.model.appearance import spawned_gaussians
 from splatwire.ops.spherical_harmonics import DC
-from splatwire.packets import CAUSAL, SceneStream
-from splatwire.packets.sections import sections_of
-from splatwire.packets.stream import write_stream
-from splatwire.scene import Cameras
-from splatwire.transport.frames import Request, TierHead, Welcome
-from splatwire.transport.wire import encode
+from splatwire.transport.protocol.frames import Request, TierHead, Welcome
+from splatwire.transport.protocol.wire import encode
+from splatwire.types import Cameras
 from web.pictures import concealers_of
 from web.sketched import copies_of
 
@@ -36,16 +36,16 @@ CAMERA = {
     "viewmat": [[1, 0, 0, 0], [0, 1, 0, 0.1], [0, 0, 1, 2], [0, 0, 0, 1]], "focal": 200, "width": 160, "height": 120,
     "margin": 0,
 }  # fmt: skip
-"""Where Gaussians are seen from whose anchors look different from everywhere."""
+"""Camera with strongly view-dependent Gaussians of anchors."""
 WEB = Path(__file__).parents[2] / "web"
 
 
 @functools.cache
 def lacking() -> str:
-    """Why nothing can be built here; empty if it can."""
+    """Reason why node tests cannot run; empty otherwise."""
     if shutil.which("node") is None or shutil.which("npm") is None:
         return "node is not installed"
-    with (WEB / "package-lock.json").open() as one_at_a_time:  # two at once take away what the other put there
+    with (WEB / "package-lock.json").open() as one_at_a_time:  # concurrent runs would remove each other's files
         fcntl.flock(one_at_a_time, fcntl.LOCK_EX)
         if _has_the_locked_packages():
             return ""
@@ -57,7 +57,7 @@ def lacking() -> str:
 
 
 def _has_the_locked_packages() -> bool:
-    """Whether `node_modules` has what the lock file says; packages of other systems aside."""
+    """Returns True if `node_modules` matches the lock file, apart from packages of other systems."""
     installed = WEB / "node_modules" / ".package-lock.json"
     if not installed.is_file():
         return False
@@ -70,7 +70,7 @@ def _has_the_locked_packages() -> bool:
 
 
 def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
-    """What the tests in node compare with, as JSON."""
+    """Expected results of the node tests, as JSON."""
     tables = {
         "normal": normal_table(), "inverse": inverse_scale_table(), "widths": half_width_table(),
         "thinness": thinness_table(), "sixteenths": (exp2_table(8, 20)[:-1] - (1 << 20)) >> 16,
@@ -85,7 +85,7 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
     shown, _ = preview_gaussians(preview)
     numbers = [*shown.means.ravel(), *shown.scales.ravel(), *shown.opacities, *shown.colors.ravel()]
     digests = {name: hashlib.sha256(",".join(map(str, t.tolist())).encode()).hexdigest() for name, t in tables.items()}
-    welcome = Welcome(7, 2, 3, 400, bytes(32), 256, 12, 1150, 4, (TierHead(1, 0, 0),) * 3, b"preview")
+    welcome = Welcome(7, 2, 3, 400, bytes(32), 256, 12, 1150, 4, (TierHead(1, 0, 0),) * 3, b"preview", viewable=True)
     return json.dumps({
         "tables": digests,
         "lanes": lanes,
@@ -103,7 +103,7 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
 
 
 def gains_of(stream: SceneStream) -> dict[str, list[float]]:
-    """By concealer, gains of size and opacity of what every second packet of a stream brought, packet by packet."""
+    """Size and opacity gains by concealer after every second packet of a stream, packet by packet."""
     partial = stream.with_packets(stream.packets[::2])
     decoded, order = decode_stream(partial), arrange_stream(partial)
     there = [packet is not None for packet in order.packets]
@@ -115,14 +115,14 @@ def gains_of(stream: SceneStream) -> dict[str, list[float]]:
         if hints.opacity_gain is not None:
             gains[:, 1] = hints.opacity_gain
         found[name] = gains[ranks].astype(np.float64).ravel().tolist()
-        if name == SECTION:  # copies of what arrived are not drawn
+        if name == SECTION:  # copies of received Gaussians are not drawn
             places = copies_of(decoded)[0]
             found[name] += (gains[places] * ~decoded.erasures.known[places, None]).astype(np.float64).ravel().tolist()
     return found
 
 
 def first_packet(stream: SceneStream) -> list[list[float]]:
-    """The Gaussians of a stream's first packet as rows: place, quaternion, scales, opacity, colour, harmonics."""
+    """The Gaussians of a stream's first packet as rows: position, quaternion, scales, opacity, colour, harmonics."""
     if stream.manifest.codec == CAUSAL:
         return first_anchors(stream)
     splats, known = decode_splats(stream.with_packets(stream.packets[:1]))
@@ -136,7 +136,7 @@ def first_packet(stream: SceneStream) -> list[list[float]]:
 
 
 def first_anchors(stream: SceneStream) -> list[list[float]]:
-    """What `CAMERA` sees of the anchors of a stream's first packet, in the packet's order."""
+    """Gaussians that `CAMERA` sees of the first packet's anchors, in the packet's order."""
     partial = stream.with_packets(stream.packets[:1])
     lens = [[200.0, 0, 80], [0, 200.0, 60], [0, 0, 1]]
     cameras = Cameras(np.array(CAMERA["viewmat"])[None].astype(np.float32), np.array(lens)[None], 160, 120, ("view",))
@@ -152,6 +152,6 @@ def first_anchors(stream: SceneStream) -> list[list[float]]:
 
 
 def write(stream: SceneStream, path: Path) -> tuple[Path, SceneStream]:
-    """Writes a stream that the tests read."""
+    """Writes a stream for the tests."""
     write_stream(stream, path)
     return path, stream

@@ -1,4 +1,4 @@
-"""What the page draws, beside what the renderer draws."""
+"""Pictures of the page against pictures of the renderer."""
 
 import base64
 import io
@@ -8,10 +8,10 @@ import numpy as np
 from PIL import Image
 
 from scenes import tiny_cameras
+from splatwire.bitstream import SceneStream
+from splatwire.bitstream.sections import sections_of
 from splatwire.codec import decode_stream
-from splatwire.conceal import conceal
-from splatwire.packets import SceneStream
-from splatwire.packets.sections import sections_of
+from splatwire.concealment import conceal
 from splatwire.render import render_scene
 from transport.chromium import Browser
 
@@ -19,9 +19,9 @@ ELEMENT = "document.querySelector('splat-wire')"
 
 
 def check_concealed(page: Browser, url: str, stream: SceneStream, least: float) -> None:
-    """Half of a stream's packets: the page at that address conceals what is missing as Python does."""
+    """Half of a stream's packets; the page at that address conceals losses like Python."""
     page.open(url)
-    page.wait_for(f"{ELEMENT}?.status && {ELEMENT}.status.finished && {ELEMENT}.status.gaussians > 0", 60)
+    page.wait_for(f"{ELEMENT}?.status && {ELEMENT}.status.finished && {ELEMENT}.status.gaussians > 0")
     best = "sketch" if "sketch" in concealers_of(stream) else "grow"
     assert page.evaluate(f"{ELEMENT}.panel.settings.concealer") == best
     pictures = [check_pictures(page, stream, least, name) for name in ("drop", *concealers_of(stream))]
@@ -29,17 +29,17 @@ def check_concealed(page: Browser, url: str, stream: SceneStream, least: float) 
 
 
 def concealers_of(stream: SceneStream) -> tuple[str, ...]:
-    """Those that the page offers beside `drop`."""
+    """Concealers that the page offers in addition to `drop`."""
     return ("grow", "scene_free", *(("sketch",) if "sketch" in sections_of(stream) else ()))
 
 
 def half_of(stream: SceneStream) -> SceneStream:
-    """Every second packet of it."""
+    """Every second packet of a stream."""
     return stream.with_packets(stream.packets[::2])
 
 
 def check_pictures(page: Browser, stream: SceneStream, least: float, concealer: str = "drop") -> str:
-    """What the page draws is what the renderer draws, from the same cameras, to `least` decibels; the last picture."""
+    """Compares the page with the renderer for the same cameras to `least` decibels; returns the last picture."""
     cameras, picture = tiny_cameras(2, 240, 180), ""
     page.evaluate(f"{ELEMENT}.panel.set({{concealer: '{concealer}'}})")
     page.evaluate(

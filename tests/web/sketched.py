@@ -1,33 +1,33 @@
-"""Streams with copies for the concealer `sketch`, and what Python reads of them."""
+"""Streams with copies for the concealer `sketch`, and their content as read by Python."""
 
 import numpy as np
 
-from conceal.test_sketch import a_sketch
+from concealment.test_sketch import sketch_of_context
+from splatwire.bitstream import SceneStream
 from splatwire.codec import add_concealment, decode_stream
-from splatwire.codec.schemas.gaussians.copies_encoder import write_copies
-from splatwire.codec.schemas.gaussians.decoder import open_side_info
-from splatwire.conceal.sketch.concealer import buckets_of, expected_scalings, sizes_of, sketched_attributes
-from splatwire.conceal.sketch.section import SECTION, SketchSection, read_sketch, write_sketch
-from splatwire.model import Copies, Partial, Prior
-from splatwire.packets import SceneStream
+from splatwire.codec.gaussians.copies_encoder import write_copies
+from splatwire.codec.gaussians.decoder import open_side_info
+from splatwire.concealment.sketch.concealer import buckets_of, expected_scalings, sizes_of, sketched_attributes
+from splatwire.concealment.sketch.section import SECTION, SketchSection, read_sketch, write_sketch
+from splatwire.types import Copies, Prior, ReceivedScene
 
 
 def with_copies(stream: SceneStream, growth: tuple[float, float, float] = (0.25, 0.75, 0.5)) -> SceneStream:
-    """The same Gaussians with copies of every seventh."""
+    """The Gaussians with copies of every seventh."""
     info, whole = open_side_info(stream.manifest, stream.side_info), decode_stream(stream).scene.splats
     places = np.arange(0, stream.manifest.num_elements, 7)
     return add_concealment(stream, SECTION, write_copies(whole, places, info, level=7, growth=growth))
 
 
 def with_sketch(stream: SceneStream, trust: float = 0.75) -> SceneStream:
-    """The same anchors with copies, whose numbers mean nothing, of a fifth."""
+    """The anchors with copies of a fifth; the values are arbitrary."""
     context = decode_stream(stream)
-    sketch = a_sketch(3, sizes_of(context), trust=trust)
+    sketch = sketch_of_context(3, sizes_of(context), trust=trust)
     return add_concealment(stream, SECTION, write_sketch(sketch, buckets_of(context)))
 
 
-def copies_of(partial: Partial) -> tuple[np.ndarray, list[float]]:
-    """Places of the copies, and numbers of them one after another."""
+def copies_of(partial: ReceivedScene) -> tuple[np.ndarray, list[float]]:
+    """Positions of the copies, and their values one after another."""
     copies = partial.find(Copies)
     if copies is not None:
         splats = copies.splats
@@ -42,6 +42,6 @@ def copies_of(partial: Partial) -> tuple[np.ndarray, list[float]]:
     return places, np.concatenate([part.flatten() for part in numbers]).astype(np.float64).tolist()
 
 
-def section_of(partial: Partial) -> SketchSection:
+def section_of(partial: ReceivedScene) -> SketchSection:
     """The sketch of a stream of anchors."""
     return read_sketch(partial.sections[SECTION], sizes_of(partial), buckets_of(partial))

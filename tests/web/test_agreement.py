@@ -1,7 +1,7 @@
-"""Python and the page's code agree on what a stream may be, and on the integers of bytes that no encoder wrote.
+"""Python and TypeScript accept the same streams and decode arbitrary bytes to the same integers.
 
-`SPLATWIRE_FUZZ_CASES=84000 pytest tests/web/test_agreement.py` runs long, part by part: 84,000 manifests, and for each
-of six streams a fifth as many packets and as much side information (100,800 each), and as many indexes of tiles.
+`SPLATWIRE_FUZZ_CASES=84000 pytest tests/web/test_agreement.py` runs longer, in parts: 84,000 manifests and tile
+indexes, and 16,800 packets and side informations for each of six streams (100,800 each).
 """
 
 import base64
@@ -21,25 +21,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from attacks import HOSTILE, mutated_bytes, mutated_json
 from codec.gaussians.test_gaussians import some_splats
 from moving_clips import darkened, moving_frames
-from splatwire.byte_io import ByteReader, ByteWriter
-from splatwire.clips import ClipOptions, Frame, encode_clip
-from splatwire.clips.concealers import clip_concealer
-from splatwire.clips.decoding import decode_frames
-from splatwire.codec import encode_scene
-from splatwire.codec.decoding import decode_stream, open_decoder
-from splatwire.codec.schema import Run
-from splatwire.codec.schemas.tracks.lifetimes import SECTION as LIFETIMES
-from splatwire.codec.weight_bytes import framed
-from splatwire.errors import BitstreamError, SplatwireError
-from splatwire.levels import Look, cut_of, encode_levels, tiles_of
-from splatwire.model import SplatScene
-from splatwire.ops.spherical_harmonics import DC
-from splatwire.packets import (
+from random_numbers import Numbers
+from splatwire.bitstream import (
     Packetization,
     SceneStream,
     make_packet,
@@ -48,20 +35,35 @@ from splatwire.packets import (
     stream_from_bytes,
     write_stream,
 )
-from splatwire.packets.limits import GROUPINGS, ORDERS, PACKAGINGS, SCHEMAS
-from splatwire.packets.sections import add_concealment, sections_of
-from splatwire.packets.tile_index import SECTION
+from splatwire.bitstream.limits import GROUPINGS, ORDERS, PACKAGINGS, SCHEMAS
+from splatwire.bitstream.sections import add_concealment, sections_of
+from splatwire.bitstream.tile_index import SECTION
+from splatwire.codec import encode_scene
+from splatwire.codec.decoding import decode_stream, open_decoder
+from splatwire.codec.schema import Run
+from splatwire.codec.sequence.lifetimes import SECTION as LIFETIMES
+from splatwire.codec.weight_bytes import framed
+from splatwire.concealment.temporal.concealers import clip_concealer
+from splatwire.errors import BitstreamError, SplatwireError
+from splatwire.files.byte_io import ByteReader, ByteWriter
+from splatwire.lod import Viewpoint, cut_of, encode_levels, tiles_of
+from splatwire.ops.spherical_harmonics import DC
+from splatwire.sequence import ClipOptions, Frame, encode_clip
+from splatwire.sequence.decoding import decode_frames
+from splatwire.types import SplatScene
 from web.node import WEB, lacking
 from web.sketched import with_copies
 
+pytestmark = pytest.mark.slow
+
 CASES = int(os.environ.get("SPLATWIRE_FUZZ_CASES", "600"))
 PART = 6000
-"""Cases at most of one part, whose answers are one file."""
+"""Largest number of cases of one part; its results are one file."""
 GOLDEN = Path(__file__).parents[1] / "golden"
 EDGES = sorted(
     {max(0, (1 << bits) + d) for bits in (0, 3, 6, 8, 10, 12, 14, 16, 24, 28, 31, 32, 53, 64) for d in (-1, 0, 1)}
 )
-WORDS = [*GROUPINGS, *ORDERS, *PACKAGINGS, *SCHEMAS, "splatwire/stream", "00000007", "a" * 64]
+WORDS = [*GROUPINGS, *ORDERS, *PACKAGINGS, *SCHEMAS.registered(), "splatwire/stream", "00000007", "a" * 64]
 
 
 def golden_streams() -> dict[str, SceneStream]:
@@ -73,25 +75,27 @@ def golden_streams() -> dict[str, SceneStream]:
 
 
 def some_cuts(stream: SceneStream, rng: random.Random) -> list[dict[str, Any]]:
-    """Which tiles some views of it show and want."""
+    """Visible and requested tiles of some views."""
     tiles, found = tiles_of(stream), []
     for _ in range(CASES // 10):
         there = [rng.random() < 0.8 for _ in range(tiles.num_tiles)]
         matrix = np.eye(4)
         matrix[:3, :3] = np.linalg.qr(np.array([[rng.gauss(0, 1) for _ in range(3)] for _ in range(3)]))[0]
         matrix[:3, 3] = matrix[:3, :3] @ -tiles.low.mean(axis=0) + [rng.gauss(0, 1), rng.gauss(0, 1), rng.gauss(2, 3)]
-        look = None if rng.random() < 0.1 else Look(matrix, rng.uniform(5, 500), 320, 240)
+        viewpoint = None if rng.random() < 0.1 else Viewpoint(matrix, rng.uniform(5, 500), 320, 240)
         budget = rng.randrange(2000)
-        cut = cut_of(tiles, np.array(there), look, budget)
+        cut = cut_of(tiles, np.array(there), viewpoint, budget)
         camera = (
-            None if look is None else {"viewmat": matrix.tolist(), "focal": look.focal, "width": 320, "height": 240}
+            None
+            if viewpoint is None
+            else {"viewmat": matrix.tolist(), "focal": viewpoint.focal, "width": 320, "height": 240}
         )
         found.append({"there": there, "look": camera, "budget": budget, "drawn": cut.drawn, "wanted": cut.wanted})
     return found
 
 
 def manifest_of(codec: str, **changes: Any) -> dict[str, Any]:
-    """What a manifest says, without its digest."""
+    """Content of a manifest without its digest."""
     packetization = {
         "block_size": 100, "lanes": 4, "seed": 1337, "order": "morton", "grouping": "stratified", "packaging": "atomic",
     }  # fmt: skip
@@ -105,13 +109,13 @@ def manifest_of(codec: str, **changes: Any) -> dict[str, Any]:
 
 
 def bases() -> list[dict[str, Any]]:
-    """Manifests that are right, of every kind."""
+    """Valid manifests of every kind."""
     packetization = manifest_of("causal")["packetization"]
     hashed = {**packetization, "grouping": "hashed", "lanes": 1, "packet_bytes": 1150}
     parts = {**packetization, "packaging": "separated"}
     large = {**packetization, "block_size": 65535, "lanes": 175}
     return [
-        *(manifest_of(codec) for codec, schema in SCHEMAS.items() if not schema.timed),
+        *(manifest_of(codec) for codec, schema in SCHEMAS.registered().items() if not schema.timed),
         manifest_of("tracks", tiers=[[300, 1], [300, 1], [0, 1], [400, 1]], packetization=hashed, num_packets=77),
         manifest_of("causal", packetization=hashed), manifest_of("gaussians", packetization=hashed, num_packets=77),
         manifest_of("hacpp", packetization=parts, num_packets=160),
@@ -122,7 +126,7 @@ def bases() -> list[dict[str, Any]]:
 
 
 def mutated_manifest(base: dict[str, Any], rng: random.Random) -> bytes:
-    """A manifest of which one or two things are something else, its digest put right most of the time."""
+    """A manifest with one or two changes and, mostly, a valid digest."""
     content, kind = copy.deepcopy(base), rng.random()
     if kind < 0.3:
         try:
@@ -181,14 +185,14 @@ def accepted(data: bytes) -> bool:
 
 
 def hostile_payload(payload: bytes, rng: random.Random) -> bytes:
-    """What no encoder writes: codes at the very end of their span among them."""
+    """Bytes that no encoder writes, including codes at the end of their span."""
     kept = payload[: rng.randrange(min(len(payload), 60) + 1)] if rng.random() < 0.7 else b""
     rest = rng.choice([b"\xff", b"\xff" * 3, b"\xff\xff\xff\xfe", b"\0", rng.randbytes(8)]) * rng.randrange(12)
     return kept + rest + rng.randbytes(rng.randrange(9))
 
 
 def hostile_packets(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[int, int, int, str, str]]:
-    """Packets and the digests of what they decode to."""
+    """Packets and the digests of their decoded values."""
     manifest, found = stream.manifest, []
     decoder = open_decoder(manifest, stream.side_info)
     for _ in range(cases):
@@ -205,7 +209,7 @@ def hostile_packets(stream: SceneStream, cases: int, rng: random.Random) -> list
 
 
 def hostile_heads(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[str, bool]]:
-    """Side information of which one section that every stream has is something else, and whether it is taken."""
+    """Side information with one changed common section, and whether it is accepted."""
     manifest, found = stream.manifest, []
     for _ in range(cases):
         reader = ByteReader(stream.side_info, "side information")
@@ -223,7 +227,7 @@ def hostile_heads(stream: SceneStream, cases: int, rng: random.Random) -> list[t
 
 
 def hostile_lifetimes(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[str, bool]]:
-    """Side information with another section that tells when tracks come and go, and whether it is taken."""
+    """Side information with another lifetimes section, and whether it is accepted."""
     found = []
     for _ in range(cases):
         writer = ByteWriter()
@@ -245,7 +249,7 @@ def hostile_lifetimes(stream: SceneStream, cases: int, rng: random.Random) -> li
 
 
 def hostile_views(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[str, bool]]:
-    """Side information with other sections of where a scene is looked at, and of copies, and whether it is taken."""
+    """Side information with other viewpoint and copies sections, and whether it is accepted."""
     found = []
     sketch = sections_of(stream).get("sketch")
     for _ in range(cases):
@@ -272,11 +276,11 @@ def hostile_views(stream: SceneStream, cases: int, rng: random.Random) -> list[t
 
 
 def hostile_indexes(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[str, dict[str, Any] | None]]:
-    """Side information with another index of tiles, and what it says; None where it is refused."""
+    """Side information with another tile index and its content; None if refused."""
     section, found = sections_of(stream)[SECTION], []
     for _ in range(cases):
         data = bytearray(section)
-        if rng.random() < 0.6:  # of the same length
+        if rng.random() < 0.6:  # of equal length
             for _ in range(rng.randrange(1, 4)):
                 data[rng.randrange(len(data))] = rng.choice([0, 1, 0x7F, 0x80, 0xFF, rng.randrange(256)])
         changed = add_concealment(stream, SECTION, bytes(data) if rng.random() < 0.6 else mutated_bytes(data, rng))
@@ -290,15 +294,15 @@ def hostile_indexes(stream: SceneStream, cases: int, rng: random.Random) -> list
 
 
 def lossy_clips(stream: SceneStream, folder: Path) -> Iterator[tuple[Path, list[list[list[float]]]]]:
-    """A clip of which packets are missing, and rows of every frame by track: track, place, turn, sizes, looks."""
+    """A lossy clip, and rows of every frame by track: track, position, rotation, sizes, appearance."""
     plan, rng = stream.manifest.plan, random.Random(3)
     for share in (1.0, 0.6):
-        kept = [p for p in stream.packets if plan.lasting(p.id.block) or rng.random() < share]
+        kept = [p for p in stream.packets if plan.persistent(p.id.block) or rng.random() < share]
         assert (len(kept) == len(stream.packets)) == (share == 1.0)
         path = folder.with_name(f"{folder.name}_{share}.swz")
         write_stream(stream.with_packets(kept), path)
         shown = []
-        method = replace(clip_concealer("motion"), grow=False)
+        method = replace(clip_concealer("motion"), grow=False)  # type: ignore[type-var]
         for frame in decode_frames(decode_stream(stream.with_packets(kept)).scene, method):
             s, tracks = frame.scene.splats, frame.tracks[:, None]
             columns = (tracks, s.means, s.quats, s.scales, s.opacities[:, None], 0.5 + DC * s.sh[:, 0])
@@ -306,7 +310,7 @@ def lossy_clips(stream: SceneStream, folder: Path) -> Iterator[tuple[Path, list[
         yield path, shown
 
 
-def test_the_page_has_the_same_tables() -> None:
+def test_typescript_tables_equal_the_python_tables() -> None:
     spec = importlib.util.spec_from_file_location("make_tables", WEB / "scripts" / "make_tables.py")
     assert spec is not None
     assert spec.loader is not None
@@ -316,7 +320,7 @@ def test_the_page_has_the_same_tables() -> None:
         assert (made.SOURCES / name).read_text() == module(), f"run web/scripts/make_tables.py: {name} is old"
 
 
-def test_manifests_of_every_kind_are_taken_and_empty_tiers_are_not() -> None:
+def test_typescript_accepts_every_manifest_kind_except_empty_tiers() -> None:
     for base in bases():
         assert accepted(json.dumps({**base, "digest": digest_of(base)}).encode()), base
     empty = manifest_of("causal", tiers=[])
@@ -325,7 +329,7 @@ def test_manifests_of_every_kind_are_taken_and_empty_tiers_are_not() -> None:
 
 
 @pytest.mark.parametrize("part", range(math.ceil(CASES / PART)))
-def test_python_and_the_page_agree(tmp_path: Path, part: int) -> None:
+def test_python_and_typescript_decoders_agree(tmp_path: Path, part: int) -> None:
     if reason := lacking():
         pytest.skip(reason)
     cases = min(PART, CASES - part * PART)
@@ -354,11 +358,8 @@ def test_python_and_the_page_agree(tmp_path: Path, part: int) -> None:
     pairs = [(base64.b64encode(data).decode(), fine) for data, fine in zip(manifests, said, strict=True)]
     births = encode_clip(map(Frame.of, moving_frames(3000)), ClipOptions(group_frames=4))[0]
     assert LIFETIMES in sections_of(births)
-    scattered = torch.Generator().manual_seed(part)
-    wild = [
-        replace(s, means=s.means + 0.1 * torch.randn(s.means.shape, generator=scattered).numpy())
-        for s in moving_frames(1000)
-    ]
+    scattered = Numbers(part)
+    wild = [replace(s, means=s.means + 0.1 * scattered.randn(*s.means.shape)) for s in moving_frames(1000)]
     confused = encode_clip(map(Frame.of, wild), ClipOptions(group_frames=4, order="tracked"))[0]
     dark = encode_clip(darkened(moving_frames(300), range(3, 8)), ClipOptions(group_frames=4))[0]
     clips = {"tiny": streams["tiny_clip"], "births": births, "confused": confused, "dark": dark}

@@ -1,4 +1,4 @@
-"""Other programs take streams through the package's doors: PlayCanvas, three.js with Spark, and splat-transform."""
+"""Other programs read streams through the package: PlayCanvas, three.js with Spark, and splat-transform."""
 
 import asyncio
 import base64
@@ -16,22 +16,23 @@ from PIL import Image
 
 from explicit import encode_splats
 from scenes import tiny_cameras
+from splatwire.bitstream import SceneStream, stream_to_bytes
 from splatwire.codec import add_concealment, decode_stream
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
-from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.conceal import conceal
-from splatwire.formats import write_gltf_with_stream
-from splatwire.model import SplatScene
-from splatwire.packets import SceneStream, stream_to_bytes
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.concealment import conceal
+from splatwire.io import open_scene
+from splatwire.io.formats.gltf_writer import write_gltf
 from splatwire.render import render_scene
-from splatwire.scene import Cameras
-from splatwire.scene_io import open_scene
+from splatwire.types import Cameras, SplatScene
 from transport.chromium import Browser, browser, executable
 from web.host import hosting
 from web.installed import called, install, package
 from web.node import WEB
 from web.pictures import half_of
 from web.test_page import SMALL, ball, run
+
+pytestmark = pytest.mark.slow
 
 OTHERS = {
     "typescript": "7.0.2", "vite": "8.3.8", "playcanvas": "2.23.3", "three": "0.187.0", "@types/three": "0.187.0",
@@ -106,7 +107,7 @@ export async function load(renderer: THREE.WebGLRenderer): Promise<void> {{
   scene.add(spark, {added});
 }}
 """
-"""The example of three.js with the stream added whole, in the words of the package's README."""
+"""The three.js example that adds the whole stream, from the README of the package."""
 
 GLTF = """
 import * as pc from "playcanvas";
@@ -123,21 +124,21 @@ app.assets.load(asset);
 
 
 def example(word: str) -> str:
-    """The block of the package's README that has a word."""
+    """The block of the package's README that contains a word."""
     blocks = re.findall(r"```ts\n(.*?)```", (WEB / "PACKAGE.md").read_text(), re.DOTALL)
     [found] = [block for block in blocks if word in block]
     return found.replace("/scene.swz", "./scene.swz")
 
 
 def added_whole() -> str:
-    """Code that adds all of a stream at once, of the line of the package's README that shows it."""
+    """Code from the package's README that adds a whole stream at once."""
     [added] = re.findall(r"`(new SplatMesh\(.*?loadSplats.*?)`", (WEB / "PACKAGE.md").read_text())
     return WHOLE.format(added=added.replace("/scene.swz", "./scene.swz"))
 
 
 @pytest.fixture(scope="module")
 def stream() -> SceneStream:
-    """Half of a ball's packets."""
+    """Half of the packets of a ball."""
     return half_of(encode_splats(ball(degree=3), SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0)))
 
 
@@ -157,7 +158,7 @@ def built(project: Path, name: str, script: str, code: str) -> tuple[dict[str, s
     (project / "tsconfig.json").write_text(
         json.dumps(
             json.loads((project / "tsconfig.json").read_text()) | {"include": [f"{name}.ts", "example.ts"]}
-        ).replace('"skipLibCheck": false', '"skipLibCheck": true')  # the libraries of others
+        ).replace('"skipLibCheck": false', '"skipLibCheck": true')  # third-party libraries
     )
     called(["node_modules/.bin/tsc"], project)
     called(["node_modules/.bin/vite", "build", "--logLevel", "error"], project)
@@ -175,16 +176,16 @@ def draws(
     expected: Sequence[np.ndarray],
     decibels: float,
 ) -> None:
-    """A page of the project draws of a scene, a name and its bytes, what is expected.
+    """A page of the project renders a scene as expected.
 
-    Others sort in a worker of their own and do not say when they have: pictures are taken until one agrees.
+    Other viewers sort in a worker without a completion event, so pictures are taken until one agrees.
     """  # fmt: skip
     pages, scripts = built(project, name, script, code)
 
     def drive(url: str) -> None:
         with browser() as page:
             page.open(f"{url}{name}.html")
-            page.wait_for("Boolean(window.draw)", 60)
+            page.wait_for("Boolean(window.draw)")
             for pose, ours in zip(poses_of(cameras), expected, strict=True):
                 end = time.monotonic() + 60
                 while (agreement := psnr(ours, taken(page, pose))) <= decibels:
@@ -203,7 +204,7 @@ def taken(page: Browser, pose: list[float]) -> np.ndarray:
 
 
 def poses_of(cameras: Cameras) -> list[list[float]]:
-    """From camera to world, column by column, for cameras that look along -z with y up."""
+    """Camera to world, column by column, for cameras that face -z with y up."""
     return [(np.linalg.inv(view) @ np.diag([1.0, -1.0, -1.0, 1.0])).T.ravel().tolist() for view in cameras.viewmats]
 
 
@@ -213,7 +214,7 @@ def psnr(first: np.ndarray, second: np.ndarray) -> float:
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
 def test_playcanvas_draws_an_asset_that_is_a_stream(project: Path) -> None:
-    """And follows its wish for antialiasing: Gaussians are below a pixel."""
+    """Antialiasing is respected as well: Gaussians are smaller than a pixel."""
     small, cameras = ball(degree=3), tiny_cameras(2, 240, 180)
     small = replace(small, scales=small.scales * 0.1)
     plain = half_of(encode_splats(small, SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0)))
@@ -226,11 +227,11 @@ def test_playcanvas_draws_an_asset_that_is_a_stream(project: Path) -> None:
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
 def test_playcanvas_draws_the_fallback_of_a_gltf_file_with_a_stream(project: Path, stream: SceneStream) -> None:
-    """It reads KHR_gaussian_splatting, and does not know EXT_splatwire within."""
+    """PlayCanvas reads KHR_gaussian_splatting and ignores EXT_splatwire."""
     cameras, fallback = tiny_cameras(2, 240, 180), ball(300, degree=0)
     expected = render_scene(SplatScene(fallback), cameras, background=np.array([0.2, 0.5, 0.8], np.float32))
     file = project / "scene.glb"
-    write_gltf_with_stream(stream_to_bytes(stream), fallback, file)
+    write_gltf([fallback], file, stream=stream_to_bytes(stream))
     scene = ("scene.glb", file.read_bytes())
     draws(project, "playcanvas", PLAYCANVAS, GLTF, scene, cameras, list(expected), 36)
 
@@ -238,7 +239,7 @@ def test_playcanvas_draws_the_fallback_of_a_gltf_file_with_a_stream(project: Pat
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
 @pytest.mark.parametrize("code", [example("splatwire/three"), added_whole()], ids=["as it arrives", "whole"])
 def test_spark_draws_a_stream_between_meshes(project: Path, stream: SceneStream, code: str) -> None:
-    """A mesh in front hides Gaussians; one behind shines through them as a background of its colour does."""
+    """A mesh in front hides Gaussians; one behind shows through them like a background of its colour."""
     cameras = tiny_cameras(2, 240, 180)
     grown = conceal(decode_stream(stream), "grow")
     over = list(render_scene(grown, cameras))

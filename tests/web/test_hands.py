@@ -1,4 +1,4 @@
-"""What people do with the page: mouse, touch and keys, another site around it, a link that comes and goes."""
+"""User input on the page: mouse, touch and keyboard, embedding in another site, and an intermittent link."""
 
 import asyncio
 import re
@@ -9,20 +9,20 @@ from typing import Any
 import pytest
 
 from explicit import encode_splats
-from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.packets import SceneStream
-from splatwire.transport import Program, ServerLimits, make_program
-from splatwire.transport.certificate import self_signed
-from splatwire.transport.page import PageServer
-from splatwire.transport.page_content import Link, PageContent
-from splatwire.transport.quic import WEBTRANSPORT_PATH
-from splatwire.transport.quic_server import QuicServer
+from splatwire.bitstream import SceneStream
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.transport import ServedStream, ServerLimits, make_served_stream
+from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.server import PageServer
+from splatwire.transport.quic.certificate import self_signed
+from splatwire.transport.quic.common import WEBTRANSPORT_PATH
+from splatwire.transport.quic.server import QuicServer
 from transport.chromium import Browser, browser, executable
 from transport.relay import Relay
 from web.node import WEB
 from web.test_page import ELEMENT, SMALL, STATUS, ball, run, status
 
-pytestmark = pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+pytestmark = [pytest.mark.skipif(executable() is None, reason="Chromium is not installed"), pytest.mark.slow]
 ORBIT = f"{ELEMENT}.view.orbit"
 TARGET = f"{ORBIT}.target"
 LOOK = f"[{ORBIT}.yaw, {ORBIT}.pitch, {ORBIT}.distance, {TARGET}.x, {TARGET}.y, {TARGET}.z]"
@@ -34,20 +34,20 @@ def stream() -> SceneStream:
 
 
 @pytest.fixture(scope="module")
-def program(stream: SceneStream) -> Program:
-    return make_program(stream)
+def program(stream: SceneStream) -> ServedStream:
+    return make_served_stream(stream)
 
 
 def loaded(page: Browser, url: str) -> None:
     page.open(url)
-    page.wait_for(f"{STATUS} && ({STATUS}.finished || {STATUS}.failed) && {ELEMENT}.view", 60)
+    page.wait_for(f"{STATUS} && ({STATUS}.finished || {STATUS}.failed) && {ELEMENT}.view")
 
 
 def changed(page: Browser, before: list[float]) -> list[bool]:
     return [abs(a - b) > 1e-4 for a, b in zip(page.evaluate(LOOK), before, strict=True)]
 
 
-def test_mouse_touch_and_keys_move_the_camera(program: Program) -> None:
+def test_mouse_touch_and_keyboard_move_the_camera(program: ServedStream) -> None:
     async def work() -> None:
         async with PageServer(PageContent({"ball": program})) as server:
 
@@ -62,7 +62,7 @@ def test_mouse_touch_and_keys_move_the_camera(program: Program) -> None:
 
 
 def check_hands(page: Browser) -> None:
-    """What each movement changes: yaw and pitch, distance, or the point around which the camera turns."""
+    """Effect of each movement: yaw and pitch, distance, or orbit target."""
     began = page.evaluate(f"String({LOOK})")
     for act, what in (
         (lambda: page.drag((200, 300), (260, 340)), "turn"),
@@ -75,12 +75,12 @@ def check_hands(page: Browser) -> None:
     ):
         before = page.evaluate(LOOK)
         act()
-        page.wait_for(f"String({LOOK}) !== '{page.evaluate(f'String({before})')}'", 5)
+        page.wait_for(f"String({LOOK}) !== '{page.evaluate(f'String({before})')}'")
         yaw, _, distance, *target = changed(page, before)
         assert [yaw, distance] == [what == "turn", what in ("zoom", "pinch")], what
         assert any(target) == (what != "turn"), "what is come nearer to is turned around"
     page.key("Home")
-    page.wait_for(f"String({LOOK}) === '{began}'", 5)
+    page.wait_for(f"String({LOOK}) === '{began}'")
     page.key("f")
     assert page.evaluate(f"{ORBIT}.turned")
     page.key("h")
@@ -88,12 +88,12 @@ def check_hands(page: Browser) -> None:
 
 
 def documented(name: str) -> str:
-    """The page of somebody else that a document shows."""
+    """The third-party page of a document."""
     [found] = re.findall(r"```html\n(.*?)```", (WEB.parent / "docs" / name).read_text(), re.DOTALL)
     return found
 
 
-def test_another_site_embeds_the_element(program: Program) -> None:
+def test_element_works_on_a_third_party_site(program: ServedStream) -> None:
     async def work() -> None:
         async with AsyncExitStack() as stack:
             server = await stack.enter_async_context(PageServer(PageContent({"ball": program})))
@@ -126,8 +126,8 @@ def test_another_site_embeds_the_element(program: Program) -> None:
     run(work())
 
 
-def test_a_link_that_comes_and_goes_costs_what_it_loses_and_no_more(stream: SceneStream, program: Program) -> None:
-    """Gone for two of every three quarters of a second; the transfer takes several of them."""
+def test_intermittent_link_resends_only_lost_packets(stream: SceneStream, program: ServedStream) -> None:
+    """The link is down for two of every three quarters of a second; the transfer takes several of them."""
     identity, began = self_signed(), time.monotonic()
 
     def gone() -> bool:

@@ -1,4 +1,4 @@
-"""The page: what its server answers, and the receiver in a real browser, driven over the DevTools protocol."""
+"""The page: answers of its server, and the receiver in a real browser through the DevTools protocol."""
 
 import asyncio
 import base64
@@ -14,23 +14,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from PIL import Image
 
 from close import unit
 from explicit import encode_splats
+from random_numbers import Numbers
 from scenes import tiny_scene
+from splatwire.bitstream import PRESETS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
 from splatwire.codec import add_concealment, encode_scene
-from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.viewpoint import SECTION
 from splatwire.errors import InvalidValueError
-from splatwire.model.splat_scene import SplatScene
-from splatwire.packets import PRESETS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
-from splatwire.scene.splats import Splats
-from splatwire.transport import Program, make_program
-from splatwire.transport.pack import pack_stream
-from splatwire.transport.page import PageServer
-from splatwire.transport.page_content import FILES, Link, PageContent, program_file, web_file
+from splatwire.transport import ServedStream, make_served_stream
+from splatwire.transport.http.content import FILES, Link, PageContent, served_stream_file, web_file
+from splatwire.transport.http.pack import pack_stream
+from splatwire.transport.http.server import PageServer
+from splatwire.types.splat_scene import SplatScene
+from splatwire.types.splats import Splats
 from transport.chromium import Browser, browser, executable
 from transport.network import bernoulli
 from transport.relay import Relay
@@ -38,21 +38,23 @@ from web.pictures import ELEMENT, check_concealed, check_pictures, half_of
 from web.sketched import with_copies
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
-from splatwire.transport.certificate import self_signed
-from splatwire.transport.quic import WEBTRANSPORT_PATH
-from splatwire.transport.quic_server import QuicServer
+from splatwire.transport.quic.certificate import self_signed
+from splatwire.transport.quic.common import WEBTRANSPORT_PATH
+from splatwire.transport.quic.server import QuicServer
+
+pytestmark = pytest.mark.slow
 
 STATUS = f"{ELEMENT}?.status"
 SMALL = Packetization(block_size=600, lanes=1, grouping="hashed", packet_bytes=700)
 
 
 def ball(count: int = 1500, degree: int = 2) -> Splats:
-    rng = torch.Generator().manual_seed(4)
-    directions = unit(torch.randn(count, 3, generator=rng).numpy())
-    sh = torch.randn(count, (degree + 1) ** 2, 3, generator=rng).numpy() * 0.1
+    rng = Numbers(4)
+    directions = unit(rng.randn(count, 3))
+    sh = rng.randn(count, (degree + 1) ** 2, 3) * 0.1
     sh[:, 0] += directions
-    quats, sizes = (torch.randn(count, number, generator=rng).numpy() for number in (4, 3))
-    opacities = torch.rand(count, generator=rng).numpy() * 0.9 + 0.05
+    quats, sizes = (rng.randn(count, number) for number in (4, 3))
+    opacities = rng.rand(count) * 0.9 + 0.05
     return Splats(directions, unit(quats), np.exp(sizes * 0.4 - 3), opacities, sh)
 
 
@@ -62,20 +64,20 @@ def stream() -> SceneStream:
 
 
 @pytest.fixture(scope="module")
-def programs(stream: SceneStream) -> dict[str, Program]:
+def programs(stream: SceneStream) -> dict[str, ServedStream]:
     anchors = encode_scene(tiny_scene(seed=2, num_anchors=200), PRESETS["datagram"])
-    return {"ball": make_program(stream), "anchors": make_program(anchors)}
+    return {"ball": make_served_stream(stream), "anchors": make_served_stream(anchors)}
 
 
 def answered(content: PageContent, request: bytes) -> bytes:
-    """What is answered, in one piece."""
+    """The complete answer."""
     head, body = content.answer(request)
     assert isinstance(body, bytes | memoryview)
     return head + body
 
 
 def run(work: Any) -> None:
-    asyncio.run(asyncio.wait_for(work, 240))
+    asyncio.run(asyncio.wait_for(work, 1800))
 
 
 def status(page: Browser, key: str) -> Any:
@@ -83,15 +85,15 @@ def status(page: Browser, key: str) -> Any:
 
 
 def opened(page: Browser, url: str) -> str:
-    """Opens an address; how the stream ended, or why it failed."""
+    """Opens an address and returns how the stream ended, or its error."""
     page.open("about:blank")
     page.open(url)
-    return str(page.wait_for(f"{STATUS} && ({STATUS}.finished || {STATUS}.failed)", 60))
+    return str(page.wait_for(f"{STATUS} && ({STATUS}.finished || {STATUS}.failed)"))
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
-def test_redundant_copies_are_neither_counted_nor_a_loss(stream: SceneStream, tmp_path: Path) -> None:
-    """A whole stream shows no loss and its own number of Gaussians; the picture to compare with has no copies."""
+def test_redundant_copies_count_neither_as_received_nor_as_lost(stream: SceneStream, tmp_path: Path) -> None:
+    """A complete stream shows no loss and its number of Gaussians; the reference picture has no copies."""
     packed = tmp_path / "packed.html"
     packed.write_bytes(pack_stream(with_copies(stream), "a ball with copies"))
     rows = f"[...{ELEMENT}.shadowRoot.querySelectorAll('dt')]"
@@ -99,7 +101,7 @@ def test_redundant_copies_are_neither_counted_nor_a_loss(stream: SceneStream, tm
     with browser() as page:
         assert opened(page, packed.as_uri()) == "complete"
         page.wait_for(f"{ELEMENT}.view && {ELEMENT}.panel.settings.concealer === 'sketch'")
-        assert page.wait_for(told, 60) == "no loss"
+        assert page.wait_for(told) == "no loss"
         assert status(page, "gaussians") == stream.manifest.num_elements
         check_pictures(page, stream, 40, "sketch")
         page.evaluate(f"{ELEMENT}.panel.set({{show: 'lossless'}})")
@@ -107,10 +109,10 @@ def test_redundant_copies_are_neither_counted_nor_a_loss(stream: SceneStream, tm
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
-def test_a_browser_receives_decodes_and_draws(
-    stream: SceneStream, programs: dict[str, Program], tmp_path: Path
+def test_browser_receives_decodes_and_renders(
+    stream: SceneStream, programs: dict[str, ServedStream], tmp_path: Path
 ) -> None:
-    """Over a path that loses 20 %, out of a packed file, by HTTP where no session comes about; and what it refuses."""
+    """Covers 20 % loss, a packed file, HTTP without a session, and refusals."""
     identity, packed = self_signed(), tmp_path / "packed.html"
     packed.write_bytes(pack_stream(stream, "a <ball>"))
 
@@ -147,7 +149,7 @@ def test_a_browser_receives_decodes_and_draws(
                     check_stream(page, stream, "HTTP, in order and without loss")
                     assert opened(page, older.url) == "complete"
                     check_stream(page, stream, "WebTransport datagrams")
-                    assert "this page cannot draw" in opened(page, f"{lossy.url}?stream=anchors")
+                    assert "browsers cannot decode" in opened(page, f"{lossy.url}?stream=anchors")
                     assert "no such stream" in opened(page, f"{lossy.url}?stream=none") or "404" in status(
                         page, "failed"
                     )
@@ -160,8 +162,8 @@ def test_a_browser_receives_decodes_and_draws(
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
-def test_gaussians_below_a_pixel_are_as_bright_as_their_file_asks(tmp_path: Path) -> None:
-    """With the wish for antialiasing and without it the page draws what the renderer draws; the two differ."""
+def test_subpixel_gaussians_follow_the_antialiasing_flag(tmp_path: Path) -> None:
+    """The page renders like the renderer with and without antialiasing, and the two pictures differ."""
     splats, means = ball(4000), []
     small = replace(splats, scales=splats.scales * 0.06, opacities=splats.opacities.clip(0.7))
     with browser() as page:
@@ -176,7 +178,7 @@ def test_gaussians_below_a_pixel_are_as_bright_as_their_file_asks(tmp_path: Path
 
 
 def check_stream(page: Browser, stream: SceneStream, way: str) -> None:
-    """Every integer in the browser is Python's."""
+    """Every integer in the browser equals Python's."""
     assert status(page, "packets") == len(stream.packets)
     assert status(page, "way") == way
     assert page.resolve(f"{ELEMENT}.verify()") is True
@@ -184,12 +186,12 @@ def check_stream(page: Browser, stream: SceneStream, way: str) -> None:
 
 
 def check_settings(page: Browser) -> None:
-    """Packets that are dropped on purpose cost picture, which the panel tells."""
+    """Packets that the user drops lower the quality, which the panel shows."""
     panel = f"{ELEMENT}.shadowRoot.querySelector('.panel')"
     assert "Concealer" not in page.evaluate(f"{panel}.innerText"), "the laboratory is open"
     page.evaluate(f"{ELEMENT}.panel.open = true")
     assert page.evaluate(f"{ELEMENT}.panel.concealers.join()") == "drop,grow,scene_free"
-    assert page.evaluate(f"{panel}.querySelector('option[disabled]').innerText") == "sketch (the stream has none)"
+    assert page.evaluate(f"{panel}.querySelector('option[disabled]').innerText") == "sketch (not in this stream)"
     assert page.evaluate(f"/In bursts of 1 packet\\s/.test({panel}.innerText)")
     page.evaluate(f"{ELEMENT}.panel.set({{dropped: 0.3, show: 'difference', concealer: 'drop'}})")
     page.wait_for(f"/PSNR\\s+[0-9.]+ dB/.test({panel}.innerText)")
@@ -199,9 +201,7 @@ def check_settings(page: Browser) -> None:
     assert np.asarray(picture.convert("L")).std() > 5, "an empty page"
 
 
-def test_the_page_server_gives_its_files_and_the_streams_and_nothing_else(
-    programs: dict[str, Program], stream: SceneStream
-) -> None:
+def test_page_server_serves_only_its_files_and_streams(programs: dict[str, ServedStream], stream: SceneStream) -> None:
     content = PageContent(programs, Link(4840, "/splatwire", "ab" * 32), host="scenes.local")
     for request, code in (
         ("GET / HTTP/1.1\r\nHost: 127.0.0.1:80", b"200"),
@@ -222,7 +222,7 @@ def test_the_page_server_gives_its_files_and_the_streams_and_nothing_else(
     ):
         assert answered(content, request.encode("latin-1")).startswith(b"HTTP/1.1 " + code), request
     file = answered(content, b"GET /streams/ball.swz HTTP/1.1\r\nHost: 10.0.0.1").partition(b"\r\n\r\n")[2]
-    assert file == program_file(programs["ball"])
+    assert file == served_stream_file(programs["ball"])
     assert stream_from_bytes(file)[0] == stream
     page = answered(content, b"GET /?stream=%22%3E%3Cscript%3E HTTP/1.1\r\nHost: 10.0.0.1:80").decode()
     assert "<script>" not in page
@@ -234,8 +234,8 @@ def test_the_page_server_gives_its_files_and_the_streams_and_nothing_else(
     assert told["port"] == 4840
 
 
-def test_a_part_of_a_stream_is_what_its_range_says(programs: dict[str, Program]) -> None:
-    content, file = PageContent(programs), program_file(programs["ball"])
+def test_range_request_returns_that_part_of_a_stream(programs: dict[str, ServedStream]) -> None:
+    content, file = PageContent(programs), served_stream_file(programs["ball"])
     size = len(file)
     for words, code, first, end in (
         ("bytes=100-", 206, 100, size),
@@ -261,7 +261,7 @@ def test_a_part_of_a_stream_is_what_its_range_says(programs: dict[str, Program])
             assert f"Content-Range: bytes {first}-{end - 1}/{size}".encode() in head
 
 
-def test_caches_may_keep_a_stream_as_long_as_it_is_the_same(programs: dict[str, Program]) -> None:
+def test_stream_answers_are_cacheable_until_changed(programs: dict[str, ServedStream]) -> None:
     content, other = PageContent(programs, host="scenes.local"), PageContent({"ball": b"another"}, host="scenes.local")
     ask = "GET /streams/ball.swz{} HTTP/1.1\r\nHost: 10.0.0.1\r\n{}"
 
@@ -284,7 +284,7 @@ def test_caches_may_keep_a_stream_as_long_as_it_is_the_same(programs: dict[str, 
 
 
 @pytest.mark.parametrize("coding", ["", "gzip"])
-def test_scripts_have_tags_that_name_their_content_and_coding(programs: dict[str, Program], coding: str) -> None:
+def test_script_etags_identify_content_and_encoding(programs: dict[str, ServedStream], coding: str) -> None:
     content = PageContent(programs, host="10.0.0.1")
 
     def asked(name: str, tag: str = "") -> tuple[bytes, str]:
@@ -308,14 +308,14 @@ def test_scripts_have_tags_that_name_their_content_and_coding(programs: dict[str
     assert len(tags) == len(FILES)
 
 
-def test_pages_of_other_origins_can_check_answers(programs: dict[str, Program]) -> None:
+def test_other_origins_can_read_validation_headers(programs: dict[str, ServedStream]) -> None:
     request = b"GET /streams/ball.swz HTTP/1.1\r\nHost: 10.0.0.1\r\nOrigin: https://a.example\r\nRange: bytes=0-3"
     head = answered(PageContent(programs, host="10.0.0.1", origins=("https://a.example",)), request).decode("latin-1")
     exposed = head.partition("Access-Control-Expose-Headers: ")[2].partition("\r\n")[0].split(", ")
     assert {"Content-Range", "ETag", "Content-Encoding"} <= set(exposed)
 
 
-def test_a_packed_page_holds_the_stream_and_allows_nothing_else(stream: SceneStream) -> None:
+def test_packed_page_contains_the_stream_and_blocks_other_requests(stream: SceneStream) -> None:
     page = pack_stream(stream, "</title><script>").decode()
     assert "</title><script>" not in page
     held = page.partition('id="stream">')[2].partition("<")[0]
@@ -325,7 +325,7 @@ def test_a_packed_page_holds_the_stream_and_allows_nothing_else(stream: SceneStr
         pack_stream(encode_scene(tiny_scene(seed=2, num_anchors=100), Packetization()), "")
 
 
-def test_noise_is_no_request(programs: dict[str, Program]) -> None:
+def test_noise_gets_no_answer(programs: dict[str, ServedStream]) -> None:
     async def work() -> None:
         async with PageServer(PageContent(programs)) as page:
             reader, writer = await asyncio.open_connection("127.0.0.1", page.port)
@@ -342,8 +342,8 @@ def test_noise_is_no_request(programs: dict[str, Program]) -> None:
     run(work())
 
 
-def test_scripts_are_packed_for_who_takes_it_and_a_preview_comes_with_the_page(stream: SceneStream) -> None:
-    content = PageContent({"ball": make_program(stream, preview=b"<seen>")})
+def test_scripts_are_compressed_on_request_and_the_page_contains_a_preview(stream: SceneStream) -> None:
+    content = PageContent({"ball": make_served_stream(stream, preview=b"<seen>")})
     request = b"GET /splatwire-view.js HTTP/1.1\r\nHost: 127.0.0.1"
     plain = answered(content, request).partition(b"\r\n\r\n")[2]
     head, _, packed = answered(content, request + b"\r\nAccept-Encoding: br, gzip").partition(b"\r\n\r\n")
@@ -351,5 +351,5 @@ def test_scripts_are_packed_for_who_takes_it_and_a_preview_comes_with_the_page(s
     assert gzip.decompress(packed) == plain
     assert b'preview="PHNlZW4+"' in answered(content, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nAccept-Encoding: gzip")
     begins = add_concealment(stream, SECTION, struct.pack("<9f", 1, 2.5, -3, 0, 0, 0, 0, -1, 0))
-    content = PageContent({"ball": make_program(begins, preview=b"<seen>")})
+    content = PageContent({"ball": make_served_stream(begins, preview=b"<seen>")})
     assert b'viewpoint="1 2.5 -3 0 0 0 0 -1 0"' in answered(content, b"GET / HTTP/1.1\r\nHost: 127.0.0.1")

@@ -1,4 +1,4 @@
-"""The page with a stream of the causal codec: neural heads in a browser, asked anew when the camera turns."""
+"""The page with a stream of the causal codec: neural heads run again when the camera turns."""
 
 import asyncio
 import base64
@@ -6,15 +6,17 @@ import base64
 import pytest
 
 from scenes import tiny_causal_scene
+from splatwire.bitstream import Packetization, SceneStream, stream_to_bytes
 from splatwire.codec import encode_scene
-from splatwire.packets import Packetization, SceneStream, stream_to_bytes
-from splatwire.transport import make_program
-from splatwire.transport.pack import pack_stream
-from splatwire.transport.page import PageServer
-from splatwire.transport.page_content import PageContent
+from splatwire.transport import make_served_stream
+from splatwire.transport.http.content import PageContent
+from splatwire.transport.http.pack import pack_stream
+from splatwire.transport.http.server import PageServer
 from transport.chromium import Browser, browser, executable
 from web.pictures import ELEMENT, check_concealed, check_pictures, half_of
 from web.sketched import with_sketch
+
+pytestmark = pytest.mark.slow
 
 STATUS = f"{ELEMENT}?.status"
 PANEL = f"{ELEMENT}.shadowRoot.querySelector('.panel').innerText"
@@ -26,36 +28,38 @@ def stream() -> SceneStream:
     return encode_scene(tiny_causal_scene(seed=7, num_anchors=600), packetization)
 
 
-def test_a_packed_page_holds_anchors(stream: SceneStream) -> None:
+def test_packed_page_contains_anchors(stream: SceneStream) -> None:
     held = pack_stream(stream, "anchors").decode().partition('id="stream">')[2].partition("<")[0]
     assert base64.b64decode(held) == stream_to_bytes(stream)
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
-def test_a_browser_draws_anchors(stream: SceneStream) -> None:
-    """Integers, pictures, another camera, packets dropped on purpose."""
+def test_browser_renders_anchors(stream: SceneStream) -> None:
+    """Covers integers, pictures, another camera, and packets that the user drops."""
 
     async def work() -> None:
         half = half_of(with_sketch(stream))
-        async with PageServer(PageContent({"anchors": make_program(stream), "half": stream_to_bytes(half)})) as server:
+        async with PageServer(
+            PageContent({"anchors": make_served_stream(stream), "half": stream_to_bytes(half)})
+        ) as server:
 
             def drive() -> None:
                 with browser() as page:
                     page.open(server.url)
-                    page.wait_for(f"{STATUS} && {STATUS}.finished === 'complete' && {STATUS}.gaussians > 0", 60)
+                    page.wait_for(f"{STATUS} && {STATUS}.finished === 'complete' && {STATUS}.gaussians > 0")
                     assert page.resolve(f"{ELEMENT}.verify()") is True
                     check_pictures(page, stream, 38)
                     check_turning(page)
                     check_concealment(page)
-                    check_concealed(page, f"{server.url}?stream=half", half, 34)  # large ones sorted as wholes
+                    check_concealed(page, f"{server.url}?stream=half", half, 34)  # large anchors are sorted as a whole
 
             await asyncio.to_thread(drive)
 
-    asyncio.run(asyncio.wait_for(work(), 240))
+    asyncio.run(asyncio.wait_for(work(), 1800))
 
 
 def check_turning(page: Browser) -> None:
-    """The Gaussians of a view are asked for when the camera turns."""
+    """The Gaussians of a view are computed when the camera turns."""
     page.evaluate(
         f"{{const view = {ELEMENT}.view, add = view.add.bind(view); window.answers = [];"
         " view.add = (...given) => { window.answers.push(given[1]); add(...given); }}"
@@ -65,7 +69,7 @@ def check_turning(page: Browser) -> None:
 
 
 def check_concealment(page: Browser) -> None:
-    """Packets that are dropped on purpose cost picture, and `grow` makes the rest larger."""
+    """Packets that the user drops lower the quality, and `grow` enlarges the rest."""
     page.evaluate(f"{ELEMENT}.panel.open = true")
     for concealer in ("drop", "grow"):
         page.evaluate(f"{ELEMENT}.panel.set({{dropped: 0.3, show: 'received', concealer: '{concealer}'}})")

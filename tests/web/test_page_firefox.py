@@ -10,33 +10,35 @@ from PIL import Image
 
 from explicit import encode_splats
 from scenes import tiny_causal_scene
+from splatwire.bitstream import Packetization
 from splatwire.codec import encode_scene
-from splatwire.packets import Packetization
-from splatwire.transport import make_program
-from splatwire.transport.page import PageServer
-from splatwire.transport.page_content import Link, PageContent
+from splatwire.transport import make_served_stream
+from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.server import PageServer
 from transport.firefox import Firefox, executable, firefox
 from web.pictures import ELEMENT
 from web.test_page import ball, run
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
-from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.transport.certificate import self_signed
-from splatwire.transport.quic import WEBTRANSPORT_PATH
-from splatwire.transport.quic_server import QuicServer
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.transport.quic.certificate import self_signed
+from splatwire.transport.quic.common import WEBTRANSPORT_PATH
+from splatwire.transport.quic.server import QuicServer
+
+pytestmark = pytest.mark.slow
 
 STATUS = f"{ELEMENT}?.status"
 SMALL = Packetization(block_size=600, lanes=1, grouping="hashed", packet_bytes=700)
 
 
 @pytest.mark.skipif(executable() is None, reason="Firefox is not installed")
-def test_every_integer_in_firefox_is_pythons() -> None:
-    """Of explicit Gaussians and of anchors, by whichever way they come; whether it has WebGL does not matter."""
+def test_firefox_decodes_the_integers_of_python() -> None:
+    """Covers explicit Gaussians and anchors over every transport, with and without WebGL."""
     streams = {
         "ball": encode_splats(ball(), SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0)),
         "anchors": encode_scene(tiny_causal_scene(seed=6, num_anchors=400), SMALL),
     }
-    programs = {name: make_program(stream) for name, stream in streams.items()}
+    programs = {name: make_served_stream(stream) for name, stream in streams.items()}
     identity = self_signed()
 
     def check(page: Firefox, name: str) -> None:

@@ -1,4 +1,4 @@
-"""A live clip on a page: it waits for who wants no motion, conceals losses of each chapter, and says that it ends."""
+"""A live clip on a page: reduced motion, concealment in each period, and the end of the clip."""
 
 import asyncio
 import itertools
@@ -8,36 +8,38 @@ from fractions import Fraction
 import pytest
 
 from moving_clips import moving_frames
-from splatwire.clips import ClipOptions
-from splatwire.clips.chapters import EndlessClip
-from splatwire.transport.page import PageServer
-from splatwire.transport.page_content import Link, PageContent
+from splatwire.sequence import ClipOptions
+from splatwire.sequence.live_encoder import LiveEncoder
+from splatwire.transport.http.content import Link, PageContent
+from splatwire.transport.http.server import PageServer
 from transport.chromium import browser, executable
 from web.node import lacking
 from web.test_page import STATUS, run
 from web.test_page_clip import PANEL, TOLD, cell, slide
-from web.test_page_visitors import found_by_axe
+from web.test_page_visitors import axe_findings
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
-from splatwire.transport.certificate import self_signed
-from splatwire.transport.quic import WEBTRANSPORT_PATH
-from splatwire.transport.quic_server import QuicServer
+from splatwire.transport.quic.certificate import self_signed
+from splatwire.transport.quic.common import WEBTRANSPORT_PATH
+from splatwire.transport.quic.server import QuicServer
+
+pytestmark = pytest.mark.slow
 
 GROUP, RATE, CHAPTER, GROUPS = 3, 12, 3, 10
 NUMBER = f"Number(({TOLD} || '0').replace(/\\D/g, ''))"
-"""Of the frame that is on the screen, from 1."""
+"""Number of the shown frame, from 1."""
 
 
 def editions(last: int) -> list:
-    """What is served after each group of frames, the first ones of a clip that nobody knows the end of."""
+    """Served files after each group of frames, for a clip of unknown length."""
     ids, frames = itertools.count(71), itertools.cycle(moving_frames(300, 9))
-    clip = EndlessClip(ClipOptions(Fraction(RATE), GROUP), lambda: next(ids), chapter_groups=CHAPTER)
+    clip = LiveEncoder(ClipOptions(Fraction(RATE), GROUP), lambda: next(ids), period_groups=CHAPTER)
     found = [clip.push(next(frames)) for _ in range(last * GROUP)]
     return [edition for edition in [*found, *clip.end()] if edition is not None]
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
-def test_a_live_clip_plays_conceals_and_ends() -> None:
+def test_live_clip_plays_with_concealment_and_ends() -> None:
     served, identity = editions(GROUPS), self_signed()
 
     async def work() -> None:
@@ -50,11 +52,11 @@ def test_a_live_clip_plays_conceals_and_ends() -> None:
             with browser() as page:
 
                 async def seen(expression: str) -> object:
-                    return await asyncio.to_thread(page.wait_for, expression, 60)
+                    return await asyncio.to_thread(page.wait_for, expression)
 
                 async def served_to(end: int) -> None:
                     for edition in served[at[0] : end]:
-                        server.renew("live", edition)
+                        server.update("live", edition)
                         await asyncio.sleep(GROUP / RATE)
                     at[0] = end
 
@@ -75,13 +77,13 @@ def test_a_live_clip_plays_conceals_and_ends() -> None:
                 await seen(f"{cell('motion concealed')}?.endsWith('tracks')")
                 await asyncio.to_thread(page.evaluate, f"{button}.click()")
                 held = await asyncio.to_thread(page.evaluate, NUMBER)
-                assert lacking() or await asyncio.to_thread(found_by_axe, page) == []
+                assert lacking() or await asyncio.to_thread(axe_findings, page) == []
                 await served_to(2 * CHAPTER + 2)
                 assert int(await asyncio.to_thread(page.evaluate, NUMBER)) <= int(str(held)) + 1
                 await asyncio.to_thread(page.evaluate, f"{button}.click()")
                 await served_to(len(served))
                 await seen(f"{NUMBER} === {GROUPS * GROUP}")
-                assert "held" in str(await seen(f"{PANEL}.querySelector('.laboratory').innerText"))
+                assert "stalled" in str(await seen(f"{PANEL}.querySelector('.laboratory').innerText"))
                 assert await seen(f"{STATUS}.finished") == "complete"
                 assert not await asyncio.to_thread(page.evaluate, f"{STATUS}.failed")
 

@@ -1,4 +1,4 @@
-"""What a page hands to the graphics card: only what changes, a little at a time, and never an empty picture."""
+"""Uploads of a page to the GPU: only changes, in small steps, and never an empty picture."""
 
 import asyncio
 import json
@@ -9,20 +9,20 @@ import pytest
 
 from explicit import encode_splats
 from scenes import tiny_cameras
-from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.levels import encode_levels
-from splatwire.model import SplatScene
-from splatwire.packets import Packetization, SceneStream, stream_to_bytes
+from splatwire.bitstream import Packetization, SceneStream, stream_to_bytes
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.lod import encode_levels
+from splatwire.types import SplatScene
 from transport.chromium import Browser, browser, executable
 from web.host import hosting
 from web.pictures import ELEMENT, concealers_of
 from web.test_page import SMALL, ball, run
 
-pytestmark = pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+pytestmark = [pytest.mark.skipif(executable() is None, reason="Chromium is not installed"), pytest.mark.slow]
 SCENE = '<script type="module" src="splatwire.js"></script>\
 <splat-wire src="ball.swz" style="width: 240px; height: 180px"></splat-wire>'
 LARGE = SCENE.replace("180px", "340px")
-"""Beside its panel as large as the pictures that are taken: a smaller view need not want the finest of all tiles."""
+"""Size of the element beside its panel: a smaller view need not load the finest tiles."""
 LATE = f"""<script>const listen = EventTarget.prototype.addEventListener;
 Worker.prototype.addEventListener = function (kind, handler) {{
   listen.call(this, kind, (event) => {{
@@ -44,7 +44,7 @@ WebGL2RenderingContext.prototype.texSubImage2D = function (...given) {{
 }};</script>{LARGE}"""
 PATIENT = f"""<script>const later = setTimeout;
 window.setTimeout = (work, ms, ...given) => ms >= 5000 ? 0 : later(work, ms, ...given);</script>{SCENE}"""
-"""Where nothing ends because somebody has waited long enough."""
+"""Setting without timeouts."""
 BUSY = f"""<script>
 const ask = WebGL2RenderingContext.prototype.getSyncParameter;
 WebGL2RenderingContext.prototype.getSyncParameter = function (...given) {{
@@ -67,13 +67,13 @@ TURNS = f"""(async () => {{
   }}
   return found;
 }})()"""
-"""Pictures while Gaussians take the place of the same ones in another order, again and again."""
+"""Pictures while Gaussians are replaced repeatedly by the same ones in another order."""
 PAGES = {"patient": PATIENT, "late": LATE, "counted": COUNTED, "busy": BUSY}
 WHOLE = f"{ELEMENT}?.status?.verified && {ELEMENT}.view?.shows"
 
 
 def on_page(name: str, stream: SceneStream, work: Callable[[Browser], None]) -> None:
-    """Does something with one of the pages."""
+    """Runs work on one of the pages."""
 
     async def serve() -> None:
         async with hosting(PAGES, {"ball.swz": stream_to_bytes(stream)}) as host:
@@ -89,15 +89,15 @@ def on_page(name: str, stream: SceneStream, work: Callable[[Browser], None]) -> 
 
 
 def picture(page: Browser, **settings: object) -> str:
-    """What is drawn with these settings."""
+    """Picture with these settings."""
     cameras = tiny_cameras(1, 240, 180)
     camera = {"viewmat": cameras.viewmats[0].tolist(), "focal": float(cameras.Ks[0, 1, 1]), "height": 180}
     page.evaluate(f"{ELEMENT}.panel.set({json.dumps(settings)})")
     return str(page.resolve(f"{ELEMENT}.picture({json.dumps(camera)})"))
 
 
-def test_what_is_painted_stays_until_there_is_something_else_to_see() -> None:
-    """However long depths are sorted."""
+def test_preview_stays_until_the_first_sorted_frame() -> None:
+    """Depth sorting may take any time."""
 
     def work(page: Browser) -> None:
         page.wait_for(f"{ELEMENT}?.view && !!{ELEMENT}.shadowRoot.querySelector('.first.shown')")
@@ -107,7 +107,7 @@ def test_what_is_painted_stays_until_there_is_something_else_to_see() -> None:
     on_page("late", encode_splats(ball(), SMALL, quality=Quality(10.0)), work)
 
 
-def test_concealers_in_turn_show_each_its_own_picture() -> None:
+def test_switching_concealers_renders_each_correctly() -> None:
     stream = encode_splats(ball(), SMALL, quality=Quality(10.0))
     names = ("drop", *concealers_of(stream))
 
@@ -117,7 +117,7 @@ def test_concealers_in_turn_show_each_its_own_picture() -> None:
         first["whole"] = picture(page, dropped=0)
         assert len(set(first.values())) == len(first), "two of them draw the same"
         for name in (*names, *reversed(names)):
-            for other in names:  # asked for, and not any more
+            for other in names:  # requested and then cancelled
                 page.evaluate(f"{ELEMENT}.panel.set({{dropped: 0.4, concealer: '{other}'}})")
             assert picture(page, concealer=name) == first[name], name
             assert picture(page, dropped=0) == first["whole"]
@@ -125,12 +125,12 @@ def test_concealers_in_turn_show_each_its_own_picture() -> None:
     on_page("patient", stream, work)
 
 
-def test_tiles_are_uploaded_a_little_at_a_time_and_gains_where_they_change() -> None:
+def test_tiles_are_uploaded_incrementally_and_gains_only_where_changed() -> None:
     stream = encode_levels(SplatScene(ball(40_000, degree=3)), Packetization(block_size=3000, lanes=4))
 
     def work(page: Browser) -> None:
-        page.patience = 200.0  # a machine that draws with its processor, and has other work
-        page.wait_for(WHOLE, 120)
+        page.patience = 200.0  # a busy machine with a software renderer
+        page.wait_for(WHOLE)
         whole = picture(page)
         opening = page.evaluate("uploaded")
         assert opening["all"] > 5e6
@@ -146,8 +146,8 @@ def test_tiles_are_uploaded_a_little_at_a_time_and_gains_where_they_change() -> 
     on_page("counted", stream, work)
 
 
-def test_a_canvas_gets_another_size_when_the_card_has_drawn() -> None:
-    """Which empties it, and waits for all that the card was handed."""
+def test_canvas_is_resized_after_the_gpu_has_drawn() -> None:
+    """Resizing clears the canvas and waits for pending GPU work."""
 
     def work(page: Browser) -> None:
         page.wait_for(WHOLE)
@@ -166,15 +166,15 @@ def test_a_canvas_gets_another_size_when_the_card_has_drawn() -> None:
     on_page("busy", encode_splats(ball(), SMALL, quality=Quality(10.0)), work)
 
 
-def test_what_takes_the_place_of_others_is_never_drawn_in_their_order() -> None:
-    """As rows of a clip do: pictures of the same Gaussians are the same, whatever their order, at all times."""
+def test_replaced_rows_are_never_drawn_in_a_stale_order() -> None:
+    """Rows of a clip are replaced: pictures of the same Gaussians are equal in any row order, at all times."""
     count = 40
 
     def halves(columns: np.ndarray) -> list[int]:
         return columns.astype(np.float16).view(np.uint16).ravel().tolist()
 
     def orders(viewmat: np.ndarray) -> list[dict[str, list]]:
-        """Gaussians one behind the other, in two orders that say nothing."""
+        """Gaussians one behind the other, in two random orders."""
         rng, ones = np.random.default_rng(2), np.ones((count, 1))
         seen = np.hstack([rng.uniform(-0.1, 0.1, (count, 2)), np.linspace(-0.3, 0.3, count)[:, None]])
         centers = np.hstack([seen @ viewmat[:3, :3], ones])
@@ -182,7 +182,7 @@ def test_what_takes_the_place_of_others_is_never_drawn_in_their_order() -> None:
         return [
             {
                 "centers": centers[row].ravel().tolist(), "colours": halves(colours[row]),
-                "scales": halves(np.full((count, 4), 0.1)), "turns": halves(np.eye(4)[np.zeros(count, int)]),
+                "scales": halves(np.full((count, 4), 0.1)), "rotations": halves(np.eye(4)[np.zeros(count, int)]),
                 "opacities": [0.9] * count,
             }
             for row in (rng.permutation(count), rng.permutation(count))

@@ -1,4 +1,4 @@
-"""Types of the npm package: in old compilers, in templates of frameworks, and imported where there is no document."""
+"""Types of the npm package: in old compilers, in templates of frameworks, and in imports without a document."""
 
 import json
 from pathlib import Path
@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 
 from web.installed import called, install, package
+
+pytestmark = pytest.mark.slow
 
 OTHERS = {
     "typescript": "5.9.3", "oldest": "npm:typescript@4.7.4", "old": "npm:typescript@5.0.4",
@@ -70,7 +72,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def compiled(project: Path, compiler: str, name: str, code: str, **options: object) -> None:
-    """Type-checks one file with a compiler by the name of its folder, the declarations of the package, too."""
+    """Type-checks a file and the declarations of the package with a compiler, by the name of its folder."""
     (project / name).write_text(code)
     given = json.loads((project / "tsconfig.json").read_text())["compilerOptions"] | options
     config = project / f"tsconfig.{compiler}.{name}.json"
@@ -81,28 +83,28 @@ def compiled(project: Path, compiler: str, name: str, code: str, **options: obje
 @pytest.mark.parametrize(
     ("compiler", "resolution"), [("oldest", "node16"), ("old", "bundler"), ("typescript", "bundler")]
 )
-def test_the_oldest_promised_compiler_takes_the_declarations(project: Path, compiler: str, resolution: str) -> None:
+def test_oldest_supported_compiler_accepts_the_declarations(project: Path, compiler: str, resolution: str) -> None:
     module = "node16" if resolution == "node16" else "esnext"
     compiled(project, compiler, "element.ts", ELEMENT, module=module, moduleResolution=resolution)
 
 
 @pytest.mark.parametrize("react", ["react", "react18"])
-def test_react_knows_the_element_and_its_attributes(project: Path, react: str) -> None:
+def test_react_types_include_the_element(project: Path, react: str) -> None:
     paths = {} if react == "react" else {"react": ["./node_modules/react18"], "react/*": ["./node_modules/react18/*"]}
     for jsx in ("react-jsx", "react"):
         compiled(project, "typescript", f"{react}.tsx", REACT, jsx=jsx, paths=paths)
 
 
 @pytest.mark.parametrize("source", ["preact", "solid-js"])
-def test_preact_and_solid_know_the_element(project: Path, source: str) -> None:
+def test_preact_and_solid_types_include_the_element(project: Path, source: str) -> None:
     compiled(project, "typescript", f"{source}.tsx", JSX, jsx="react-jsx", jsxImportSource=source)
 
 
-def test_svelte_and_vue_know_the_element(project: Path) -> None:
+def test_svelte_and_vue_types_include_the_element(project: Path) -> None:
     compiled(project, "typescript", "templates.ts", TEMPLATES)
 
 
 @pytest.mark.parametrize("entry", ["splatwire", "splatwire/strict"])
-def test_a_server_without_a_document_imports_the_element(project: Path, entry: str) -> None:
+def test_element_is_importable_without_a_document(project: Path, entry: str) -> None:
     told = called(["node", "-e", f"import('{entry}').then(({{SplatWire}}) => console.log(typeof SplatWire))"], project)
     assert told.strip() == "function"

@@ -1,5 +1,5 @@
-// How bundles are made. Workers start out of text that is a part of the page's script (one file is all that a page
-// loads), or, for pages whose policy forbids `blob:`, out of files beside it.
+// Builds the bundles. Workers start from text embedded in the page's script, so that a page loads one file. Pages whose
+// policy forbids `blob:` load worker files instead.
 
 import { readFileSync } from "node:fs";
 import { basename, dirname } from "node:path";
@@ -20,14 +20,14 @@ const common = {
   absWorkingDir: root,
   write: false,
   legalComments: "none",
-  tsconfigRaw: { compilerOptions: { useDefineForClassFields: false } }, // no field is named twice
+  tsconfigRaw: { compilerOptions: { useDefineForClassFields: false } }, // avoids duplicate field names
   logLevel: "error",
 };
 const banner = {
   js: `/* splatwire ${version} web receiver, Apache-2.0; with PlayCanvas (MIT) and @noble/hashes (MIT) */`,
 };
 
-/** Text of the receiver's worker. */
+/** Returns the text of the receiver's worker. */
 async function receiver() {
   const made = await build({ ...common, entryPoints: ["src/worker.ts"], format: "iife" });
   // 6 % fewer compressed bytes than esbuild alone
@@ -35,7 +35,7 @@ async function receiver() {
     .code;
 }
 
-/** A function that starts the receiver: of its text one address is made for the whole page. */
+/** Module with a function that starts the receiver. All elements of a page share one URL of its text. */
 const fromText = async () => `
   const text = ${JSON.stringify(await receiver())};
   let url;
@@ -55,7 +55,7 @@ const worker = (strict) => ({
   },
 });
 
-/** The element's style sheet without what only its readers need. */
+/** Minifies the element's style sheet. */
 const looks = {
   name: "looks",
   setup(setup) {
@@ -69,17 +69,19 @@ const looks = {
 
 const BLOB = /URL\.createObjectURL\(new Blob\(\[workerSource\], \{\s*type: "application\/javascript"\s*\}\)\)/;
 
-/** PlayCanvas makes a new address for each application and gives none back; here it is one for the page, or a file. */
+/**
+ * Patches PlayCanvas's sorter, which creates a URL per application and never revokes it: one URL per page, or a file.
+ */
 function sorter(path, strict) {
   const text = readFileSync(path, "utf8");
-  if (!BLOB.test(text)) throw new Error("PlayCanvas starts its sorter in another way by now: scripts/bundle.mjs");
+  if (!BLOB.test(text)) throw new Error("PlayCanvas starts its sorter differently: update scripts/bundle.mjs");
   const made = text.match(BLOB)[0],
     address = strict ? 'new URL("./splatwire-sorter.js", import.meta.url)' : `(sorterUrl ??= ${made})`;
   const contents = `let sorterUrl;\n${text.replace(BLOB, address)}`;
   return { contents, loader: "js", resolveDir: dirname(path) };
 }
 
-/** Text of each bundle of the page by its name, the same for the same sources and the packages of the lock file. */
+/** Returns the text of each bundle of the page by name. The same sources and lock file give the same bytes. */
 export async function bundles(strict = false) {
   const make = async (name, entry, less) => {
     const plugins = [worker(strict), ...less];
@@ -100,14 +102,14 @@ export async function bundles(strict = false) {
 }
 
 const SORTING = "node_modules/playcanvas/build/playcanvas/src/scene/gsplat-unified";
-/** What PlayCanvas's sorter runs as text, as a file. */
+/** PlayCanvas's sorter, which it runs from text, as a file. */
 const SORTER = `
   import { GSplatSortBinWeights } from "./${SORTING}/gsplat-sort-bin-weights.js";
   import { UnifiedSortWorker } from "./${SORTING}/gsplat-unified-sort-worker.js";
   globalThis.GSplatSortBinWeights = GSplatSortBinWeights;
   UnifiedSortWorker(self);`;
 
-/** In a package what draws is two modules that bundlers see, each of them small enough for a chunk of its own. */
+/** In the package, the renderer consists of two modules that bundlers see, each small enough for its own chunk. */
 const drawing = (engine, view) => ({
   name: "drawing",
   setup(setup) {
@@ -122,21 +124,21 @@ const drawing = (engine, view) => ({
   },
 });
 
-/** Doors of other programs: their packages and our decoder stay modules of their own. */
+/** Integrations with other programs: external packages and our decoder stay separate modules. */
 const decoderAlone = {
   name: "decoder",
   setup(setup) {
     setup.onResolve({ filter: /\/decoder\.ts$/ }, () => ({ path: "./decoder.js", external: true }));
   },
 };
-const DOORS = { playcanvas: "src/doors/playcanvas.ts", three: "src/doors/three.ts" },
+const INTEGRATIONS = { playcanvas: "src/integrations/playcanvas.ts", three: "src/integrations/three.ts" },
   THEIRS = ["playcanvas", "three", "@sparkjsdev/spark", "node:*"];
 
-/** Files of the npm package by name: modules with their source maps, and workers for pages without `blob:`. */
+/** Returns the files of the npm package by name: modules with source maps, and workers for pages without `blob:`. */
 export async function modules() {
   const found = [];
   const make = async (entryPoints, more) => {
-    // node prints the line of an error that nobody catches
+    // node prints the source line of an uncaught error
     const files = { sourcemap: true, lineLimit: 1000 };
     const made = await build({ ...common, entryPoints, outdir: ".", ...files, banner, ...more });
     for (const { path, contents } of made.outputFiles)
@@ -152,10 +154,10 @@ export async function modules() {
   };
   await element("index", "view", "engine", false);
   await element("strict", "strict-view", "strict-engine", true);
-  const doors = { ...esm, external: THEIRS, plugins: [decoderAlone] };
-  await make(DOORS, doors);
-  const generator = { "splat-transform": "src/doors/splat_transform.ts" };
-  await make(generator, { ...doors, outExtension: { ".js": ".mjs" } });
+  const integrations = { ...esm, external: THEIRS, plugins: [decoderAlone] };
+  await make(INTEGRATIONS, integrations);
+  const generator = { "splat-transform": "src/integrations/splat_transform.ts" };
+  await make(generator, { ...integrations, outExtension: { ".js": ".mjs" } });
   await make({ "splatwire-worker": "src/worker.ts" }, { format: "iife" });
   const stdin = { contents: SORTER, resolveDir: root, sourcefile: "splatwire-sorter.js" };
   await make(undefined, { format: "iife", plugins: [finer], stdin, outfile: "splatwire-sorter.js", outdir: undefined });

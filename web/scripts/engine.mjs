@@ -1,14 +1,14 @@
-// What of PlayCanvas the page has: a camera and Gaussians sorted in a worker, by WebGL. Lit surfaces, light and shadow,
-// skies, WebGPU, headsets, levels of detail of its own and files of its own are left out.
+// Reduces PlayCanvas to a camera and Gaussians sorted in a worker, with WebGL. Removes lights, shadows, skies, WebGPU,
+// XR, and PlayCanvas's own levels of detail and file formats.
 
 import { readdirSync, readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 
-/** Texts of shaders: of Gaussians, and what those include. */
+/** Shader texts that are not needed for Gaussians. */
 const SHADERS_LEFT_OUT =
   /shader-lib\/(wgsl\/chunks|glsl\/chunks\/(internal|lit|particle|skybox|sprite|standard))\/.*\.js$/;
 
-/** Modules of which nothing is ever made here, by room. */
+/** Modules that are never instantiated here, by folder. */
 const MODULES = {
   "framework/handlers": ["untar"],
   "framework/parsers/glb": ["gltf-accessor", "extensions/khr-gaussian-splatting"],
@@ -51,7 +51,7 @@ const MODULES_LEFT_OUT = new RegExp(`playcanvas/src/(${named.join("|")})\\.js$`)
 
 const EXPORTS = /^export \{([^}]*)\};/m;
 
-/** What a module exports, each of it the same thing. */
+/** Replaces every export of a module by the same value. */
 function instead(path, thing) {
   const names = readFileSync(path, "utf8").match(EXPORTS)[1].split(","),
     all = names.map((name) => `none as ${name.trim().split(" as ").pop()}`);
@@ -59,22 +59,26 @@ function instead(path, thing) {
 }
 
 const FEW_BUCKETS = "Math.max(10, Math.min(20, Math.round(Math.log2(numVertices / 4))))";
-/** Its 2^12 for 14,526 Gaussians, of which a view needs an eighth, draw many in a wrong order: 3 to 10 dB. */
+/**
+ * Least number of sorting bits. PlayCanvas's 2^12 buckets for 14,526 Gaussians cost 3 to 10 dB because many are drawn
+ * in the wrong order.
+ */
 const LEAST_BITS = 18;
 
-/** As many buckets of depth as it takes to draw Gaussians in their order. */
+/** Increases the number of depth buckets, so that Gaussians are drawn in order. */
 export const finer = {
   name: "finer",
   setup(setup) {
     setup.onLoad({ filter: /gsplat-unified-sort-worker\.js$/ }, ({ path }) => {
       const text = readFileSync(path, "utf8");
-      if (!text.includes(FEW_BUCKETS)) throw new Error("PlayCanvas counts its buckets in another way by now");
+      if (!text.includes(FEW_BUCKETS))
+        throw new Error("PlayCanvas computes its buckets differently: update scripts/engine.mjs");
       return { contents: text.replace(FEW_BUCKETS, FEW_BUCKETS.replace("10", `${LEAST_BITS}`)), loader: "js" };
     });
   },
 };
 
-/** Leaves out what the page never reaches; whoever reaches it all the same is told so. */
+/** Removes unreachable modules. Their constructors throw. */
 export const smaller = {
   name: "smaller",
   setup(setup) {
@@ -86,12 +90,14 @@ export const smaller = {
   },
 };
 
-/** The entry point whose modules are the engine's lower half: what draws, without the scene and its components. */
+/** Name of the entry point for the lower half of PlayCanvas, without the scene and its components. */
 export const LOWER = "lower-half";
 const SCENE = "./node_modules/playcanvas/build/playcanvas/src/scene/";
 const LOWER_HALF = ["renderer/forward-renderer", "materials/standard-material", "gsplat-unified/gsplat-manager"];
 
-/** No module of PlayCanvas refers to those that refer to it: where that entry is, too, what both need is a chunk. */
+/**
+ * Splits PlayCanvas into chunks. With the extra entry point, modules that both entry points need become a shared chunk.
+ */
 export const lower = {
   name: "lower",
   setup(setup) {
@@ -103,13 +109,13 @@ export const lower = {
   },
 };
 
-/** Sources of what draws: the first script waits for none of them. */
-const DRAWING = /render\/(view|tiled|container|precise)\.ts$/;
+/** Sources of the renderer's bundle. */
+const DRAWING = /render\/(view|tiled_meshes|gpu_gaussians|half_float_target)\.ts$/;
 const METHOD = /^\t(?:static )?(\w+)\([^\n]*\) \{\n(?:\t\t[^\n]*\n|\n)*\t\},?\n/gm;
 
 const MATH = fileURLToPath(new URL("../node_modules/playcanvas/build/playcanvas/src/core/math/", import.meta.url));
 
-/** Of PlayCanvas's vectors the first script has the methods whose names occur in its sources, and what those call. */
+/** Removes methods of PlayCanvas's vector classes that the page's bundle does not call, directly or indirectly. */
 export const vectors = {
   name: "vectors",
   setup(setup) {

@@ -1,4 +1,4 @@
-"""Writes the networks of the concealer `scene_free` as the page's concealers read them.
+"""Writes the networks of the concealer `scene_free` for the concealers in TypeScript.
 
 python web/scripts/make_weights.py
 
@@ -10,18 +10,18 @@ from pathlib import Path
 
 import numpy as np
 
-from splatwire.conceal.scene_free.network import Perceptron
-from splatwire.conceal.scene_free.weights import default_element_weights, default_weights
+from splatwire.concealment.scene_free.network import Perceptron
+from splatwire.concealment.scene_free.weights import default_element_weights, default_weights
 
 HEAD = """\
 // Made by web/scripts/make_weights.py; do not edit.
 
-/** Floats of 32 bits, little-endian: mean, spread, first layer (row by row) and its bias, last layer and its bias. */
+/** Little-endian 32-bit floats: mean, spread, weights (row by row) and biases of the first, then of the last layer. */
 """
 
 
 def text_of(name: str, network: Perceptron) -> str:
-    """A network as a constant."""
+    """Returns a network as a TypeScript constant."""
     state = network.state_dict()
     names = ("mean", "spread", "layers.0.weight", "layers.0.bias", "layers.2.weight", "layers.2.bias")
     values = np.concatenate([state[name].numpy().ravel() for name in names]).astype("<f4")

@@ -14,7 +14,7 @@ mkdirSync(out, { recursive: true });
 
 for (const [name, bytes] of await modules()) writeFileSync(join(out, name), bytes);
 
-// Types: of what is exported, and of all that their declarations name.
+// Type declarations of the exports and of everything they refer to.
 const tsc = join(root, "node_modules", ".bin", "tsc"),
   options = ["-p", join(root, "tsconfig.package.json"), "--outDir", join(out, "types")],
   made = spawnSync(tsc, options, { encoding: "utf8" });
@@ -29,17 +29,23 @@ const reach = (name) => {
   for (const [, , target] of text.matchAll(IMPORT)) reach(join(dirname(name), `${target}.d.ts`));
   writeFileSync(path, text.replace(IMPORT, '$1$2.js"'));
 };
-// What frameworks know of the element, by hand: it refers to packages that are not installed here.
+// Handwritten element types for frameworks. They refer to packages that are not installed here.
 copyFileSync(join(root, "types", "frameworks.d.ts"), join(out, "types", "frameworks.d.ts"));
 appendFileSync(join(out, "types", "index.d.ts"), 'import "./frameworks.js";\n');
-for (const name of ["index.d.ts", "frameworks.d.ts", "decoder.d.ts", "doors/playcanvas.d.ts", "doors/three.d.ts"])
+for (const name of [
+  "index.d.ts",
+  "frameworks.d.ts",
+  "decoder.d.ts",
+  "integrations/playcanvas.d.ts",
+  "integrations/three.d.ts",
+])
   reach(name);
 for (const name of readdirSync(join(out, "types"), { recursive: true }))
   if (name.endsWith(".d.ts") && !reached.has(name)) rmSync(join(out, "types", name));
 
-const DOORS = { playcanvas: "^2.21.0", three: ">=0.180.0", "@sparkjsdev/spark": "^2.2.0" },
+const INTEGRATIONS = { playcanvas: "^2.21.0", three: ">=0.180.0", "@sparkjsdev/spark": "^2.2.0" },
   FRAMEWORKS = ["@types/react", "preact", "solid-js", "svelte", "vue"],
-  PEERS = { ...DOORS, ...Object.fromEntries(FRAMEWORKS.map((name) => [name, "*"])) };
+  PEERS = { ...INTEGRATIONS, ...Object.fromEntries(FRAMEWORKS.map((name) => [name, "*"])) };
 const packaged = {
   name: "splatwire",
   version,
@@ -52,13 +58,12 @@ const packaged = {
     ".": { types: "./types/index.d.ts", default: "./index.js" },
     "./strict": { types: "./types/index.d.ts", default: "./strict.js" },
     "./decoder": { types: "./types/decoder.d.ts", default: "./decoder.js" },
-    "./playcanvas": { types: "./types/doors/playcanvas.d.ts", default: "./playcanvas.js" },
-    "./three": { types: "./types/doors/three.d.ts", default: "./three.js" },
+    "./playcanvas": { types: "./types/integrations/playcanvas.d.ts", default: "./playcanvas.js" },
+    "./three": { types: "./types/integrations/three.d.ts", default: "./three.js" },
     "./splat-transform.mjs": "./splat-transform.mjs",
     "./package.json": "./package.json",
   },
-  // what the doors of other programs need of them, and whose types know the element; the element and the decoder need
-  // none
+  // for the integrations and the frameworks' element types; the element and the decoder need none
   peerDependencies: PEERS,
   peerDependenciesMeta: Object.fromEntries(Object.keys(PEERS).map((name) => [name, { optional: true }])),
   sideEffects: ["./index.js", "./strict.js"],
@@ -67,5 +72,5 @@ const packaged = {
 writeFileSync(join(out, "package.json"), `${JSON.stringify(packaged, null, 2)}\n`);
 copyFileSync(join(root, "PACKAGE.md"), join(out, "README.md"));
 copyFileSync(join(root, "..", "LICENSE"), join(out, "LICENSE"));
-copyFileSync(join(root, "../src/splatwire/transport/web/LICENSES.txt"), join(out, "LICENSES.txt"));
+copyFileSync(join(root, "../src/splatwire/web/LICENSES.txt"), join(out, "LICENSES.txt"));
 console.log(`${out}: splatwire ${version}`);

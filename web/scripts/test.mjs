@@ -1,5 +1,5 @@
-// npm test: bundles the tests for node and runs them; `only NAME` one of them. `npm run fuzz -- STREAM...` runs 100,000
-// hostile cases. STREAMS names streams to decode (a list, ':' between), EXPECTED a file with answers of Python
+// npm test: bundles the tests for node and runs them; `only NAME` runs one of them. `npm run fuzz -- STREAM...` runs
+// 100,000 hostile cases. STREAMS lists streams to decode, separated by ':'. EXPECTED is a file with answers of Python
 // (tests/transport/web_answers.py).
 
 import { spawnSync } from "node:child_process";
@@ -15,7 +15,7 @@ const root = fileURLToPath(new URL("..", import.meta.url)),
   only = process.argv[2] === "only" ? process.argv[3] : null,
   out = mkdtempSync(join(tmpdir(), "splatwire-web-"));
 try {
-  // These need streams or answers of Python: ANSWERS (tests/web/test_agreement.py), GREEDY (tests/web/test_memory.py)
+  // Need inputs from Python: ANSWERS (tests/web/test_agreement.py), GREEDY (tests/web/test_memory.py)
   const apart = ["agreement.test.ts", "memory.test.ts"];
   const wanted = (name) =>
     only ? name === `${only}.test.ts` : fuzz ? name === "hostile.test.ts" : !apart.includes(name);

@@ -1,6 +1,5 @@
-// node scripts/time.mjs STREAM: processor time of decoding an element, and of one view of it, in this thread,
-// microseconds; the best of three passes. Of a clip: processor time of a frame that is played for the first time,
-// milliseconds; three passes, each with a decoder of its own.
+// node scripts/time.mjs STREAM: processor times in this thread, best of three passes. Scenes: microseconds per element
+// for decoding and for one view. Clips: milliseconds per frame of a first playback.
 
 import { mkdtempSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";

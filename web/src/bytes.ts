@@ -1,6 +1,6 @@
-// Little-endian bytes, bounds checked: the twin of `splatwire.byte_io`.
+// Bounds-checked reading of little-endian bytes. Counterpart of `splatwire.files.byte_io`.
 
-/** Bytes that cannot be what the format promises. */
+/** Error for bytes that violate the format. */
 export class BitstreamError extends Error {
   override readonly name = "BitstreamError";
 }
@@ -9,7 +9,7 @@ export class ByteReader {
   #at = 0;
   readonly #view: DataView;
 
-  /** `what` is named in errors. */
+  /** Starts at the first byte. `what` names the data in error messages. */
   constructor(
     readonly bytes: Uint8Array,
     readonly what: string,
@@ -45,21 +45,25 @@ export class ByteReader {
     return this.#view.getFloat64(this.#advance(8), true);
   }
 
-  /** 7 bits a byte, low bits first; at most 2^53 - 1, beyond which a number is not exact. */
+  /**
+   * Reads an unsigned LEB128 integer: 7 bits per byte, low bits first. The largest value is 2^53 - 1, the last exact
+   * double.
+   */
   unsigned(): number {
     let value = 0;
     for (let scale = 1; scale < 2 ** 63; scale *= 128) {
       const byte = this.u8();
       value += (byte & 127) * scale;
       if (byte < 128) {
-        if (value > Number.MAX_SAFE_INTEGER) throw new BitstreamError(`${this.what}: a number is too large`);
+        if (value > Number.MAX_SAFE_INTEGER)
+          throw new BitstreamError(`${this.what}: an integer is larger than 2^53 - 1`);
         return value;
       }
     }
-    throw new BitstreamError(`${this.what}: a number does not end`);
+    throw new BitstreamError(`${this.what}: an integer has more than 9 bytes`);
   }
 
-  /** Zigzag. */
+  /** Reads a signed integer in zigzag coding. */
   signed(): number {
     const value = this.unsigned();
     return value % 2 === 0 ? value / 2 : -(value + 1) / 2;
@@ -84,7 +88,7 @@ export class ByteReader {
   }
 }
 
-/** The number that a half of these bits is. */
+/** Converts the 16 bits of a half-precision float to a number. */
 export function floatOf(half: number): number {
   const exponent = (half >> 10) & 31,
     part = half & 1023,

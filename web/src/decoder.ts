@@ -1,4 +1,4 @@
-// `splatwire/decoder`: Gaussians out of streams, without a document: in node, in a worker or in a page.
+// `splatwire/decoder`: decodes streams to Gaussians without a document. Runs in node, in workers and in pages.
 
 import { BitstreamError } from "./bytes.ts";
 import type { StreamDecoder, Viewpoint } from "./codec/decoder.ts";
@@ -7,50 +7,51 @@ import type { Schema } from "./codec/schema.ts";
 import type { Splats } from "./codec/splats.ts";
 import type { Camera } from "./model/camera.ts";
 import { ContainerReader, type Head } from "./packets/container.ts";
-import { receiveAll, sourceOf } from "./transport/attempts.ts";
+import { nextTask, type Pause, periodicPause } from "./scheduler.ts";
+import { DecodedStream } from "./transport/decoded_stream.ts";
 import type { Arrived as ArrivedPacket } from "./transport/events.ts";
-import { Held } from "./transport/held.ts";
-import { Received } from "./transport/received.ts";
+import { receiveAll, sourceOf } from "./transport/failover.ts";
+import { PacketStore } from "./transport/packet_store.ts";
 import type { Session } from "./transport/webtransport.ts";
-import { nextTurn, type Pause, pausing } from "./turns.ts";
 
-export { Refused } from "./transport/refused.ts";
+/** `Refused` is the deprecated name of `HttpError`. */
+export { HttpError, HttpError as Refused } from "./transport/http_error.ts";
 export type { Camera, Session, Viewpoint };
 export { BitstreamError };
 
-/** Explicit Gaussians, one after another in typed arrays. */
+/** Explicit Gaussians in typed arrays, one Gaussian after another. */
 export interface Gaussians {
   readonly count: number;
   /** Degree of the spherical harmonics, 0 to 3. */
   readonly degree: number;
-  /** x, y, z of each, world units. */
+  /** Centres x, y, z, shape (count, 3), world units. `origin` is not included. */
   readonly centres: Float32Array;
-  /** Unit quaternions w, x, y, z. */
+  /** Unit quaternions w, x, y, z, shape (count, 4). */
   readonly rotations: Float32Array;
-  /** Standard deviations along the three axes, world units. */
+  /** Standard deviations along the three axes, shape (count, 3), world units. */
   readonly scales: Float32Array;
-  /** From 0 to 1. */
+  /** Opacities, shape (count), 0 to 1. */
   readonly opacities: Float32Array;
-  /** Red, green, blue as seen from everywhere: 0.5 + 0.28209 times the coefficient of degree 0. */
+  /** RGB without the view-dependent part, shape (count, 3): 0.5 + 0.28209 times the coefficient of degree 0. */
   readonly colours: Float32Array;
-  /** Coefficients of degree 1 and more: coefficient after coefficient of a Gaussian, three channels each. */
+  /** Coefficients of degree 1 and above, shape (count, (degree + 1)^2 - 1, 3). The last axis is RGB. */
   readonly harmonics: Float32Array;
-  /** Whether they lose opacity as they are widened to a pixel (Mip-Splatting), not so in 3DGS. */
+  /** True if opacity decreases for Gaussians below the size of a pixel (Mip-Splatting), as opposed to 3DGS. */
   readonly antialiased: boolean;
-  /** World coordinates that `centres` are relative to, of geo-referenced scenes; else 0, 0, 0. */
+  /** World coordinates of the point that `centres` are relative to. It is 0, 0, 0 unless the scene is georeferenced. */
   readonly origin: readonly [number, number, number];
 }
 
 export interface Options {
   /**
-   * Hides losses: `grow` for every stream; `scene_free` and `sketch` where the stream has them; `motion`, `hold` and
-   * `drop` for clips, where `grow` is `motion`. Without one, elements that arrived are given as they are. In streams
-   * with levels coarser Gaussians always stand in for finer ones that were lost.
+   * Concealment method. `grow` works for every stream; `scene_free` and `sketch` need a stream that offers them. Clips
+   * offer `motion`, `hold` and `drop`; for clips, `grow` means `motion`. Without a concealer, the received elements are
+   * returned unchanged. In streams with levels, coarser Gaussians always replace lost finer ones.
    */
   readonly concealer?: string;
-  /** View for neural anchors: their Gaussians depend on it. Explicit Gaussians need none. */
+  /** Camera for neural anchors: their Gaussians depend on the view. Explicit Gaussians need none. */
   readonly camera?: Camera;
-  /** Frame of a clip, from 0. Clips need it, other streams have none. */
+  /** Frame of a clip, from 0. Required for clips, an error for other streams. */
   readonly frame?: number;
 }
 
@@ -62,66 +63,70 @@ export interface Clip {
 }
 
 export interface ReceiveOptions extends Options {
-  /** WebTransport sessions of the server, if they are not what `../streams.json` beside the file says. */
+  /** WebTransport session of the server. The default is the one that `../streams.json`, relative to the file, names. */
   readonly session?: Session;
-  /** Ends the transfer; the iteration then throws its reason. */
+  /** Aborts the transfer. The iteration then throws the signal's reason. */
   readonly signal?: AbortSignal;
-  /** Told why the link dropped, and after how many milliseconds it is tried again. */
+  /** Callback after a disconnect, with the reason and the time until the next attempt in milliseconds. */
   readonly lost?: (reason: string, retryMs: number) => void;
 }
 
-/** What a stream brought so far. */
+/** State of a stream so far. */
 export interface Progress {
   readonly packets: number;
   readonly expected: number;
-  /** RGB behind the scene, each from 0 to 1. */
+  /** Background colour, RGB, each 0 to 1. */
   readonly background: readonly [number, number, number];
-  /** Where the scene is looked at first, if the stream says it. */
+  /** Initial viewpoint; null if the stream has none. */
   readonly viewpoint: Viewpoint | null;
-  /** Null where nothing moves. */
+  /** Timing of a clip; null for static scenes. */
   readonly clip: Clip | null;
 }
 
-/** Gaussians in addition to those before or, with `instead`, in their place. */
+/** Newly decoded Gaussians. Replaces all earlier ones if `instead` is true, otherwise adds to them. */
 export interface Arrived extends Progress {
   readonly gaussians: Gaussians;
   readonly instead: boolean;
 }
 
-/** Facts about a whole file. */
+/** Results of decoding a whole file. */
 export interface Decoded extends Progress {
-  /** True if every packet is there. */
+  /** True if every packet was received. */
   readonly complete: boolean;
-  /** True if all decoded integers are those that were encoded; false where packets are missing. */
+  /** True if all decoded integers equal the encoded ones. False if packets are missing. */
   readonly verified: boolean;
   /** SHA-256 of all decoded integers, hexadecimal. */
   readonly digest: string;
 }
 
 export interface Scene extends Decoded {
-  /** All Gaussians of the scene, of levels the finest ones; of a clip those of one frame. */
+  /** All Gaussians of the scene: the finest level of a stream with levels, or one frame of a clip. */
   readonly gaussians: Gaussians;
 }
 
 export interface DecodedClip extends Decoded {
   readonly clip: Clip;
-  /** Gaussians of a frame, from 0. Throws `RangeError` where the clip has no such frame. */
+  /** Returns the Gaussians of a frame, from 0. Throws `RangeError` if the clip has no such frame. */
   frame(number: number): Gaussians;
 }
 
 /**
- * Decodes the bytes of a `.swz` file. Throws `BitstreamError` where they are none, and `RangeError` for a clip without
- * the option `frame`.
+ * Decodes a `.swz` file.
+ *
+ * Throws `BitstreamError` if the bytes are not a stream, and `RangeError` if a clip is decoded without `frame`.
  */
-export async function decode(bytes: Uint8Array, options: Options = {}): Promise<Scene> {
+export async function decode(bytes: Uint8Array | ArrayBuffer, options: Options = {}): Promise<Scene> {
   const received = await read(bytes);
   checkOptions(received, options);
   const gaussians = await everything(received, options);
   return { ...(await checked(received)), gaussians };
 }
 
-/** Decodes the bytes of a clip once, for any of its frames. Throws `BitstreamError` where they are none. */
-export async function decodeClip(bytes: Uint8Array, options: Pick<Options, "concealer"> = {}): Promise<DecodedClip> {
+/** Decodes a clip once and gives access to all its frames. Throws `BitstreamError` if the bytes are not a stream. */
+export async function decodeClip(
+  bytes: Uint8Array | ArrayBuffer,
+  options: Pick<Options, "concealer"> = {},
+): Promise<DecodedClip> {
   const received = await read(bytes),
     { moving } = received.decoder.schema;
   if (!moving) throw new Error("the stream is not a clip: `decode` gives its Gaussians");
@@ -134,36 +139,51 @@ export async function decodeClip(bytes: Uint8Array, options: Pick<Options, "conc
   return { ...facts, clip: facts.clip!, frame };
 }
 
-/** Takes all packets of a file. */
-async function read(bytes: Uint8Array): Promise<Received> {
-  const container = new ContainerReader(),
+/** Returns the bytes of a file. Throws `TypeError` for anything else, such as a `Response` or a `Blob`. */
+function bytesOf(file: unknown): Uint8Array {
+  if (file instanceof Uint8Array) return file;
+  // buffers of other documents and threads are not instances of this one's class
+  if (Object.prototype.toString.call(file) === "[object ArrayBuffer]") return new Uint8Array(file as ArrayBuffer);
+  if (ArrayBuffer.isView(file)) return new Uint8Array(file.buffer, file.byteOffset, file.byteLength);
+  throw new TypeError("the decoder takes the bytes of a `.swz` file as a Uint8Array or an ArrayBuffer");
+}
+
+/** Decodes all packets of a file. */
+async function read(file: Uint8Array | ArrayBuffer): Promise<DecodedStream> {
+  const bytes = bytesOf(file),
+    container = new ContainerReader(),
     packets = container.feed(bytes),
-    pause = pausing();
+    pause = periodicPause();
   if (!container.head) throw new BitstreamError("the file ends before its side information does");
-  const received = new Received(container.head);
+  const received = new DecodedStream(container.head, { keptBytes: 0, fileBytes: bytes.length });
   for (const packet of packets) {
-    received.take(packet);
+    received.addPacket(packet);
     await pause();
   }
   return received;
 }
 
-/** Compares all integers with the digest of the manifest. */
-async function checked(received: Received): Promise<Decoded> {
+/** Compares the decoded integers with the digest of the manifest. */
+async function checked(received: DecodedStream): Promise<Decoded> {
   const { decoder } = received,
     { complete } = decoder.intake,
-    digest = await decoder.digest(pausing()),
+    digest = await decoder.digest(periodicPause()),
     verified = complete && digest === decoder.head.manifest.symbolsDigest;
   return { ...progressOf(received), complete, verified, digest };
 }
 
-/** How much more has to arrive of levels or a clip until all that is drawn is given anew. */
+/**
+ * Factor of received packets between two results of a stream with levels or a clip. Each result repeats the whole
+ * scene.
+ */
 const GROWTH = 1.5;
 
 /**
- * Receives a stream: Gaussians as they arrive. With a concealer the last of what it gives has everything, concealed,
- * instead of what came before. Of levels and clips each result replaces the one before. A link that drops is tried
- * again, and what is missing asked for. A live clip is refused: it has no last packet.
+ * Receives a stream and yields Gaussians as they arrive.
+ *
+ * With a concealer, the last result is the whole concealed scene and replaces the earlier ones. For streams with levels
+ * and for clips, every result replaces the one before. After a disconnect, the transfer continues with the missing
+ * packets. Throws for live clips, which have no last packet.
  */
 export async function* receive(url: string | URL, options: ReceiveOptions = {}): AsyncGenerator<Arrived, void> {
   const transfer = new Transfer(options);
@@ -185,54 +205,54 @@ export async function* receive(url: string | URL, options: ReceiveOptions = {}):
     yield* transfer.concealed();
   } finally {
     transfer.stop();
-    await Promise.race([ended, nextTurn()]);
+    await Promise.race([ended, nextTask()]);
   }
 }
 
 class Transfer {
-  readonly held = new Held();
+  readonly held = new PacketStore();
   readonly live = false;
   ended = false;
   error: unknown = null;
-  #received: Received | null = null;
+  #received: DecodedStream | null = null;
   #given = false;
-  /** Packets of which the last result was made, of streams whose results replace each other. */
+  /** Number of packets in the last result, for streams with results that replace each other. */
   #shown = 0;
   #waiting: ArrivedPacket[] = [];
   #wake: () => void = () => undefined;
   #stopped = false;
-  readonly #pause = pausing();
+  readonly #pause = periodicPause();
 
   constructor(readonly options: ReceiveOptions) {
     options.signal?.addEventListener("abort", () => this.#wake());
   }
 
-  /** Resolves when there is something to decode, or nothing will come any more. */
+  /** Resolves once packets are waiting to be decoded or the transfer has ended. */
   more(): Promise<void> {
     if (this.#waiting.length || this.ended || this.stopped()) return Promise.resolve();
     return new Promise((resolve) => (this.#wake = resolve));
   }
 
-  /** Decodes what waits. */
+  /** Decodes the waiting packets and yields the result. */
   async *taken(): AsyncGenerator<Arrived, void> {
     const received = this.#received,
       waiting = this.#waiting.splice(0);
     if (!received) return;
     for (const { bytes } of waiting) {
-      received.take(bytes);
+      received.addPacket(bytes);
       await this.#pause();
     }
     if (replaces(received)) return yield* this.#replaced(received);
     if (!received.hasNew) return;
-    const seen = await received.seen(cameraOf(this.options), false, this.#pause);
+    const seen = await received.gaussiansFor(cameraOf(this.options), false, this.#pause);
     if (!seen) return;
     const gaussians = joined(seen.parts, received.decoder);
     yield { ...progressOf(received), gaussians, instead: !this.#given };
     this.#given = true;
   }
 
-  /** Everything anew, where enough more arrived or nothing more will. */
-  async *#replaced(received: Received): AsyncGenerator<Arrived, void> {
+  /** Yields the whole scene if enough new packets arrived or the transfer has ended. */
+  async *#replaced(received: DecodedStream): AsyncGenerator<Arrived, void> {
     const { size } = received.decoder.intake;
     if (this.#given && size === this.#shown) return;
     if (!this.ended && size < GROWTH * this.#shown) return;
@@ -263,16 +283,17 @@ class Transfer {
   preview(): void {}
 
   head(head: Head, file: Uint8Array, _keep: boolean, live = false): void {
-    const known = this.#received?.decoder.head.manifest.streamId === head.manifest.streamId,
-      received = known ? this.#received : new Received(head);
-    if (!known || !this.held.begun) this.held.begin(file, head);
+    const before = this.#received?.decoder.head.manifest,
+      known = before?.streamId === head.manifest.streamId && (!this.held.hasHead || this.held.isSame(file)),
+      received = known ? this.#received : new DecodedStream(head);
+    if (!known || !this.held.hasHead) this.held.begin(file, head);
     if (known) return;
     try {
       if (live) throw new Error("the stream is a live clip, which only the element `<splat-wire>` plays");
       checkOptions(received!, this.options);
     } catch (error) {
       this.end(error);
-      return this.stop(); // trying again would not help
+      return this.stop(); // a retry cannot help
     }
     this.#received = received;
     this.#waiting = [];
@@ -298,11 +319,11 @@ class Transfer {
   }
 }
 
-/** True for streams of which Gaussians that arrive take the place of others: levels and clips. */
-const replaces = ({ decoder: { schema } }: Received): boolean => schema.tiling !== null || schema.moving !== null;
+/** Returns true if new Gaussians replace earlier ones, as in streams with levels and in clips. */
+const replaces = ({ decoder: { schema } }: DecodedStream): boolean => schema.tiling !== null || schema.moving !== null;
 
-/** Throws where a stream cannot be decoded with these options. */
-function checkOptions({ decoder: { schema } }: Received, { concealer, camera, frame }: Options): void {
+/** Throws if the stream cannot be decoded with these options. */
+function checkOptions({ decoder: { schema } }: DecodedStream, { concealer, camera, frame }: Options): void {
   const { moving, tiling, concealers, viewDependent } = schema,
     levels = ["grow", "drop"],
     known = moving ? ["grow", ...moving.concealers] : tiling ? levels : ["drop", ...Object.keys(concealers)];
@@ -314,29 +335,30 @@ function checkOptions({ decoder: { schema } }: Received, { concealer, camera, fr
     if (frame === undefined)
       throw new RangeError(`the stream is a clip: choose one of its frames, ${range}, with \`frame\``);
     if (!(Number.isInteger(frame) && frame >= 0 && frame < numFrames))
-      throw new RangeError(`there is no frame ${frame}: the clip has frames ${range}`);
-  } else if (frame !== undefined) throw new RangeError(`there is no frame ${frame}: the stream is not a clip`);
+      throw new RangeError(`frame ${frame} does not exist: the clip has frames ${range}`);
+  } else if (frame !== undefined)
+    throw new RangeError(`the option \`frame\` is ${frame}, but the stream is not a clip`);
   if (viewDependent && !tiling && !camera)
     throw new Error("the stream has neural anchors, whose Gaussians depend on the view: pass a `camera`");
 }
 
-/** All that is there, concealed if that is wanted. */
-async function everything(received: Received, options: Options): Promise<Gaussians> {
-  const pause = pausing(),
+/** Returns all received Gaussians, concealed if a concealer is chosen. */
+async function everything(received: DecodedStream, options: Options): Promise<Gaussians> {
+  const pause = periodicPause(),
     { concealer } = options,
     schema = received.decoder.schema,
     choice = { concealer: concealer ?? "drop", dropped: 0, burst: 1, seed: 0, sent: 1 };
   if (schema.moving) return frameOf(received, options);
   if (schema.tiling) return joined(await finest(schema.tiling, pause), received.decoder);
   await received.prepare(choice, pause);
-  const seen = await received.seen(cameraOf(options), true, pause),
+  const seen = await received.gaussiansFor(cameraOf(options), true, pause),
     all = joined(seen!.parts, received.decoder);
   if (!concealer) return all;
   await received.conceal(choice, pause);
   return gained(all, received.gains!);
 }
 
-/** The finest tiles that are there, coarser ones in place of those that are not. */
+/** Returns the finest received tiles. Coarser tiles replace the missing ones. */
 async function finest(tiling: Tiling, pause: Pause): Promise<Splats[]> {
   const parts: Splats[] = [];
   tiling.look(null, Infinity);
@@ -349,16 +371,16 @@ async function finest(tiling: Tiling, pause: Pause): Promise<Splats[]> {
 
 const ALL_SHOWN = (): boolean => true;
 
-function frameOf({ decoder }: Received, { frame, concealer = "drop" }: Options): Gaussians {
+function frameOf({ decoder }: DecodedStream, { frame, concealer = "drop" }: Options): Gaussians {
   const name = concealer === "grow" ? "motion" : concealer,
     { splats } = decoder.schema.moving!.frame(frame!, ALL_SHOWN, name);
   return joined([splats], decoder);
 }
 
-/** Explicit Gaussians look the same to every camera. */
+/** Camera of the options. The default camera is for explicit Gaussians, which do not depend on the view. */
 const cameraOf = ({ camera }: Options): Camera => camera ?? { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
 
-const progressOf = ({ decoder }: Received): Progress => ({
+const progressOf = ({ decoder }: DecodedStream): Progress => ({
   packets: decoder.intake.size,
   expected: decoder.head.manifest.numPackets,
   background: decoder.background,
@@ -370,7 +392,7 @@ function clipOf({ moving }: Schema): Clip | null {
   return moving && { rate: moving.times.rate, numFrames: moving.times.numFrames };
 }
 
-/** Gaussians with gains of size and opacity in turn; those of size 0 are left out. */
+/** Multiplies sizes and opacities by `gains`, shape (count, 2), and removes Gaussians with a size gain of 0. */
 function gained(all: Gaussians, gains: Float32Array): Gaussians {
   const kept = Array.from({ length: all.count }, (_, n) => n).filter((n) => gains[2 * n] > 0),
     some = (values: Float32Array, change: (value: number, n: number) => number = (value) => value): Float32Array => {
@@ -392,8 +414,21 @@ function gained(all: Gaussians, gains: Float32Array): Gaussians {
   };
 }
 
+/** True if these are several arrays that lie one after another in one buffer and fill it. */
+function areWhole(arrays: readonly Float32Array[]): boolean {
+  if (arrays.length < 2) return false;
+  const { buffer } = arrays[0];
+  let at = 0;
+  for (const array of arrays) {
+    if (array.buffer !== buffer || array.byteOffset !== at) return false;
+    at += array.byteLength;
+  }
+  return at === buffer.byteLength;
+}
+
 function joined(parts: readonly Splats[], { antialiased, origin, schema }: StreamDecoder): Gaussians {
   const all = (arrays: readonly Float32Array[]): Float32Array => {
+    if (areWhole(arrays)) return new Float32Array(arrays[0].buffer as ArrayBuffer);
     const found = new Float32Array(arrays.reduce((sum, array) => sum + array.length, 0));
     let at = 0;
     for (const array of arrays) {

@@ -2,7 +2,7 @@
 
 import { SplatWire } from "./page/element.ts";
 
-// a server that renders pages has none
+// server-side rendering has no custom elements
 if (globalThis.customElements && !customElements.get("splat-wire")) customElements.define("splat-wire", SplatWire);
 
 export type { Details, SplatWireEventMap, SplatWireEvents, Status } from "./page/events.ts";

@@ -1,7 +1,9 @@
-// Defines the element, and that of lists of scenes.
+// Entry point of the page's bundle: defines the elements <splat-wire> and <splat-wire-preview>.
 
 import { SplatWire } from "./page/element.ts";
 import { Thumbnail } from "./page/thumbnail.ts";
 
-if (!customElements.get("splat-wire")) customElements.define("splat-wire", SplatWire);
-if (!customElements.get("splat-wire-preview")) customElements.define("splat-wire-preview", Thumbnail);
+// server-side rendering has no custom elements
+const { customElements: registry } = globalThis as Partial<typeof globalThis>;
+if (registry && !registry.get("splat-wire")) registry.define("splat-wire", SplatWire);
+if (registry && !registry.get("splat-wire-preview")) registry.define("splat-wire-preview", Thumbnail);

@@ -1,4 +1,4 @@
-/** Starts the worker, out of text or a file of its own (scripts/bundle.mjs). */
+/** Module that starts the worker from embedded text or from a separate file (scripts/bundle.mjs). */
 declare module "worker:receiver" {
   export default function start(): Worker;
 }

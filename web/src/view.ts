@@ -1,4 +1,4 @@
-// The drawing's bundle: most of the page's bytes, loaded while the first of the stream is on its way.
+// Entry point of the renderer's bundle: most of the page's bytes, loaded while the first packets are on their way.
 
 import { View } from "./render/view.ts";
 

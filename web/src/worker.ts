@@ -1,12 +1,15 @@
-// The worker: receives, decodes and conceals, so that the page never waits for it.
+// Entry point of the worker: receives, decodes and conceals without blocking the page. Its helpers, which only decode,
+// run the same script.
 
-import { Reception, say } from "./reception.ts";
-import { receiveAll } from "./transport/attempts.ts";
+import { warmUp } from "./jit_warmup.ts";
+import { PacketHelper, type ToHelper } from "./packet_helper.ts";
+import { receiveAll } from "./transport/failover.ts";
+import { receiveBytes } from "./transport/http_source.ts";
 import type { ToWorker } from "./transport/messages.ts";
-import { receiveBytes } from "./transport/reliable.ts";
-import { warmUp } from "./warm.ts";
+import { say, WorkerReceiver } from "./worker_receiver.ts";
 
-const reception = new Reception();
+const reception = new WorkerReceiver(),
+  helper = new PacketHelper((message, hand) => self.postMessage(message, { transfer: hand }));
 
 async function open({ bytes, ...source }: ToWorker & { kind: "open" }): Promise<string> {
   if (bytes) return receiveBytes(bytes, reception, reception.held);
@@ -15,7 +18,8 @@ async function open({ bytes, ...source }: ToWorker & { kind: "open" }): Promise<
   return receiveAll(source, reception);
 }
 
-self.addEventListener("message", ({ data }: MessageEvent<ToWorker>) => {
+self.addEventListener("message", ({ data }: MessageEvent<ToWorker | ToHelper>) => {
+  if (data.kind === "help" || data.kind === "batch") return helper.receive(data);
   if (data.kind === "conceal") return void reception.conceal(data);
   if (data.kind === "frame") return reception.frame(data);
   if (data.kind === "look") return reception.look(data);
@@ -25,6 +29,7 @@ self.addEventListener("message", ({ data }: MessageEvent<ToWorker>) => {
       await reception.settled();
       if (reception.failed) return say({ kind: "failed", text: reception.failed.message });
       const complete = text === "complete" && reception.complete && !reception.live;
+      if (complete) reception.cancelConcealment();
       say({ kind: "finished", text, complete });
       if (complete) void reception.digest();
     },

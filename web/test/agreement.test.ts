@@ -1,5 +1,4 @@
-// Python and this code agree on bytes that nobody wrote in good faith: what a manifest may say, and the integers of
-// hostile packets.
+// Python and TypeScript accept the same manifests and decode hostile packets to the same integers.
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
@@ -14,23 +13,23 @@ import type { Splats } from "../src/codec/splats.ts";
 import { TrackSchema } from "../src/codec/tracks/schema.ts";
 import { readManifest } from "../src/packets/manifest.ts";
 import type { Packet } from "../src/packets/packet.ts";
-import { Received } from "../src/transport/received.ts";
+import { DecodedStream } from "../src/transport/decoded_stream.ts";
 import { readStream } from "./vectors.ts";
 
 /**
- * Manifests in base64 and whether Python takes them; of streams, side information and whether it is taken, packets
- * (block, lane, count, payload in base64) and digests of their integers.
+ * Answers of the Python decoder: manifests in base64 and whether each is accepted. For streams: side information and
+ * whether it is accepted, packets (block, lane, count, payload in base64) and digests of their integers.
  */
 interface Answers {
   readonly manifests: readonly (readonly [string, boolean])[];
   readonly heads: Readonly<Record<string, readonly (readonly [string, boolean])[]>>;
-  /** Of clips, rows of every frame: track, place, turn, sizes, opacity, colour. */
+  /** Rows of every frame of clips: track, position, rotation, sizes, opacity, colour. */
   readonly frames: Readonly<Record<string, readonly (readonly (readonly number[])[])[]>>;
-  /** Of streams with levels, what views show and want. */
+  /** Drawn and missing tiles of views, for streams with levels. */
   readonly cuts: Readonly<Record<string, readonly View[]>>;
-  /** A stream with levels, of which each tile has some packets. */
+  /** Stream with levels and several packets per tile. */
   readonly tiled: string;
-  /** Of streams with levels, side information and what its index of tiles says; null where it is refused. */
+  /** Side information of streams with levels and the content of its tile index; null if invalid. */
   readonly indexes: Readonly<Record<string, readonly (readonly [string, Index | null])[]>>;
   readonly packets: Readonly<Record<string, readonly (readonly [number, number, number, string, string])[]>>;
 }
@@ -52,9 +51,9 @@ interface View {
 const path = process.env["ANSWERS"],
   answers = path ? (JSON.parse(readFileSync(path, "utf8")) as Answers) : null;
 const bytesOf = (text: string): Uint8Array => Uint8Array.from(Buffer.from(text, "base64"));
-const skip = answers === null && "ANSWERS names no answers of Python";
+const skip = answers === null && "ANSWERS is not set";
 
-test("manifests are accepted or refused as Python does", { skip }, () => {
+test("the same manifests are accepted as in Python", { skip }, () => {
   for (const [text, accepted] of answers!.manifests) {
     let why = "";
     try {
@@ -70,7 +69,7 @@ test("manifests are accepted or refused as Python does", { skip }, () => {
   }
 });
 
-test("side information is accepted or refused as Python does", { skip }, () => {
+test("the same side information is accepted as in Python", { skip }, () => {
   for (const [name, cases] of Object.entries(answers!.heads)) {
     const { head } = readStream(name);
     cases.forEach(([text, accepted], n) => {
@@ -86,11 +85,11 @@ test("side information is accepted or refused as Python does", { skip }, () => {
   }
 });
 
-test("frames of clips are those of Python, whatever is missing", { skip }, async () => {
+test("clip frames equal those of Python, with any packets missing", { skip }, async () => {
   for (const [name, frames] of Object.entries(answers!.frames)) {
     const { head, packets } = readStream(name),
       decoder = new StreamDecoder(head);
-    for (const packet of packets) assert.ok(decoder.take(packet));
+    for (const packet of packets) assert.ok(decoder.addPacket(packet));
     const { schema } = decoder,
       all = (): boolean => true;
     assert.ok(schema instanceof TrackSchema);
@@ -120,12 +119,12 @@ test("frames of clips are those of Python, whatever is missing", { skip }, async
           );
       }
     }
-    const leftOut = name.includes("confused"); // nobody there moves as those around
+    const leftOut = name.includes("confused"); // its motion is incoherent
     assert.equal(concealed > 0, !decoder.intake.complete && !leftOut);
   }
 });
 
-test("hostile packets are the integers that they are in Python", { skip }, async () => {
+test("hostile packets decode to the same integers as in Python", { skip }, async () => {
   for (const [name, cases] of Object.entries(answers!.packets)) {
     const { schema } = new StreamDecoder(readStream(name).head);
     for (const [n, [block, lane, count, payload, digest]] of cases.entries()) {
@@ -135,7 +134,7 @@ test("hostile packets are the integers that they are in Python", { skip }, async
   }
 });
 
-test("views of scenes with levels show and want the tiles that they do in Python", { skip }, () => {
+test("views of scenes with levels select the same tiles as in Python", { skip }, () => {
   for (const [name, views] of Object.entries(answers!.cuts)) {
     const { schema } = new StreamDecoder(readStream(name).head);
     assert.ok(schema instanceof LevelSchema);
@@ -147,7 +146,7 @@ test("views of scenes with levels show and want the tiles that they do in Python
   }
 });
 
-test("indexes of tiles say what they do in Python, or are refused", { skip }, () => {
+test("tile indexes are read or rejected as in Python", { skip }, () => {
   for (const [name, cases] of Object.entries(answers!.indexes)) {
     const { head } = readStream(name);
     for (const [n, [text, said]] of cases.entries()) {
@@ -165,13 +164,13 @@ test("indexes of tiles say what they do in Python, or are refused", { skip }, ()
   }
 });
 
-test("the pieces of a cut are its scene, each Gaussian once", { skip }, () => {
+test("the units of a cut cover the scene exactly once", { skip }, () => {
   for (const [name, views] of Object.entries(answers!.cuts)) {
     const { head, packets } = readStream(name),
       decoder = new StreamDecoder(head),
       { schema } = decoder;
     assert.ok(schema instanceof LevelSchema);
-    for (const packet of packets) assert.ok(decoder.take(packet));
+    for (const packet of packets) assert.ok(decoder.addPacket(packet));
     const { tiles, pieces } = schema,
       below = (tile: number): number[] => [tile, ...tiles.children[tile].flatMap(below)],
       of = (tile: number): number =>
@@ -192,9 +191,9 @@ test("the pieces of a cut are its scene, each Gaussian once", { skip }, () => {
   }
 });
 
-test("a tile is drawn when most of it is there, and once more with what came late", { skip }, () => {
+test("a tile is drawn once most packets arrived, and redrawn with late packets", { skip }, () => {
   const { head, packets } = readStream(answers!.tiled),
-    received = new Received(head),
+    received = new DecodedStream(head),
     tiling = received.decoder.schema.tiling!,
     { tiles, pieces } = tiling,
     finer = tiles.children[0][0],
@@ -222,13 +221,13 @@ test("a tile is drawn when most of it is there, and once more with what came lat
   const isDrawn = (): boolean => [...held.keys()].some((piece) => pieces.of(piece).tile === finer);
   const late = of(finer).slice(0, Math.floor(tiles.packets[finer] / 4) + 1);
   assert.ok(late.length > 1);
-  for (const bytes of [...of(0), ...of(finer).slice(late.length)]) received.take(bytes);
+  for (const bytes of [...of(0), ...of(finer).slice(late.length)]) received.addPacket(bytes);
   show();
   assert.ok(!isDrawn() && held.size === tiles.children[0].length);
-  received.take(late.pop()!);
+  received.addPacket(late.pop()!);
   show();
   assert.ok(isDrawn() && tiling.wanted.includes(finer));
-  for (const bytes of late) received.take(bytes);
+  for (const bytes of late) received.addPacket(bytes);
   assert.ok(show().some(({ gone, come }) => gone.length === 1 && gone[0] === come[0]));
   assert.ok(isDrawn() && !tiling.wanted.includes(finer));
   assert.deepEqual(show(), []);

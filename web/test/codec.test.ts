@@ -16,7 +16,7 @@ import type { Manifest } from "../src/packets/manifest.ts";
 import { splitmixModulo } from "../src/packets/splitmix64.ts";
 import { readStream, STREAMS } from "./vectors.ts";
 
-/** Answers of Python, where it wrote some. */
+/** Answers of the Python decoder, if available. */
 const expected = process.env["EXPECTED"]
   ? (JSON.parse(readFileSync(process.env["EXPECTED"], "utf8")) as Expected)
   : null;
@@ -30,16 +30,16 @@ interface Expected {
 }
 
 for (const path of STREAMS) {
-  test(`every integer of ${path.split("/").pop()} is Python's`, async () => {
+  test(`all integers of ${path.split("/").pop()} equal Python's`, async () => {
     const { head, packets } = readStream(path),
       decoder = new StreamDecoder(head);
-    for (const bytes of packets) assert.ok(decoder.take(bytes));
+    for (const bytes of packets) assert.ok(decoder.addPacket(bytes));
     assert.ok(decoder.intake.complete);
     assert.equal(await decoder.digest(), head.manifest.symbolsDigest);
   });
 }
 
-test("sizes of tiers are one byte for each, and one of them is the largest", () => {
+test("the tier_sizes section has one byte per tier, and one of them is 0", () => {
   const facts = (shapes: number[], ...sizes: number[]): TierFacts => {
     const sections = new Map([["tier_sizes", Uint8Array.from(sizes)]]),
       tiers = shapes.map((count) => ({ count, lanes: 1 }));
@@ -67,7 +67,7 @@ test("sizes of tiers are one byte for each, and one of them is the largest", () 
   }
 });
 
-test("no entry of the table of thinness is near to where doubles could round it otherwise", () => {
+test("no entry of the scale ratio table is near a rounding boundary", () => {
   for (let t = 1; t < THINNESS.length; t++) {
     const exact = exactThinness(t),
       nearest = Math.abs(exact - Math.round(exact));
@@ -75,14 +75,14 @@ test("no entry of the table of thinness is near to where doubles could round it 
   }
 });
 
-test("nor is one of those of the causal codec", () => {
+test("no entry of the causal codec's tables is near a rounding boundary", () => {
   const near = (exact: number, edge: number): number => Math.abs(exact - edge - Math.round(exact - edge));
   for (let n = 0; n < 256; n++) {
     assert.ok(near(exactExists(n), 0.5) > 1e-6 && (n === 0 || near(exactSixteenths(n), 0) > 1e-6), `${n}`);
   }
 });
 
-test("tables are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, () => {
+test("integer tables equal Python's", { skip: expected === null && "EXPECTED is not set" }, () => {
   const digest = (values: Int32Array | Float64Array): string => hex(sha256(new TextEncoder().encode(values.join(","))));
   const tables = {
     normal: NORMAL,
@@ -96,7 +96,7 @@ test("tables are Python's", { skip: expected === null && "EXPECTED names no answ
   for (const [name, values] of Object.entries(tables)) assert.equal(digest(values), expected!.tables[name], name);
 });
 
-test("lanes are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, () => {
+test("lane assignments equal Python's", { skip: expected === null && "EXPECTED is not set" }, () => {
   for (const [seed, rank, lanes, lane] of expected!.lanes) {
     const wide = BigInt(seed),
       low = Number(wide & 0xffffffffn),
@@ -105,14 +105,14 @@ test("lanes are Python's", { skip: expected === null && "EXPECTED names no answe
   }
 });
 
-test("Gaussians are Python's to six digits", {
-  skip: expected === null && "EXPECTED names no answers of Python",
+test("Gaussians equal Python's to six digits", {
+  skip: expected === null && "EXPECTED is not set",
 }, () => {
   for (const path of STREAMS) {
     const { head, packets } = readStream(path),
       decoder = new StreamDecoder(head),
       camera = expected!.camera;
-    const { splats } = decoder.take(packets[0])!.seen(camera),
+    const { splats } = decoder.addPacket(packets[0])!.seen(camera),
       rows = expected!.splats[path],
       number = 3 * ((splats.degree + 1) ** 2 - 1);
     assert.equal(splats.count, rows.length);
@@ -137,7 +137,7 @@ test("Gaussians are Python's to six digits", {
   }
 });
 
-test("a preview is Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, () => {
+test("a preview decodes as in Python", { skip: expected === null && "EXPECTED is not set" }, () => {
   const { splats } = readPreview(Uint8Array.from(Buffer.from(expected!.preview.bytes, "hex")));
   const found = [...splats.means, ...splats.scales, ...splats.opacities, ...splats.colours];
   found.forEach((value, n) =>

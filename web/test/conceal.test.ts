@@ -9,7 +9,7 @@ import type { Splats } from "../src/codec/splats.ts";
 import { ANCHOR_CONCEALERS, CONCEALERS, SPLAT_CONCEALERS } from "../src/conceal/conceal.ts";
 import { grow } from "../src/conceal/grow.ts";
 import { KdTree } from "../src/conceal/kd_tree.ts";
-import { Received } from "../src/transport/received.ts";
+import { DecodedStream } from "../src/transport/decoded_stream.ts";
 import { CAMERA } from "./hostile.ts";
 import { random, readStream, STREAMS } from "./vectors.ts";
 
@@ -18,7 +18,7 @@ const next = random(3),
 const places = Int32Array.from({ length: 400 }, (_, i) => i);
 const always = (): Promise<boolean> => Promise.resolve(true);
 
-test("nearest others are those of a search through all", () => {
+test("nearest neighbours equal those of an exhaustive search", () => {
   const tree = new KdTree(points, 9);
   for (let i = 0; i < 400; i += 7) {
     const far = (j: number): number =>
@@ -35,7 +35,7 @@ test("nearest others are those of a search through all", () => {
   }
 });
 
-test("nothing grows where nothing is lost, and gains follow the share that is left", async () => {
+test("gains are 1 without losses and increase with the lost share", async () => {
   const sizes = new Float32Array(400).fill(2),
     opacities = new Float32Array(400).fill(0.3),
     known = new Uint8Array(400).fill(1);
@@ -62,7 +62,7 @@ test("nothing grows where nothing is lost, and gains follow the share that is le
   assert.ok(gains.some((gain, i) => i % 2 === 0 && gain > 1.05));
 });
 
-test("small tiers that are lost leave less to make up for than their number", async () => {
+test("lost elements of small tiers cause less growth than their number suggests", async () => {
   const known = Uint8Array.from({ length: 400 }, (_, i) => i % 2),
     sizes = new Float32Array(400).fill(1);
   const small = sizes.map((_, i) => (known[i] ? 1 : 1 / 16)),
@@ -77,7 +77,7 @@ test("small tiers that are lost leave less to make up for than their number", as
     );
 });
 
-test("what nobody waits for any more stops", async () => {
+test("a concealer stops once its result is no longer needed", async () => {
   const known = Uint8Array.from({ length: 400 }, (_, i) => i % 2);
   assert.equal(
     await grow(
@@ -106,11 +106,11 @@ const expected = process.env["EXPECTED"]
   ? (JSON.parse(readFileSync(process.env["EXPECTED"], "utf8")) as { gains: Gains; copies: Record<string, number[]> })
   : null;
 
-test("gains are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, async () => {
+test("gains equal Python's", { skip: expected === null && "EXPECTED is not set" }, async () => {
   for (const [path, all] of Object.entries(expected!.gains)) {
     const { head, packets } = readStream(path),
-      received = new Received(head);
-    for (const bytes of packets.filter((_, n) => n % 2 === 0)) received.take(bytes);
+      received = new DecodedStream(head);
+    for (const bytes of packets.filter((_, n) => n % 2 === 0)) received.addPacket(bytes);
     assert.deepEqual(Object.keys(received.decoder.schema.concealers), ["drop", ...Object.keys(all)]);
     for (const [concealer, gains] of Object.entries(all)) {
       await received.prepare({ ...GROW, concealer }, always);
@@ -120,7 +120,7 @@ test("gains are Python's", { skip: expected === null && "EXPECTED names no answe
       assert.equal(found.length, gains.length);
       const most = off[off.length - 1],
         mean = off.reduce((sum, value) => sum + value, 0) / off.length;
-      // Anchors lie on a grid: of two that are equally far, either may be the last of the 64.
+      // Anchors lie on a grid, so either of two equally distant ones may be the last of the 64.
       assert.ok(
         received.decoder.schema.viewDependent ? most < 0.05 && mean < 0.001 : most < 1e-5,
         `${path} ${concealer}: ${most}, ${mean}`,
@@ -129,7 +129,9 @@ test("gains are Python's", { skip: expected === null && "EXPECTED names no answe
   }
 });
 
-test("copies are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, async () => {
+test("redundant copies equal Python's", {
+  skip: expected === null && "EXPECTED is not set",
+}, async () => {
   for (const [path, numbers] of Object.entries(expected!.copies)) {
     const { part } = (await new StreamDecoder(readStream(path).head).schema.copies(always))!,
       found = numbersOf(part);
@@ -142,7 +144,7 @@ test("copies are Python's", { skip: expected === null && "EXPECTED names no answ
   }
 });
 
-/** Numbers of copies as `tests/web/sketched.py` lists them. */
+/** Numbers of redundant copies as listed by `tests/web/sketched.py`. */
 function numbersOf(part: Part): number[] {
   if (part instanceof GaussianPart)
     return [part.splats.means, part.splats.scales, part.splats.quats, part.splats.opacities].flatMap((values) => [
@@ -157,17 +159,17 @@ function numbersOf(part: Part): number[] {
 }
 
 for (const path of STREAMS) {
-  test(`what was lost of ${path.split("/").pop()} takes its place when it comes after all`, async () => {
+  test(`late packets of ${path.split("/").pop()} fill their gaps`, async () => {
     const { head, packets } = readStream(path),
-      received = new Received(head),
-      whole = new Received(head);
-    for (const bytes of packets.filter((_, n) => n % 2 === 0)) received.take(bytes);
-    const first = await received.seen(CAMERA, true, always);
+      received = new DecodedStream(head),
+      whole = new DecodedStream(head);
+    for (const bytes of packets.filter((_, n) => n % 2 === 0)) received.addPacket(bytes);
+    const first = await received.gaussiansFor(CAMERA, true, always);
     await received.conceal({ ...GROW, dropped: 0.3, seed: 1 }, always);
-    for (const bytes of packets) received.take(bytes);
-    const second = (await received.seen(CAMERA, false, always))!;
-    for (const bytes of packets) whole.take(bytes);
-    const all = (await whole.seen(CAMERA, true, always))!,
+    for (const bytes of packets) received.addPacket(bytes);
+    const second = (await received.gaussiansFor(CAMERA, false, always))!;
+    for (const bytes of packets) whole.addPacket(bytes);
+    const all = (await whole.gaussiansFor(CAMERA, true, always))!,
       count = (parts: readonly Splats[]): number => parts.reduce((sum, part) => sum + part.count, 0);
     assert.ok(second.fresh || packets.length === 1);
     assert.equal(count(first!.parts) + count(second.parts), count(all.parts));
@@ -178,24 +180,24 @@ for (const path of STREAMS) {
   });
 }
 
-/** Streams that have redundant copies for the concealer `sketch`. */
+/** Streams with redundant copies for the concealer `sketch`. */
 const COPIED = STREAMS.filter((path) => "sketch" in new StreamDecoder(readStream(path).head).schema.concealers);
 
-test("copies are hidden and not counted where all is there", {
-  skip: !COPIED.length && "STREAMS names none",
+test("redundant copies are hidden and not counted in a complete scene", {
+  skip: !COPIED.length && "STREAMS has no stream with redundant copies",
 }, async () => {
   const choice = { ...GROW, concealer: "sketch" },
     countOf = (parts: readonly { count: number }[]): number => parts.reduce((sum, { count }) => sum + count, 0);
   for (const path of COPIED) {
     const { head, packets } = readStream(path),
-      received = new Received(head);
-    for (const bytes of packets) received.take(bytes);
-    const plain = (await received.seen(CAMERA, true, always))!;
+      received = new DecodedStream(head);
+    for (const bytes of packets) received.addPacket(bytes);
+    const plain = (await received.gaussiansFor(CAMERA, true, always))!;
     assert.equal(plain.copies, 0);
     assert.equal(received.gainsWithoutCopies, null);
     await received.prepare(choice, always);
-    const copied = (await received.seen(CAMERA, false, always))!,
-      again = (await received.seen(CAMERA, true, always))!;
+    const copied = (await received.gaussiansFor(CAMERA, false, always))!,
+      again = (await received.gaussiansFor(CAMERA, true, always))!;
     assert.equal(copied.copies, countOf(copied.parts));
     assert.equal(countOf(again.parts) - again.copies, countOf(plain.parts));
     await received.conceal(choice, always);

@@ -1,4 +1,4 @@
-// `splatwire/decoder`: all Gaussians of levels, any frame of a clip, and one clear error where an option does not fit.
+// `splatwire/decoder`: all Gaussians of levels, any frame of a clip, and one clear error for unsuitable options.
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
@@ -7,7 +7,7 @@ import type { AddressInfo } from "node:net";
 import { test } from "node:test";
 
 import { type Arrived, BitstreamError, decode, decodeClip, type Gaussians, receive } from "../src/decoder.ts";
-import { Generator } from "../src/doors/splat_transform.ts";
+import { Generator } from "../src/integrations/splat_transform.ts";
 import { ContainerReader } from "../src/packets/container.ts";
 
 const path = (name: string): string => `../tests/golden/${name}.swz`,
@@ -16,7 +16,7 @@ const levels = bytesOf("tiny_levels"),
   clip = bytesOf("tiny_clip"),
   anchors = bytesOf("tiny_causal");
 
-/** Elements of the finest level of a stream with levels. */
+/** Number of elements in the finest level of a stream. */
 function finestCount(file: Uint8Array): number {
   const container = new ContainerReader();
   container.feed(file);
@@ -24,7 +24,7 @@ function finestCount(file: Uint8Array): number {
   return tiers.at(-1)?.count ?? count;
 }
 
-/** A file of the same head with some of its packets. */
+/** Returns a file with the same head and some of the packets. */
 function partOf(file: Uint8Array, keep: (n: number) => boolean): Uint8Array {
   const container = new ContainerReader(),
     packets = container.feed(file).filter((_, n) => keep(n)),
@@ -47,7 +47,7 @@ async function received(file: Uint8Array, options: Parameters<typeof receive>[1]
 }
 
 for (const concealer of [undefined, "grow"]) {
-  test(`all Gaussians of the finest level are given, with concealer ${concealer}`, async () => {
+  test(`decode returns all Gaussians of the finest level, with concealer ${concealer}`, async () => {
     const scene = await decode(levels, concealer ? { concealer } : {});
     assert.equal(scene.gaussians.count, finestCount(levels));
     assert.equal(scene.gaussians.centres.length, 3 * scene.gaussians.count);
@@ -55,19 +55,19 @@ for (const concealer of [undefined, "grow"]) {
   });
 }
 
-test("coarser Gaussians stand in for a finer tile that was lost", async () => {
+test("coarser Gaussians replace a lost tile", async () => {
   const some = await decode(partOf(levels, (n) => n < 4));
   assert.ok(some.gaussians.count > 0 && some.gaussians.count < finestCount(levels));
   assert.deepEqual([some.complete, some.verified], [false, false]);
 });
 
-test("the last result of receiving levels is every Gaussian of the finest one", async () => {
+test("the last result of receiving levels has all Gaussians of the finest level", async () => {
   const found = await received(levels, {});
   assert.equal(found.at(-1)!.gaussians.count, finestCount(levels));
   assert.ok(found.every(({ instead }) => instead));
 });
 
-test("frames of a clip are given by number, and are those of decodeClip", async () => {
+test("decode, decodeClip and receive return the same frames of a clip", async () => {
   const whole = await decodeClip(clip),
     { numFrames, rate } = whole.clip,
     last = numFrames - 1;
@@ -86,11 +86,11 @@ test("frames of a clip are given by number, and are those of decodeClip", async 
   assert.deepEqual(whole.frame(last), frames[last]);
 });
 
-test("a clip without a frame, or with one that it does not have, is refused", async () => {
+test("a clip is refused without a frame or with a frame out of range", async () => {
   const { numFrames } = (await decodeClip(clip)).clip;
   await assert.rejects(decode(clip), { name: "RangeError", message: /clip: choose one of its frames, 0 to / });
   for (const frame of [-1, numFrames, 0.5, Number.NaN]) {
-    await assert.rejects(decode(clip, { frame }), { name: "RangeError", message: /there is no frame / });
+    await assert.rejects(decode(clip, { frame }), { name: "RangeError", message: /frame .* does not exist/ });
     await assert.rejects(async () => (await decodeClip(clip)).frame(frame), RangeError);
   }
   await assert.rejects(decode(levels, { frame: 0 }), /not a clip/);
@@ -98,18 +98,18 @@ test("a clip without a frame, or with one that it does not have, is refused", as
   await assert.rejects(received(clip, {}), /choose one of its frames/);
 });
 
-test("a concealer that a stream lacks is refused with the names of those that it has", async () => {
+test("an unavailable concealer is refused with the names of the available ones", async () => {
   await assert.rejects(decode(levels, { concealer: "scene_free" }), /no concealer 'scene_free', only grow, drop$/);
   await assert.rejects(decode(clip, { frame: 0, concealer: "sketch" }), /only grow, motion, hold, drop$/);
   await assert.rejects(received(levels, { concealer: "sketch" }), /no concealer 'sketch'/);
 });
 
-test("anchors need a camera, and the error says so", async () => {
+test("anchors without a camera are refused with an error that requests one", async () => {
   await assert.rejects(decode(anchors), /neural anchors.*pass a `camera`/);
   await assert.rejects(received(anchors, {}), /neural anchors.*pass a `camera`/);
 });
 
-test("an error of the format has its name, and a cut file is one", async () => {
+test("a truncated or foreign file throws BitstreamError", async () => {
   for (const file of [levels.subarray(0, 40), new Uint8Array(50)]) {
     const error = await decode(file).catch((error: unknown) => error);
     assert.ok(error instanceof BitstreamError);
@@ -117,12 +117,25 @@ test("an error of the format has its name, and a cut file is one", async () => {
   }
 });
 
-test("splat-transform gets every row of levels, and a chosen frame of a clip", async () => {
+test("the bytes of a file are taken from any buffer, and other values are refused with what works", async () => {
+  const { gaussians } = await decode(levels),
+    buffer = levels.slice().buffer;
+  for (const file of [buffer, new DataView(buffer) as unknown as ArrayBuffer])
+    assert.deepEqual((await decode(file)).gaussians, gaussians);
+  assert.equal((await decodeClip(clip.slice().buffer)).clip.numFrames, (await decodeClip(clip)).clip.numFrames);
+  for (const file of [null, undefined, "scene.swz", {}, [1, 2], new Response("")])
+    await assert.rejects(decode(file as unknown as Uint8Array), {
+      name: "TypeError",
+      message: /Uint8Array or an ArrayBuffer/,
+    });
+});
+
+test("splat-transform receives all rows of levels, or the chosen frame of a clip", async () => {
   const given = (fields: Record<string, string>) => Object.entries(fields).map(([name, value]) => ({ name, value }));
   const generator = await Generator.create(given({ file: path("tiny_levels") }));
   assert.equal(generator.count, finestCount(levels));
   const { count } = (await decodeClip(clip)).frame(1);
   assert.equal((await Generator.create(given({ file: path("tiny_clip"), frame: "1" }))).count, count);
   await assert.rejects(Generator.create(given({ file: path("tiny_clip") })), /choose one of its frames/);
-  await assert.rejects(Generator.create(given({ file: path("tiny_clip"), frame: "one" })), /there is no frame/);
+  await assert.rejects(Generator.create(given({ file: path("tiny_clip"), frame: "one" })), /frame .* does not exist/);
 });

@@ -1,19 +1,24 @@
-// Sessions and files of a stream in turn: what is final, what is tried again, and which reason a visitor gets.
+// Failover between sessions and files of a stream: final errors, retries, and the reason reported to the visitor.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { ContainerReader } from "../src/packets/container.ts";
-import type { Ways } from "../src/transport/attempts.ts";
-import { NoWebTransport, type Session } from "../src/transport/webtransport.ts";
-import { Caches, part, Server, visit } from "./fake_web.ts";
-import { fileOf } from "./vectors.ts";
+import type { Listener } from "../src/transport/events.ts";
+import type { Transports } from "../src/transport/failover.ts";
+import { HttpFile } from "../src/transport/http_file.ts";
+import { NoWebTransport, type Opening, receiveDatagrams, type Session } from "../src/transport/webtransport.ts";
+import { Caches, LIMITS, otherStream, part, Server, visit } from "./fake_web.ts";
+import { fileOf, readStream } from "./vectors.ts";
+import { welcome } from "./wire_messages.ts";
 
 const STILL = fileOf("../tests/golden/tiny_causal.swz"),
-  SESSION: Session = { url: "https://scenes.example:4840/splatwire" };
+  LEVELS = fileOf("../tests/golden/tiny_levels.swz"),
+  CLIP = "../tests/golden/tiny_clip.swz",
+  SESSION: Session = { url: "https://scenes.example:4840/splatwire" },
+  SIGNED: Session = { ...SESSION, fingerprint: "1a" };
 
-/** Sessions that end with these words, one after another; errors are thrown. */
-function sessions(...ends: (string | Error)[]): { ways: Partial<Ways>; opened: Session[] } {
+/** Sessions that end with these texts, one after another. Errors are thrown. */
+function sessions(...ends: (string | Error)[]): { ways: Partial<Transports>; opened: Session[] } {
   const opened: Session[] = [];
   const receiveDatagrams = async (session: Session): Promise<string> => {
     opened.push(session);
@@ -27,7 +32,7 @@ function sessions(...ends: (string | Error)[]): { ways: Partial<Ways>; opened: S
 const noFile = (): Response => new Response(null, { status: 404, statusText: "Not Found" });
 const down = (): Error => new Error("no answer to a WebTransport session");
 
-test("joining a live clip over a link that is down goes on once the link is up", async () => {
+test("joining a live clip is retried until the link is up", async () => {
   new Server(noFile);
   const { ways, opened } = sessions(down(), down(), down(), down()),
     { text, lost } = await visit(null, { session: SESSION }, ways);
@@ -37,7 +42,7 @@ test("joining a live clip over a link that is down goes on once the link is up",
   for (const reason of lost) assert.match(reason, /no answer to a WebTransport session/);
 });
 
-test("a live clip is tried again where its server is full", async () => {
+test("joining a live clip is retried while its server is full", async () => {
   new Server(noFile);
   const { ways } = sessions(new Error("the server is full")),
     { text, lost } = await visit(null, { session: SESSION }, ways);
@@ -45,7 +50,7 @@ test("a live clip is tried again where its server is full", async () => {
   assert.match(lost[0], /the server is full/);
 });
 
-test("a stream that neither sessions nor files know is an error at once", async () => {
+test("a stream unknown to sessions and files fails without a retry", async () => {
   new Server(noFile);
   const { ways, opened } = sessions(new Error("no such stream")),
     { text, lost } = await visit(null, { session: SESSION }, ways);
@@ -53,7 +58,7 @@ test("a stream that neither sessions nor files know is an error at once", async 
   assert.deepEqual([opened.length, lost.length], [1, 0]);
 });
 
-test("a browser without WebTransport gets both reasons for a live clip at once", async () => {
+test("without WebTransport a live clip fails at once with both reasons", async () => {
   new Server(noFile);
   const { ways } = sessions(new NoWebTransport("this browser or page has no WebTransport")),
     { text, lost } = await visit(null, { session: SESSION }, ways);
@@ -61,15 +66,15 @@ test("a browser without WebTransport gets both reasons for a live clip at once",
   assert.equal(lost.length, 0);
 });
 
-test("a server that could not be asked for its sessions is asked again where it has no file", async () => {
+test("the server's session is looked up again if it has no file", async () => {
   new Server(noFile);
   const { ways, opened } = sessions("complete"),
-    { text } = await visit(null, {}, { ...ways, askServer: async () => SESSION });
+    { text } = await visit(null, {}, { ...ways, lookUpSession: async () => SESSION });
   assert.equal(text, "complete");
   assert.deepEqual(opened, [SESSION]);
 });
 
-test("a session that brings nothing gives way to the file", async () => {
+test("a session that delivers nothing is replaced by the file", async () => {
   new Server((asked) => part(STILL, asked));
   const { ways } = sessions(down()),
     { text, verified, said } = await visit(null, { session: SESSION }, ways);
@@ -77,7 +82,7 @@ test("a session that brings nothing gives way to the file", async () => {
   assert.ok(said.some((one) => one.kind === "note" && /by HTTP: no answer/.test(one.text)));
 });
 
-test("what is kept whole is compared over a session where there is no file", async () => {
+test("a complete cached stream is revalidated over a session if there is no file", async () => {
   const caches = new Caches(),
     server = new Server((asked) => part(STILL, asked));
   await visit(caches);
@@ -87,7 +92,7 @@ test("what is kept whole is compared over a session where there is no file", asy
   assert.deepEqual([text, opened.length, lost.length], ["complete", 1, 0]);
 });
 
-test("a file that is refused for a moment after it was read is requested again, not for ever", async () => {
+test("a file that is refused after it was read is requested again, a limited number of times", async () => {
   for (const [times, expected] of [
     [3, /^complete$/],
     [99, /404/],
@@ -99,22 +104,121 @@ test("a file that is refused for a moment after it was read is requested again, 
   }
 });
 
-test("a file in another order than the session's is whole at the latest on the next visit", async () => {
-  const caches = new Caches(),
-    reader = new ContainerReader(),
-    packets = reader.feed(STILL);
-  let falls = true;
-  const ways: Partial<Ways> = {
-    receiveDatagrams: async (_session, _limits, listener) => {
-      if (!falls) throw down();
-      falls = false;
-      listener.head(reader.head!, reader.headBytes, true);
-      listener.packets([{ place: 0, bytes: packets[1] }]);
-      throw new Error("the server fell silent");
+test("refusals of a file are forgotten once packets arrive again", async () => {
+  new Server((asked, n) => (n % 4 === 3 ? noFile() : part(LEVELS, asked)));
+  const openFile = (url: string): HttpFile => new HttpFile(url, { ...LIMITS, firstBytes: 2500, tilesBytes: 300 }),
+    { text, lost } = await visit(null, {}, { openFile });
+  assert.equal(text, "complete");
+  assert.ok(lost.length > 4);
+});
+
+test("a file that is replaced now and then is received for as long as the page is open", async () => {
+  const versions = [LEVELS, otherStream(LEVELS)];
+  for (const [changeMs, expected] of [
+    [0, /^complete$/],
+    [60_000, /replaced again and again/],
+  ] as const) {
+    let changes = 0;
+    const server = new Server((asked, n) => part(versions[Math.min((changes += n % 4 === 3 ? 1 : 0), 6) % 2], asked)),
+      openFile = (url: string): HttpFile => new HttpFile(url, { ...LIMITS, changeMs });
+    assert.match((await visit(null, {}, { openFile })).text, expected);
+    assert.ok(server.asked.length < 200);
+  }
+});
+
+test("a live clip follows its server to another certificate and port after a restart", async () => {
+  const published = { url: "https://scenes.example:4850/splatwire", fingerprint: "2b" },
+    opened: Session[] = [],
+    openings: Opening[] = [];
+  let lookUps = 0;
+  new Server(noFile);
+  const ways: Partial<Transports> = {
+    receiveDatagrams: async (session, _name, listener: Listener, _before, opening): Promise<string> => {
+      opened.push(session);
+      openings.push(opening!);
+      if (opened.length === 1) listener.head(readStream(CLIP).head, fileOf(CLIP), false, true);
+      if (opened.length < 4) throw down();
+      return "complete";
     },
+    lookUpSession: async () => (++lookUps === 1 ? null : published), // it is down at first
   };
-  new Server((asked) => part(STILL, asked));
-  assert.equal((await visit(caches, { session: SESSION }, ways)).verified, false);
-  const { complete, verified } = await visit(caches);
-  assert.deepEqual({ complete, verified }, { complete: true, verified: true });
+  const { text, lost } = await visit(null, { session: SIGNED }, ways);
+  assert.equal(text, "complete");
+  assert.deepEqual(opened, [SIGNED, SIGNED, published, published]);
+  assert.equal(lost.length, 3);
+  assert.deepEqual(openings[0], { isRetry: false, isOnlySource: false });
+  for (const opening of openings.slice(1)) assert.deepEqual(opening, { isRetry: true, isOnlySource: true });
+});
+
+test("few handshakes fail in one attempt, because each failure delays the next ones", async () => {
+  const world = globalThis as Record<string, unknown>;
+  let begun = 0;
+  world["WebTransport"] = class {
+    readonly ready = Promise.reject(new Error("Opening handshake failed."));
+    readonly closed = Promise.reject(new Error("closed"));
+    constructor() {
+      begun++;
+    }
+    close(): void {}
+  };
+  try {
+    const listener = {} as Listener;
+    for (const [isRetry, most] of [
+      [false, 2],
+      [true, 1],
+    ] as const) {
+      begun = 0;
+      const opening = { isRetry, isOnlySource: false };
+      await assert.rejects(receiveDatagrams(SIGNED, "a", listener, null, opening), /handshake/);
+      assert.equal(begun, most);
+    }
+  } finally {
+    delete world["WebTransport"];
+  }
+});
+
+test("a session whose datagrams can no longer be sent ends without waiting for them", async () => {
+  const world = globalThis as Record<string, unknown>,
+    random = crypto.getRandomValues;
+  let isClosed = false,
+    said = 0;
+  const stuck = (): Promise<void> => {
+    said++;
+    return new Promise(() => undefined);
+  };
+  world["WebTransport"] = class {
+    readonly ready = Promise.resolve();
+    readonly closed = new Promise(() => undefined);
+    readonly datagrams = {
+      incomingHighWaterMark: 1,
+      readable: new ReadableStream({ start: (control) => control.enqueue(welcome()) }),
+      writable: { getWriter: () => ({ write: stuck }) },
+    };
+    createBidirectionalStream(): Promise<unknown> {
+      return Promise.resolve({ readable: new ReadableStream(), writable: new WritableStream() });
+    }
+    close(): void {
+      isClosed = true;
+    }
+  };
+  crypto.getRandomValues = <T>(numbers: T): T => {
+    (numbers as unknown as BigUint64Array)[0] = 7n; // the nonce of the welcome message
+    return numbers;
+  };
+  try {
+    let looks = 0;
+    const listener = {
+      preview: () => undefined,
+      counts: () => undefined,
+      stopped: () => ++looks > 5,
+    } as unknown as Listener;
+    const ended = receiveDatagrams(SESSION, "a", listener);
+    const late = new Promise((done) => setTimeout(done, 10_000, "late").unref());
+    assert.equal(await Promise.race([ended, late]), "stopped");
+    assert.ok(isClosed);
+    assert.ok(said > 3);
+  } finally {
+    delete world["WebTransport"];
+    crypto.getRandomValues = random;
+  }
 });

@@ -1,4 +1,4 @@
-// A server, a browser's cache and a page as tests need them: every answer is decided by the test.
+// Fake server, browser cache and page. Each test decides every answer.
 
 import assert from "node:assert/strict";
 
@@ -9,17 +9,18 @@ import type { Camera } from "../src/model/camera.ts";
 import { ContainerReader, fileHead } from "../src/packets/container.ts";
 import { crc32 } from "../src/packets/crc32.ts";
 import { type Fields, parseJson, writeJson } from "../src/packets/json.ts";
-import { Reception } from "../src/reception.ts";
-import { receiveAll, type Source, type Ways } from "../src/transport/attempts.ts";
-import { viewOf } from "../src/transport/frames.ts";
+import type { Arrived } from "../src/transport/events.ts";
+import { receiveAll, type Source, type Transports } from "../src/transport/failover.ts";
+import { dataView } from "../src/transport/frames.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
-import { recordsOf } from "../src/transport/kept.ts";
 import type { FromWorker } from "../src/transport/messages.ts";
+import { recordsOf } from "../src/transport/packet_cache.ts";
+import { WorkerReceiver } from "../src/worker_receiver.ts";
 
 export const URL_ = "https://scenes.example/a.swz";
-/** So small that the smallest streams come in several parts. */
-export const LIMITS = { idleMs: 200, repeatMs: 1, firstBytes: 4000, tilesBytes: 2000 };
-/** So near that everything of a scene with levels is wanted. */
+/** Small limits, so that even the smallest streams arrive in several parts. */
+export const LIMITS = { idleMs: 200, repeatMs: 1, firstBytes: 4000, tilesBytes: 2000, changeMs: 60_000 };
+/** Camera so close that every tile of a scene with levels is selected. */
 const NEAR: Camera = {
   viewmat: [
     [1, 0, 0, 0],
@@ -33,7 +34,7 @@ const NEAR: Camera = {
   margin: 0,
 };
 
-/** Bounds of a requested part, the second exclusive; null for the whole file. */
+/** Bounds of a requested range, the second exclusive; null for the whole file. */
 export type Range = readonly [number, number] | null;
 
 export interface Asked {
@@ -42,10 +43,10 @@ export interface Asked {
   readonly signal: AbortSignal;
 }
 
-/** Answers a request; `n` counts requests from 0. */
+/** Returns the answer to a request. `n` counts requests from 0. */
 export type Answering = (asked: Asked, n: number) => Response | Promise<Response>;
 
-/** Requests that a server got, and bytes that it sent in answer to them. */
+/** Fake server that records its requests. */
 export class Server {
   readonly asked: Asked[] = [];
 
@@ -61,7 +62,7 @@ export class Server {
     };
   }
 
-  /** Bytes of all requests, of which a whole file counts with its size. */
+  /** Returns the bytes of all requests. A whole file counts with its size. */
   bytes(size: number): number {
     return this.asked.reduce((sum, { range }) => sum + (range ? Math.min(range[1], size) - range[0] : size), 0);
   }
@@ -82,7 +83,7 @@ export function part(file: Uint8Array, { range }: Asked, headers: Record<string,
   return new Response(file.slice(first, end), { status: 206, headers: said });
 }
 
-/** Answers with all of a file, whatever is requested, in pieces. */
+/** Answers every request with the whole file, in pieces. */
 export function whole(file: Uint8Array, headers: Record<string, string> = {}, piece = 700): Response {
   const pieces = Array.from({ length: Math.ceil(file.length / piece) }, (_, n) =>
     file.slice(n * piece, (n + 1) * piece),
@@ -97,7 +98,7 @@ export function whole(file: Uint8Array, headers: Record<string, string> = {}, pi
   return new Response(body, { headers: { "Content-Length": String(file.length), ...headers } });
 }
 
-/** An answer whose body has some bytes and then breaks, or hangs. */
+/** Returns an answer whose body has some bytes and then breaks or hangs. */
 export function begun(bytes: Uint8Array, init: ResponseInit, ends: "breaks" | "hangs"): Response {
   let sent = false;
   const body = new ReadableStream<Uint8Array>({
@@ -112,14 +113,14 @@ export function begun(bytes: Uint8Array, init: ResponseInit, ends: "breaks" | "h
   return new Response(body, init);
 }
 
-/** A file with one bit flipped. */
+/** Returns the file with one bit flipped. */
 export function flipped(file: Uint8Array, at: number): Uint8Array {
   const damaged = file.slice();
   damaged[at] ^= 16;
   return damaged;
 }
 
-/** Offsets of the packets of a file, behind their sizes. */
+/** Returns the offsets of the packets in a file, after their size fields. */
 export function packetOffsets(file: Uint8Array): number[] {
   const container = new ContainerReader(),
     packets = container.feed(file);
@@ -130,11 +131,11 @@ export function packetOffsets(file: Uint8Array): number[] {
   });
 }
 
-/** The same scene as another stream: its id differs, and with it every packet. */
+/** Returns the same scene as another stream: its id, and therefore every packet, differs. */
 export function otherStream(file: Uint8Array): Uint8Array {
   const container = new ContainerReader(),
     packets = container.feed(file),
-    size = viewOf(file).getUint32(5, true),
+    size = dataView(file).getUint32(5, true),
     fields = parseJson(new TextDecoder().decode(file.subarray(9, 9 + size))) as Fields;
   fields.set("stream_id", "0badcafe");
   fields.delete("digest");
@@ -142,11 +143,11 @@ export function otherStream(file: Uint8Array): Uint8Array {
   const sorted = new Map([...fields].sort(([a], [b]) => (a < b ? -1 : 1))),
     parts = [fileHead(new TextEncoder().encode(writeJson(sorted)), container.head!.sideInfo)];
   for (const packet of packets) {
-    const numbers = viewOf(packet);
+    const numbers = dataView(packet);
     numbers.setUint32(1, 0x0badcafe, true);
     numbers.setUint32(12, crc32(packet.subarray(16), crc32(packet.subarray(0, 12))), true);
     const prefix = new Uint8Array(4);
-    viewOf(prefix).setUint32(0, packet.length, true);
+    dataView(prefix).setUint32(0, packet.length, true);
     parts.push(prefix, packet);
   }
   return new Uint8Array(Buffer.concat(parts));
@@ -155,7 +156,7 @@ export function otherStream(file: Uint8Array): Uint8Array {
 /** Cache Storage in memory. */
 export class Caches {
   readonly entries = new Map<string, Uint8Array<ArrayBuffer>>();
-  /** Number of entries beyond which the browser has no room. */
+  /** Number of entries above which the browser has no more space. */
   room = Infinity;
 
   async open(): Promise<Cache> {
@@ -178,33 +179,33 @@ export class Caches {
   }
 
   /** Everything that is kept, entry by entry. */
-  get records(): { place: number; bytes: Uint8Array }[] {
+  get records(): Arrived[] {
     return [...this.entries.values()].flatMap((bytes) => recordsOf(bytes));
   }
 }
 
-/** How a visit of a page ended, and what its worker said. */
+/** Result of a visit, and the messages of its worker. */
 export interface Visit {
-  /** The words for how it ended, or the error's message. */
+  /** Description of how the visit ended, or an error message. */
   readonly text: string;
   readonly complete: boolean;
-  /** True if all decoded integers are those that were encoded. */
+  /** True if all decoded integers equal the encoded ones. */
   readonly verified: boolean;
   readonly said: readonly FromWorker[];
   readonly lost: readonly string[];
-  readonly reception: Reception;
+  readonly reception: WorkerReceiver;
 }
 
-/** Visits a page with a stream, as its worker does; waits between attempts end at once, and are noted in `waits`. */
+/** Visits a page with a stream, as its worker does. Waits between attempts end at once. */
 export async function visit(
   caches: Caches | null = null,
   source: Partial<Source> = {},
-  ways: Partial<Ways> = {},
+  ways: Partial<Transports> = {},
 ): Promise<Visit> {
   const said: FromWorker[] = [],
     world = globalThis as Record<string, unknown>;
   world["caches"] = caches ?? undefined;
-  const reception = new Reception();
+  const reception = new WorkerReceiver();
   let looks = 0;
   world["self"] = {
     postMessage: (message: FromWorker): void => {
@@ -214,9 +215,9 @@ export async function visit(
     },
   };
   const from = { session: null, name: "a", file: URL_, ...source },
-    all: Ways = {
+    all: Transports = {
       receiveDatagrams: () => assert.fail("a session was begun"),
-      askServer: async () => null,
+      lookUpSession: async () => null,
       wait: async () => undefined,
       openFile: (url) => new HttpFile(url, LIMITS),
       ...ways,

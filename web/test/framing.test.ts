@@ -4,13 +4,13 @@ import { test } from "node:test";
 import { Vec3 } from "playcanvas";
 
 import type { Splats } from "../src/codec/splats.ts";
-import { coreOf, frameScene } from "../src/render/framing.ts";
-import { Hands } from "../src/render/hands.ts";
-import { cameraOf, tangentOf } from "../src/render/lens.ts";
+import { Controls } from "../src/render/controls.ts";
+import { frameScene, sceneCore } from "../src/render/framing.ts";
+import { FreeSpace } from "../src/render/free_space.ts";
 import { Orbit } from "../src/render/orbit.ts";
 import { type Packed, pack } from "../src/render/packed.ts";
-import { depthAt, pointAt } from "../src/render/pick.ts";
-import { Space } from "../src/render/space.ts";
+import { pickDepth, pickPoint } from "../src/render/pick.ts";
+import { cameraFromPose, halfHeight } from "../src/render/projection.ts";
 import { random } from "./vectors.ts";
 
 const WINDOWS = [
@@ -19,7 +19,7 @@ const WINDOWS = [
   [600, 100],
 ] as const;
 
-/** Round opaque Gaussians at points. */
+/** Round opaque Gaussians at the given points. */
 function scene(points: readonly (readonly number[])[], size: number): Packed {
   const count = points.length;
   const splats: Splats = {
@@ -38,7 +38,7 @@ function scene(points: readonly (readonly number[])[], size: number): Packed {
 const draw = random(7),
   normal = (): number => Math.sqrt(-2 * Math.log(1 - draw())) * Math.cos(2 * Math.PI * draw());
 
-/** Points on a sphere. */
+/** Random points on a sphere. */
 function sphere(count: number, radius: number, stretch: readonly number[] = [1, 1, 1]): number[][] {
   return Array.from({ length: count }, () => {
     const point = [normal(), normal(), normal()],
@@ -47,7 +47,7 @@ function sphere(count: number, radius: number, stretch: readonly number[] = [1, 
   });
 }
 
-/** Points on the walls of a box, two of them farther away. */
+/** Random points on the walls of a box. */
 function walls(count: number, half: number): number[][] {
   return Array.from({ length: count }, (_, n) => {
     const point = [0, 1, 2].map(() => half * (2 * draw() - 1));
@@ -64,7 +64,7 @@ interface Handled {
   act(kind: string, event: object): void;
 }
 
-/** A camera in somebody's hands, in a window of 800 x 600. */
+/** Camera with controls in a window of 800 x 600 pixels. */
 function hands(parts: readonly Packed[]): Handled {
   const events = new Map<string, (event: unknown) => void>(),
     canvas = {
@@ -72,38 +72,38 @@ function hands(parts: readonly Packed[]): Handled {
       addEventListener: (kind: string, take: (event: unknown) => void) => events.set(kind, take),
       setPointerCapture: () => undefined,
     },
-    space = new Space(coreOf(parts), parts);
+    space = new FreeSpace(sceneCore(parts), parts);
   const orbit: Orbit = new Orbit(
     () => undefined,
     () => space,
     (at) => {
       const { x, y } = at ?? { x: WIDTH / 2, y: HEIGHT / 2 },
-        point = pointAt(parts, cameraOf(orbit.pose(), 1, WIDTH, HEIGHT), x, y);
+        point = pickPoint(parts, cameraFromPose(orbit.pose(), 1, WIDTH, HEIGHT), x, y);
       return point && new Vec3(...point);
     },
   );
-  new Hands(canvas as unknown as HTMLElement, orbit);
-  return { orbit, act: (kind, event) => events.get(kind)!({ preventDefault: () => undefined, ...event }) };
+  new Controls(canvas as unknown as HTMLElement, orbit);
+  return { orbit, act: (kind, event) => events.get(kind)!({ target: {}, preventDefault: () => undefined, ...event }) };
 }
 
 function framed(orbit: Orbit, parts: readonly Packed[], width: number, height: number): void {
-  const core = coreOf(parts),
-    down = tangentOf(width, height);
-  frameScene(orbit, core, new Space(core, parts), (down * width) / height, down);
+  const core = sceneCore(parts),
+    down = halfHeight(width, height);
+  frameScene(orbit, core, new FreeSpace(core, parts), (down * width) / height, down);
 }
 
-test("a scene fits a window whatever its aspect, and fills it one way", () => {
+test("a scene fits windows of any aspect ratio and fills one dimension", () => {
   for (const stretch of [
     [1, 3, 1],
     [3, 1, 1],
     [1, 1, 1],
   ]) {
-    const far = [40, 40, 40], // one that is no part of the scene
+    const far = [40, 40, 40], // outlier
       parts = [scene([...sphere(3000, 1, stretch), far], 0.05)];
     for (const [width, height] of WINDOWS) {
       const { orbit } = hands(parts);
       framed(orbit, parts, width, height);
-      const { viewmat, focal } = cameraOf(orbit.pose(), 1, width, height),
+      const { viewmat, focal } = cameraFromPose(orbit.pose(), 1, width, height),
         [x, y, z] = viewmat,
         most = [0, 0];
       for (let i = 0; i < 4 * 3000; i += 4) {
@@ -119,7 +119,7 @@ test("a scene fits a window whatever its aspect, and fills it one way", () => {
   }
 });
 
-test("what moves fits wherever it goes", () => {
+test("a moving scene fits in all its frames", () => {
   const parts = [scene([...sphere(1500, 1), ...sphere(1000, 0.7), ...sphere(500, 0.4)], 0.05)],
     everywhere = scene(
       sphere(3000, 4).map(([x, y, z]) => [x + 2, y, z]),
@@ -127,11 +127,11 @@ test("what moves fits wherever it goes", () => {
     );
   for (const [width, height] of WINDOWS) {
     const { orbit } = hands(parts),
-      core = coreOf(parts),
-      down = tangentOf(width, height),
+      core = sceneCore(parts),
+      down = halfHeight(width, height),
       across = (down * width) / height;
-    frameScene(orbit, core, new Space(core, parts), across, down, { middle: [2, 0, 0], radius: 4 });
-    const { viewmat, focal } = cameraOf(orbit.pose(), 1, width, height),
+    frameScene(orbit, core, new FreeSpace(core, parts), across, down, { middle: [2, 0, 0], radius: 4 });
+    const { viewmat, focal } = cameraFromPose(orbit.pose(), 1, width, height),
       [x, y, z] = viewmat;
     let most = 0;
     for (let i = 0; i < 4 * 3000; i += 4) {
@@ -148,19 +148,19 @@ test("what moves fits wherever it goes", () => {
   }
 });
 
-test("a room is looked at from inside", () => {
+test("a room is viewed from inside", () => {
   const parts = [scene([...sphere(8000, 0.4), ...walls(12000, 1.5)], 0.08)],
-    space = new Space(coreOf(parts), parts);
+    space = new FreeSpace(sceneCore(parts), parts);
   for (const [width, height] of WINDOWS) {
     const { orbit } = hands(parts);
     framed(orbit, parts, width, height);
     const { x, y, z } = orbit.pose().position;
     assert.ok(Math.max(Math.abs(x), Math.abs(y), Math.abs(z)) < 1.5, `${[x, y, z]}`);
-    assert.ok(space.free([x, y, z]));
+    assert.ok(space.isFree([x, y, z]));
   }
 });
 
-test("a camera stops before things, goes not far away, and finds its way home", () => {
+test("the camera stops at obstacles, stays within its limits and returns home", () => {
   const parts = [scene(sphere(8000, 1), 0.05)],
     { orbit, act } = hands(parts);
   framed(orbit, parts, 800, 600);
@@ -178,36 +178,36 @@ test("a camera stops before things, goes not far away, and finds its way home", 
     act("wheel", { deltaY: -50, offsetX: 400, offsetY: 300 });
     assert.ok(eye() > 0.95, `${eye()} from the middle`);
   }
-  orbit.home();
+  orbit.reset();
   assert.equal(JSON.stringify([orbit.pose(), orbit.distance]), began);
 });
 
-test("what is pointed at is as far away as it looks", () => {
+test("picking returns the depth of the visible surface", () => {
   const parts = [scene(sphere(8000, 1), 0.05)],
     { orbit } = hands(parts),
     [width, height] = [800, 600];
   orbit.begin([0, 0, 0], 4);
-  const camera = cameraOf(orbit.pose(), 1, width, height),
-    depth = depthAt(parts, camera, width / 2, height / 2)!;
+  const camera = cameraFromPose(orbit.pose(), 1, width, height),
+    depth = pickDepth(parts, camera, width / 2, height / 2)!;
   assert.ok(Math.abs(depth - 3) < 0.15, `${depth}`);
-  assert.equal(depthAt(parts, camera, 5, 5), null);
+  assert.equal(pickDepth(parts, camera, 5, 5), null);
   orbit.focus({ x: width / 2, y: height / 2 });
   assert.ok(Math.abs(orbit.target.length() - 1) < 0.15, `${orbit.target}`);
   assert.ok(orbit.distance < depth && orbit.distance > 1);
 });
 
-/** Share of a window's picture in which something is. */
+/** Returns the share of the window in which the scene is drawn. */
 function drawn(orbit: Orbit, parts: readonly Packed[]): number {
-  const camera = cameraOf(orbit.pose(), 1, WIDTH, HEIGHT),
+  const camera = cameraFromPose(orbit.pose(), 1, WIDTH, HEIGHT),
     [across, down] = [16, 12],
     places = Array.from({ length: across * down }, (_, n) => [n % across, Math.floor(n / across)]);
   const found = places.filter(
-    ([i, j]) => depthAt(parts, camera, ((i + 0.5) * WIDTH) / across, ((j + 0.5) * HEIGHT) / down) !== null,
+    ([i, j]) => pickDepth(parts, camera, ((i + 0.5) * WIDTH) / across, ((j + 0.5) * HEIGHT) / down) !== null,
   );
   return found.length / places.length;
 }
 
-/** A body and a thin slanted neck, beside which the middle of both lies. */
+/** A body and a thin slanted neck. The centre of the scene is outside both. */
 function guitar(): Packed {
   const neck = Array.from({ length: 1000 }, () => {
     const along = draw();
@@ -216,7 +216,7 @@ function guitar(): Packed {
   return scene([...sphere(2500, 0.5), ...neck], 0.02);
 }
 
-test("coming nearer ends at things, wherever somebody points", () => {
+test("zooming in ends at the scene, for any pointer position", () => {
   const parts = [guitar()];
   for (const [offsetX, offsetY] of [
     [400, 300],
@@ -233,23 +233,23 @@ test("coming nearer ends at things, wherever somebody points", () => {
     }
     assert.ok(orbit.distance < began / 2.5, `${orbit.distance} of ${began}`);
     for (let n = 0; n < 12; n++) {
-      orbit.turn(0.5, 0.2);
+      orbit.rotate(0.5, 0.2);
       if (n % 3 === 2)
         assert.ok(drawn(orbit, parts) > 0.01, `${drawn(orbit, parts)} after ${n} turns at ${offsetX}, ${offsetY}`);
     }
   }
 });
 
-test("what is pointed at stays in the picture and comes to its middle", () => {
+test("zooming in moves the point under the pointer towards the centre", () => {
   const parts = [scene(sphere(8000, 1), 0.05)],
     { orbit, act } = hands(parts);
   framed(orbit, parts, WIDTH, HEIGHT);
   const [px, py] = [480, 220],
-    point = pointAt(parts, cameraOf(orbit.pose(), 1, WIDTH, HEIGHT), px, py)!;
+    point = pickPoint(parts, cameraFromPose(orbit.pose(), 1, WIDTH, HEIGHT), px, py)!;
   let before = Math.hypot(px - WIDTH / 2, py - HEIGHT / 2);
   for (let n = 0; n < 30; n++) {
     act("wheel", { deltaY: -120, offsetX: px, offsetY: py });
-    const { viewmat, focal } = cameraOf(orbit.pose(), 1, WIDTH, HEIGHT),
+    const { viewmat, focal } = cameraFromPose(orbit.pose(), 1, WIDTH, HEIGHT),
       [x, y, z] = viewmat.map((row) => row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3]),
       away = (focal * Math.hypot(x, y)) / z;
     assert.ok(away <= before + 0.5, `${away} pixels from the middle after ${before}`);
@@ -258,7 +258,7 @@ test("what is pointed at stays in the picture and comes to its middle", () => {
   assert.ok(before < 0.6 * Math.hypot(px - WIDTH / 2, py - HEIGHT / 2), `${before} pixels from the middle`);
 });
 
-test("a move across stops before nothing is in sight", () => {
+test("panning stops before the scene leaves the view", () => {
   const parts = [guitar()],
     { orbit, act } = hands(parts);
   framed(orbit, parts, WIDTH, HEIGHT);

@@ -1,14 +1,14 @@
-// Hostile bytes against the decoder, all with right checksums; run by hostile.test.ts and, at length, by fuzz.
+// Hostile bytes with correct checksums, for hostile.test.ts and the fuzz run.
 
 import assert from "node:assert/strict";
 
 import { BitstreamError } from "../src/bytes.ts";
-import { Expected } from "../src/codec/causal/expected.ts";
+import { AnchorPrediction } from "../src/codec/causal/expected.ts";
 import { PacketDecoder } from "../src/codec/causal/packet.ts";
+import { readRedundantAnchors } from "../src/codec/causal/redundant_copies.ts";
 import { readSideInfo as readAnchors } from "../src/codec/causal/side_info.ts";
-import { readSketch } from "../src/codec/causal/sketch.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
-import { readCopies } from "../src/codec/gaussians/copies.ts";
+import { readRedundantGaussians } from "../src/codec/gaussians/redundant_copies.ts";
 import { readSideInfo as readGaussians } from "../src/codec/gaussians/side_info.ts";
 import { readPreview } from "../src/codec/preview.ts";
 import { ContainerReader, type Head } from "../src/packets/container.ts";
@@ -16,7 +16,7 @@ import { crc32 } from "../src/packets/crc32.ts";
 import { Intake, Plan } from "../src/packets/plan.ts";
 import { random } from "./vectors.ts";
 
-/** Sees most of what lies around the origin. */
+/** Camera that sees most of the space around the origin. */
 export const CAMERA = {
   viewmat: [
     [1, 0, 0, 0],
@@ -33,7 +33,7 @@ type Random = () => number;
 
 const below = (next: Random, count: number): number => Math.floor(next() * count);
 
-/** Some bytes of a copy are changed, and it is cut or made longer now and then. */
+/** Returns a copy with some bytes changed, sometimes truncated or extended. */
 function spoiled(bytes: Uint8Array, next: Random, from = 0): Uint8Array {
   const length =
     next() < 0.15
@@ -48,7 +48,7 @@ function spoiled(bytes: Uint8Array, next: Random, from = 0): Uint8Array {
   return copy;
 }
 
-/** A packet whose payload, and sometimes header, is something else; its checksum is right. */
+/** Returns a packet with a changed payload, sometimes a changed header, and a correct checksum. */
 function hostilePacket(bytes: Uint8Array, next: Random): Uint8Array {
   const packet = next() < 0.1 ? Uint8Array.from(bytes) : spoiled(bytes, next, 16),
     view = new DataView(packet.buffer);
@@ -79,7 +79,8 @@ function decodePacket(decoder: StreamDecoder, bytes: Uint8Array): number {
 }
 
 /**
- * Copies of hostile sections are Gaussians and anchors all the same, or a BitstreamError is thrown. How many were read.
+ * Reads hostile sections of redundant copies. Each gives finite numbers or throws BitstreamError. Returns the number of
+ * readable ones.
  */
 export async function attackCopies(head: Head, cases: number, seed: number): Promise<number> {
   const next = random(seed),
@@ -99,28 +100,38 @@ export async function attackCopies(head: Head, cases: number, seed: number): Pro
   return found;
 }
 
-/** What gives the numbers of the copies of a section. */
+/** Returns a function that decodes a section of redundant copies to arrays. */
 async function readerOf({ manifest, sideInfo }: Head): Promise<(section: Uint8Array) => Float32Array[]> {
   const { count } = manifest;
   if (manifest.codec === "gaussians") {
     const info = readGaussians(sideInfo, new Plan(manifest).numBlocks);
     return (section) => {
-      const { means, scales, quats, opacities, colours, harmonics } = readCopies(section, info, count).splats;
+      const { means, scales, quats, opacities, colours, harmonics } = readRedundantGaussians(
+        section,
+        info,
+        count,
+      ).splats;
       return [means, scales, quats, opacities, colours, harmonics];
     };
   }
   const info = readAnchors(sideInfo, count),
-    expected = new Expected(new PacketDecoder(info), count, null),
+    expected = new AnchorPrediction(new PacketDecoder(info), count, null),
     { features, offsets } = info;
   const lengths = (await expected.lengths(() => Promise.resolve(true)))!,
     positions = (ranks: Int32Array): Float32Array => expected.positions(ranks);
   return (section) => {
-    const { anchors, features: found } = readSketch(section, { count, features, offsets, lengths, positions });
+    const { anchors, features: found } = readRedundantAnchors(section, {
+      count,
+      features,
+      offsets,
+      lengths,
+      positions,
+    });
     return [anchors.positions, anchors.scales, anchors.sizes, anchors.offsets, found];
   };
 }
 
-/** Runs that many cases; what may be thrown is a BitstreamError. How many packets decoded to something. */
+/** Decodes hostile packets. Only BitstreamError may be thrown. Returns the number of packets that decoded. */
 export function attack(head: Head, packets: Uint8Array[], cases: number, seed: number): number {
   const next = random(seed),
     decoder = new StreamDecoder(head),

@@ -1,16 +1,14 @@
-// Faults of file servers, of what lies between them and a page, and of what a browser has kept: a visitor gets the
-// whole scene, or an honest end.
+// Faults of file servers, proxies and browser caches. The visitor gets the whole scene, or a correct error.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { ContainerReader } from "../src/packets/container.ts";
-import type { Listener } from "../src/transport/events.ts";
-import { Held } from "../src/transport/held.ts";
+import { FILE, type Listener } from "../src/transport/events.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
-import { partOf } from "../src/transport/kept.ts";
-import { isIntact } from "../src/transport/packet_reader.ts";
-import { receiveFile } from "../src/transport/reliable.ts";
+import { receiveFile } from "../src/transport/http_source.ts";
+import { HEAD, partOf } from "../src/transport/packet_cache.ts";
+import { isIntact, PacketStore } from "../src/transport/packet_store.ts";
 import {
   type Answering,
   begun,
@@ -42,19 +40,19 @@ function assertWhole({ text, complete, verified, reception }: Visit, file: Uint8
   assert.equal(reception.held.isSame(file), true, "another stream");
 }
 
-/** Nothing is kept that is damaged or of another stream. */
+/** Checks that no cached packet is damaged or of another stream. */
 function assertIntact(caches: Caches, file: Uint8Array): void {
   const container = new ContainerReader();
   container.feed(file);
-  for (const { place, bytes } of caches.records)
-    assert.ok(place === 0xffffffff || isIntact(bytes, container.head!), `packet ${place} is damaged`);
+  for (const { source, position, bytes } of caches.records)
+    assert.ok(source === HEAD || isIntact(bytes, container.head!), `packet ${position} of ${source} is damaged`);
 }
 
 for (const [kind, file] of KINDS) {
   const other = otherStream(file),
     offsets = packetOffsets(file);
 
-  test(`${kind}: the first request is for a part, no request passes caches by, and little comes twice`, async () => {
+  test(`${kind}: the first request is a range, caches are used, and little is transferred twice`, async () => {
     const server = new Server((asked) => part(file, asked));
     assertWhole(await visit(), file);
     assert.deepEqual(server.asked[0].range, [0, LIMITS.firstBytes]);
@@ -62,7 +60,7 @@ for (const [kind, file] of KINDS) {
     assert.ok(server.bytes(file.length) <= 1.3 * file.length, `${server.bytes(file.length)} of ${file.length} bytes`);
   });
 
-  test(`${kind}: a server that ignores ranges gives all of it, every time`, async () => {
+  test(`${kind}: a server without ranges delivers the whole file on every visit`, async () => {
     for (const size of [100, 700, 5000, file.length]) {
       const caches = new Caches();
       const server = new Server(() => whole(file, {}, size));
@@ -71,7 +69,7 @@ for (const [kind, file] of KINDS) {
     }
   });
 
-  test(`${kind}: a visitor who comes back requests the manifest and nothing else`, async () => {
+  test(`${kind}: a repeated visit requests only the manifest`, async () => {
     const caches = new Caches(),
       server = new Server((asked) => part(file, asked));
     assertWhole(await visit(caches), file);
@@ -83,7 +81,7 @@ for (const [kind, file] of KINDS) {
     );
   });
 
-  test(`${kind}: a file that is replaced between visits is received from its beginning`, async () => {
+  test(`${kind}: a file replaced between visits is received from the beginning`, async () => {
     for (const answering of [(asked) => part(other, asked), () => whole(other)] satisfies Answering[]) {
       const caches = new Caches(),
         server = new Server((asked) => part(file, asked));
@@ -97,26 +95,26 @@ for (const [kind, file] of KINDS) {
     }
   });
 
-  test(`${kind}: a file that is replaced between two requests is received from its beginning, once`, async () => {
+  test(`${kind}: a file replaced between two requests is restarted once`, async () => {
     for (let last = 1; last < 4; last++) {
       const caches = new Caches(),
         server = new Server((asked, n) => part(n < last ? file : other, asked));
       const ended = await visit(caches);
-      if (ended.reception.held.isSame(file)) continue; // complete before the file changed
+      if (ended.reception.held.isSame(file)) continue; // the first file was complete before the change
       assertWhole(ended, other);
       assert.ok(server.bytes(file.length) < 3.5 * file.length, "more than one new beginning");
       assertIntact(caches, other);
     }
   });
 
-  test(`${kind}: a file that is replaced all the time ends with a reason`, async () => {
+  test(`${kind}: a file replaced all the time ends with an error`, async () => {
     const server = new Server((asked, n) => part(n % 2 ? file : other, asked)),
       { text } = await visit();
     assert.ok(text === "complete" || /replaced|damaged|no splatwire/.test(text), text);
     assert.ok(server.asked.length < 60, `${server.asked.length} requests`);
   });
 
-  test(`${kind}: a bit that flips on the way is requested again, wherever it is`, async () => {
+  test(`${kind}: a bit error on the path is repaired by another request, at any offset`, async () => {
     for (const at of [2, 6, 300, 700, offsets[0] - 3, offsets[0] + 1, offsets[2] + 30, offsets.at(-1)! + 20]) {
       const caches = new Caches();
       let done = false;
@@ -132,7 +130,7 @@ for (const [kind, file] of KINDS) {
     }
   });
 
-  test(`${kind}: a bit that is flipped on the server costs its packet and nothing else`, async () => {
+  test(`${kind}: a bit error in the server's file costs only its packet`, async () => {
     const caches = new Caches(),
       server = new Server((asked) => part(flipped(file, offsets[3] + 40), asked)),
       { text, complete, reception } = await visit(caches);
@@ -141,11 +139,11 @@ for (const [kind, file] of KINDS) {
     assert.equal(reception.held.count, offsets.length - 1);
     assert.ok(server.asked.length < 30);
     assertIntact(caches, file);
-    server.answering = (asked) => part(file, asked); // it is repaired
+    server.answering = (asked) => part(file, asked); // the file is repaired
     assertWhole(await visit(caches), file);
   });
 
-  test(`${kind}: an answer that never comes, or stops, is given up and requested again`, async () => {
+  test(`${kind}: an answer that never arrives or stalls is requested again`, async () => {
     const hangs: Answering[] = [
       () => new Promise(() => undefined),
       (asked) =>
@@ -168,8 +166,8 @@ for (const [kind, file] of KINDS) {
   });
 
   const faults: [string, Answering][] = [
-    ["are of other bytes, which they say", (asked) => shifted(file, asked, true)],
-    ["are of other bytes, which they hide", (asked) => shifted(file, asked, false)],
+    ["have other bytes, with a matching header", (asked) => shifted(file, asked, true)],
+    ["have other bytes, without a header", (asked) => shifted(file, asked, false)],
     [
       "have the whole file",
       ({ range }) =>
@@ -181,7 +179,7 @@ for (const [kind, file] of KINDS) {
           : whole(file),
     ],
     [
-      "have the whole file, which they hide",
+      "have the whole file, without a header",
       ({ range }) => (range ? new Response(file.slice(), { status: 206 }) : whole(file)),
     ],
     ["are of a compressed object", (asked) => part(file, asked, asked.range ? { "Content-Encoding": "gzip" } : {})],
@@ -203,7 +201,7 @@ for (const [kind, file] of KINDS) {
     ["are of the whole file after the first", (asked) => (asked.range?.[0] ? whole(file) : part(file, asked))],
   ];
   for (const [name, answering] of faults)
-    test(`${kind}: where answers to requests for a part ${name}, the whole file is read`, async () => {
+    test(`${kind}: the whole file is read if range responses ${name}`, async () => {
       const caches = new Caches(),
         server = new Server(answering);
       assertWhole(await visit(caches), file);
@@ -212,7 +210,7 @@ for (const [kind, file] of KINDS) {
       assertWhole(await visit(caches), file);
     });
 
-  test(`${kind}: a server that gives less than was requested is requested again for the rest`, async () => {
+  test(`${kind}: the rest of a short range response is requested`, async () => {
     for (const most of [1500, 3000]) {
       const server = new Server((asked) =>
         part(file, {
@@ -226,7 +224,7 @@ for (const [kind, file] of KINDS) {
     }
   });
 
-  test(`${kind}: a busy server is requested again when it says`, async () => {
+  test(`${kind}: Retry-After of a busy server is respected`, async () => {
     const waits: number[] = [];
     new Server((asked, n) =>
       n < 2 ? new Response(null, { status: 429, headers: { "Retry-After": "7" } }) : part(file, asked),
@@ -236,7 +234,17 @@ for (const [kind, file] of KINDS) {
     assert.deepEqual(waits, [7000, 7000]);
   });
 
-  test(`${kind}: a browser that keeps nothing, has no room, or kept something odd shows the whole scene`, async () => {
+  test(`${kind}: a date of Retry-After is respected`, async () => {
+    const waits: number[] = [],
+      date = new Date(Date.now() + 3_600_000).toUTCString();
+    new Server((asked, n) =>
+      n < 1 ? new Response(null, { status: 503, headers: { "Retry-After": date } }) : part(file, asked),
+    );
+    assertWhole(await visit(null, {}, { wait: async (ms) => void waits.push(ms) }), file);
+    assert.deepEqual(waits, [60_000]); // the limit
+  });
+
+  test(`${kind}: a failing, full or corrupt browser cache does not prevent a complete scene`, async () => {
     const server = new Server((asked) => part(file, asked));
     for (const room of [0, 1]) {
       const caches = new Caches();
@@ -257,20 +265,20 @@ for (const [kind, file] of KINDS) {
     const caches = new Caches();
     assertWhole(await visit(caches), file);
     const [key, bytes] = [...caches.entries][0],
-      head = caches.records.find(({ place }) => place === 0xffffffff)!.bytes;
+      head = caches.records.find(({ source }) => source === HEAD)!.bytes;
     const odd: Uint8Array[] = [
-      new Uint8Array(), // nothing of it was written
+      new Uint8Array(), // an empty entry
       bytes.subarray(0, Math.floor(bytes.length * 0.6)),
       flipped(bytes, 30),
       flipped(bytes, bytes.length - 9),
-      partOf([{ place: 0xffffffff, bytes: head }]),
-      partOf([{ place: 0xffffffff, bytes: head.subarray(0, 300) }]),
+      partOf([{ source: HEAD, position: 0, bytes: head }]),
+      partOf([{ source: HEAD, position: 0, bytes: head.subarray(0, 300) }]),
       partOf([
-        { place: 0xffffffff, bytes: head },
-        { place: 0xfffffff0, bytes: new Uint8Array(40) },
+        { source: HEAD, position: 0, bytes: head },
+        { source: FILE, position: 2 ** 40, bytes: new Uint8Array(40) },
       ]),
-      partOf([{ place: 2, bytes: new Uint8Array(40) }]),
-      partOf([{ place: 0xffffffff, bytes: otherStream(file).slice(0, 1200) }]),
+      partOf([{ source: FILE, position: 2, bytes: new Uint8Array(40) }]),
+      partOf([{ source: HEAD, position: 0, bytes: otherStream(file).slice(0, 1200) }]),
     ];
     for (const one of odd) {
       caches.entries.clear();
@@ -281,7 +289,7 @@ for (const [kind, file] of KINDS) {
     assert.ok(server.asked.length > 0);
   });
 
-  test(`${kind}: tabs that keep a stream at once, or two versions of it, break no later visit`, async () => {
+  test(`${kind}: concurrent tabs with one or two versions of a stream leave a valid cache`, async () => {
     for (const later of [file, other]) {
       const caches = new Caches(),
         server = new Server((asked) => part(file, asked));
@@ -294,7 +302,7 @@ for (const [kind, file] of KINDS) {
     }
   });
 
-  test(`${kind}: what was kept is shown while the server cannot be reached, and compared when it can`, async () => {
+  test(`${kind}: the cached stream is shown while the server is unreachable and revalidated later`, async () => {
     const caches = new Caches(),
       server = new Server((asked) => part(file, asked));
     assertWhole(await visit(caches), file);
@@ -307,6 +315,68 @@ for (const [kind, file] of KINDS) {
   });
 }
 
+const hanging = (): Promise<Response> => new Promise(() => undefined);
+const failures: [string, (asked: Parameters<Answering>[0]) => Response | Promise<Response>, RegExp][] = [
+  ...[429, 500, 502, 503, 504].map((status): (typeof failures)[number] => [
+    `answer ${status}`,
+    () => new Response(null, { status }),
+    new RegExp(`answers ${status}`),
+  ]),
+  ["are never answered", hanging, /sent nothing/],
+  ["break", () => Promise.reject(new TypeError("network error")), /network error/],
+  [
+    "fall silent after some bytes",
+    ({ range }) => begun(LEVELS.slice(range![0], range![0] + 100), { status: 206 }, "hangs"),
+    /sent nothing/,
+  ],
+];
+for (const [name, fail, reason] of failures)
+  test(`where requests for parts ${name}, the whole file is requested after some attempts`, async () => {
+    for (const later of [0, 1]) {
+      const waits: number[] = [],
+        caches = new Caches(),
+        server = new Server((asked, n) =>
+          asked.range && (n || !later) ? fail(asked) : asked.range ? part(LEVELS, asked) : whole(LEVELS),
+        );
+      const ways = {
+        openFile: (url: string): HttpFile => new HttpFile(url, { ...LIMITS, idleMs: 20 }),
+        wait: async (ms: number): Promise<void> => void waits.push(ms),
+      };
+      const ended = await visit(caches, {}, ways);
+      assertWhole(ended, LEVELS);
+      assert.equal(server.asked.at(-1)!.range, null);
+      assert.ok(server.asked.length < 12, `${server.asked.length} requests`);
+      for (const one of ended.lost) assert.match(one, reason);
+      assert.ok(
+        waits.every((ms, n) => ms >= 500 && (n === 0 || ms >= waits[n - 1])),
+        waits.join(),
+      );
+    }
+  });
+
+for (const status of [401, 403, 404, 410])
+  test(`where requests for parts answer ${status}, the whole file is requested at once`, async () => {
+    const server = new Server((asked) => (asked.range ? new Response(null, { status }) : whole(LEVELS)));
+    assertWhole(await visit(), LEVELS);
+    assert.equal(server.asked.length, 2);
+  });
+
+test("where the whole file is refused for another reason than parts of it, both reasons are said", async () => {
+  new Server((asked) => new Response(null, { status: asked.range ? 503 : 403 }));
+  const { text, complete } = await visit();
+  assert.match(text, /answers 403.*for parts of it: .*answers 503/);
+  assert.equal(complete, false);
+});
+
+test("a server that fails for a while is requested for parts again after the whole file failed, too", async () => {
+  const server = new Server((asked, n) => (n < 6 ? new Response(null, { status: 503 }) : part(STILL, asked)));
+  assertWhole(await visit(), STILL);
+  assert.deepEqual(
+    server.asked.slice(0, 7).map(({ range }) => range !== null),
+    [true, true, true, false, true, true, true],
+  );
+});
+
 function shifted(file: Uint8Array, asked: Parameters<Answering>[0], honest: boolean): Response {
   if (!asked.range) return whole(file);
   const range = [asked.range[0] + 4, asked.range[1] + 4] as const,
@@ -315,14 +385,14 @@ function shifted(file: Uint8Array, asked: Parameters<Answering>[0], honest: bool
   return new Response(answer.body, { status: answer.status });
 }
 
-test("a page that is no stream is an error after a few requests", async () => {
+test("an HTML page instead of a stream is an error after a few requests", async () => {
   const server = new Server(() => whole(new TextEncoder().encode("<!doctype html><title>Welcome</title>".repeat(99)))),
     { text } = await visit();
   assert.match(text, /not a splatwire stream/);
   assert.ok(server.asked.length <= 4);
 });
 
-test("a page of somebody else's server leaves what was kept alone", async () => {
+test("a login page instead of the stream does not clear the cache", async () => {
   const caches = new Caches(),
     server = new Server((asked) => part(STILL, asked));
   assertWhole(await visit(caches), STILL);
@@ -334,7 +404,7 @@ test("a page of somebody else's server leaves what was kept alone", async () => 
   assert.equal(server.asked.length, before + 1);
 });
 
-test("a file that is cut on the server ends early with what is there", async () => {
+test("a file truncated on the server ends early with the available packets", async () => {
   const server = new Server((asked) => part(STILL.subarray(0, STILL.length - 500), asked)),
     { text, complete, reception } = await visit();
   assert.match(text, /not in the file/);
@@ -343,12 +413,12 @@ test("a file that is cut on the server ends early with what is there", async () 
   assert.ok(server.asked.length < 12);
 });
 
-test("a receiver that knows nothing of replaced files gets the new one, too", async () => {
+test("a listener without a `changed` method receives a replaced file", async () => {
   const server = new Server((asked, n) => part(n < 2 ? STILL : otherStream(STILL), asked)),
-    held = new Held();
+    held = new PacketStore();
   const listener: Listener = {
     preview: () => undefined,
-    head: (head, bytes) => void (held.begun || held.begin(bytes, head)),
+    head: (head, bytes) => void (held.hasHead || held.begin(bytes, head)),
     packets: (packets) => void held.add(packets),
     counts: () => undefined,
     stopped: () => false,
@@ -360,12 +430,12 @@ test("a receiver that knows nothing of replaced files gets the new one, too", as
   assert.equal(held.isSame(otherStream(STILL)), true);
 });
 
-test("nothing that arrives is left undecoded, whatever came before it", async () => {
+test("all arriving packets are decoded after a reset", async () => {
   new Server((asked) => part(STILL, asked));
   const { reception } = await visit();
   reception.changed();
   const container = new ContainerReader(),
-    packets = container.feed(STILL).map((bytes, place) => ({ place, bytes }));
+    packets = container.feed(STILL).map((bytes, position) => ({ source: "session", position, bytes }));
   reception.head(container.head!, container.headBytes, true);
   reception.packets([]);
   reception.packets(packets.slice(0, 2));

@@ -1,4 +1,4 @@
-// Code for other pages names files that are there.
+// Embed code for other pages refers to existing files.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -7,16 +7,22 @@ import { embedCode } from "../src/page/links.ts";
 
 const STREAM = new URL("https://host/a/scene.swz?x=1&y=2");
 
-test("embed code names the script that this page runs", () => {
+test("embed code refers to the script of this page", () => {
   const code = embedCode(STREAM, "https://cdn.example/v1/splatwire.js?cached#x")!;
   assert.match(code, /src="https:\/\/cdn\.example\/v1\/splatwire\.js"/);
   assert.match(code, /src="https:\/\/host\/a\/scene\.swz\?x=1&amp;y=2"/);
 });
 
-test("a part of somebody's bundle, a packed page and a blob have no code for other pages", () => {
+test("embed code repeats attributes and names no version of the stream", () => {
+  const tagged = new URL("https://host/streams/scene.swz?7f753abe6c627689"),
+    code = embedCode(tagged, "https://host/splatwire.js", { up: "y", viewpoint: '0 0 "1' })!;
+  assert.match(code, /src="https:\/\/host\/streams\/scene\.swz" up="y" viewpoint="0 0 &quot;1" style=/);
+});
+
+test("an application's bundle, a packed page and a blob have no embed code", () => {
   for (const own of [
     "https://host/assets/index-Bx3.js",
-    "file:///tmp/scene.html",
+    "file:///home/user/scene.html",
     "blob:https://host/7",
     "file:///a/splatwire.js",
   ])

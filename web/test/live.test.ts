@@ -1,4 +1,4 @@
-// The clock of a live clip: late by what its groups varied, never ahead of what is there.
+// Jitter buffer of live clips: the delay follows the variation of arrival times, and no frame is due before it arrived.
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
@@ -9,7 +9,7 @@ const RATE = 30,
   GROUP = 15,
   STEP_S = 0.004;
 
-/** Frames that are shown when groups come so many seconds after their last frame; each with its time. */
+/** Plays groups that arrive `delays` seconds after their last frame. Returns the time of each shown frame. */
 function played(delays: readonly number[]): { buffer: JitterBuffer; shown: Map<number, number> } {
   const buffer = new JitterBuffer(RATE),
     shown = new Map<number, number>(),
@@ -25,7 +25,7 @@ function played(delays: readonly number[]): { buffer: JitterBuffer; shown: Map<n
   return { buffer, shown };
 }
 
-test("groups that come alike are shown without a stop, every frame once", () => {
+test("with constant delays every frame is shown once without stalls", () => {
   const { buffer, shown } = played(Array.from({ length: 20 }, () => 0.05));
   assert.equal(shown.size, 20 * GROUP);
   const times = [...shown.values()],
@@ -34,16 +34,16 @@ test("groups that come alike are shown without a stop, every frame once", () => 
   assert.ok(buffer.seconds < 0.05);
 });
 
-test("after a few groups that come differently nothing is waited for", () => {
+test("playback does not stall once the buffer has adapted to varying delays", () => {
   const delays = Array.from({ length: 60 }, (_, n) => 0.05 + 0.15 * ((n * 7) % 5) * 0.25),
     { buffer, shown } = played(delays.slice(0, 12)),
-    begun = buffer.held;
+    begun = buffer.stalledFrames;
   assert.equal(shown.size, 12 * GROUP);
   const longer = played(delays).buffer;
-  assert.ok(longer.held - begun <= GROUP + 1); // what is due after the last group
+  assert.ok(longer.stalledFrames - begun <= GROUP + 1); // frames due after the last group
 });
 
-test("a pause of the path is waited for, and the clock catches up again", () => {
+test("after a stall the clock catches up", () => {
   const delays = Array.from({ length: 120 }, (_, n) => (n === 20 ? 0.4 : 0.05)),
     { buffer, shown } = played(delays);
   assert.equal(shown.size, 120 * GROUP);
@@ -51,20 +51,20 @@ test("a pause of the path is waited for, and the clock catches up again", () => 
   assert.ok(shown.get(21 * GROUP)! > (21 * GROUP) / RATE + 0.4);
 });
 
-test("nothing is held where nobody looked or nothing more will come", () => {
+test("no stalls are counted while the player is not polled or after the end", () => {
   const buffer = new JitterBuffer(RATE);
   buffer.add(0, GROUP, 0);
   assert.equal(buffer.due(0.1), 2);
-  buffer.add(GROUP, 10 * GROUP, 5); // five seconds nobody asked
+  buffer.add(GROUP, 10 * GROUP, 5); // the player was not polled for five seconds
   assert.equal(buffer.due(9.9), 10 * GROUP - 1);
-  assert.ok(buffer.held <= 5 * RATE);
-  const { held } = buffer;
-  buffer.over = true;
+  assert.ok(buffer.stalledFrames <= 5 * RATE);
+  const { stalledFrames } = buffer;
+  buffer.ended = true;
   assert.equal(buffer.due(60), 10 * GROUP - 1);
-  assert.equal(buffer.held, held);
+  assert.equal(buffer.stalledFrames, stalledFrames);
 });
 
-/** Groups of which those of an outage come at its end, one right after the other. */
+/** Delays of groups during an outage: all its groups arrive at its end. */
 function outage(groups: number, begins: number, lasts: number): number[] {
   return Array.from({ length: groups }, (_, n) => {
     const encoded = ((n + 1) * GROUP) / RATE;
@@ -73,7 +73,7 @@ function outage(groups: number, begins: number, lasts: number): number[] {
 }
 
 for (const lasts of [3, 7, 20, 60]) {
-  test(`the clock is live again within two seconds of the end of an outage of ${lasts} s`, () => {
+  test(`playback is live again within two seconds after an outage of ${lasts} s`, () => {
     const begins = 15,
       groups = Math.ceil(((begins + lasts + 10) * RATE) / GROUP),
       { shown } = played(outage(groups, begins, lasts));
@@ -86,7 +86,7 @@ for (const lasts of [3, 7, 20, 60]) {
   });
 }
 
-test("groups that are late now and then do not make the clock jump to and fro", () => {
+test("occasional late groups cause at most one stall", () => {
   const delays = Array.from({ length: 90 }, (_, n) => (n % 10 === 9 ? 1.5 : 0.05)),
     { shown } = played(delays);
   const times = [...shown.values()].slice(20 * GROUP),

@@ -15,14 +15,14 @@ const choose = (some: Partial<Choice>): Choice => ({
 const lost = (some: Partial<Choice>): boolean[] => shownPackets(PACKETS, choose(some)).map((shown) => !shown);
 const share = (lost: boolean[]): number => lost.filter(Boolean).length / lost.length;
 
-test("the share that is dropped is that which was chosen, with bursts and without", () => {
+test("the lost share equals the chosen one, with and without bursts", () => {
   for (const dropped of [0, 0.2, 0.5, 0.95]) {
     for (const burst of [1, 8])
       assert.ok(Math.abs(share(lost({ dropped, burst })) - dropped) < 0.05, `${dropped} ${burst}`);
   }
 });
 
-test("bursts are as long as was chosen", () => {
+test("the mean burst length equals the chosen one", () => {
   for (const burst of [1, 8]) {
     const found = lost({ burst }),
       bursts = found.filter((is, n) => is && !found[n - 1]).length,
@@ -31,7 +31,7 @@ test("bursts are as long as was chosen", () => {
   }
 });
 
-test("a larger share drops the same packets and more, another seed others, and what was not sent is not there", () => {
+test("a larger share is a superset, another seed differs, and unsent packets are lost", () => {
   const few = lost({ dropped: 0.1 }),
     many = lost({ dropped: 0.3 });
   assert.ok(few.every((is, n) => !is || many[n]));
@@ -41,7 +41,7 @@ test("a larger share drops the same packets and more, another seed others, and w
     half,
     PACKETS.map((_, n) => n >= PACKETS.length / 2),
   );
-  // the packets that come later change nothing of those before
+  // later packets do not change the losses of earlier ones
   assert.deepEqual(
     shownPackets(PACKETS.slice(0, 99), choose({ burst: 8 })),
     shownPackets(PACKETS, choose({ burst: 8 })).slice(0, 99),

@@ -4,17 +4,18 @@ import { test } from "node:test";
 import { FloatPacking } from "playcanvas";
 
 import { emptySplats } from "../src/codec/splats.ts";
-import { FLOATS, half, pack } from "../src/render/packed.ts";
+import { HALF_FLOAT_VALUES, pack, toHalfFloat } from "../src/render/packed.ts";
 import { random } from "./vectors.ts";
 
 const next = random(7);
 
-test("a half is the nearest one, and those of the engine are no others", () => {
-  for (let bits = 0; bits < 65536; bits++) if (!Number.isNaN(FLOATS[bits])) assert.equal(half(FLOATS[bits]), bits);
+test("floats are rounded to the nearest half float, at least as well as by PlayCanvas", () => {
+  for (let bits = 0; bits < 65536; bits++)
+    if (!Number.isNaN(HALF_FLOAT_VALUES[bits])) assert.equal(toHalfFloat(HALF_FLOAT_VALUES[bits]), bits);
   for (let n = 0; n < 20000; n++) {
     const value = Math.fround((next() - 0.5) * 2 ** (40 * next() - 28)),
-      found = FLOATS[half(value)],
-      theirs = FLOATS[FloatPacking.float2Half(value)];
+      found = HALF_FLOAT_VALUES[toHalfFloat(value)],
+      theirs = HALF_FLOAT_VALUES[FloatPacking.float2Half(value)];
     assert.ok(
       Math.abs(found - value) <= Math.abs(theirs - value) || !Number.isFinite(theirs),
       `${value}: ${found}, ${theirs}`,
@@ -22,7 +23,7 @@ test("a half is the nearest one, and those of the engine are no others", () => {
   }
 });
 
-test("Gaussians of several parts lie one after another, in units of the scene", () => {
+test("parts are packed one after another in units of the scene's size", () => {
   const parts = [3, 0, 2].map((count) => {
     const splats = emptySplats(count, 1);
     for (const array of [splats.means, splats.quats, splats.scales, splats.opacities, splats.colours, splats.harmonics])
@@ -38,11 +39,11 @@ test("Gaussians of several parts lie one after another, in units of the scene", 
   );
   const sign = last.quats[4] < 0 ? -1 : 1;
   assert.deepEqual(
-    [...packed.turns.subarray(16, 20)],
-    [...last.quats.subarray(4, 8)].map((value) => half(sign * value)),
+    [...packed.rotations.subarray(16, 20)],
+    [...last.quats.subarray(4, 8)].map((value) => toHalfFloat(sign * value)),
   );
   assert.equal(packed.opacities[4], last.opacities[1]);
   const harmonics = new Uint16Array(packed.harmonics[0].buffer).subarray(32, 40),
     more = new Uint16Array(packed.harmonics[1].buffer).subarray(32, 33);
-  assert.deepEqual([...harmonics, ...more], [...last.harmonics.subarray(9, 18)].map(half));
+  assert.deepEqual([...harmonics, ...more], [...last.harmonics.subarray(9, 18)].map(toHalfFloat));
 });

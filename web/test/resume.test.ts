@@ -3,46 +3,94 @@ import { createServer, type IncomingMessage, type ServerResponse } from "node:ht
 import type { AddressInfo } from "node:net";
 import { test } from "node:test";
 
-import type { Head } from "../src/packets/container.ts";
-import type { Arrived, Counts, Listener } from "../src/transport/events.ts";
-import { Held } from "../src/transport/held.ts";
+import { ContainerReader, type Head, HeadReader } from "../src/packets/container.ts";
+import { withBackoff } from "../src/transport/backoff.ts";
+import { type Arrived, type Counts, FILE, type Listener } from "../src/transport/events.ts";
+import { HttpError } from "../src/transport/http_error.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
-import { partOf, recordsOf } from "../src/transport/kept.ts";
-import { Refused } from "../src/transport/refused.ts";
-import { receiveFile } from "../src/transport/reliable.ts";
-import { retrying } from "../src/transport/retry.ts";
+import { receiveFile } from "../src/transport/http_source.ts";
+import { HEAD, partOf, recordsOf } from "../src/transport/packet_cache.ts";
+import { PacketStore, SIZE_BYTES } from "../src/transport/packet_store.ts";
+import { flipped, otherStream, packetOffsets } from "./fake_web.ts";
 import { fileOf, STREAMS } from "./vectors.ts";
 
-const packet = (place: number, size: number): Arrived => ({ place, bytes: new Uint8Array(size).fill(place) });
+const STREAM = fileOf("../tests/golden/tiny_causal.swz");
 
-const HEAD = { manifest: { numPackets: 5 }, sideInfo: new Uint8Array() } as unknown as Head;
+/** Packets of a file in an order, as a source with these positions brings them. */
+function arrived(file: Uint8Array, source: string, positions: (n: number, offset: number) => number): Arrived[] {
+  const offsets = packetOffsets(file);
+  return new ContainerReader()
+    .feed(file)
+    .map((bytes, n) => ({ source, position: positions(n, offsets[n] - SIZE_BYTES), bytes }));
+}
 
-test("gaps of a file are known as far as the sizes before them", () => {
-  const held = new Held();
-  assert.deepEqual(held.gaps, []);
-  held.begin(new Uint8Array(100), HEAD);
-  assert.deepEqual(held.gaps, [{ place: 0, offset: 100, end: null }]);
-  assert.equal(held.add([packet(1, 30), packet(2, 40)]).length, 2);
-  assert.deepEqual(held.gaps, [{ place: 0, offset: 100, end: null }]);
-  held.noteSize(0, 20); // it came damaged
+function begun(file: Uint8Array): PacketStore {
+  const held = new PacketStore(),
+    reader = new HeadReader();
+  reader.feed(file);
+  held.begin(reader.headBytes, reader.head!);
+  return held;
+}
+
+test("gaps of a file lie between the packets that were found in it", () => {
+  const held = begun(STREAM),
+    packets = arrived(STREAM, FILE, (_, offset) => offset),
+    [first, , third, fourth] = packets.map(({ position }) => position);
+  assert.deepEqual(new PacketStore().gaps, []);
+  assert.deepEqual(held.gaps, [{ offset: first, end: null, before: null }]);
+  assert.equal(held.add(packets.slice(1, 3)).length, 2);
   assert.deepEqual(held.gaps, [
-    { place: 0, offset: 100, end: 124 },
-    { place: 3, offset: 202, end: null },
+    { offset: first, end: packets[1].position, before: null },
+    { offset: fourth, end: null, before: third },
   ]);
-  assert.equal(held.add([packet(0, 20), packet(1, 30)]).length, 1);
-  assert.deepEqual(held.gaps, [{ place: 3, offset: 202, end: null }]);
-  held.add([packet(3, 1), packet(4, 1)]);
-  assert.deepEqual([held.gaps, held.complete], [[], true]);
+  assert.equal(held.add(packets.slice(0, 2)).length, 1);
+  assert.deepEqual(held.gaps, [{ offset: fourth, end: null, before: third }]);
+  held.add(packets);
+  assert.deepEqual([held.gaps, held.complete, held.isReordered], [[], true, false]);
+});
+
+test("packets are held once, whatever the order of their source", () => {
+  const held = begun(STREAM),
+    inFile = arrived(STREAM, FILE, (_, offset) => offset),
+    { length } = inFile;
+  const inSession = arrived(STREAM, "order", (n) => length - 1 - n);
+  held.add(inSession.slice(0, 3));
+  assert.deepEqual(held.bitsOf("other order"), null);
+  const bits = held.bitsOf("order")!;
+  const positions = Array.from({ length }, (_, n) => n).filter((n) => (bits[n >> 3] >> (n & 7)) & 1);
+  assert.deepEqual(positions, [length - 3, length - 2, length - 1]);
+  assert.equal(held.add(inFile).length, length - 3);
+  assert.deepEqual([held.count, held.complete], [length, true]);
+});
+
+test("an order that names a packet twice claims nothing", () => {
+  const held = begun(STREAM),
+    [packet] = arrived(STREAM, "order", (n) => n);
+  held.add([packet, { ...packet, position: 2 }]);
+  assert.equal(held.bitsOf("order"), null);
+});
+
+test("damaged packets and those of another stream are not held", () => {
+  const held = begun(STREAM),
+    [packet] = arrived(STREAM, FILE, (_, offset) => offset);
+  const damaged = { ...packet, bytes: flipped(packet.bytes, 20) },
+    [foreign] = arrived(otherStream(STREAM), FILE, (_, offset) => offset);
+  assert.deepEqual(held.add([damaged, foreign]), []);
+  assert.equal(held.count, 0);
 });
 
 test("what is kept is read again, as far as it is whole", () => {
-  const packets = [packet(7, 20), packet(3, 0), packet(0xffffffff, 5)],
+  const packets = [
+      { source: FILE, position: 7 * 2 ** 32, bytes: new Uint8Array(20).fill(7) },
+      { source: "0badcafe", position: 3, bytes: new Uint8Array() },
+      { source: HEAD, position: 0, bytes: new Uint8Array(5).fill(1) },
+    ],
     bytes = partOf(packets);
   assert.deepEqual(recordsOf(bytes), packets);
   assert.deepEqual(recordsOf(bytes.subarray(0, bytes.length - 1)), packets.slice(0, 2));
 });
 
-test("an attempt that fails is made again, later and later, until nothing could help", async () => {
+test("failed attempts are retried with exponential backoff until the error is final", async () => {
   const waits: number[] = [],
     reasons: string[] = [],
     results = ["a", "b", "c", "got some", "d", null];
@@ -54,28 +102,28 @@ test("an attempt that fails is made again, later and later, until nothing could 
     return "complete";
   };
   const how = {
-    helps: (error: unknown) => (error as Error).message !== "d",
+    isRetryable: (error: unknown) => (error as Error).message !== "d",
     progress: () => arrived,
     lost: (reason: string) => void reasons.push(reason),
     wait: async (ms: number) => void waits.push(ms),
   };
-  await assert.rejects(retrying(attempt, how), /d/);
+  await assert.rejects(withBackoff(attempt, how), /d/);
   assert.deepEqual(reasons, ["a", "b", "c", "got some"]);
   assert.deepEqual(waits, [500, 1000, 2000, 500]);
-  assert.equal(await retrying(attempt, how), "complete");
+  assert.equal(await withBackoff(attempt, how), "complete");
 });
 
 class Notes implements Listener {
   head_: Head | null = null;
   seen: Counts | null = null;
 
-  constructor(readonly held: Held) {}
+  constructor(readonly held: PacketStore) {}
 
   preview(): void {}
 
   head(head: Head, file: Uint8Array): void {
     this.head_ = head;
-    if (!this.held.begun) this.held.begin(file, head);
+    if (!this.held.hasHead) this.held.begin(file, head);
   }
 
   packets(packets: readonly Arrived[]): void {
@@ -93,7 +141,7 @@ class Notes implements Listener {
 
 type Answer = (request: IncomingMessage, response: ServerResponse) => void;
 
-/** A server whose answers follow one another; what it was asked for. */
+/** Runs `work` with a server that gives the answers in turn. Returns the requested ranges. */
 async function served(answers: Answer[], work: (url: string) => Promise<void>): Promise<(string | undefined)[]> {
   const ranges: (string | undefined)[] = [];
   const server = createServer((request, response) => {
@@ -128,24 +176,24 @@ for (const path of STREAMS.slice(0, 1)) {
     response.write(file.subarray(from, from + Math.floor(0.7 * (end - from))), () => response.destroy());
   };
 
-  test("a file that broke off is asked for from there on", async () => {
-    const held = new Held(),
+  test("an interrupted file is requested from the interruption on", async () => {
+    const held = new PacketStore(),
       notes = new Notes(held);
     const ranges = await served([cut, part], async (url) => {
       const visit = new HttpFile(url);
       await assert.rejects(receiveFile(visit, notes, held));
       assert.ok(held.count > 0 && held.count < notes.head_!.manifest.numPackets);
-      const { offset } = held.gaps[0];
+      const { before } = held.gaps[0];
       assert.equal(await receiveFile(visit, notes, held), "complete");
       assert.equal(held.count, notes.head_!.manifest.numPackets);
-      assert.equal(notes.seen!.bytes, file.length - offset);
+      assert.equal(notes.seen!.bytes, file.length - before!);
     });
     assert.match(ranges[0]!, /^bytes=0-\d+$/);
     assert.match(ranges[1]!, /^bytes=\d+-$/);
   });
 
-  test("where the rest does not come by itself, the whole file is read", async () => {
-    const held = new Held(),
+  test("the whole file is read if the range request fails", async () => {
+    const held = new PacketStore(),
       notes = new Notes(held);
     await served([cut, whole, whole], async (url) => {
       const visit = new HttpFile(url);
@@ -156,17 +204,17 @@ for (const path of STREAMS.slice(0, 1)) {
   });
 }
 
-test("a server's refusal is final where asking again cannot help", async () => {
+test("only HTTP errors that a retry cannot resolve are final", async () => {
   for (const [status, final] of [
     [404, true],
     [503, false],
     [429, false],
   ] as const) {
     const refuse: Answer = (_, response) => void response.writeHead(status).end();
-    await served([refuse], async (url) => {
-      const held = new Held();
+    await served([refuse, refuse], async (url) => {
+      const held = new PacketStore();
       await assert.rejects(receiveFile(new HttpFile(url), new Notes(held), held), (error: unknown) => {
-        assert.ok(error instanceof Refused);
+        assert.ok(error instanceof HttpError);
         assert.equal(error.final, final);
         return true;
       });

@@ -1,4 +1,4 @@
-// What is on the screen becomes what ought to be in steps, each of which shows the whole scene once.
+// Replacement of drawn tiles step by step; every step shows the whole scene once.
 
 import assert from "node:assert/strict";
 import test from "node:test";
@@ -11,7 +11,7 @@ const random = (): number => (state = (state * 48271) % 2147483647) / 2147483647
 const childrenOf = (tile: number, parents: Int32Array): number[] =>
   [...parents.keys()].filter((child) => parents[child] === tile);
 
-/** Tiles of which every finest one lies below exactly one, or is it. */
+/** Returns a random cut: tiles that cover every finest tile exactly once. */
 function cut(parents: Int32Array): Set<number> {
   const shown = new Set([...parents.keys()].filter((tile) => parents[tile] < 0));
   for (const tile of parents.keys()) {
@@ -23,7 +23,7 @@ function cut(parents: Int32Array): Set<number> {
   return shown;
 }
 
-/** The finest tiles below some, ascending. */
+/** Returns the finest tiles below the given ones, ascending. */
 function finest(tiles: Iterable<number>, parents: Int32Array): number[] {
   const below = (tile: number): number[] => {
     const children = childrenOf(tile, parents);
@@ -32,7 +32,7 @@ function finest(tiles: Iterable<number>, parents: Int32Array): number[] {
   return [...tiles].flatMap(below).sort((a, b) => a - b);
 }
 
-test("each swap leaves a whole scene", () => {
+test("each swap leaves a complete scene", () => {
   for (let round = 0; round < 300; round++) {
     const count = 1 + Math.floor(30 * random()),
       parents = Int32Array.from({ length: count }, (_, n) => Math.floor((n + 1) * random()) - 1),

@@ -1,14 +1,11 @@
-// How long the decoder takes; run by scripts/time.mjs.
+// Decoding times, for scripts/time.mjs.
 
 import { StreamDecoder } from "../src/codec/decoder.ts";
 import type { Part } from "../src/codec/part.ts";
 import { pack } from "../src/render/packed.ts";
 import { readStream } from "./vectors.ts";
 
-/**
- * Processor time, microseconds for each element: of a pass over a stream, side information included, and of asking, not
- * for the first time, for all that a camera sees.
- */
+/** Returns processor times in microseconds per element: decoding including the side information, and a later view. */
 export function passTimes(path: string): { decode: number; view: number } {
   const { head, packets } = readStream(path),
     { count } = head.manifest;
@@ -19,7 +16,7 @@ export function passTimes(path: string): { decode: number; view: number } {
     return (user + system) / count;
   };
   const decoder = new StreamDecoder(head),
-    parts = packets.map((bytes) => decoder.take(bytes)).filter((part): part is Part => part !== null);
+    parts = packets.map((bytes) => decoder.addPacket(bytes)).filter((part): part is Part => part !== null);
   const decode = took(),
     { middle, size } = decoder.schema,
     [x, y, z] = middle ?? [0, 0, 0];
@@ -41,14 +38,15 @@ export function passTimes(path: string): { decode: number; view: number } {
 }
 
 /**
- * Processor time of playing a clip for the first time, all of which is there; null of a scene. Milliseconds a frame,
- * from payloads to what is handed to the graphics card: the mean, and the slowest, which is the first of a group where
- * its motion was not made ready.
+ * Returns processor times in milliseconds per frame for the first playback of a complete clip; null for static scenes.
+ *
+ * A frame includes decoding and packing for the GPU. The slowest frame is the first of a group whose motion was not
+ * decoded in advance.
  */
 export function clipTimes(path: string): { ms: number; slowest: number } | null {
   const { head, packets } = readStream(path),
     decoder = new StreamDecoder(head);
-  for (const bytes of packets) decoder.take(bytes);
+  for (const bytes of packets) decoder.addPacket(bytes);
   const { degree, size, moving } = decoder.schema;
   if (!moving) return null;
   const times: number[] = [],

@@ -1,4 +1,4 @@
-// What tests share: streams of the repository, and random numbers that are always the same.
+// Shared test data: streams of the repository, and reproducible random numbers.
 
 import { readFileSync } from "node:fs";
 
@@ -13,10 +13,10 @@ export function readStream(path: string): { head: Head; packets: Uint8Array[] } 
 
 export const fileOf = (path: string): Uint8Array => new Uint8Array(readFileSync(path));
 
-/** Streams that are tested: those beside the tests, and what STREAMS names. */
+/** Tested streams, from the variable STREAMS. */
 export const STREAMS = [...(process.env["STREAMS"] ?? "").split(":").filter(Boolean)];
 
-/** Numbers below 1 (mulberry32). */
+/** Returns a generator of numbers in [0, 1) (mulberry32). */
 export function random(seed: number): () => number {
   return () => {
     seed = (seed + 0x6d2b79f5) | 0;

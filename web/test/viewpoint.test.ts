@@ -4,7 +4,7 @@ import { test } from "node:test";
 import { Vec3 } from "playcanvas";
 
 import { StreamDecoder, type Viewpoint } from "../src/codec/decoder.ts";
-import { Hands } from "../src/render/hands.ts";
+import { Controls } from "../src/render/controls.ts";
 import { Orbit } from "../src/render/orbit.ts";
 import { readStream, STREAMS } from "./vectors.ts";
 
@@ -19,7 +19,7 @@ function viewpointOf(bytes: Uint8Array | null): Viewpoint | null {
 
 const orbitOf = (): Orbit => new Orbit(() => undefined);
 
-test("a viewpoint is read as it was written, and believed only where it is possible", {
+test("a viewpoint is read exactly, and rejected if invalid", {
   skip: STREAMS.length === 0,
 }, () => {
   assert.equal(viewpointOf(null), null);
@@ -39,7 +39,7 @@ test("a viewpoint is read as it was written, and believed only where it is possi
   }
 });
 
-test("the origin of a geo-referenced scene is read in float64, and an impossible one is refused", {
+test("the origin of a georeferenced scene is read in float64, and rejected if invalid", {
   skip: STREAMS.length === 0,
 }, () => {
   const originOf = (numbers: number[] | null): [number, number, number] => {
@@ -59,7 +59,7 @@ test("the origin of a geo-referenced scene is read in float64, and an impossible
     assert.throws(() => originOf(numbers), /section|origin/);
 });
 
-test("a scene that was turned upside down stays so when its stream says where to begin", () => {
+test("a scene turned upside down stays so when the stream's viewpoint is set", () => {
   for (const first of ["turn", "place"]) {
     const orbit = orbitOf(),
       up = new Vec3(0, -1, 0);
@@ -77,15 +77,15 @@ test("a scene that was turned upside down stays so when its stream says where to
   }
 });
 
-test("what is dragged to the right goes to the right, whatever is up", () => {
-  for (const prepare of [() => undefined, (orbit: Orbit) => orbit.upIs("y"), (orbit: Orbit) => orbit.flip()]) {
+test("dragging to the right moves the scene to the right for any up axis", () => {
+  for (const prepare of [() => undefined, (orbit: Orbit) => orbit.setUp("y"), (orbit: Orbit) => orbit.flip()]) {
     const events = new Map<string, (event: unknown) => void>(),
       surface = {
         clientHeight: 600,
         addEventListener: (kind: string, take: (event: unknown) => void) => events.set(kind, take),
         setPointerCapture: () => undefined,
       },
-      { orbit } = new Hands(surface as unknown as HTMLElement, orbitOf());
+      { orbit } = new Controls(surface as unknown as HTMLElement, orbitOf());
     prepare(orbit);
     const { position, rotation } = orbit.pose(),
       near = position.clone().lerp(position, orbit.target, 0.9);
@@ -94,13 +94,13 @@ test("what is dragged to the right goes to the right, whatever is up", () => {
       return pose.rotation.transformVector(Vec3.RIGHT, new Vec3()).dot(new Vec3().sub2(point, pose.position));
     };
     assert.ok(Math.abs(aside(near)) < 1e-6, `${rotation}`);
-    events.get("pointerdown")!({ pointerId: 1, offsetX: 50, offsetY: 50 });
-    events.get("pointermove")!({ pointerId: 1, offsetX: 80, offsetY: 50, buttons: 1 });
+    events.get("pointerdown")!({ target: {}, pointerId: 1, offsetX: 50, offsetY: 50 });
+    events.get("pointermove")!({ target: {}, pointerId: 1, offsetX: 80, offsetY: 50, buttons: 1 });
     assert.ok(aside(near) > 1e-3);
   }
 });
 
-test("an orbit begins where it was placed, looks at the target and has up on its side", () => {
+test("an orbit starts at its position, looks at the target and respects the up vector", () => {
   const orbit = orbitOf();
   for (const up of [new Vec3(0, 1, 0), new Vec3(0, -1, 0), new Vec3(0.3, -0.9, 0.2).normalize(), new Vec3(1, 0, 0)]) {
     const eye = new Vec3(2, 0.5, -1),

@@ -1,22 +1,25 @@
-// <splat-wire> in the templates of React, Preact, Solid, Svelte and Vue. None of them has to be installed.
+// Types of <splat-wire> in templates of React, Preact, Solid, Svelte and Vue. None of them has to be installed.
 
 import type { SplatWireEvents } from "./page/events.js";
 import type { SplatWire } from "./page/element.js";
 
-/** Attributes of the element; `docs/browser.md` describes them. */
+/** Attributes of the element, described in `docs/browser.md`. */
 export interface SplatWireAttributes {
   src?: string | undefined;
   session?: string | undefined;
   fingerprint?: string | undefined;
   concealer?: string | undefined;
-  /** Nine numbers: eye, the point that it looks at, up. */
+  /** Nine numbers: eye, target, up. */
   viewpoint?: string | undefined;
   up?: "x" | "-x" | "y" | "-y" | "z" | "-z" | undefined;
   panel?: "none" | "open" | undefined;
   gestures?: "cooperative" | undefined;
+  /** Degrees per second; 12 for the empty string. */
+  autorotate?: string | boolean | undefined;
+  poster?: string | undefined;
 }
 
-/** Listeners as attributes, in frameworks that add one for each attribute that begins with `on`. */
+/** Event listeners as `on...` attributes, for frameworks that support them. */
 export type SplatWireListeners = {
   [Name in keyof SplatWireEvents as `on${Name}`]?: ((event: SplatWireEvents[Name]) => void) | undefined;
 };

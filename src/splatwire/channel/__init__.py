@@ -1,7 +1,8 @@
-"""The channel: maps a stream to a stream with fewer packets. numpy and the standard library only."""
+"""Channel simulation: removes lost packets from a stream. Uses numpy and the standard library only."""
 
-from splatwire.channel.loss_models import UNITS, Bernoulli, GilbertElliott, LossModel, Nothing
+from splatwire.channel.loss_models import UNITS, Bernoulli, GilbertElliott, LossModel, NoLoss
 from splatwire.channel.loss_text import LOSS_PRESETS, parse_loss
+from splatwire.channel.registry import register_loss_model
 from splatwire.channel.trace import Trace
 from splatwire.channel.transmit import LossMask, TransmitRecord, draw_mask, transmit
 
@@ -12,10 +13,11 @@ __all__ = [
     "GilbertElliott",
     "LossMask",
     "LossModel",
-    "Nothing",
+    "NoLoss",
     "Trace",
     "TransmitRecord",
     "draw_mask",
     "parse_loss",
+    "register_loss_model",
     "transmit",
 ]

@@ -1,4 +1,4 @@
-"""Models of packet loss: which of n packets, sent one after another, arrive."""
+"""Packet loss models: each draws a boolean mask of the received packets (or datagrams)."""
 
 import math
 from dataclasses import dataclass, field
@@ -6,108 +6,111 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from splatwire.arguments import CheckedFields, check_fields
 from splatwire.errors import InvalidValueError
 
 UNIT = "pak"
 UNITS = (UNIT, "datagram")
-"""What models lose as one: whole `.pak` packets, or datagrams. A packet may fill several datagrams, so a rate per
-datagram is a different (much lower) rate."""
+"""Units of loss: `pak` loses whole packets of the stream, `datagram` loses UDP datagrams. A packet may fill several
+datagrams and is lost with any of them. The same share of lost packets thus needs a much lower loss rate per datagram.
+"""
 
 
 def _check_share(what: str, value: float | int) -> None:
-    if not 0 <= value <= 1:  # also refuses NaN
+    if not 0 <= value <= 1:  # also rejects NaN
         raise InvalidValueError(f"{what} must be a share from 0 to 1, not {value:g}")
 
 
 def _text(number: float | int) -> str:
-    """Shortest text that reads back as the same number: 0.2, 3."""
+    """Formats a parameter of a loss model as the shortest text that parses to the same number."""
     return repr(float(number)).removesuffix(".0")
 
 
 @runtime_checkable
 class LossModel(Protocol):
-    """Decides which packets arrive."""
+    """Loss model of a channel: draws which packets (or datagrams) of a transmission are received."""
 
     @property
     def name(self) -> str:
-        """The model and its parameters as text; `parse_loss` reads it back."""
+        """Name and parameters of the model as text that `parse_loss` parses, such as `bernoulli:0.2`."""
 
     @property
     def unit(self) -> str:
-        """What is lost as one, one of `UNITS`."""
+        """Unit of loss: `pak` (whole packets of the stream) or `datagram`."""
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Draws the fate of n units in the order in which they are sent.
+        """Draws which of n packets (or datagrams, as `unit` says) are received.
 
         Args:
-            n: Number of units: packets, or datagrams.
-            rng: Source of all randomness.
+            n: Number of packets or datagrams sent.
+            rng: Random generator; the only source of randomness.
 
         Returns:
-            True where the unit arrives, bool, n.
+            True for each received packet or datagram, in sending order, bool, shape (n,).
         """
 
 
 @dataclass(frozen=True)
-class Nothing:
-    """Loses nothing."""
+class NoLoss(CheckedFields):
+    """Loss model of a channel without loss: every packet is received."""
 
     unit: str = field(default=UNIT, kw_only=True)
 
     @property
     def name(self) -> str:
-        """`none`."""
+        """Text `none`, as parsed by `parse_loss`."""
         return "none"
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Everything arrives; see `LossModel.received`."""
+        """Returns a mask of n times True, bool, shape (n,): every packet is received."""
         return np.ones(n, bool)
 
 
 @dataclass(frozen=True)
 class Bernoulli:
-    """Loses each packet independently.
+    """Loss model that loses each packet (or datagram) independently with the same probability.
 
     Attributes:
         rate: Probability that a packet is lost, 0 to 1 (both included).
 
     Raises:
-        InvalidValueError: If the rate is outside of that.
+        InvalidValueError: If the rate is not between 0 and 1.
     """
 
     rate: float | int
     unit: str = field(default=UNIT, kw_only=True)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         _check_share("loss rate", self.rate)
 
     @property
     def name(self) -> str:
-        """`bernoulli:RATE`."""
+        """Text `bernoulli:RATE` with the loss rate, as parsed by `parse_loss`."""
         return f"bernoulli:{_text(self.rate)}"
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """See `LossModel.received`."""
+        """Draws independently which of n packets (or datagrams) are received, and returns the mask, bool, (n,)."""
         return rng.random(n) >= self.rate
 
 
 @dataclass(frozen=True)
 class GilbertElliott:
-    """Loses packets in bursts: a chain of a good and a bad state, started in its stationary distribution.
+    """Burst loss: a Markov chain of a good and a bad state, started in its stationary distribution.
 
-    `r = 1 / mean_burst` is the chance per packet to leave the bad state and `p = r * b / (1 - b)` the chance to enter
-    it, where `b` is the share of time spent in the bad state. With the defaults (nothing arrives in the bad state,
-    everything in the good one: the plain Gilbert model) `b` is the loss rate. Source: G. Haßlinger, O. Hohlfeld, "The
-    Gilbert-Elliott model for packet loss in real time services on the Internet", 2008.
+    `r = 1 / mean_burst` is the probability per packet of leaving the bad state. `p = r * b / (1 - b)` is the
+    probability per packet of entering the bad state, where `b` is the share of time spent there. The defaults are the
+    Gilbert model: all packets arrive in the good state, none in the bad one. `b` then is the loss rate. Source:
+    G. Haßlinger, O. Hohlfeld, "The Gilbert-Elliott model for packet loss in real time services on the Internet", 2008.
 
     Attributes:
-        rate: Share of packets lost in the long run, 0 to 1 (both included).
-        mean_burst: Mean stay in the bad state, packets, at least 1.
-        arrival_bad: Chance that a packet arrives in the bad state, h.
-        arrival_good: Chance that a packet arrives in the good state, k.
+        rate: Long-run fraction of packets lost, 0 to 1 (both included).
+        mean_burst: Mean duration of the bad state, packets, at least 1.
+        arrival_bad: Probability that a packet sent in the bad state is received, 0 to 1 (h in the source).
+        arrival_good: Probability that a packet sent in the good state is received, 0 to 1 (k in the source).
 
     Raises:
-        InvalidValueError: If no such chain exists.
+        InvalidValueError: If no Markov chain has this loss rate and mean burst.
     """
 
     rate: float | int
@@ -117,6 +120,7 @@ class GilbertElliott:
     unit: str = field(default=UNIT, kw_only=True)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         _check_share("loss rate", self.rate)
         _check_share("arrival in the bad state", self.arrival_bad)
         _check_share("arrival in the good state", self.arrival_good)
@@ -135,40 +139,41 @@ class GilbertElliott:
 
     @property
     def name(self) -> str:
-        """`gilbert:RATE,BURST[,ARRIVAL_BAD,ARRIVAL_GOOD]`."""
+        """Text `gilbert:RATE,BURST[,ARRIVAL_BAD,ARRIVAL_GOOD]` with the parameters, as parsed by `parse_loss`."""
         plain = (self.arrival_bad, self.arrival_good) == (0.0, 1.0)
         numbers = (self.rate, self.mean_burst) + (() if plain else (self.arrival_bad, self.arrival_good))
         return f"gilbert:{','.join(map(_text, numbers))}"
 
     @property
     def r(self) -> float:
-        """Chance per packet to go from the bad state to the good one."""
+        """Probability per packet of a transition from the bad to the good state."""
         return 1 / self.mean_burst
 
     @property
     def p(self) -> float:
-        """Chance per packet to go from the good state to the bad one."""
+        """Probability per packet of a transition from the good to the bad state."""
         return self.r * self.share_bad / (1 - self.share_bad) if self.share_bad < 1 else 1.0
 
     @property
     def share_bad(self) -> float:
         """Share of time spent in the bad state."""
         share = (self.rate - (1 - self.arrival_good)) / (self.arrival_good - self.arrival_bad)
-        return min(max(share, 0.0), 1.0)  # rounding may step over the ends
+        return min(max(share, 0.0), 1.0)  # rounding errors may exceed the range
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """See `LossModel.received`."""
-        # A chain that is always bad has no way back, whatever the burst length says.
+        """Draws with bursts of losses which of n packets (or datagrams) are received; returns the mask, bool, (n,)."""
+        # A chain that is always bad has no transition to good, whatever the burst length.
         bad = self._states(n, rng) if self.share_bad < 1 else np.ones(n, bool)
         return rng.random(n) < np.where(bad, self.arrival_bad, self.arrival_good)
 
     def _states(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Walks the chain; True in the bad state, bool, n."""
+        """Simulates the Markov chain for n packets: True for each packet sent in the bad state, bool, shape (n,)."""
         draws = rng.random(n)
         leave, enter = draws < self.r, draws < self.p
         start = bool(rng.random() < self.share_bad)
-        # A step that only leaves ends in the good state and one that only enters in the bad one, wherever it began; one
-        # that does both swaps, one that does neither keeps: all states follow from the last end and the swaps since.
+        # A draw that only leaves ends in the good state, one that only enters in the bad state, from either start. A
+        # draw that does both swaps the state; one that does neither keeps it. Each state thus follows from the last
+        # definite one and the number of swaps since.
         swaps = np.concatenate([[0], np.cumsum(leave & enter)])
         ends = np.where(leave ^ enter, np.arange(1, n + 1), 0)
         last = np.concatenate([[0], np.maximum.accumulate(ends)])[:n]

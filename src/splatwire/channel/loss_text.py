@@ -1,11 +1,13 @@
-"""Loss models from text."""
+"""Parser of loss models given as text, such as `gilbert:0.2,3`."""
 
 from dataclasses import replace
 from pathlib import Path
 
-from splatwire.channel.loss_models import UNIT, UNITS, Bernoulli, GilbertElliott, LossModel, Nothing
+from splatwire.arguments import checked_except
+from splatwire.channel.loss_models import UNIT, UNITS, Bernoulli, GilbertElliott, LossModel, NoLoss
+from splatwire.channel.registry import LOSS_MODELS, make_loss, register_loss_model
 from splatwire.channel.trace import Trace
-from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.errors import InvalidValueError, UnknownNameError, shown
 
 LOSS_PRESETS = {
     "webrtc-20/3": GilbertElliott(0.20, 3),
@@ -15,42 +17,61 @@ LOSS_PRESETS = {
     "2/10": GilbertElliott(0.02, 10),
     "1/20": GilbertElliott(0.01, 20),
 }
-"""Named bursts: percent lost / mean burst in packets. `webrtc-20/3` is a setting of libwebrtc's own tests."""
+"""Presets of the Gilbert model by name, `PERCENT/BURST`: loss rate in percent and mean burst length in packets.
+`webrtc-20/3` is a setting of libwebrtc's own tests.
+"""
 
 
+@checked_except("spec")
 def parse_loss(spec: str, unit: str = UNIT) -> LossModel:
-    """Makes a loss model from text.
+    """Returns the loss model that a text describes.
 
     Args:
         spec: `none`, `bernoulli:RATE`, `gilbert:RATE,BURST`, `gilbert:RATE,BURST,ARRIVAL_BAD,ARRIVAL_GOOD`,
-            `gilbert:PRESET` (a key of `LOSS_PRESETS`) or `trace:FILE[,repeat]`. Rates are shares from 0 to 1.
-        unit: What is lost as one, one of `UNITS`.
+            `gilbert:PRESET` (a key of `LOSS_PRESETS`) or `trace:FILE[,repeat]`. Rates are from 0 to 1. Models of
+            installed packages are `NAME` or `NAME:PARAMETERS`.
+        unit: Unit of loss: `pak` (whole packets of the stream) or `datagram`.
 
     Raises:
-        UnknownNameError: If there is no such model, preset or unit.
+        UnknownNameError: If the model, preset or unit is unknown.
         InvalidValueError: If a parameter is missing, superfluous or out of range.
         DatasetError: If a trace file is missing or not a trace.
     """
     if unit not in UNITS:
         raise UnknownNameError("loss unit", unit, UNITS)
     if not isinstance(spec, str):
-        raise InvalidValueError(f"expected the text of a loss model such as 'bernoulli:0.2', not {spec!r:.60}")
+        raise InvalidValueError(f"expected the text of a loss model such as 'bernoulli:0.2', not {shown(spec)}")
     kind, colon, text = spec.strip().partition(":")
-    if kind == "none" and not colon:
-        return Nothing(unit=unit)
-    if kind == "bernoulli":
-        return Bernoulli(*_numbers(spec, text, (1,), "bernoulli:RATE"), unit=unit)
-    if kind == "gilbert":
-        if text in LOSS_PRESETS:
-            return replace(LOSS_PRESETS[text], unit=unit)
-        if text and "," not in text:
-            raise UnknownNameError("gilbert preset", text, [*LOSS_PRESETS, "RATE,BURST"])
-        return GilbertElliott(*_numbers(spec, text, (2, 4), "gilbert:RATE,BURST"), unit=unit)
-    if kind == "trace":
-        if not text:
-            raise InvalidValueError(f"'{spec}' names no file: it should look like trace:FILE")
-        return Trace(Path(text.removesuffix(",repeat")), repeat=text.endswith(",repeat"), unit=unit)
-    raise UnknownNameError("loss model", spec, ("none", "bernoulli:RATE", "gilbert:RATE,BURST", "trace:FILE"))
+    if LOSS_MODELS.find(kind) is None or (colon and kind == "none"):
+        forms = {known.form for known in LOSS_MODELS.registered().values()}
+        raise UnknownNameError("loss model", spec, forms | (LOSS_MODELS.known_names() - set(LOSS_MODELS.registered())))
+    return make_loss(kind, text, unit)
+
+
+@register_loss_model("none", form="none")
+def _none(text: str, *, unit: str) -> LossModel:
+    return NoLoss(unit=unit)
+
+
+@register_loss_model("bernoulli", form="bernoulli:RATE")
+def _bernoulli(text: str, *, unit: str) -> LossModel:
+    return Bernoulli(*_numbers(f"bernoulli:{text}", text, (1,), "bernoulli:RATE"), unit=unit)
+
+
+@register_loss_model("gilbert", form="gilbert:RATE,BURST")
+def _gilbert(text: str, *, unit: str) -> LossModel:
+    if text in LOSS_PRESETS:
+        return replace(LOSS_PRESETS[text], unit=unit)
+    if text and "," not in text:
+        raise UnknownNameError("gilbert preset", text, [*LOSS_PRESETS, "RATE,BURST"])
+    return GilbertElliott(*_numbers(f"gilbert:{text}", text, (2, 4), "gilbert:RATE,BURST"), unit=unit)
+
+
+@register_loss_model("trace", form="trace:FILE")
+def _trace(text: str, *, unit: str) -> LossModel:
+    if not text:
+        raise InvalidValueError("'trace:' names no file: it should look like trace:FILE")
+    return Trace(Path(text.removesuffix(",repeat")), repeat=text.endswith(",repeat"), unit=unit)
 
 
 def _numbers(spec: str, text: str, counts: tuple[int, ...], form: str) -> list[float]:

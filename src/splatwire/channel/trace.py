@@ -1,10 +1,11 @@
-"""Losses as they were recorded."""
+"""Loss model that replays a recorded loss trace from a file."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from splatwire.arguments import check_fields
 from splatwire.channel.loss_models import UNIT
 from splatwire.errors import DatasetError
 
@@ -13,18 +14,19 @@ MAX_TRACE_BYTES = 1 << 26
 
 @dataclass(frozen=True)
 class Trace:
-    """Replays a recorded trace from its beginning; draws nothing at random.
+    """Loss model that replays a recorded loss trace from its start, without randomness.
 
-    The file is text: one entry per packet, `1` or `received`, `0` or `lost` (either case), with white space, commas or
-    nothing between the digits; `#` starts a comment. **1 means that the packet arrived.**
+    The file is text with one entry per packet: `1` or `received`, `0` or `lost`, in lower or upper case. Entries are
+    separated by white space or commas; digits may also follow each other directly. `#` starts a comment. **1 means
+    that the packet was received.**
 
     Attributes:
-        path: The file.
-        repeat: Whether to start over when more packets are sent than the trace has; otherwise that is an error.
-        entries: The trace, True where a packet arrived, bool.
+        path: Path of the trace file.
+        repeat: True to start the trace again when more packets are sent than it has entries; False to raise an error.
+        entries: True for each received packet of the trace, bool, shape (number of entries,).
 
     Raises:
-        DatasetError: If the file is missing or not a trace; the message names the line.
+        DatasetError: If the file is missing or not a trace; the message has the line number.
     """
 
     path: Path | str
@@ -33,19 +35,27 @@ class Trace:
     entries: np.ndarray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         object.__setattr__(self, "path", Path(self.path))
         object.__setattr__(self, "entries", read_trace(Path(self.path)))
 
     @property
     def name(self) -> str:
-        """`trace:FILE[,repeat]`."""
+        """Text `trace:FILE[,repeat]` with the path of the file, as parsed by `parse_loss`."""
         return f"trace:{self.path}{',repeat' if self.repeat else ''}"
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """See `LossModel.received`.
+        """Returns the first n entries of the trace.
+
+        Args:
+            n: Number of packets or datagrams sent.
+            rng: Random generator; not used.
+
+        Returns:
+            True for each received packet or datagram, in sending order, bool, shape (n,).
 
         Raises:
-            DatasetError: If the trace is too short and is not to be repeated.
+            DatasetError: If the trace has fewer than n entries and `repeat` is False.
         """
         if n > len(self.entries) and not self.repeat:
             raise DatasetError(
@@ -58,10 +68,13 @@ _WORDS = {"received": True, "lost": False}
 
 
 def read_trace(path: Path) -> np.ndarray:
-    """Reads the file of a `Trace`.
+    """Reads a recorded loss trace from a text file (syntax in `Trace`).
+
+    Args:
+        path: Path of the trace file.
 
     Returns:
-        True where a packet arrived, bool.
+        True for each received packet, bool, shape (number of entries,).
 
     Raises:
         DatasetError: If the file is missing, too large, empty or not a trace.

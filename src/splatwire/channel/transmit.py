@@ -1,4 +1,4 @@
-"""Sending a stream through a channel that loses packets."""
+"""Simulated transmission of a stream over a lossy channel."""
 
 import hashlib
 from collections.abc import Sequence
@@ -7,35 +7,39 @@ from typing import Any
 
 import numpy as np
 
+from splatwire.arguments import CheckedFields, checked, checked_except
+from splatwire.bitstream import Packet, SceneStream, send_sequence
 from splatwire.channel.loss_models import LossModel
 from splatwire.channel.loss_text import parse_loss
-from splatwire.errors import InvalidValueError, check_kind
-from splatwire.packets import Packet, SceneStream, send_sequence
+from splatwire.errors import InvalidValueError, check_kind, shown, whole_number
 
 DATAGRAM_BYTES = 1200
-"""Largest datagram that passes every path (RFC 9000, 14)."""
+"""Largest datagram in bytes that fits every QUIC path (RFC 9000, 14)."""
 AGAIN = 1_000_003
-"""Step of the seed from try to try for what is sent again."""
+"""Increment of the random seed from one round of retransmissions to the next, so that rounds differ in their losses."""
 TRIES = 8
-"""How often what lasts is sent in the time of a group, until it is there: half a second is eight trips of 62 ms."""
+"""Number of transmissions, per group of pictures, of a lost packet that later groups also need (keyframe Gaussians).
+A group of half a second has time for eight round trips of 62 ms.
+"""
 
 
 @dataclass(frozen=True)
-class TransmitRecord:
-    """What a transmission did; every figure drawn from its result should name the unit that was lost.
+class TransmitRecord(CheckedFields):
+    """Statistics of a simulated transmission; loss rates count the unit named by `unit`.
 
     Attributes:
-        loss: The loss model, as `parse_loss` reads it.
-        unit: What was lost as one: `pak`, or `datagram` where datagrams were, or packets are cut to fit one.
-        seed: Seed of the mask.
-        send_order: One of `splatwire.packets.SEND_ORDERS`.
-        num_sent: Packets sent.
-        num_lost: Packets lost.
-        num_lost_elements: Elements that lost at least one packet.
-        num_sent_elements: Elements of which at least one packet was sent.
-        bytes_sent: Size of the packets sent, with headers.
-        bytes_received: Size of the packets that arrived, with headers.
-        bytes_protected: Size of manifest and side information, which are delivered reliably (paper 3.2.2).
+        loss: Loss model as text, in the syntax of `parse_loss`.
+        unit: Unit of loss: `datagram` if the loss model lost datagrams, or lost packets that each fit one datagram;
+            otherwise `pak` (whole packets).
+        seed: Random seed of the loss mask.
+        send_order: Sending order of the packets, one of `splatwire.bitstream.SEND_ORDERS`.
+        num_sent: Number of packets sent.
+        num_lost: Number of packets lost.
+        num_lost_elements: Number of elements (Gaussians or anchors) of which at least one packet was lost.
+        num_sent_elements: Number of elements (Gaussians or anchors) in the packets sent.
+        bytes_sent: Total size of the packets sent in bytes, with headers.
+        bytes_received: Total size of the packets received in bytes, with headers.
+        bytes_protected: Size of manifest and side information in bytes; both always arrive (paper 3.2.2).
         lost: File names of the lost packets, ascending by packet id.
     """
 
@@ -53,18 +57,19 @@ class TransmitRecord:
     lost: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers, strings and lists only."""
+        """Returns the statistics as a dictionary of numbers, strings and lists that can be written as JSON."""
         return {**asdict(self), "lost": list(self.lost)}
 
 
 @dataclass(frozen=True, eq=False)
-class LossMask:
-    """The fate of every packet of a stream.
+class LossMask(CheckedFields):
+    """Result of a simulated transmission: which packets of a stream were received.
 
     Attributes:
-        received: True where the packet arrived, in the order of `SceneStream.packets`, bool.
-        num_datagrams: Datagrams sent.
-        num_lost_datagrams: Datagrams lost by the channel; where whole packets are lost, the datagrams of those.
+        received: True for each received packet, in the order of `SceneStream.packets`, bool.
+        num_datagrams: Number of datagrams sent.
+        num_lost_datagrams: Number of datagrams lost. If the loss model loses whole packets, all datagrams of a lost
+            packet count as lost.
     """
 
     received: np.ndarray
@@ -73,48 +78,52 @@ class LossMask:
 
     @property
     def num_lost(self) -> int:
-        """Packets lost."""
+        """Number of packets lost."""
         return int((~self.received).sum())
 
     @property
     def digest(self) -> str:
-        """Hexadecimal digest of which packets arrived."""
+        """SHA-256 of the mask and its length in hexadecimal: equal for transmissions with equal losses."""
         packed = np.packbits(self.received).tobytes()
         return hashlib.sha256(len(self.received).to_bytes(8, "little") + packed).hexdigest()
 
     def apply(self, stream: SceneStream) -> SceneStream:
-        """The stream with what arrived."""
+        """Returns a copy of the stream that has only the received packets."""
         kept = [packet for packet, ok in zip(stream.packets, self.received.tolist(), strict=True) if ok]
         return stream.with_packets(kept)
 
 
+@checked_except("loss", "stream", "seed")
 def transmit(
-    stream: SceneStream, loss: LossModel | str, *, seed: int, send_order: str = "interleaved"
+    stream: SceneStream, loss: LossModel | str, *, seed: int = 0, send_order: str = "interleaved"
 ) -> tuple[SceneStream, TransmitRecord]:
-    """Sends every packet of a stream once; side information and manifest always arrive (paper 3.2.2).
+    """Simulates sending a stream over a lossy channel; side information and manifest always arrive (paper 3.2.2).
 
-    Of a clip, what lasts is sent again until it is there, `TRIES` times a group; what passes never is (`sent_again`).
+    Every packet is sent once. In a sequence (dynamic scene), lost packets that later groups of pictures also need are
+    retransmitted until they are received, `TRIES` times per group of pictures. Packets with the motion of one group
+    are not retransmitted.
 
     Args:
-        stream: What is sent.
-        loss: Which packets, or which datagrams of theirs, are lost; text is read by `parse_loss`.
-        seed: Seed of the mask.
-        send_order: As for `draw_mask`.
+        stream: Stream to send.
+        loss: Loss model, or its text such as `bernoulli:0.2` (syntax in `parse_loss`).
+        seed: Random seed of the losses, an integer of at least 0.
+        send_order: Sending order of the packets, one of `splatwire.bitstream.SEND_ORDERS`.
 
     Returns:
-        The stream with the packets that arrived, and what happened.
+        Stream with the received packets only, and statistics of the transmission.
 
     Raises:
-        UnknownNameError: If there is no such send order.
-        InvalidValueError: If the seed is negative, or `stream` is none.
+        UnknownNameError: If the send order is unknown.
+        InvalidValueError: If the seed is not an integer of at least 0, or `stream` is not a stream.
     """
     check_kind(stream, SceneStream, "read_stream")
+    seed = whole_number(seed, "seed")
     loss = parse_loss(loss) if isinstance(loss, str) else loss
     if not isinstance(loss, LossModel):
-        raise InvalidValueError(f"expected a loss such as 'bernoulli:0.2' (see `parse_loss`), not {loss!r:.60}")
+        raise InvalidValueError(f"expected a loss such as 'bernoulli:0.2' (see `parse_loss`), not {shown(loss)}")
     mask = draw_mask(stream, loss, seed=seed, send_order=send_order)
     if stream.manifest.schema.timed:
-        mask = replace(mask, received=mask.received | sent_again(stream, mask, loss, seed=seed))
+        mask = replace(mask, received=mask.received | retransmitted(stream, mask, loss, seed=seed))
     received, parts = mask.apply(stream), stream.parts()
     lost = [packet for packet, ok in zip(stream.packets, mask.received.tolist(), strict=True) if not ok]
     record = TransmitRecord(
@@ -134,63 +143,79 @@ def transmit(
     return received, record
 
 
-def sent_again(stream: SceneStream, mask: LossMask, loss: LossModel, *, seed: int) -> np.ndarray:
-    """Which lost packets of a clip come after all: what lasts is sent again until it is there.
+def retransmitted(stream: SceneStream, mask: LossMask, loss: LossModel, *, seed: int) -> np.ndarray:
+    """Simulates retransmission in a sequence; returns the mask of lost packets that arrive later.
+
+    Only packets that later groups of pictures also need are retransmitted, not those with the motion of one group.
 
     Args:
-        stream: The clip.
-        mask: What came of it.
-        loss: What is lost.
-        seed: Seed of the mask.
+        stream: Stream of a sequence (dynamic scene).
+        mask: Result of the first transmission.
+        loss: Loss model, also applied to every retransmission.
+        seed: Random seed of the first transmission; the seeds of the retransmissions are derived from it.
 
     Returns:
-        bool, in the order of `SceneStream.packets`.
+        True for each packet that was lost at first and arrives by retransmission, in the order of
+        `SceneStream.packets`, bool.
     """
     return ~mask.received & (arrival_groups(stream, mask, loss, seed=seed) >= 0)
 
 
 def arrival_groups(stream: SceneStream, mask: LossMask, loss: LossModel, *, seed: int) -> np.ndarray:
-    """Group of frames in whose time each packet of a clip arrives, int64; -1 for never. See `sent_again`."""
+    """Simulates retransmission in a sequence; returns during which group of pictures each packet arrives.
+
+    Only packets that later groups of pictures also need are retransmitted, `TRIES` times per group.
+
+    Args:
+        stream: Stream of a sequence (dynamic scene).
+        mask: Result of the first transmission.
+        loss: Loss model, also applied to every retransmission.
+        seed: Random seed of the first transmission; the seeds of the retransmissions are derived from it.
+
+    Returns:
+        Index of the group of pictures for each packet, -1 if the packet never arrives, in the order of
+        `SceneStream.packets`, int64.
+    """
     plan, own = stream.manifest.plan, _groups_of(stream)
     arrival = np.where(mask.received, own, -1)
-    lasting = np.array([plan.lasting(packet.id.block) for packet in stream.packets], bool)
+    persistent = np.array([plan.persistent(packet.id.block) for packet in stream.packets], bool)
     num_datagrams = datagrams_of(np.array([packet.num_bytes for packet in stream.packets], np.int64))
     for turn in range(1, TRIES * len(plan.spans) // 2):
         group = turn // TRIES
         sent_before = (own < group) | ((own == group) & (turn % TRIES > 0))
-        again = np.flatnonzero(lasting & (arrival < 0) & sent_before)
+        again = np.flatnonzero(persistent & (arrival < 0) & sent_before)
         came, _ = draw_in_order(num_datagrams[again], loss, seed + turn * AGAIN)
         arrival[again[came]] = group
     return arrival
 
 
 def _groups_of(stream: SceneStream) -> np.ndarray:
-    """Group of frames of each packet, int64."""
+    """Returns the index of the group of pictures that each packet of a sequence belongs to, int64."""
     plan = stream.manifest.plan
     return np.array([plan.tier_of(packet.id.block) // 2 for packet in stream.packets], np.int64)
 
 
+@checked
 def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: str = "interleaved") -> LossMask:
-    """Draws which packets of a stream arrive.
+    """Draws at random which packets of a stream are received when each is sent once.
 
-    Where whole packets are lost, the fate of the i-th packet sent depends on the loss model, the seed and the number of
-    packets alone, not on their content: streams with equally many packets meet the same mask, so methods are compared
-    on equal losses. Where datagrams are lost, the same process runs over the datagrams that the packets fill, one after
-    another, and a packet arrives if all of its datagrams do: its bytes are useless otherwise.
+    If whole packets are lost, reception of the i-th packet sent depends only on the loss model, the seed and the
+    number of packets. Streams with equally many packets thus get the same losses, so methods are compared fairly. If
+    datagrams are lost, the loss model runs over the datagrams of all packets in sequence. A packet is received if all
+    its datagrams are, because a partial packet is useless.
 
     Args:
-        stream: What is sent.
-        loss: What is lost.
-        seed: Seed of the mask.
-        send_order: One of `splatwire.packets.SEND_ORDERS`, which `splatwire.packets.send_sequence` explains.
+        stream: Stream to send.
+        loss: Loss model.
+        seed: Random seed of the losses, an integer of at least 0.
+        send_order: Sending order of the packets, one of `splatwire.bitstream.SEND_ORDERS`.
 
     Raises:
-        UnknownNameError: If there is no such send order.
-        InvalidValueError: If the seed is negative.
-        DatasetError: If a trace is too short.
+        UnknownNameError: If the send order is unknown.
+        InvalidValueError: If the seed is not an integer of at least 0.
+        DatasetError: If the loss model is a recorded trace with too few entries.
     """
-    if seed < 0:
-        raise InvalidValueError(f"a seed must not be negative, {seed} is")
+    seed = whole_number(seed, "seed")
     position = {packet.id: index for index, packet in enumerate(stream.packets)}
     order = np.array([position[packet.id] for packet in send_sequence(stream, send_order)], np.int64)
     count = datagrams_of(np.array([packet.num_bytes for packet in stream.packets], np.int64))
@@ -202,15 +227,16 @@ def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: st
 
 
 def draw_in_order(datagrams: np.ndarray, loss: LossModel, seed: int) -> tuple[np.ndarray, int]:
-    """Draws the fate of packets in the order in which they are sent.
+    """Draws the received packets; a packet is lost if the loss model loses any of its datagrams.
 
     Args:
-        datagrams: Datagrams of each packet, int64.
-        loss: The process, and what it loses.
-        seed: Seed of the draw.
+        datagrams: Number of datagrams of each packet, in sending order, int64.
+        loss: Loss model of packets or datagrams.
+        seed: Random seed.
 
     Returns:
-        True where the packet arrives, bool; and how many units were lost.
+        True for each received packet, in sending order, bool; and the number of lost packets, or of lost datagrams if
+        the loss model loses datagrams.
     """
     rng = np.random.Generator(np.random.PCG64(seed))
     if loss.unit == "pak" or not len(datagrams):
@@ -222,10 +248,13 @@ def draw_in_order(datagrams: np.ndarray, loss: LossModel, seed: int) -> tuple[np
 
 
 def datagrams_of(num_bytes: np.ndarray) -> np.ndarray:
-    """Datagrams that packets of so many bytes fill, int64."""
+    """Returns how many datagrams of `DATAGRAM_BYTES` each packet fills, given packet sizes in bytes, int64."""
     return np.maximum(1, -(-num_bytes // DATAGRAM_BYTES))
 
 
 def _num_elements(packets: Sequence[Packet]) -> int:
-    """Distinct elements of packets: the parts of a separated packet hold the same ones."""
+    """Returns the number of distinct elements (Gaussians or anchors) in packets.
+
+    With separated attributes, several packets contain different attributes of the same elements, which count once.
+    """
     return sum({(packet.id.block, packet.id.lane): packet.num_elements for packet in packets}.values())

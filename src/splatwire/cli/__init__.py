@@ -1,1 +1,8 @@
 """The command `splatwire`: one file per verb; heavy libraries are loaded only by the verb that runs."""
+
+import resource
+import sys
+
+if resource.getrlimit(resource.RLIMIT_FSIZE)[0] != resource.RLIM_INFINITY:
+    # Python would cut the compiled modules that it caches at the limit, and every later start would fail.
+    sys.dont_write_bytecode = True

@@ -1,4 +1,4 @@
-"""Work beside the event loop that cannot keep the process from ending."""
+"""Threads for blocking work of an event loop; the process can end while such a thread still runs."""
 
 import asyncio
 import threading
@@ -8,14 +8,14 @@ from typing import Any
 
 
 def start_thread(work: Callable[[], Any], name: str) -> "asyncio.Future[Any]":
-    """Starts work in a thread that the end of the process does not wait for, as it does for those of an executor.
+    """Runs a function in a daemon thread: unlike the threads of an executor it does not delay the end of the process.
 
     Args:
-        work: The work.
+        work: Function without arguments.
         name: Name of the thread.
 
     Returns:
-        A future with the result of the work.
+        Future with the result of the function.
     """
     loop = asyncio.get_running_loop()
     future: asyncio.Future[Any] = loop.create_future()
@@ -38,12 +38,12 @@ def start_thread(work: Callable[[], Any], name: str) -> "asyncio.Future[Any]":
 
 
 async def first_of(work: "asyncio.Future[Any]", stop: asyncio.Event, grace_s: float) -> None:
-    """Waits for work, or for a stop and then so many seconds more for the work.
+    """Waits until a task is finished; after a stop request, at most `grace_s` seconds longer.
 
     Args:
-        work: The work.
-        stop: Set when it is time to end.
-        grace_s: Longest time that the work may take to end, seconds.
+        work: The task.
+        stop: Event that requests the end.
+        grace_s: Maximum time that the task may take after the stop request, seconds.
     """
     stopping = asyncio.ensure_future(stop.wait())
     await asyncio.wait({work, stopping}, return_when=asyncio.FIRST_COMPLETED)

@@ -1,4 +1,4 @@
-"""The scene that comes with the package."""
+"""Paths of the example scene that is included in the package."""
 
 from importlib import resources
 from pathlib import Path

@@ -1,43 +1,29 @@
-"""Streams for the network: whatever packets a stream has, it is sent in packets of which each fits a datagram."""
+"""Repacking of streams for network transmission: each packet must fit into one UDP datagram."""
 
 import sys
-from dataclasses import replace
-from typing import TYPE_CHECKING
 
+from splatwire.bitstream import SceneStream
 from splatwire.cli._output import progress_bars
 from splatwire.errors import InvalidValueError
 
-if TYPE_CHECKING:
-    from splatwire.cli._output import Reporter
-    from splatwire.packets import SceneStream
 
-
-def into_datagrams(stream: "SceneStream", report: "Reporter") -> "SceneStream":
-    """A stream in packets that fit datagrams; tiles of levels stay as they are."""
-    from splatwire.codec import repack
-    from splatwire.packets import PRESETS
-
-    packed, own = PRESETS["datagram"], stream.manifest.packetization
-    if stream.manifest.schema.tiled:
-        packed = replace(packed, block_size=own.block_size)
-    return repack(stream, packed, progress=lambda share: report("putting it into datagrams", share))
-
-
-def in_datagrams(stream: "SceneStream", path: str) -> "SceneStream":
-    """A stream in packets that fit datagrams: as it is, or put into such packets, which a line on standard error tells.
+def in_datagrams(stream: SceneStream, path: str) -> SceneStream:
+    """Returns a stream whose packets fit into datagrams; repacks it if necessary and reports that on standard error.
 
     Args:
         stream: The stream.
-        path: Where it was read, for the line.
+        path: Path of the stream, for the message.
 
     Raises:
-        InvalidValueError: If it has other packets and is incomplete, or nothing is installed that packs it anew.
+        InvalidValueError: If the stream must be repacked but is incomplete, or its codec is not installed.
     """
     if stream.manifest.packetization.hashed:
         return stream
     try:
+        from splatwire.codec import into_datagrams  # a relay lacks its libraries
+
         with progress_bars() as report:
-            packed = into_datagrams(stream, report)
+            packed = into_datagrams(stream, lambda share: report("repacketizing", share))
     except ModuleNotFoundError as error:
         raise InvalidValueError(
             f"{path}: its packets do not fit datagrams: make it with `encode --preset datagram`, or install "

@@ -1,4 +1,4 @@
-"""What the verbs read and write; `-` is standard input or output."""
+"""Input and output paths of the verbs; `-` means standard input or standard output."""
 
 import shutil
 import sys
@@ -6,18 +6,17 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
+from splatwire.bitstream import ReadReport, is_stream
+from splatwire.bitstream.stream import FILE_SUFFIX
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.files.kinds import EMPTY, TEXT, UNKNOWN, kind_of_bytes
-
-if TYPE_CHECKING:
-    from splatwire.packets import ReadReport
+from splatwire.files.kinds import EMPTY, TEXT, UNKNOWN, kind_of_bytes, opened
+from splatwire.files.whole import check_writable, written_whole
 
 STANDARD = "-"
-STREAM_SUFFIX = ".swz"
 _FORMATS = {
-    STREAM_SUFFIX: "a stream",
+    FILE_SUFFIX: "a stream",
     ".ply": "a PLY",
     ".splat": "a .splat file",
     ".spz": "an SPZ file",
@@ -32,55 +31,57 @@ _FORMATS = {
     ".jpg": "a picture",
     ".jpeg": "a picture",
 }
-"""What a name promises by its suffix."""
+"""File format that is expected for each suffix."""
 _HEAD_BYTES = 1 << 16
 
 
 def stream_name(path: str) -> str:
-    """What a stream is called: clients ask for it by this name, pages have it as their title."""
-    return "scene" if path == STANDARD else Path(path).resolve().name.removesuffix(STREAM_SUFFIX)
+    """Returns the name of a stream: clients request it by this name, and web pages show it as their title."""
+    return "scene" if path == STANDARD else Path(path).resolve().name.removesuffix(FILE_SUFFIX)
 
 
 @contextmanager
 def input_path(name: str) -> Iterator[Path]:
-    """Gives the path to read from; standard input is first copied to a temporary file.
+    """Yields the path of an input, which is opened once; standard input is first copied to a temporary file.
 
     Raises:
         InvalidValueError: If standard input is closed.
-        BitstreamError: If what it begins with is nothing that is read here.
+        BitstreamError: If the first bytes are not those of a supported format.
     """
     if name != STANDARD:
-        yield Path(name)
+        with opened(Path(name)) as path:
+            yield path
         return
     if sys.stdin is None:
         raise InvalidValueError("standard input is closed: there is nothing to read")
     head = sys.stdin.buffer.read(_HEAD_BYTES)
     kind = kind_of_bytes(head, len(head))
-    if kind in (EMPTY, UNKNOWN, TEXT):  # an endless pipe would fill the disk before anybody looked at it
+    if kind in (EMPTY, UNKNOWN, TEXT):  # an endless pipe would fill the disk
         raise BitstreamError(f"standard input is neither stream nor scene, but {kind}")
     with tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
         path = Path(folder) / "standard_input"
         with path.open("wb") as file:
             file.write(head)
             shutil.copyfileobj(sys.stdin.buffer, file)
-        yield path
+        with opened(path) as source:
+            yield source
 
 
 @contextmanager
 def output_path(name: str, *, suffix: str = "", json: bool = False) -> Iterator[Path]:
-    """Gives the path to write to; for standard output a temporary file whose content is copied at the end.
+    """Yields the path to write to; for standard output a temporary file that is copied to it at the end.
 
     Args:
-        name: What the user said.
-        suffix: Suffix that names of such a file have, with its dot; empty for scene files, which have no fixed one.
-        json: Whether standard output is promised to a JSON object.
+        name: Output path given by the user, or `-`.
+        suffix: Required file name suffix with its dot; empty for scene files, which have no fixed suffix.
+        json: True if standard output is reserved for a JSON object.
 
     Raises:
-        InvalidValueError: If both the data and the JSON object would go to standard output, or nothing can be written
-            under that name.
+        InvalidValueError: If both the data and the JSON object would go to standard output, or the output cannot be
+            written.
     """
     if name != STANDARD:
-        yield prepared_output(Path(name), folder=suffix == STREAM_SUFFIX, suffix=suffix)
+        yield prepared_output(Path(name), folder=suffix == FILE_SUFFIX, suffix=suffix)
         return
     if sys.stdout is None:
         raise InvalidValueError("standard output is closed: give -o a file")
@@ -95,25 +96,26 @@ def output_path(name: str, *, suffix: str = "", json: bool = False) -> Iterator[
 
 
 def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = None) -> Path:
-    """Checks an output before the work.
+    """Checks that an output path can be written, before the work.
 
-    Files are written beside an old one and then take its name, which must not happen to a device such as `/dev/null`.
+    Outputs are written to a temporary file that then replaces the target, which must not happen to a device such as
+    `/dev/null`.
 
     Args:
-        path: The output.
-        folder: Whether it may be a folder, too.
-        suffix: Suffix that names of such a file have; None for any.
+        path: Output path.
+        folder: True if the output may be a folder.
+        suffix: Required file name suffix with its dot; None for any.
 
     Returns:
         The path.
 
     Raises:
-        InvalidValueError: If there is something else under that name, its folder does not exist, or the name is that
-            of another format.
+        InvalidValueError: If the path exists and is not an ordinary file, its parent folder does not exist or is not
+            writable, or the suffix is that of another format.
     """
     found = path.suffix.lower()
     if suffix is not None and found in _FORMATS and found != suffix:
-        written = _FORMATS.get(suffix, "a scene file")
+        written = _FORMATS.get(suffix) or (f"a {suffix} file" if suffix else "a scene file")
         raise InvalidValueError(
             f"{path}: the name says {_FORMATS[found]}, but {written} would be in it: end it in {suffix or '.scene'}"
         )
@@ -121,56 +123,69 @@ def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = No
         raise InvalidValueError(f"{path} is a folder: name a file")
     if path.exists() and not path.is_dir() and not path.is_file():
         raise InvalidValueError(f"{path} is no ordinary file and would be replaced by one: name another")
-    _check_parent(path)
+    check_writable(path)
     return path
 
 
-def _check_parent(path: Path) -> None:
-    """Checks that the folder of an output exists; it is not made, because a mistyped path would make many.
+@contextmanager
+def output_folder(name: str) -> Iterator[Path]:
+    """Yields a new temporary folder that becomes the output folder on success and is removed after an error.
 
     Raises:
-        InvalidValueError: If it does not exist, or is no folder.
+        InvalidValueError: If a folder of that name exists and is not empty.
     """
-    parent = path.absolute().parent
-    there = next(folder for folder in (parent, *parent.parents) if folder.exists())
-    if not there.is_dir():
-        raise InvalidValueError(f"{there}: not a folder, so nothing can be written into it")
-    if there != parent:
-        raise InvalidValueError(f"{parent}: no such folder, so {path.name} cannot be written into it: make it first")
+    target = Path(name)
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise InvalidValueError(f"{target} is there already and not empty: frames go into a new folder")
+    check_folder(target)
+    with written_whole(target) as made:
+        made.mkdir()
+        yield made
 
 
 def check_folder(path: Path) -> None:
-    """Checks a folder for outputs before the work; it is made later, but the folder that it is in must exist.
+    """Checks an output folder before the work: it is created later, but its parent folder must exist.
 
     Raises:
-        InvalidValueError: If it cannot be a folder, or the folder that it is in does not exist.
+        InvalidValueError: If the path exists and is not a folder, or its parent folder does not exist or is not
+            writable.
     """
     if path.exists() and not path.is_dir():
         raise InvalidValueError(f"{path}: not a folder, so nothing can be written into it")
-    if not path.exists():
-        _check_parent(path)
+    check_writable(path, inside=True)
+
+
+def check_output(verb: Any) -> None:
+    """Checks before the work that the output of a verb can be written.
+
+    Verbs check further requirements, such as the suffix, themselves.
+
+    Args:
+        verb: Options of the verb, or options that contain those of a subcommand.
+
+    Raises:
+        InvalidValueError: If the output cannot be written.
+    """
+    for holder in (verb, getattr(verb, "what", None)):
+        output = getattr(holder, "output", None)
+        if output is not None and str(output) != STANDARD:
+            path = Path(output)
+            check_writable(path, inside=path.is_dir() and not is_stream(path))
 
 
 def check_inputs(*paths: Path | None) -> None:
-    """Says before the work which input is not there.
+    """Raises an error before the work if an input file is missing.
 
     Raises:
-        InvalidValueError: If one does not exist; None is none.
+        InvalidValueError: If a path does not exist; None is ignored.
     """
     for path in paths:
         if path is not None and not path.exists():
             raise InvalidValueError(f"{path}: no such file or folder")
 
 
-def is_stream(path: Path) -> bool:
-    """See `splatwire.packets.is_stream`."""
-    from splatwire.packets import is_stream as found
-
-    return found(path)
-
-
-def read_report_json(report: "ReadReport") -> dict[str, object]:
-    """What reading a stream met with, as JSON."""
+def read_report_json(report: ReadReport) -> dict[str, object]:
+    """Converts the report of reading a stream (missing and damaged packets) to JSON values."""
     return {
         "num_expected": report.num_expected,
         "num_received": report.num_received,

@@ -1,4 +1,4 @@
-"""Verbs in a fresh process: to prove that a stream's bytes are all that a decoder needs, and to use both processors."""
+"""Execution of verbs in a new process, to prove that decoding needs only the stream, and to use several processors."""
 
 import json
 import subprocess
@@ -7,29 +7,25 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from splatwire.anchors.scene_file import load_partial
+from splatwire.bitstream import SceneStream, write_stream
 from splatwire.errors import DesyncError, SplatwireError
-
-if TYPE_CHECKING:
-    from splatwire.model import Partial
-    from splatwire.packets import SceneStream
+from splatwire.types import ReceivedScene
+from splatwire.types.scene_digest import scene_digest
 
 
-def decode_in_fresh_process(stream: "SceneStream") -> "Partial":
-    """Writes a stream to a file, has a new interpreter decode it, and reads the scene back.
+def decode_in_fresh_process(stream: SceneStream) -> ReceivedScene:
+    """Writes a stream to a file, decodes it with a new Python interpreter, and reads the decoded scene.
 
     Args:
-        stream: What arrived.
+        stream: The received stream.
 
     Raises:
-        SplatwireError: If the other process failed; the message is its own.
-        DesyncError: If the scene read back is not the one whose digest the other process printed.
+        SplatwireError: If the other process failed, with the message of that process.
+        DesyncError: If the digest of the scene differs from that printed by the other process.
     """
-    from splatwire.model.scene_digest import scene_digest
-    from splatwire.model.scene_file import load_partial
-    from splatwire.packets import write_stream
-
     with tempfile.TemporaryDirectory(prefix="splatwire-") as name:
         sent, decoded = Path(name) / "received.swz", Path(name) / "decoded.scene"
         write_stream(stream, sent)
@@ -43,14 +39,14 @@ def decode_in_fresh_process(stream: "SceneStream") -> "Partial":
 
 @contextmanager
 def in_fresh_process(verb: str, *arguments: object) -> Iterator[Callable[[], dict[str, Any]]]:
-    """Runs a verb in a process of its own, which ends with the block at the latest.
+    """Runs a verb in a separate process, which is terminated at the end of the block if it still runs.
 
     Args:
-        verb: Which one.
-        arguments: Its words.
+        verb: Name of the verb.
+        arguments: Command-line arguments of the verb.
 
     Yields:
-        What waits for the process and returns the JSON object that it prints.
+        Function that waits for the process and returns the JSON object printed by the verb.
 
     Raises:
         SplatwireError: By what is yielded, if the process failed; the message is its own.

@@ -1,4 +1,4 @@
-"""What `--help` says of an option: its docstring, as one paragraph."""
+"""Help texts of options for `--help`: the docstring of each option's field as one paragraph."""
 
 import dataclasses
 import functools
@@ -13,13 +13,13 @@ import tyro
 
 @functools.cache
 def tell(settings: type) -> None:
-    """Gives the fields of a verb their help texts.
+    """Sets the help text of each field of an options class.
 
-    By itself tyro keeps the line breaks of docstrings, which wrap at another width than a terminal does, and tells that
-    nothing is the default where nothing is.
+    tyro alone would keep the line breaks of docstrings, which do not fit the terminal width, and would print defaults
+    that are None.
 
     Args:
-        settings: A dataclass with a docstring for each field; those of its base classes and nested ones count.
+        settings: A dataclass with a docstring for each field, including fields of base classes and nested dataclasses.
     """
     for owner in settings.__mro__[:-1]:
         texts = {entry.arg_name: entry.description for entry in docstring_parser.parse_from_object(owner).params}

@@ -1,41 +1,106 @@
-"""Warnings about inputs: rows that are left out, rows that no stream holds as they are, and damaged streams."""
+"""Warnings about inputs: Gaussians that are dropped, values that a stream cannot represent, and damaged streams."""
 
 import logging
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
 
 from splatwire.cli._terminal import one_line
+from splatwire.files.whole import with_final_names
 
-_DAMAGE = "splatwire.packets.stream"
-_TELLING = ("splatwire.scene.rows", "splatwire.codec.schemas.gaussians.outliers", _DAMAGE)
+DAMAGED = 3
+"""Exit status of a verb whose input is damaged."""
+_DAMAGE = "splatwire.bitstream.stream"
+_TELLING = (
+    *("splatwire.types.rows", "splatwire.codec.gaussians.outliers", "splatwire.plugins", _DAMAGE),
+    *("splatwire.io", "splatwire.data", "splatwire.sequence", "splatwire.files", "splatwire.cli._encoded_clips"),
+)
+_MAX_FILES = 100_000
+"""Maximum number of files of a folder that are counted per warning."""
+_NUMBER = re.compile(r"[-+]?\d[\d.,]*(?:e[-+]?\d+)?")
 
 
 class InputWarnings(logging.Handler):
-    """Prints each warning once, however often a verb reads a file.
+    """Log handler that prints each warning once, even if a verb reads a file several times.
+
+    Among the files of a folder, such as the frames of a clip, a warning is printed for the first file only;
+    `summarize` prints the number of the others. Warnings that differ only in numbers count as the same.
 
     Attributes:
-        damaged: True once a stream with damaged bytes was read.
+        damaged: True if a stream with damaged bytes was read.
     """
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
         self._said: set[str] = set()
+        self._repeated: dict[tuple[Path, str], _Repeated] = {}
         self.damaged = False
 
     def emit(self, record: logging.LogRecord) -> None:
-        """One line on standard error."""
+        """Prints a log record as one line on standard error, unless another file of its folder has the same warning."""
         self.damaged |= record.name == _DAMAGE
-        text = one_line(record.getMessage())
-        if text not in self._said:
-            self._said.add(text)
-            kind = "warning: " if record.levelno > logging.INFO else ""
-            print(f"splatwire: {kind}{text}", file=sys.stderr, flush=True)
+        kind = "warning: " if record.levelno > logging.INFO else ""
+        text = record.getMessage()
+        path = record.args[0] if isinstance(record.args, tuple) and record.args else None
+        if isinstance(path, Path):
+            reason = text.removeprefix(str(path))
+            same = (path.parent, kind + _NUMBER.sub("0", reason))
+            if same in self._repeated:
+                self._repeated[same].add(path)
+                if path != self._repeated[same].first:
+                    return
+            else:
+                self._repeated[same] = _Repeated(path, kind, reason)
+        self._print(kind, text)
+
+    def summarize(self) -> None:
+        """Prints the number of other files in a folder with a warning that was printed for the first one."""
+        for repeated in self._repeated.values():
+            if text := repeated.describe_others():
+                self._print(repeated.kind, text)
+
+    def _print(self, kind: str, text: str) -> None:
+        line = f"splatwire: {kind}{one_line(with_final_names(text))}"
+        if line not in self._said:
+            self._said.add(line)
+            print(line, file=sys.stderr, flush=True)
+
+
+@dataclass
+class _Repeated:
+    """A warning about several files of a folder.
+
+    Attributes:
+        first: The file that it was printed for.
+        kind: `warning: `, or empty for information.
+        reason: Text of the warning after the name of the file.
+        others: Names of other files with the same warning, at most `_MAX_FILES`.
+    """
+
+    first: Path
+    kind: str
+    reason: str
+    others: set[str] = field(default_factory=set)
+
+    def add(self, path: Path) -> None:
+        if path != self.first and len(self.others) < _MAX_FILES:
+            self.others.add(path.name)
+
+    def describe_others(self) -> str:
+        """Returns one line about the other files; empty if there are none."""
+        if not self.others:
+            return ""
+        count = f"{len(self.others):,}{' or' if len(self.others) == _MAX_FILES else ''} more"
+        files = "file" if len(self.others) == 1 else "files"
+        return f"{self.first.parent}: {count} {files} like {self.first.name}{self.reason}"
 
 
 @contextmanager
 def input_warnings() -> Iterator[InputWarnings]:
-    """Prints warnings about inputs while a verb runs."""
+    """Context that prints warnings about inputs while a verb runs."""
     handler, loggers = InputWarnings(), [logging.getLogger(name) for name in _TELLING]
     before = [logger.level for logger in loggers]
     for logger in loggers:
@@ -44,6 +109,7 @@ def input_warnings() -> Iterator[InputWarnings]:
     try:
         yield handler
     finally:
+        handler.summarize()
         for logger, level in zip(loggers, before, strict=True):
             logger.removeHandler(handler)
             logger.setLevel(level)

@@ -1,205 +1,119 @@
-"""What the verbs that serve share: a server on a port, over UDP or QUIC, and the page beside it."""
+"""Common code of the verbs that serve streams: a server over UDP or QUIC, and an optional web page with a viewer."""
 
 import asyncio
 import contextlib
 import errno
 import math
 import signal
-import socket
 import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from splatwire.cli._output import JsonFlag, print_json
+from splatwire.cli._operations import log_error, monitoring_address, open_monitoring, start_log
+from splatwire.cli._options import Listening
+from splatwire.cli._output import print_json
 from splatwire.errors import InvalidValueError
-
-if TYPE_CHECKING:
-    from splatwire.transport import Program, ServerLimits
-    from splatwire.transport.certificate import Identity
-    from splatwire.transport.page import PageServer
-    from splatwire.transport.quic_server import QuicServer
-    from splatwire.transport.udp import UdpServer
+from splatwire.transport import ServedStream, ServerLimits
+from splatwire.transport.http.origins import parse_origin
+from splatwire.transport.http.proxies import parse_networks
+from splatwire.transport.quic.installed import need_aioquic
+from splatwire.transport.running_server import RunningServer
+from splatwire.transport.udp import UdpServer
 
 REPORT_S = 5.0
-"""Least time between two reports of errors that no request waits for, seconds."""
+"""Minimum interval between two reports of errors outside of any request, seconds."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Listening:
-    """The options of the verbs that serve: where and how."""
+def check_listening(listening: Listening) -> None:
+    """Checks the options before any work.
 
-    port: int = 4840
-    """UDP port; 0 lets the system choose."""
-    host: str = "127.0.0.1"
-    """Address to listen on; 0.0.0.0 for all of this machine's."""
-    rate: float | None = None
-    """Megabits per second to each client, fixed; without it the rate adapts to the path."""
-    quic: bool = False
-    """Serve over QUIC: encrypted, side information on a reliable stream; browsers may come by WebTransport."""
-    page: int | None = None
-    """Serve a page that receives and draws in a browser, on this TCP port; 0 lets the system choose. Implies --quic."""
-    public_url: str | None = None
-    """With --page: address by which visitors reach the page, e.g. https://splats.example.org, through a proxy."""
-    certificate: Path | None = None
-    """With --quic: certificate and its chain (PEM); without it one is made on the spot and its fingerprint told."""
-    key: Path | None = None
-    """Private key of the certificate (PEM, not encrypted)."""
-    json: JsonFlag = False
-    """Print one JSON object when ready."""
+    Raises:
+        InvalidValueError: If a port or the rate is out of range, or a certificate was given for plain UDP.
+    """
+    check_port(listening.port)
+    check_port(listening.page or 0)
+    if not listening.over_quic and (listening.certificate or listening.key):
+        raise InvalidValueError("--certificate and --key are for --quic")
+    if listening.public_url is not None and listening.page is None:
+        raise InvalidValueError("--public-url is for --page")
+    public_origin(listening)
+    if listening.proxy and listening.page is None:
+        raise InvalidValueError("--proxy is for --page")
+    parse_networks(listening.proxy)
+    if listening.monitor is not None:
+        monitoring_address(listening.monitor)
+    if listening.rate is not None and not 0 < listening.rate <= 100_000:
+        raise InvalidValueError(f"a rate is above 0 and at most 100000 megabits per second, {listening.rate} is not")
+    if listening.total_rate is not None and not 0 < listening.total_rate <= 1_000_000:
+        raise InvalidValueError(
+            f"--total-rate is above 0 and at most 1000000 megabits per second, {listening.total_rate} is not"
+        )
 
-    @property
-    def over_quic(self) -> bool:
-        """Whether over QUIC."""
-        return self.quic or self.page is not None
 
-    @property
-    def fixed_rate(self) -> float | None:
-        """Bytes per second to each client; None adapts."""
-        return None if self.rate is None else self.rate * 1e6 / 8
+def public_origin(listening: Listening) -> str | None:
+    """Web origin (scheme, host and port) of `public_url`; None if the option is not set.
 
-    def check_listening(self) -> None:
-        """Tells mistakes before any work.
+    Raises:
+        InvalidValueError: If the option is not the URL of a page at the root of a host.
+    """
+    return None if listening.public_url is None else parse_origin(listening.public_url)
 
-        Raises:
-            InvalidValueError: If a port or the rate is out of range, or a certificate was given for plain UDP.
-        """
-        check_port(self.port)
-        check_port(self.page or 0)
-        if not self.over_quic and (self.certificate or self.key):
-            raise InvalidValueError("--certificate and --key are for --quic")
-        if self.public_url is not None and self.page is None:
-            raise InvalidValueError("--public-url is for --page")
-        self.public_origin()
-        if self.rate is not None and not 0 < self.rate <= 100_000:
-            raise InvalidValueError(f"a rate is above 0 and at most 100000 megabits per second, {self.rate} is not")
 
-    def public_origin(self) -> str | None:
-        """Web origin of `public_url`; None where it is absent.
-
-        Raises:
-            InvalidValueError: If it is no address of a page at the root of its host.
-        """
-        from splatwire.transport.origins import parse_origin
-
-        return None if self.public_url is None else parse_origin(self.public_url)
-
-    def tell_ready(self, port: int, facts: "Mapping[str, str]", what: str, **more: Any) -> None:
-        """Prints where clients come to, and what they have to know."""
-        if self.json:
-            print_json({"host": self.host, "port": port, **more, **facts})
-        else:
-            print(f"{what} on {'quic' if self.over_quic else 'udp'}://{url_host(self.host)}:{port}")
-            for name, value in facts.items():
-                print(f"{name}: {value}")
-        sys.stdout.flush()
-
-    def identity(self) -> "Callable[[], Identity]":
-        """What gives the certificate and key of a QUIC server; one that was made on the spot is renewed.
-
-        Raises:
-            InvalidValueError: If only one of them was given, or they are something else.
-        """
-        from splatwire.transport.certificate import RenewedIdentity, from_pem
-
-        if (self.certificate is None) != (self.key is None):
-            raise InvalidValueError("--certificate and --key belong together")
-        if self.certificate is None or self.key is None:
-            hosts = ("localhost", "127.0.0.1", "::1", socket.gethostname(), self.host)
-            return RenewedIdentity(hosts, told=_told_renewed)
-        given = from_pem(self.certificate.read_bytes(), self.key.read_bytes())
-        return lambda: given
+def tell_ready(listening: Listening, port: int, facts: "Mapping[str, str]", what: str, **more: Any) -> None:
+    """Prints the addresses of the server and the information that clients need to connect."""
+    if listening.json:
+        print_json({"host": listening.host, "port": port, **more, **facts})
+    else:
+        print(f"{what} on {'quic' if listening.over_quic else 'udp'}://{url_host(listening.host)}:{port}")
+        for name, value in facts.items():
+            print(f"{name}: {value}")
+    sys.stdout.flush()
 
 
 def check_port(port: int) -> None:
-    """Refuses what is no port.
+    """Raises an error for an invalid port number.
 
     Raises:
-        InvalidValueError: If it is none.
+        InvalidValueError: If the number is not a valid port.
     """
     if not 0 <= port < 1 << 16:
         raise InvalidValueError(f"a port is a number from 0 to 65535, {port} is not")
 
 
-@dataclass(frozen=True, eq=False)
-class Opened:
-    """A server that listens.
-
-    Attributes:
-        server: Serves over UDP or QUIC.
-        facts: Facts that clients need, by name.
-        page: Serves the page and streams over HTTP; None without one.
-    """
-
-    server: "UdpServer | QuicServer"
-    facts: dict[str, str]
-    page: "PageServer | None" = None
-
-    def served(self) -> str:
-        """Counts of clients, answers and bytes, as text."""
-        text = f"served {self.server.core.num_served} clients, {self.server.bytes_sent:,} bytes"
-        if self.page is None:
-            return text
-        return f"{text}, and {self.page.num_answers:,} requests over HTTP, {self.page.bytes_sent:,} bytes"
-
-
 async def open_server(
-    programs: "Mapping[str, Program]", listening: Listening, limits: "ServerLimits", stack: contextlib.AsyncExitStack,
-    *, origins: tuple[str, ...] = (), live: str | None = None,
-) -> "Opened":  # fmt: skip
-    """Opens a server, and the page beside it.
+    streams: Mapping[str, ServedStream], listening: Listening, limits: ServerLimits,
+    stack: contextlib.AsyncExitStack, *, origins: tuple[str, ...] = (), live: str | None = None,
+) -> RunningServer:  # fmt: skip
+    """Starts a server, and the web server of the viewer page if requested.
 
     Args:
-        programs: Streams by name.
-        listening: Where and how.
-        limits: What is spent on clients.
-        stack: Closes it.
-        origins: Web pages that may open sessions; empty lets all.
-        live: Name of a stream that grows, which the page shows.
+        streams: Streams by name.
+        listening: Options of the server: address, port and transport.
+        limits: Limits of connections and resources for clients.
+        stack: Exit stack that closes the server.
+        origins: Web origins whose pages may open sessions; all origins are allowed if empty.
+        live: Name of a live stream, which the page shows.
     """
-    host, port = listening.host, listening.port
-    if not listening.over_quic:
-        from splatwire.transport.udp import UdpServer
+    start_log(listening, stack)
+    asyncio.get_running_loop().set_exception_handler(LoopErrors(report=log_error))
+    if listening.over_quic:
+        need_aioquic()
+        from splatwire.cli import _quic  # imports aioquic, which servers over UDP do without
 
-        plain = UdpServer(programs, host, port, limits=limits)
+        opened = await _quic.open_server(streams, listening, limits, stack, origins, live, public_origin(listening))
+    else:
+        plain = UdpServer(streams, listening.host, listening.port, limits=limits)
         stack.callback(plain.close)
-        return Opened(plain, {})
-    from splatwire.transport.quic import WEBTRANSPORT_PATH, QuicLimits, need_aioquic
-
-    need_aioquic()
-    from splatwire.transport.page import PageLimits, PageServer
-    from splatwire.transport.page_content import Link, PageContent
-    from splatwire.transport.quic_server import QuicServer
-
-    identity = listening.identity()
-    spent = QuicLimits(2 * limits.sessions, 2 * limits.per_network, origins or None)
-    server = QuicServer(programs, host, port, identity=identity, limits=limits, quic_limits=spent)
-    stack.callback(server.close)
-    await server.start()
-    facts, page = {"fingerprint": identity().fingerprint}, None
-    if listening.page is not None:
-
-        def link() -> Link:
-            return Link(server.port, WEBTRANSPORT_PATH, None if listening.certificate else identity().fingerprint)
-
-        shown = {live: None} if live is not None else programs
-        public = listening.public_origin()
-        content = PageContent(shown, link, host, origins or None, public)
-        page_limits = PageLimits(limits.sessions, 2 * limits.per_network)
-        page = await stack.enter_async_context(PageServer(content, listening.page, page_limits))
-        facts["page"] = page.url if public is None else f"{public}/"
-        if origins:  # the page itself opens sessions, too
-            own = (public or f"http://localhost:{page.port}", page.url.rstrip("/"))
-            server.limits = replace(server.limits, origins=(*origins, *own))
-    return Opened(server, facts, page)
+        opened = RunningServer(plain, {})
+    opened.facts.update(await open_monitoring(opened, listening, stack))
+    return opened
 
 
 def stop_on_signals() -> asyncio.Event:
-    """Event that is set by Ctrl-C or a request to end; the second one ends the process whatever it waits for.
+    """Returns an event that is set by SIGINT (Ctrl-C) or SIGTERM; a second signal ends the process immediately.
 
-    Errors that the event loop meets outside of any request, such as file descriptors that run out, are one line each.
+    Errors of the event loop outside of any request, such as exhausted file descriptors, are printed as one line each.
     """
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
 
@@ -213,18 +127,45 @@ def stop_on_signals() -> asyncio.Event:
     return stop
 
 
+def reload_on_hangup() -> asyncio.Event:
+    """Returns an event that is set by SIGHUP.
+
+    If standard input is a terminal, SIGHUP keeps its meaning: the terminal was closed, and the process ends.
+    """
+    reload = asyncio.Event()
+    if hasattr(signal, "SIGHUP") and not (sys.stdin is not None and sys.stdin.isatty()):
+        asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, reload.set)
+    return reload
+
+
+async def first_event(first: asyncio.Event, second: asyncio.Event) -> asyncio.Event:
+    """Waits until one of two events is set and returns it; the first if both are set."""
+    waits = [asyncio.ensure_future(event.wait()) for event in (first, second)]
+    try:
+        await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for wait in waits:
+            wait.cancel()
+    return first if first.is_set() else second
+
+
 class LoopErrors:
-    """Reports errors of the system that no request waits for, at most one line each `REPORT_S`; others as asyncio does.
+    """Handler for event-loop errors outside of any request: system errors are printed at most once per `REPORT_S`.
+
+    All other errors are passed to asyncio's default handler.
 
     Args:
-        clock: Gives the time, seconds.
+        clock: Returns the current time, seconds.
+        report: Reports an error message; None prints it on standard error.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock, self._next_at = clock, -math.inf
+    def __init__(
+        self, clock: Callable[[], float] = time.monotonic, report: Callable[[str], None] | None = None
+    ) -> None:
+        self._clock, self._next_at, self._report = clock, -math.inf, report or _print_error
 
     def __call__(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Takes what asyncio says of an error."""
+        """Handles an error context of asyncio."""
         error = context.get("exception")
         if not isinstance(error, (OSError, MemoryError)):
             loop.default_exception_handler(context)
@@ -237,14 +178,13 @@ class LoopErrors:
         if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
             advice = "; no more connections are accepted until some end: raise `ulimit -n`"
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-        print(f"splatwire: error: {reason}{advice}", file=sys.stderr, flush=True)
+        self._report(f"{reason}{advice}")
+
+
+def _print_error(text: str) -> None:
+    print(f"splatwire: error: {text}", file=sys.stderr, flush=True)
 
 
 def url_host(host: str) -> str:
-    """A host as it stands in an address: numbers of IPv6 in brackets."""
+    """Formats a host for a URL: IPv6 addresses are enclosed in brackets."""
     return f"[{host}]" if ":" in host and not host.startswith("[") else host
-
-
-def _told_renewed(identity: "Identity") -> None:
-    """Says by which fingerprint a server is known from here on."""
-    print(f"the certificate was renewed; fingerprint: {identity.fingerprint}", file=sys.stderr, flush=True)

@@ -1,37 +1,29 @@
-"""How verbs talk: results on standard output, everything else on standard error."""
+"""Output conventions of the verbs: results on standard output, everything else on standard error."""
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from contextlib import ExitStack, contextmanager, suppress
+from typing import Any, TypeAlias
 
-import tyro
-
-from splatwire.cli._terminal import console, one_line, printable_streams
+from splatwire.cli._terminal import one_line
 from splatwire.errors import InvalidValueError
 from splatwire.files.json_text import json_text
 
-if TYPE_CHECKING:
-    from splatwire.model.appearance import Scene
-
-JsonFlag = Annotated[bool, tyro.conf.arg(name="json")]
-DAMAGED = 3
-"""Exit status of a verb whose input is damaged."""
-
-
 LINE_INTERVAL_S = 10.0
-"""Seconds between two lines about one task where no terminal shows bars."""
+"""Interval between two progress lines of one task if no terminal shows progress bars, seconds."""
+_TERMINAL_ANYWAY = ("FORCE_COLOR", "TTY_COMPATIBLE")
+"""Environment variables that make rich treat a pipe as a terminal. If none is set, rich is not imported for pipes."""
 Reporter: TypeAlias = Callable[[str, float], None]
-"""Called with what is being done and the share of it that is done, 0 to 1."""
+"""Called with the name of the current task and its finished share, 0 to 1."""
 
 
 def refuse_options(options: Any, names: Sequence[str], why: str) -> None:
-    """Refuses options that have another value than where they are absent.
+    """Raises an error if any of the given options differs from its default.
 
     Raises:
-        InvalidValueError: If one has.
+        InvalidValueError: If an option is set.
     """
     for name in names:
         if getattr(options, name) != getattr(type(options), name):
@@ -39,7 +31,7 @@ def refuse_options(options: Any, names: Sequence[str], why: str) -> None:
 
 
 def print_json(content: Mapping[str, Any]) -> None:
-    """Prints one JSON object, all on one line; numbers that JSON does not have become null.
+    """Prints a JSON object in one line; numbers that are not finite become null.
 
     Raises:
         InvalidValueError: If standard output is closed.
@@ -50,49 +42,57 @@ def print_json(content: Mapping[str, Any]) -> None:
 
 
 def print_summary(text: str, output: str = "") -> None:
-    """Prints a line for a person; on standard error when standard output carries the data."""
+    """Prints a summary line on standard output, or on standard error if standard output carries data."""
     print(one_line(text), file=sys.stderr if output == "-" or sys.stdout is None else sys.stdout)
 
 
-def tell_lost_harmonics(scene: "Scene", path: str | Path) -> None:
-    """Says on standard error what a `.splat` file does not hold: the spherical harmonics of a scene.
+def print_table(
+    headings: Sequence[str], rows: Sequence[Sequence[str]], title: str, *, caption: str | None = None,
+    best: Sequence[int] = (),
+) -> None:  # fmt: skip
+    """Prints a table on standard output.
 
     Args:
-        scene: What was written.
-        path: The file.
+        headings: Heading of each column; the first column is left-justified, all others right-justified.
+        rows: Texts of each row.
+        title: Headline.
+        caption: Text below the table.
+        best: Numbers of the rows that are highlighted.
     """
-    degree = getattr(scene.elements, "degree", 0)
-    if degree and Path(path).suffix.lower() == ".splat":
-        told = "a .splat file has one colour for all directions"
-        print(f"{path}: {told}; the scene's harmonics, of degree {degree}, are not in it", file=sys.stderr)
+    _rich().print_rows(headings, rows, title, caption, best)
+
+
+def print_facts(groups: Sequence[Sequence[tuple[str, str]]], title: str, *, aligned: bool = False) -> None:
+    """Prints names and values as a table on standard output.
+
+    Args:
+        groups: Names and values; groups are separated by a line.
+        title: Headline.
+        aligned: True for bold names and right-justified values.
+    """
+    _rich().print_facts(groups, title, aligned=aligned)
+
+
+def _rich() -> Any:
+    """Returns the module that draws with rich; results as JSON and progress in plain lines need no rich."""
+    from splatwire.cli import _rich as drawn
+
+    return drawn
 
 
 @contextmanager
 def progress_bars() -> Iterator[Reporter]:
-    """Shows progress on standard error: bars on a terminal, lines elsewhere and where rich is absent."""
-    try:
-        from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
-    except ModuleNotFoundError:
-        yield _lines()
-        return
-    shown = console(stderr=True)
-    if not shown.is_terminal:
-        yield _lines()
-        return
-    columns = (TextColumn("{task.description:<34}", markup=False), BarColumn(bar_width=30), TimeElapsedColumn())
-    tasks: dict[str, TaskID] = {}
-    with Progress(*columns, console=shown) as progress, printable_streams():  # rich has put its own streams there
-
-        def report(task: str, share: float) -> None:
-            if task not in tasks:
-                tasks[task] = progress.add_task(one_line(task), total=1.0)
-            progress.update(tasks[task], completed=share)
-
-        yield report
+    """Shows progress on standard error: bars on a terminal, plain lines otherwise or if rich is not installed."""
+    with ExitStack() as stack:
+        shown = None
+        if sys.stderr.isatty() or any(name in os.environ for name in _TERMINAL_ANYWAY):
+            with suppress(ModuleNotFoundError):
+                shown = stack.enter_context(_rich().bars())
+        yield shown or _lines()
 
 
 def _lines() -> Reporter:
-    """Prints a line when a task begins, and its share at intervals while it goes on."""
+    """Prints a line at the start of a task, and its finished share at intervals."""
     printed: dict[str, float] = {}
     started = time.perf_counter()
 

@@ -1,31 +1,31 @@
-"""`splatwire serve --moq`: a stream goes to a relay, which sends it on."""
+"""`splatwire serve --moq`: publishes a stream to a Media-over-QUIC relay, which forwards it to subscribers."""
 
 import sys
 from pathlib import Path
 
+from splatwire.bitstream import read_stream
 from splatwire.cli._listening import stop_on_signals
+from splatwire.cli._options import TrustOptions
 from splatwire.cli._output import print_json
-from splatwire.cli._receiving import TrustOptions
+from splatwire.cli._receiving import relay_trust
+from splatwire.errors import InvalidValueError
+from splatwire.transport.address import parse_url
+from splatwire.transport.moq.publisher import need_moq, publish
 
 
 async def publish_stream(url: str, path: Path, trust: TrustOptions, *, json: bool) -> None:
-    """Publishes a stream until somebody ends it.
+    """Publishes a stream to a relay until the process is stopped.
 
     Args:
-        url: https://RELAY[:PORT]/NAME.
-        path: The stream.
-        trust: Which relay is believed.
-        json: Whether one JSON object says that it is ready.
+        url: Address of the relay and name of the broadcast: https://RELAY[:PORT]/NAME.
+        path: Path of the stream.
+        trust: Options that determine which relay certificates are accepted.
+        json: True to print a JSON object when the relay is connected.
 
     Raises:
-        InvalidValueError: If the address is none, or no session comes about.
+        InvalidValueError: If the address is invalid, or the connection to the relay fails.
         BackendUnavailableError: If moq-rs is not installed.
     """
-    from splatwire.errors import InvalidValueError
-    from splatwire.packets import read_stream
-    from splatwire.transport.address import parse_url
-    from splatwire.transport.moq import need_moq, publish
-
     if not url.startswith(("https://", "moq://")):
         raise InvalidValueError(f"'{url}' is no relay such as https://RELAY/NAME")
     address = parse_url(f"moq://{url.partition('://')[2]}")
@@ -40,5 +40,5 @@ async def publish_stream(url: str, path: Path, trust: TrustOptions, *, json: boo
             print(f"publishing at moq://{address.host}:{address.port}/{address.name} (Ctrl-C ends it)")
         sys.stdout.flush()
 
-    asked = await publish(address, stream, trust.relay_trust(), stop, ready)
+    asked = await publish(address, stream, relay_trust(trust), stop, ready)
     print(f"the relay asked for {asked.tracks:,} tracks, {asked.num_bytes:,} bytes", file=sys.stderr)

@@ -1,6 +1,7 @@
-"""Errors that mean that a resource of the system is used up, in one line that says which and what to do."""
+"""One-line messages for errors caused by exhausted system resources, with advice."""
 
 import errno
+import resource
 from collections.abc import Iterator
 
 _ADVICE = {
@@ -11,7 +12,8 @@ _ADVICE = {
     errno.ENFILE: "Too many open files in the whole system",
     errno.ENOMEM: "Cannot allocate memory",
 }
-"""Texts for error numbers of the system."""
+"""Message for each error number (errno)."""
+_LEAST_ADDRESS_SPACE = 1_000_000_000
 _MEMORY = "there is not enough memory here"
 _MARKERS = (
     ("failed to map segment", _MEMORY),
@@ -23,14 +25,14 @@ _MARKERS = (
     ("os error 28", _ADVICE[errno.ENOSPC]),
     ("file write failed", "a file could not be written: the device may be full, or its size limited (`ulimit -f`)"),
 )
-"""Words in errors of libraries that have no error number."""
+"""Texts that identify such errors of libraries without an error number, and the message for each."""
 
 
 def resource_problem(error: BaseException) -> str | None:
-    """Describes an error that comes from a used up resource; None for any other one.
+    """Returns a message for an error caused by an exhausted resource; None for other errors.
 
     Args:
-        error: The error, with its causes.
+        error: The exception, with its chain of causes.
     """
     for cause in _chain(error):
         if isinstance(cause, MemoryError):
@@ -47,12 +49,25 @@ def resource_problem(error: BaseException) -> str | None:
     return None
 
 
-def _address_space() -> str:
-    """The limit of the address space, if there is one; libraries alone take more than a gigabyte of it."""
-    try:
-        import resource
-    except ImportError:  # not on Windows
+def address_space_warning() -> str:
+    """Returns a warning if the process's address space is limited to less than libraries need; otherwise empty.
+
+    Such a process may be aborted inside a library, before Python can print an error.
+    """
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY or limit >= _LEAST_ADDRESS_SPACE:
         return ""
+    return (
+        f"the address space is limited to {limit / 1e9:.1f} GB (`ulimit -v`), libraries need up to "
+        f"{_LEAST_ADDRESS_SPACE / 1e9:.0f} GB: without it, they may end this program"
+    )
+
+
+def _address_space() -> str:
+    """Returns a hint with the limit of the process's address space; empty if unlimited.
+
+    Libraries alone need over 1 GB.
+    """
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit == resource.RLIM_INFINITY:
         return ""
@@ -60,7 +75,7 @@ def _address_space() -> str:
 
 
 def _chain(error: BaseException | None) -> Iterator[BaseException]:
-    """An error, what it was raised from, and so on."""
+    """Yields an exception and its chain of causes."""
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         seen.add(id(error))

@@ -1,47 +1,50 @@
-"""Options that several verbs have in common."""
+"""Values of options common to several verbs, and a warning about what a file cannot hold."""
 
-from typing import TYPE_CHECKING, Literal, TypeAlias
+import sys
+from pathlib import Path
 
+from splatwire.anchors.appearance import Scene
+from splatwire.cli._options import BackgroundOption, OutliersOption
 from splatwire.errors import InvalidValueError
-
-if TYPE_CHECKING:
-    from splatwire.formats.outliers import Outliers
-    from splatwire.scene.background import Background
-
-BackgroundOption: TypeAlias = tuple[float, float, float] | None
-"""What `--background` takes; None for the scene's own."""
+from splatwire.io.formats import format_for
+from splatwire.io.formats.outliers import DEFAULT, Outliers
+from splatwire.types.background import Background, check_background
 
 
-def chosen_background(option: BackgroundOption) -> "Background | None":
-    """Checks what the user said; None for nothing.
+def chosen_background(option: BackgroundOption) -> Background | None:
+    """Validates the value of `--background`; returns None if the option is not set.
 
     Raises:
-        InvalidValueError: If it is no colour.
+        InvalidValueError: If the value is not a colour.
     """
-    from splatwire.scene.background import check_background
-
     return None if option is None else check_background(option)
 
 
-OutliersOption: TypeAlias = Literal["clamp", "prune", "keep"] | None
-"""Value of `--outliers`; None for the default."""
-
-
-def chosen_outliers(option: OutliersOption, name: str) -> "Outliers":
-    """Returns the treatment of outliers; the default where the option is absent.
+def chosen_outliers(option: OutliersOption, name: str) -> Outliers:
+    """Returns the treatment of outliers for a file format; the default if the option is not set.
 
     Args:
         option: Value of the option.
-        name: Name of the file to write, or its ending.
+        name: Name of the output file, or its suffix.
 
     Raises:
         InvalidValueError: If the option is given for a format without shared steps.
     """
-    from splatwire.formats.kinds import QUANTISED, writer_for
-    from splatwire.formats.outliers import DEFAULT
-
     if option is None:
         return DEFAULT
-    if writer_for(name) not in QUANTISED:
+    if "outliers" not in format_for(name).keeps:
         raise InvalidValueError("--outliers is for compressed.ply, spz and sog: other formats keep numbers as they are")
     return option
+
+
+def tell_lost_harmonics(scene: Scene, path: str | Path) -> None:
+    """Prints a warning that a `.splat` file does not store the spherical harmonics of the scene.
+
+    Args:
+        scene: The scene that was written.
+        path: Path of the file.
+    """
+    degree = getattr(scene.elements, "degree", 0)
+    if degree and Path(path).suffix.lower() == ".splat":
+        told = "a .splat file has one colour for all directions"
+        print(f"{path}: {told}; the scene's harmonics, of degree {degree}, are not in it", file=sys.stderr)

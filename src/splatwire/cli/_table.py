@@ -1,39 +1,43 @@
-"""The table that `demo` and `evaluate` print."""
+"""Result table of `splatwire demo` and `splatwire evaluate`."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from splatwire.cli._terminal import print_table
+from splatwire.cli._output import print_table
+from splatwire.metrics.registry import METRICS
 
 
 def print_rows(rows: Sequence[Mapping[str, Any]], title: str, *, lpips_note: str) -> None:
-    """Prints rows as a table on standard output.
+    """Prints evaluation results as a table on standard output.
 
     Args:
-        rows: As `Evaluation.rows` gives them.
+        rows: Table rows as returned by `Evaluation.rows`.
         title: Headline.
-        lpips_note: Why there is no LPIPS, or on which views it is.
+        lpips_note: Reason for missing LPIPS values, or the views that LPIPS covers.
     """
-    from rich.table import Table
-
     best = max((row["psnr"] for row in rows if row["num_lost"] and row["psnr"] is not None), default=None)
-    table = Table(title=title, title_justify="left", caption=_caption(rows, lpips_note), caption_justify="left")
-    for name in ("method", "PSNR dB", "SSIM", "LPIPS", "lost", "bytes", "seconds"):
-        table.add_column(name, justify="left" if name == "method" else "right")
-    for row in rows:
-        psnr = "= reference" if row["exact"] else "-" if row["psnr"] is None else f"{row['psnr']:.2f}"
-        lpips = "no weights" if row["lpips"] is None else f"{row['lpips']:.4f}"
-        table.add_row(
-            row["method"],
-            psnr,
-            f"{row['ssim']:.4f}",
-            lpips,
-            f"{row['num_lost']:,.0f}",
-            f"{row['num_bytes']:,}",
-            f"{row['seconds']:.1f}",
-            style="bold green" if best is not None and row["psnr"] == best and row["num_lost"] else None,
-        )
-    print_table(table)
+    others = list(rows[0]["metrics"]) if rows else []
+    headings = ("method", "PSNR dB", "SSIM", "LPIPS", *(METRICS[name].label for name in others))
+    lines = [_line(row, others) for row in rows]
+    marked = [n for n, row in enumerate(rows) if best is not None and row["psnr"] == best and row["num_lost"]]
+    print_table((*headings, "lost", "bytes", "seconds"), lines, title, caption=_caption(rows, lpips_note), best=marked)
+
+
+def _line(row: Mapping[str, Any], others: Sequence[str]) -> tuple[str, ...]:
+    return (
+        row["method"],
+        "= reference" if row["exact"] else _figure(row["psnr"], 2),
+        f"{row['ssim']:.4f}",
+        "no weights" if row["lpips"] is None else f"{row['lpips']:.4f}",
+        *(_figure(row["metrics"][name], METRICS[name].digits) for name in others),
+        f"{row['num_lost']:,.0f}",
+        f"{row['num_bytes']:,}",
+        f"{row['seconds']:.1f}",
+    )
+
+
+def _figure(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def _caption(rows: Sequence[Mapping[str, Any]], lpips_note: str) -> str:

@@ -1,4 +1,4 @@
-"""Output to the terminal: control characters become visible.
+"""Safe output to a terminal: control characters are escaped.
 
 Names of files and streams, messages of servers and contents of files are untrusted. An escape sequence in them
 could rewrite the screen, the title or the clipboard, and a bidirectional override could show another file name.
@@ -8,13 +8,10 @@ import contextlib
 import sys
 import unicodedata
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+from typing import Any
 
 _KEPT = "\n\t"
-"""Control characters that structure our own text."""
+"""Control characters that are not escaped: line feed and tab."""
 
 
 def printable(text: str) -> str:
@@ -43,10 +40,10 @@ def _escaped(character: str) -> str:
 
 
 class PrintableStream:
-    """A text stream that makes every text printable. Bytes for its `buffer` are not changed.
+    """Text stream that escapes control characters; bytes written to its `buffer` are unchanged.
 
     Args:
-        target: Stream that the text goes on to.
+        target: Stream that receives the escaped text.
 
     Attributes:
         target: See there.
@@ -71,38 +68,10 @@ class PrintableStream:
 
 @contextlib.contextmanager
 def printable_streams() -> Iterator[None]:
-    """Makes all that is printed on standard output and standard error printable; a closed stream stays closed."""
+    """Makes standard output and standard error escape control characters; closed streams stay closed."""
     with contextlib.ExitStack() as stack:
         if sys.stdout is not None:
             stack.enter_context(contextlib.redirect_stdout(PrintableStream(sys.stdout)))
         if sys.stderr is not None:
             stack.enter_context(contextlib.redirect_stderr(PrintableStream(sys.stderr)))
         yield
-
-
-def console(*, stderr: bool = False) -> "Console":
-    """Returns a rich console. Its own control sequences reach the terminal, and its texts have no markup."""
-    from rich.console import Console
-
-    stream = sys.stderr if stderr else sys.stdout
-    while isinstance(stream, PrintableStream):
-        stream = stream.target
-    return Console(file=stream, markup=False, emoji=False, highlight=False)
-
-
-def print_table(table: "RenderableType") -> None:
-    """Prints a rich table on standard output, its texts made printable."""
-    console().print(_Printable(table))
-
-
-class _Printable:
-    """A rich renderable with printable texts."""
-
-    def __init__(self, inner: Any) -> None:
-        self._inner = inner
-
-    def __rich_console__(self, console: Any, options: Any) -> Iterator[Any]:
-        from rich.segment import Segment
-
-        for segment in console.render(self._inner, options):
-            yield segment if segment.control else Segment(printable(segment.text), segment.style)

@@ -1,4 +1,4 @@
-"""How a training run shows itself: a bar on a terminal, a line now and then elsewhere, and what Ctrl-C does."""
+"""Display of a training run: progress bar or lines, and a stop with checkpoint on Ctrl-C."""
 
 import re
 import signal
@@ -8,24 +8,26 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from splatwire.cli._terminal import console, printable_streams
+from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn
+from rich.progress import Progress as Bars
+from rich.table import Column
+
+from splatwire.cli._rich import console
+from splatwire.cli._terminal import printable_streams
 from splatwire.errors import InvalidValueError
-
-if TYPE_CHECKING:
-    from rich.progress import ProgressColumn
-
-    from splatwire.model import AnchorScene
-    from splatwire.train import Listener, Progress, QualityReport, TrainConfig
+from splatwire.neural.training import Listener, Progress, QualityReport, TrainConfig
+from splatwire.neural.training.size import stream_bytes
+from splatwire.types import AnchorScene
 
 _SIZE = re.compile(r"(\d+(?:\.\d+)?) *(B|kB|KB|MB)?")
 _UNITS = {"": 1, "B": 1, "kB": 1000, "KB": 1000, "MB": 1_000_000}
 _NEAR = 0.03
-"""A size that is missed by more is told."""
+"""Relative difference to the requested size above which a message is printed."""
 _UNKNOWN = "-:--:--"
 _PLAIN_INTERVAL_S = 30.0
-"""Without a terminal, a line this often."""
+"""Interval of progress lines without a terminal, seconds."""
 
 _RECIPE = {
     "preset": attrgetter("preset"),
@@ -41,19 +43,19 @@ _RECIPE = {
     "background": attrgetter("background"),
     "seed": attrgetter("seed"),
 }
-"""Options of a recipe, and where it has them."""
+"""Options of the training recipe, each with a function that returns its value from a training configuration."""
 
 
-def check_same_recipe(given: Iterable[str], asked: "TrainConfig", kept: "TrainConfig") -> None:
-    """Refuses options that a run that goes on could not follow: its recipe is that of the checkpoint.
+def check_same_recipe(given: Iterable[str], asked: TrainConfig, kept: TrainConfig) -> None:
+    """Raises an error if options would change the training settings (recipe) of a run resumed from a checkpoint.
 
     Args:
-        given: Options that the user gave.
-        asked: The recipe that they make.
-        kept: That of the checkpoint.
+        given: Options set by the user.
+        asked: Recipe that results from the options.
+        kept: Recipe of the checkpoint.
 
     Raises:
-        InvalidValueError: If they differ in one of them.
+        InvalidValueError: If such an option differs from the recipe of the checkpoint.
     """
     other = [name for name in given if name in _RECIPE and _RECIPE[name](asked) != _RECIPE[name](kept)]
     if other:
@@ -62,12 +64,8 @@ def check_same_recipe(given: Iterable[str], asked: "TrainConfig", kept: "TrainCo
 
 
 @contextmanager
-def watch(on_test: Any) -> "Iterator[Listener]":
-    """Shows progress on standard error, and turns the first Ctrl-C into a polite stop."""
-    from rich.progress import Progress as Bars
-
-    from splatwire.train import Listener
-
+def watch(on_test: Any) -> Iterator[Listener]:
+    """Yields callbacks that show the training progress on standard error, and that stop the training after Ctrl-C."""
     shown = console(stderr=True)
     stop: list[bool] = []
     tests: list[str] = []
@@ -82,7 +80,7 @@ def watch(on_test: Any) -> "Iterator[Listener]":
     with Bars(*columns(), console=shown, expand=True, disable=not shown.is_terminal) as bars, printable_streams():
         task = bars.add_task("starting", total=None, left=_UNKNOWN)
 
-        def progress(now: "Progress") -> None:
+        def progress(now: Progress) -> None:
             text = line(now) + "".join(tests[-1:])
             bars.update(task, completed=now.iteration, total=now.iterations, description=text, left=time_left(now))
             if not shown.is_terminal and time.monotonic() - printed[0] > _PLAIN_INTERVAL_S:
@@ -90,7 +88,7 @@ def watch(on_test: Any) -> "Iterator[Listener]":
                 plain = f"{now.iteration}/{now.iterations} {text}, {time_left(now)} left"
                 shown.print(plain, soft_wrap=True)
 
-        def tested(report: "QualityReport") -> None:
+        def tested(report: QualityReport) -> None:
             tests.append(f", test {report.psnr:.2f} dB")
             on_test(report)
 
@@ -104,11 +102,8 @@ def watch(on_test: Any) -> "Iterator[Listener]":
             signal.signal(signal.SIGINT, before)
 
 
-def columns() -> "tuple[ProgressColumn, ...]":
-    """Counter and time left come first and whole; what does not fit into the terminal is cut off the description."""
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
-    from rich.table import Column
-
+def columns() -> tuple[ProgressColumn, ...]:
+    """Returns the columns of the progress bar; counter and remaining time have priority over the description."""
     whole, rest = Column(no_wrap=True), Column(ratio=1, no_wrap=True, overflow="ellipsis")
     return (
         MofNCompleteColumn(table_column=whole),
@@ -118,25 +113,25 @@ def columns() -> "tuple[ProgressColumn, ...]":
     )
 
 
-def line(now: "Progress") -> str:
-    """What a run has come to, in one line."""
+def line(now: Progress) -> str:
+    """Formats the state of a training run as one line."""
     size = f", ~{now.estimated_bytes / 1e6:.2f} MB" if now.estimated_bytes is not None else ""
     speed = "" if now.iterations_per_second is None else f", {now.iterations_per_second:.1f} it/s"
     return f"loss {now.loss:.4f}, L1 {now.l1:.4f}, {now.num_anchors:,} anchors{size}{speed}"
 
 
-def time_left(now: "Progress") -> str:
-    """How long the rest of a run takes at its speed, as hours:minutes:seconds."""
+def time_left(now: Progress) -> str:
+    """Estimates the remaining time of a run from its speed, formatted as hours:minutes:seconds."""
     if now.iterations_per_second is None:
         return _UNKNOWN
     return str(timedelta(seconds=round((now.iterations - now.iteration) / now.iterations_per_second)))
 
 
 def parsed_size(text: str) -> int:
-    """Bytes that a text such as `500kB` asks for.
+    """Parses a size such as `500kB`; returns bytes.
 
     Raises:
-        InvalidValueError: If it is none, or less than a byte.
+        InvalidValueError: If the text is not a size, or is less than a byte.
     """
     found = _SIZE.fullmatch(text.strip())
     num_bytes = round(float(found[1]) * _UNITS[found[2] or ""]) if found else 0
@@ -145,12 +140,10 @@ def parsed_size(text: str) -> int:
     return num_bytes
 
 
-def told_size(scene: "AnchorScene", wanted: int) -> int | None:
-    """Bytes of a scene's stream, if some were asked for; says so if they were missed."""
+def told_size(scene: AnchorScene, wanted: int) -> int | None:
+    """Returns the size of the scene's stream in bytes if a size was requested; prints a message if it was missed."""
     if not wanted:
         return None
-    from splatwire.train.size import stream_bytes
-
     num_bytes = stream_bytes(scene)
     if abs(num_bytes / wanted - 1) > _NEAR:
         advice = "a longer run or another --lmbda comes closer"

@@ -1,4 +1,4 @@
-"""What somebody who waits is told: that the libraries are being loaded, and that kernels are being compiled."""
+"""Messages during long startup phases: loading of libraries and compilation of kernels."""
 
 import logging
 import sys
@@ -13,7 +13,7 @@ _COMPILER = logging.getLogger("splatwire.ops.compiled")
 
 
 class Waiting(logging.Handler):
-    """Tells on standard error what takes long before a verb can say anything itself."""
+    """Log handler that prints on standard error why a verb has not produced output yet."""
 
     def __init__(self, verb: str) -> None:
         super().__init__(logging.INFO)
@@ -22,20 +22,20 @@ class Waiting(logging.Handler):
         self._kernels, self._began, self._told = 0, 0.0, 0.0
 
     def loading(self, verb: str) -> None:
-        """Says that the verb has begun."""
+        """Prints that the libraries of the verb are being loaded."""
         print(f"splatwire {verb}: loading", file=sys.stderr, flush=True)
 
     def start(self) -> None:
-        """Begins to be patient; only a person at a terminal is told about loading."""
+        """Starts the timer after which the loading message is printed, if standard error is a terminal."""
         if sys.stderr.isatty():
             self._loading.start()
 
     def stop(self) -> None:
-        """There is nothing more to wait for."""
+        """Cancels the loading message."""
         self._loading.cancel()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Prints that kernels are being compiled: for the first one, then every few seconds how many are done."""
+        """Prints a message for the first compiled kernel, then every few seconds the number of compiled kernels."""
         if record.levelno > logging.INFO:
             print(f"splatwire: {record.getMessage()}", file=sys.stderr)
             return
@@ -53,7 +53,7 @@ class Waiting(logging.Handler):
 
 @contextmanager
 def telling_why_it_takes_long(verb: str) -> Iterator[None]:
-    """Keeps a `Waiting` while a verb runs."""
+    """Context that activates a `Waiting` handler while a verb runs."""
     handler, before = Waiting(verb), _COMPILER.level
     _COMPILER.addHandler(handler)
     _COMPILER.setLevel(logging.INFO)

@@ -1,4 +1,4 @@
-"""Dispatch: which verb runs, and how an error is told."""
+"""Entry point of the command line: dispatches to verbs and prints errors."""
 
 import atexit
 import contextlib
@@ -14,62 +14,30 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Any
 
-import tyro
-
 import splatwire
-from splatwire.cli._former import answer_former_words
-from splatwire.cli._help import tell
-from splatwire.cli._left_out import input_warnings
-from splatwire.cli._output import DAMAGED
-from splatwire.cli._resources import resource_problem
+from splatwire.cli._left_out import DAMAGED, input_warnings
+from splatwire.cli._resources import address_space_warning, resource_problem
 from splatwire.cli._terminal import one_line, printable_streams
+from splatwire.cli._verbs import VERBS, overview, unknown_verb
 from splatwire.cli._waiting import telling_why_it_takes_long
-from splatwire.errors import SplatwireError, how_to_install
-
-VERBS = {
-    "demo": "demo.Demo",
-    "train": "train.Train",
-    "calibrate": "calibrate.Calibrate",
-    "import": "import_model.Import",
-    "export": "export.Export",
-    "encode": "encode.Encode",
-    "inspect": "inspect.Inspect",
-    "transmit": "transmit.Transmit",
-    "plan": "plan.PlanCommand",
-    "serve": "serve.Serve",
-    "live": "live.Live",
-    "receive": "receive.Receive",
-    "pack": "pack.Pack",
-    "view": "view.View",
-    "verify": "verify.Verify",
-    "decode": "decode.Decode",
-    "render": "render.Render",
-    "evaluate": "evaluate.Evaluate",
-    "study": "study.StudyCommand",
-}
-"""Verb to file and settings class; each class has a `run()`."""
+from splatwire.errors import InvalidValueError, SplatwireError, how_to_install
+from splatwire.files.whole import with_final_names
 
 _OBJECTS = 200_000
-"""So many more objects than were given up are made before garbage is looked for."""
-_DESCRIPTION = """Carries 3D Gaussian splats across lossy networks.
-
-`splatwire demo` shows it; `splatwire VERB --help` tells what a verb takes.
-`splatwire --version` tells the version.
-`splatwire --tyro-print-completion bash` (zsh, tcsh) prints a shell's completion.
-"""
+"""Threshold of Python's garbage collector: net number of allocated objects before a collection."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the command line and exits.
+    """Runs the command line and exits the process.
 
-    The exit status is 0, or 2 for a mistake that one line on standard error explains, or 3 if the result comes from a
-    damaged input or an incomplete transfer, or 130 after Ctrl-C (143 when the process was ended by SIGTERM).
+    The exit status is 0; 2 for a user error, explained by one line on standard error; 3 if the result comes from a
+    damaged input or an incomplete transfer, 130 after Ctrl-C (143 when the process was ended by SIGTERM).
 
     Args:
-        arguments: Words after the program's name; None for those of the process.
+        arguments: Command-line arguments after the program name; None for those of this process.
     """
-    # Before any library starts OpenMP: its threads spin while they wait, which on busy processors costs others their
-    # turn and the work itself several times its length.
+    # Must precede the first use of OpenMP: waiting threads would otherwise spin, which on busy processors slows down
+    # all processes, including this one by several times.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     if arguments is None:
         sys.excepthook = _print_traceback
@@ -77,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with _standard_streams(), _ended_in_order(), _few_collections():
             status = _run(list(sys.argv[1:] if arguments is None else arguments))
             status = _flushed(status)
-    except BrokenPipeError:  # whoever read the output has gone, e.g. `| head`
+    except BrokenPipeError:  # the reader of the output has exited, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 0
     sys.exit(status)
@@ -89,10 +57,10 @@ def _print_traceback(kind: type[BaseException], error: BaseException, trace: Tra
 
 
 def _flushed(status: int) -> int:
-    """Writes what standard output holds back; returns the exit status.
+    """Flushes standard output; returns the exit status.
 
     Raises:
-        BrokenPipeError: If nobody reads it.
+        BrokenPipeError: If the reader of standard output has exited.
     """
     if sys.stdout is None:
         return status
@@ -101,14 +69,14 @@ def _flushed(status: int) -> int:
     except BrokenPipeError:
         raise
     except OSError as error:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else it is tried again at the end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # otherwise Python would flush it again at exit
         return _complain(f"standard output: {resource_problem(error) or error}")
     return status
 
 
 @contextmanager
 def _standard_streams() -> Iterator[None]:
-    """Gives errors somewhere to go where standard error is closed; `print` would take standard output instead."""
+    """Redirects a closed standard error to the null device; `print` would use standard output instead."""
     if sys.stderr is not None:
         yield
         return
@@ -118,10 +86,11 @@ def _standard_streams() -> Iterator[None]:
 
 @contextmanager
 def _few_collections() -> Iterator[None]:
-    """Has garbage looked for seldom: libraries make half a million objects as they load, none of which is any.
+    """Makes garbage collections rare while a command runs, and prevents them at its end, for a faster start and exit.
 
-    Looking after each seven hundred takes a sixth of the time that a verb needs to begin, and looking at the end, as
-    Python does twice, a tenth more.
+    Loading libraries creates half a million objects, of which none becomes garbage. By default, Python searches for
+    garbage whenever seven hundred objects were added, which takes a sixth of a command's start-up time. Python's two
+    searches at the end of the process would take another tenth of this time.
     """
     atexit.register(gc.freeze)
     before = gc.get_threshold()
@@ -134,7 +103,7 @@ def _few_collections() -> Iterator[None]:
 
 @contextmanager
 def _ended_in_order() -> Iterator[None]:
-    """Makes a polite end of the process (`kill`, a closed terminal) an exit, so that unfinished files are removed."""
+    """Converts SIGTERM and SIGHUP to a regular exit, so that temporary files are removed."""
 
     def end(number: int, _: object) -> None:
         sys.exit(128 + number)
@@ -152,7 +121,7 @@ def _ended_in_order() -> Iterator[None]:
 
 
 def _is_default(number: int) -> bool:
-    return signal.getsignal(number) is signal.SIG_DFL  # not what `nohup` ignores
+    return signal.getsignal(number) is signal.SIG_DFL  # keeps signals that `nohup` ignores
 
 
 def _run(arguments: list[str]) -> int:
@@ -160,10 +129,15 @@ def _run(arguments: list[str]) -> int:
         if arguments in (["--version"], ["-V"]):
             print(f"splatwire {splatwire.__version__}")
             return 0
+        if not arguments or arguments[0] in ("--help", "-h"):
+            print(overview())
+            return 0
         verb = _parse(arguments)
-        waits = telling_why_it_takes_long(arguments[0] if arguments else "")
+        if warning := address_space_warning():
+            print(f"splatwire: warning: {warning}", file=sys.stderr)
+        waits = telling_why_it_takes_long(arguments[0])
         with printable_streams(), waits, input_warnings() as warnings:
-            verb.run()
+            _execute(arguments[0], verb)
     except BrokenPipeError:
         raise
     except (Exception, KeyboardInterrupt) as error:
@@ -183,7 +157,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _complain_of_damage(verb: Any) -> int:
-    """Prints that a result is partial; returns the exit status."""
+    """Prints that the result is incomplete; returns the exit status."""
     if getattr(verb, "accept_damage", False):
         return 0
     how = ", or accept this result with --accept-damage" if hasattr(verb, "accept_damage") else ""
@@ -195,38 +169,43 @@ def _complain_of_damage(verb: Any) -> int:
 
 
 def _is_interruption(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is behind an error: while a compiled kernel runs, it comes out as a SystemError of the kernel."""
+    """Returns True if Ctrl-C caused an error: within a compiled kernel it is raised as a SystemError."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
 
 
 def _parse(arguments: list[str]) -> Any:
-    """Reads the words; only the chosen verb's file is imported, unless an overview is asked for."""
-    config = (
-        tyro.conf.FlagCreatePairsOff,
-        tyro.conf.OmitArgPrefixes,
-        tyro.conf.OmitSubcommandPrefixes,
-        tyro.conf.DisallowNone,
-    )
-    if arguments and arguments[0] in VERBS:
-        verb = arguments[0]
-        answer_former_words(verb, arguments[1:])
-        return tyro.cli(settings_of(verb), prog=f"splatwire {verb}", args=arguments[1:], config=config)
-    verbs = {verb: settings_of(verb) for verb in VERBS}
-    return tyro.extras.subcommand_cli_from_dict(
-        verbs, prog="splatwire", description=_DESCRIPTION, args=arguments or ["--help"], config=config
-    )
+    """Parses the command-line arguments after the program name into the options of a verb.
+
+    Raises:
+        InvalidValueError: If the first word is no verb, or an argument is empty.
+        SystemExit: If help was printed, or a later word cannot be parsed.
+    """
+    if arguments[0] not in VERBS and not arguments[0].startswith("--tyro-"):
+        raise InvalidValueError(unknown_verb(arguments[0]))
+    for place, word in enumerate(arguments):
+        if not word or (word.startswith("--") and word.endswith("=")):  # an empty path would be the current folder
+            where = f"after {arguments[place - 1]}" if not word else f"of {word[:-1]}"
+            raise InvalidValueError(f"the argument {where} is empty: is a variable of the shell not set?")
+    from splatwire.cli import _parsing  # imports tyro
+
+    if arguments[0] in VERBS:
+        return _parsing.parse_verb(arguments[0], arguments[1:])
+    return _parsing.parse_any(arguments)
 
 
-def settings_of(verb: str) -> Any:
-    """The settings class of a verb; only its file is imported."""
-    module, name = VERBS[verb].split(".")
-    settings = getattr(importlib.import_module(f"splatwire.cli.{module}"), name)
-    tell(settings)
-    return settings
+def _execute(verb: str, options: Any) -> None:
+    """Checks the output and runs a verb: calls `run(options)` of the module `_run_MODULE`.
+
+    That module imports the libraries that the verb needs, so that `--help` imports only the options.
+    """
+    from splatwire.cli._files import check_output  # imports numpy
+
+    check_output(options)
+    importlib.import_module(f"splatwire.cli._run_{VERBS[verb].module}").run(options)
 
 
 def _complain(message: str) -> int:
-    print(f"splatwire: error: {one_line(message)}", file=sys.stderr)
+    print(f"splatwire: error: {one_line(with_final_names(message))}", file=sys.stderr)
     return 2

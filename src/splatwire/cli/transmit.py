@@ -1,47 +1,30 @@
-"""`splatwire transmit`: a stream loses packets."""
+"""Options of `splatwire transmit`."""
 
 from dataclasses import dataclass
 from typing import Annotated
 
 import tyro
 
-from splatwire.cli._files import input_path, output_path
-from splatwire.cli._output import JsonFlag, print_json, print_summary
+from splatwire.cli._options import JsonFlag
 
 
 @dataclass(frozen=True)
 class Transmit:
-    """Send a stream through a channel that loses packets."""
+    """Simulate the transmission of a stream over a channel that loses packets."""
 
     stream: tyro.conf.Positional[str]
     """Stream: a .swz file, a folder, or - for standard input."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
-    """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise."""
+    """Stream to write: one file if the name ends in .swz (or is -), otherwise a folder of packets."""
     loss: str = "bernoulli:0.2"
-    """What is lost: none, bernoulli:RATE, gilbert:RATE,BURST, gilbert:PRESET or trace:FILE; the unit is a .pak."""
+    """Loss model: none, bernoulli:RATE, gilbert:RATE,BURST, gilbert:PRESET or trace:FILE; the unit of loss is a .pak
+    packet."""
     seed: int = 0
     """Seed of the losses."""
     send_order: str = "interleaved"
-    """interleaved: lane by lane, so that a burst hits many blocks; block: block by block; tiers: tier by tier."""
+    """Order of sending: interleaved (lane by lane, so that a burst affects many blocks), block (block by block) or
+    tiers (tier by tier)."""
     accept_damage: bool = False
-    """Exit with status 0 although bytes of the stream are damaged; packets that are only missing need no option."""
+    """Exit with status 0 even if bytes of the stream are damaged. Missing packets do not need this option."""
     json: JsonFlag = False
     """Print one JSON object."""
-
-    def run(self) -> None:
-        """Runs the verb."""
-        from splatwire.channel import parse_loss, transmit
-        from splatwire.packets import read_stream, write_stream
-
-        loss = parse_loss(self.loss)
-        with input_path(self.stream) as source:
-            sent, _ = read_stream(source)
-        with output_path(self.output, suffix=".swz", json=self.json) as path:
-            received, record = transmit(sent, loss, seed=self.seed, send_order=self.send_order)
-            write_stream(received, path)
-        if self.json:
-            print_json({"output": self.output, "num_bytes": received.num_bytes, **record.to_json()})
-        else:
-            text = f"{record.num_lost} of {record.num_sent} packets ({record.unit}) lost"
-            elements = f"{record.num_lost_elements:,} of {record.num_sent_elements:,} {sent.manifest.elements}"
-            print_summary(f"{text}, {elements} -> {self.output}", self.output)

@@ -1,24 +1,8 @@
-"""Codec: scenes to streams of independently decodable packets, and back."""
+"""Codec: scenes to streams of independently decodable packets, and back.
 
-import splatwire.codec.schemas  # noqa: F401
-from splatwire.codec.anchors import scene_in_order
-from splatwire.codec.decoding import decode_stream
-from splatwire.codec.encoding import encode_scene, repack, repackable
-from splatwire.codec.progressive import ProgressiveDecoder
-from splatwire.codec.registry import register_schema, schema_named, schema_of
-from splatwire.packets.sections import add_concealment, side_info_parts, without_concealment
+The names of `__all__` are imported on first use, so that reading side information imports no encoder.
+"""
 
-__all__ = [
-    "ProgressiveDecoder",
-    "add_concealment",
-    "decode_stream",
-    "encode_scene",
-    "register_schema",
-    "repack",
-    "repackable",
-    "scene_in_order",
-    "schema_named",
-    "schema_of",
-    "side_info_parts",
-    "without_concealment",
-]
+from splatwire.lazy_names import lazy_names
+
+__all__, __getattr__, __dir__ = lazy_names(__name__, __file__)

@@ -1,11 +1,11 @@
 """Numba kernels of the position coder: a Morton-ordered point set as counts of a binary space partition.
 
-A node is a run of sorted codes that agree in all bits above `bit`. Both ends know its size n; what is sent is how many
-of its points have a zero in `bit`. Lone points send the bit itself. Anchors grown on a coarse voxel grid have runs
-of zeros in their low bits, so contexts count the zeros just before.
+A node is a run of sorted codes that agree in all bits above `bit`. Encoder and decoder know its size n; the code
+contains the number of its points with a zero in `bit`. For a single point, it contains the bit itself. Anchors grown on
+a coarse voxel grid have runs of zeros in their low bits, so contexts count the preceding zeros.
 
-Rows and slices are written number by number: numba compiles an assignment to a slice with all the ways in which shapes
-can disagree, down to their error message, which takes longer than the coder itself.
+Array slices are written element by element: numba compiles slice assignments with all shape checks and error messages,
+which takes longer than compiling the coder itself.
 """
 
 from typing import no_type_check
@@ -27,7 +27,10 @@ NUM_CONTEXTS = TREE + 3 * SMALL * SMALL
 @njit(borrows=True)
 @no_type_check
 def large_count_normal(n):
-    """Mean (12 fractional bits) and scale index of the zero count of a node with many points: scale about n / 4."""
+    """Returns the mean and the scale index of the normal distribution of the zero count in a node of many points.
+
+    The mean has 12 fractional bits; the standard deviation is about n / 4.
+    """
     exponent = 0
     while n >> (exponent + 1):
         exponent += 1
@@ -37,7 +40,7 @@ def large_count_normal(n):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def split(codes, begin, end, bit):
-    """First index in `[begin, end)` whose code has a one in `bit`."""
+    """Returns the first index from `begin` to `end` whose sorted code has a one in `bit`."""
     low, high = begin, end
     while low < high:
         middle = (low + high) >> 1
@@ -51,7 +54,20 @@ def split(codes, begin, end, bit):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, table):
-    """Codes how many of a node's n points have a zero in `bit`."""
+    """Encodes the number of points of a node that have a zero in `bit`.
+
+    Args:
+        buffer: Output bytes.
+        state: State of the range encoder.
+        models: Adaptive bit models, changed in place.
+        n: Number of points of the node.
+        zeros: The number to encode, 0 to `n`.
+        bit: Index of the bit.
+        run: Number of consecutive zeros of the node directly above `bit`, at most `RUNS - 1`; part of the context.
+        inverses: Table of the entropy coder, see `entropy.coder.tables`.
+        widths: Table of the entropy coder, see `entropy.coder.tables`.
+        table: Table of the entropy coder, see `entropy.coder.tables`.
+    """
     if n == 1:
         encode_bit(buffer, state, models, bit * RUNS + run, 1 - zeros)
     elif n == 2:
@@ -77,7 +93,20 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
 @njit(borrows=True, nogil=True)
 @no_type_check
 def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
-    """Inverse of `encode_count`; hostile codes are clipped to 0..n."""
+    """Decodes the number of points of a node that have a zero in `bit`; an invalid code gives a number from 0 to `n`.
+
+    Args:
+        data: Input bytes.
+        end: End of the code in `data`.
+        state: State of the range decoder.
+        models: Adaptive bit models, changed in place.
+        n: Number of points of the node.
+        bit: Index of the bit.
+        run: Number of consecutive zeros of the node directly above `bit`, at most `RUNS - 1`; part of the context.
+        inverses: Table of the entropy coder, see `entropy.coder.tables`.
+        widths: Table of the entropy coder, see `entropy.coder.tables`.
+        table: Table of the entropy coder, see `entropy.coder.tables`.
+    """
     if n == 1:
         return 1 - decode_bit(data, end, state, models, bit * RUNS + run)
     if n == 2:
@@ -99,7 +128,7 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
 @njit(nogil=True)
 @no_type_check
 def encode_codes(codes, bits, models, inverses, widths, table, buffer):
-    """Codes sorted Morton codes of `bits` bits; returns the number of bytes."""
+    """Encodes ascending Morton codes of `bits` bits to `buffer`; returns the number of bytes."""
     state = np.empty(3, np.int64)
     encoder_start(state)
     stack = np.empty((MAX_BITS + 2, 4), np.int64)
@@ -122,7 +151,7 @@ def encode_codes(codes, bits, models, inverses, widths, table, buffer):
 @njit(nogil=True)
 @no_type_check
 def decode_codes(data, count, bits, models, inverses, widths, table, codes):
-    """Inverse of `encode_codes`; fills `codes` in ascending order."""
+    """Decodes `count` Morton codes written by `encode_codes` to `codes`, ascending."""
     state = np.empty(3, np.int64)
     decoder_start(data, ZERO, len(data), state)
     stack = np.empty((MAX_BITS + 2, 5), np.int64)

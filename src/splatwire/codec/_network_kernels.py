@@ -1,6 +1,6 @@
-"""Numba kernels between the matrix products of the integer networks; whole numbers carried in float64 throughout.
+"""Numba kernels between the matrix products of the integer networks; whole numbers stored as float64 throughout.
 
-`tests/reference/hacpp_params.py` says the same in plain torch.
+`tests/reference/hacpp_params.py` is the same in plain torch.
 """
 
 from typing import no_type_check
@@ -27,7 +27,13 @@ OUT_LIMIT = float(OUTPUT_LIMIT)
 @njit(borrows=True, nogil=True)
 @no_type_check
 def finish_hidden(sums, bias, leaky):
-    """Adds the bias, rounds down to activation precision, rectifies and clips, in place."""
+    """Completes a hidden layer after the matrix product, in place: bias, rounding, (leaky) ReLU, clipping.
+
+    Args:
+        sums: Results of the matrix product, (N, hidden); overwritten by the outputs of the layer.
+        bias: Bias of the layer, (hidden).
+        leaky: True for a leaky ReLU, False for a ReLU.
+    """
     leak = LEAK if leaky else 0.0
     for n in range(sums.shape[0]):
         for c in range(sums.shape[1]):
@@ -40,7 +46,13 @@ def finish_hidden(sums, bias, leaky):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def finish_output(sums, bias, out):
-    """Adds the bias, rounds down to output precision and clips."""
+    """Completes an output layer after the matrix product: bias, rounding to output precision, clipping.
+
+    Args:
+        sums: Results of the matrix product, (N, out).
+        bias: Bias of the layer, (out).
+        out: Output: results of the network, int32 (N, out).
+    """
     for n in range(sums.shape[0]):
         for c in range(sums.shape[1]):
             value = np.floor((sums[n, c] + bias[c]) * TO_OUTPUT)
@@ -50,7 +62,7 @@ def finish_output(sums, bias, out):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def narrow(outputs, inputs):
-    """Turns the first columns of network outputs into network inputs."""
+    """Converts the first columns of network outputs to network inputs, which have fewer fractional bits."""
     for n in range(inputs.shape[0]):
         for c in range(inputs.shape[1]):
             inputs[n, c] = outputs[n, c] >> (OUTPUT_BITS - ACTIVATION_BITS)
@@ -59,7 +71,14 @@ def narrow(outputs, inputs):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def feature_activations(symbols, factors, base, activations):
-    """Turns decoded feature symbols into network inputs; `base` is the base step with 16 fractional bits."""
+    """Converts decoded feature symbols to network inputs.
+
+    Args:
+        symbols: Features in quantisation steps, (N, channels).
+        factors: Factor on the quantisation step of each anchor, (N).
+        base: Quantisation step before multiplication with this factor, 16 fractional bits.
+        activations: Output: network inputs, (N, channels).
+    """
     for n in range(symbols.shape[0]):
         step = (factors[n] * base) >> (FACTOR_BITS - 4)  # 20 fractional bits
         for c in range(symbols.shape[1]):

@@ -1,4 +1,4 @@
-"""Numba kernels that code the tier of every anchor."""
+"""Numba kernels that code the importance tier of every anchor."""
 
 from typing import no_type_check
 
@@ -8,15 +8,25 @@ from splatwire.entropy.range_kernels import ZERO, decode_bit, decoder_start, enc
 from splatwire.ops.compiled import njit
 
 COUNTS = 16
-"""Steps of the decaying count of anchors that are at least as important."""
+"""Quantisation levels of the decaying average of anchors that are at least as important."""
 STATES = 4 * COUNTS
-"""Contexts of a tier's bit: that count, and the same bit of the two anchors before."""
+"""Number of contexts of a tier's bit: levels of the decaying average times the same bit of the two preceding anchors.
+"""
 
 
 @njit(borrows=True)
 @no_type_check
 def tier_context(tier, count, recent):
-    """Context of a bit: the count, 0 to 1 in 16 bits, is quantised finely near zero."""
+    """Returns the context of the bit that indicates whether an anchor is in tier `tier`.
+
+    The context depends on the preceding anchors. A flag of each anchor indicates that it is in this tier or in a more
+    important one.
+
+    Args:
+        tier: Index of the tier.
+        count: Decaying average of the flags, out of 2**16 (see `remember`); quantised finely near 0.
+        recent: Flags of the last two anchors, as a number from 0 to 3.
+    """
     step, value = 0, count >> 4
     while value and step < COUNTS - 1:
         value = value * 5 // 8
@@ -27,7 +37,14 @@ def tier_context(tier, count, recent):
 @njit(borrows=True)
 @no_type_check
 def remember(counts, recents, tier, important):
-    """Updates what later anchors know of this one."""
+    """Updates the statistics of a tier with the next anchor.
+
+    Args:
+        counts: Decaying average of the flags `important` of each tier, out of 2**16.
+        recents: The last two flags of each tier, as a number from 0 to 3.
+        tier: Index of the tier.
+        important: True if the anchor is in this tier or in a more important one.
+    """
     counts[tier] += ((65535 if important else 0) - counts[tier]) >> 3
     recents[tier] = (2 * recents[tier] + (1 if important else 0)) & 3
 
@@ -35,7 +52,11 @@ def remember(counts, recents, tier, important):
 @njit(nogil=True)
 @no_type_check
 def encode_tiers(tiers, num_tiers, models, buffer):
-    """Codes tiers; returns the number of bytes. Each is a run of bits: is it tier 0, is it tier 1, ..."""
+    """Encodes the tier of each anchor in unary; returns the number of bytes.
+
+    For each tier but the last, one bit indicates whether the anchor is in this tier. The bits of an anchor end with the
+    first 1.
+    """
     state = np.empty(3, np.int64)
     encoder_start(state)
     counts, recents = np.zeros(num_tiers, np.int64), np.zeros(num_tiers, np.int64)
@@ -51,7 +72,7 @@ def encode_tiers(tiers, num_tiers, models, buffer):
 @njit(nogil=True)
 @no_type_check
 def decode_tiers(data, num_tiers, models, tiers):
-    """Inverse of `encode_tiers`; any bytes give tiers below `num_tiers`."""
+    """Decodes the tiers written by `encode_tiers`; any bytes decode to tiers below `num_tiers`."""
     state = np.empty(3, np.int64)
     decoder_start(data, ZERO, len(data), state)
     counts, recents = np.zeros(num_tiers, np.int64), np.zeros(num_tiers, np.int64)

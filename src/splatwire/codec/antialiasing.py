@@ -1,9 +1,12 @@
-"""Whether a scene's Gaussians were trained to lose opacity as they are widened: an empty section that says yes."""
+"""Antialiasing flag of a scene: an empty named section of the side information, present if the flag is set.
+
+The flag is set if rendering must reduce the opacity of Gaussians that are widened to a pixel (Mip-Splatting).
+"""
 
 SECTION = "antialiased"
 """Name of the section."""
 
 
 def antialiasing_sections(antialiased: bool) -> dict[str, bytes]:
-    """The section by its name; none where it is not so, so that such streams are what they always were."""
+    """Serialises the flag; returns a dict from section name to bytes, empty without antialiasing."""
     return {SECTION: b""} if antialiased else {}

@@ -1,24 +1,24 @@
-"""What has arrived of one stream, in any order and from any thread; which of it is new."""
+"""Collects the received packets of a stream, in any order and from any thread."""
 
 import threading
 from collections.abc import Iterable
 
-from splatwire.packets import Manifest, Packet, PacketId, PacketIntake, ReadReport, SceneStream
+from splatwire.bitstream import Manifest, Packet, PacketId, PacketIntake, ReadReport, SceneStream
 
 
 class Arrivals:
-    """The packets of a stream that is being decoded while it arrives.
+    """Packets of a stream received so far, for decoding during a transfer. Thread-safe.
 
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
-        intake: What its packets passed where they arrived; None lets them pass one here.
+        intake: Filter that has validated the packets on reception; None creates one here.
 
     Attributes:
         manifest: The stream's manifest.
-        lock: Held while packets are taken, and by whoever reads several rows as of one moment.
-        num_taken: Elements of the packets that were taken.
-        num_bytes: Bytes of side information and of the packets that were taken.
+        lock: Held while packets are added. Hold it to read a consistent state.
+        num_taken: Number of elements in all accepted packets.
+        num_bytes: Bytes of side information and accepted packets.
     """
 
     def __init__(self, manifest: Manifest, side_info: bytes, intake: PacketIntake | None) -> None:
@@ -30,28 +30,28 @@ class Arrivals:
 
     @property
     def num_packets(self) -> int:
-        """Packets that were taken."""
+        """Number of accepted packets."""
         return len(self._taken)
 
     @property
     def has_every_packet(self) -> bool:
-        """Whether every packet was taken."""
+        """True if every packet was accepted."""
         return len(self._taken) == self.manifest.num_packets
 
     @property
     def report(self) -> ReadReport:
-        """Counts of good, missing, damaged, foreign and duplicate packets."""
+        """Returns the numbers of valid, missing, damaged, foreign and duplicate packets."""
         with self.lock:
             return self._intake.report()
 
     @property
     def stream(self) -> SceneStream:
-        """What has arrived."""
+        """Returns the stream with the packets received so far."""
         with self.lock:
             return SceneStream(self.manifest, self._side_info, self._intake.packets)
 
     def take(self, packets: Iterable[Packet]) -> list[Packet]:
-        """Those that are to be decoded: they passed where they came in, or do here, and are new."""
+        """Adds packets that are valid and no duplicates; returns those that were added, for decoding."""
         with self.lock:
             return [packet for packet in packets if self._takes(packet)]
 

@@ -1,42 +1,48 @@
-"""Stream to scene, whatever its elements are: takes bytes and nothing else."""
+"""Decodes streams to scenes, for all codec schemas."""
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 
-from splatwire.codec.background import read_background
+from splatwire.arguments import check_threads, checked_except
+from splatwire.bitstream import Manifest, Packet, SceneStream, arrived_blocks
+from splatwire.bitstream.sections import split_sections
+from splatwire.codec.background import BACKGROUND
 from splatwire.codec.memory import allocating, threads_within
 from splatwire.codec.registry import schema_named
 from splatwire.codec.schema import CHUNK, Decoder, Rows, Run
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.viewpoint import check_viewpoint
-from splatwire.errors import DesyncError, check_kind
-from splatwire.model.partial import Partial
-from splatwire.packets import Manifest, Packet, SceneStream, arrived_blocks
-from splatwire.packets.sections import split_sections
+from splatwire.errors import DesyncError, check_kind, check_progress
+from splatwire.types.received_scene import ReceivedScene
 
 
+@checked_except("progress", "threads", "stream")
 def decode_stream(
     stream: SceneStream, *, threads: int | None = None, progress: Callable[[float], None] | None = None
-) -> Partial:
-    """Decodes what arrived of a stream.
+) -> ReceivedScene:
+    """Decodes the received packets of a stream.
 
     Args:
         stream: The stream; packets may be missing, side information may not.
-        threads: Threads to use, which changes no bit; None for one for each processor.
-        progress: Called with the share of the work that is done, 0 to 1.
+        threads: Number of threads, which does not affect the result; None for one per processor.
+        progress: Called with the completed fraction of the work, 0 to 1.
 
     Returns:
-        The scene and what of it is there, and all that the stream says of its elements: anchors by rank with the prior
-        of each, or explicit Gaussians by place. Of a feature that arrived in part, the channels before the first
-        missing group are there, though it counts as not received.
+        The scene, the mask of received elements, and the stream's metadata. Anchors are in coding order and have
+        priors; explicit Gaussians are in stream order. If only some channel groups of a feature were received
+        (separated packaging), the channels before the first missing group are decoded, but the feature counts as not
+        received.
 
     Raises:
-        MissingSideInfoError: If there is no side information.
+        MissingSideInfoError: If the stream has no side information.
         BitstreamError: If the stream contradicts itself.
-        InvalidValueError: If `stream` is none.
-        DesyncError: If nothing was lost and yet the decoded integers are not those that were encoded.
+        InvalidValueError: If `stream` is not a stream.
+        DesyncError: If no packet is missing, but the decoded integers differ from the encoded ones.
     """
     check_kind(stream, SceneStream, "read_stream")
+    check_progress(progress)
+    check_threads(threads)
     manifest, digest = stream.manifest, hashlib.sha256()
     what = f"decoding {manifest.num_elements:,} {manifest.elements}"
     complete = len(stream.packets) == manifest.num_packets
@@ -65,50 +71,51 @@ def decode_stream(
 
 
 def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int | None = None) -> Decoder:
-    """Reads the side information of a stream.
+    """Reads the side information of a stream and returns its decoder.
 
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
-        num_bytes: Bytes of the stream that are there; None for those of the side information alone.
+        num_bytes: Bytes received of the stream, for memory limits; None for the size of the side information.
 
     Raises:
-        MissingSideInfoError: If there is none.
+        MissingSideInfoError: If the side information is missing.
         BitstreamError: If it is damaged or contradicts the manifest.
     """
     schema = schema_named(manifest.codec)
     decoder = schema.open_decoder(manifest, side_info, len(side_info) if num_bytes is None else num_bytes)
     sections = split_sections(side_info, manifest.codec)[1]
-    read_background(sections)
+    BACKGROUND.read(sections)
     check_viewpoint(sections)
     return decoder
 
 
 def runs_of(decoder: Decoder, manifest: Manifest, packets: Iterable[Packet], *, gaps: bool = False) -> Iterator[Run]:
-    """Packets that are decoded together, in the order of the plan.
+    """Groups packets into runs, that is, packets that are decoded by one call, in the order of the packet plan.
 
     Args:
-        decoder: Says how they are cut.
+        decoder: The stream's decoder, which determines the size of runs.
         manifest: The stream's manifest.
-        packets: What arrived, in any order.
-        gaps: Whether blocks of which nothing arrived are runs, too, where a run is a block.
+        packets: Received packets, in any order.
+        gaps: Also yield runs without packets for blocks that were lost completely, if the decoder's runs are whole
+            blocks.
 
     Raises:
-        InvalidValueError: If a packet does not fit the plan, or two hold the same element.
+        InvalidValueError: If a packet does not fit the plan, or two contain the same element.
     """
     waiting: list[Run] = []
     total = 0
-    for block in arrived_blocks(manifest.plan, packets, gaps=gaps and decoder.whole_blocks):
-        ranks = block.ranks if decoder.order is None else decoder.order[block.ranks]
-        members = tuple(ranks[own] for own in block.runs)
-        if decoder.whole_blocks:
-            yield Run(block.number, block.packets, members)
+    for block in arrived_blocks(manifest.plan, packets, gaps=gaps and decoder.runs_are_blocks):
+        if decoder.order is not None:
+            block = replace(block, members=tuple(decoder.order[own] for own in block.members))
+        if decoder.runs_are_blocks:
+            yield block
             continue
-        for packet, own in zip(block.packets, members, strict=True):
+        for packet, own in zip(block.packets, block.members, strict=True):
             if waiting and total + packet.num_elements > CHUNK:
                 yield _joined(waiting)
                 waiting, total = [], 0
-            waiting.append(Run(block.number, (packet,), (own,)))
+            waiting.append(Run(block.block, (packet,), (own,)))
             total += packet.num_elements
     if waiting:
         yield _joined(waiting)

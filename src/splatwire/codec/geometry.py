@@ -1,29 +1,30 @@
-"""Anchor positions: order, and the lossless coder of the voxel indices."""
+"""Anchor positions: sorting, and the lossless coder of voxel indices."""
 
 import numpy as np
 
-from splatwire.byte_io import ByteReader, ByteWriter
+from splatwire.codec import _geometry_kernels as kernels
 from splatwire.entropy.coder import fresh_models, tables
 from splatwire.errors import BitstreamError
+from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.ops.morton import MAX_AXIS_BITS, morton_decode, morton_encode
 
 ORIGIN_ALIGNMENT = 1024
-"""The origin is a multiple of this, so that anchors on a coarse grid keep their zero low bits."""
+"""The origin is a multiple of this, which preserves the zero low bits of anchors on a coarse grid."""
 
 
 def origin_of(voxels: np.ndarray) -> np.ndarray:
-    """Lowest corner of the points, rounded down to `ORIGIN_ALIGNMENT`; int64 (3)."""
+    """Returns the lowest corner of voxels, rounded down to multiples of `ORIGIN_ALIGNMENT`, int64 (3)."""
     if not len(voxels):
         return np.zeros(3, dtype=np.int64)
     return voxels.min(axis=0) // ORIGIN_ALIGNMENT * ORIGIN_ALIGNMENT
 
 
 def anchor_order(voxels: np.ndarray, order: str) -> np.ndarray:
-    """Sorts anchors for packetization.
+    """Returns the order of anchors for packetization.
 
     Args:
-        voxels: int64 (N, 3).
-        order: `morton` (Z-order) or `raster` (z, then y, then x: what HAC++ calls Morton order).
+        voxels: Voxel indices of the anchors, int64 (N, 3).
+        order: `morton` (Z-order) or `raster` (z, then y, then x, called Morton order in HAC++).
 
     Returns:
         int64 (N): index of the anchor at each rank; equal positions keep their order.
@@ -34,26 +35,24 @@ def anchor_order(voxels: np.ndarray, order: str) -> np.ndarray:
 
 
 def encode_positions(voxels: np.ndarray) -> bytes:
-    """Codes a set of voxel indices without loss.
+    """Encodes a set of voxels without loss.
 
     Args:
-        voxels: int64 (N, 3) in any order; repeated points are kept.
+        voxels: Voxel indices in any order, int64 (N, 3); repeated points are kept.
 
     Returns:
-        Origin, extent and the counts of a binary space partition, at least N bits long.
+        Serialised origin and extent, and the counts of a binary space partition, which take at least N bits.
 
     Raises:
         ValueError: If the points span 2**21 voxels or more.
     """
-    from splatwire.codec import _geometry_kernels as kernels
-
     origin = origin_of(voxels)
     codes = np.sort(morton_encode(voxels - origin))
     bits = int(codes[-1]).bit_length() if len(codes) else 0
     bits = -(-bits // 3) * 3
     buffer = np.empty(len(codes) * (bits + 8) + 64, dtype=np.uint8)
     length = kernels.encode_codes(codes, bits, fresh_models(kernels.NUM_CONTEXTS), *tables(), buffer)
-    # a length of at least one bit per point lets a decoder bound its memory by the bytes it holds
+    # at least one bit per point, so that decoders can bound their memory by the number of bytes
     length = max(length, -(-len(codes) // 8))
     writer = ByteWriter()
     for value in origin:
@@ -66,21 +65,19 @@ def encode_positions(voxels: np.ndarray) -> bytes:
 
 
 def decode_positions(data: bytes, count: int, order: str) -> np.ndarray:
-    """Inverse of `encode_positions`.
+    """Decodes the voxels written by `encode_positions`.
 
     Args:
-        data: The code.
+        data: Bytes written by `encode_positions`.
         count: Number of points.
         order: Order of the result, as in `anchor_order`.
 
     Returns:
-        int64 (count, 3), sorted by rank.
+        int64 (count, 3), in coding order.
 
     Raises:
-        BitstreamError: If the bytes cannot hold that many points.
+        BitstreamError: If the code is too short for this number of points, or its extent is out of range.
     """
-    from splatwire.codec import _geometry_kernels as kernels
-
     reader = ByteReader(data, "positions")
     origin = np.array([reader.signed() for _ in range(3)], dtype=np.int64)
     bits = reader.u8()

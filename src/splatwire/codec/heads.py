@@ -1,22 +1,24 @@
-"""Networks as they are sent: in floats, and quantised."""
+"""Converts networks between floats and their quantised form."""
 
 from typing import Any
 
 import numpy as np
 
 from splatwire.codec.weights import QuantisedMlp, exact_mlp, quantise_mlp
-from splatwire.model import Linear, Mlp
 from splatwire.ops.arrays import to_numpy
+from splatwire.types import Linear, Mlp
 
 
 def network_of(mlp: QuantisedMlp) -> Mlp:
-    """The network in floats: exactly the numbers that its integers stand for."""
+    """Converts a quantised network to floats, exactly."""
     hidden, output = (Linear(*layer.dequantised()) for layer in (mlp.hidden, mlp.output))
     return Mlp(hidden, output, 0.01 if mlp.leaky else 0.0)
 
 
 def quantised(network: Mlp, inputs: Any, tolerance: np.ndarray) -> QuantisedMlp:
-    """Quantises a network for some inputs; one that was quantised before, as those of a decoded scene, stays as it is.
+    """Quantises a network so that rounding errors of the outputs stay within a tolerance for a sample of inputs.
+
+    A network of a decoded scene is already quantised and stays unchanged.
 
     Args:
         network: The network.

@@ -1,10 +1,11 @@
-"""Networks evaluated in integers: bit-identical on any machine, with any thread count and batch size."""
+"""Integer evaluation of networks: bit-identical on any machine, for any number of threads and any batch size."""
 
 import functools
 from dataclasses import dataclass
 
 import numpy as np
 
+from splatwire.codec import _network_kernels as kernels
 from splatwire.codec.fixed_point import ACTIVATION_LIMIT, EXACT_LIMIT
 from splatwire.errors import BitstreamError
 
@@ -28,18 +29,18 @@ class IntegerLinear:
 
     @functools.cached_property
     def matrix(self) -> np.ndarray:
-        """The transposed weight as float64, ready for exact products."""
+        """Transposed weight as float64, for exact products."""
         return np.ascontiguousarray(self.weight.T.astype(np.float64))
 
 
 @dataclass(frozen=True, eq=False)
 class IntegerMlp:
-    """Two integer layers with a (leaky) rectifier between them.
+    """A network of two layers with a (leaky) ReLU in between, evaluated in integers.
 
     Attributes:
         hidden: First layer.
         output: Second layer.
-        leaky: Slope 0.01 below zero instead of 0.
+        leaky: True for a leaky ReLU with slope 0.01.
     """
 
     hidden: IntegerLinear
@@ -47,11 +48,11 @@ class IntegerMlp:
     leaky: bool
 
     def accumulate(self, inputs: np.ndarray, columns: slice) -> np.ndarray:
-        """Adds up the first layer over some of its input columns.
+        """Computes the contribution of some input columns to the sums of the first layer.
 
         Args:
-            inputs: Activations of these columns, (N, columns), whole numbers carried in float64.
-            columns: Which columns of the layer they are.
+            inputs: Activations of these columns, (N, columns), whole numbers in float64.
+            columns: The columns of the layer.
 
         Returns:
             Partial sums (N, hidden), whole numbers in float64.
@@ -59,16 +60,14 @@ class IntegerMlp:
         return inputs @ self.hidden.matrix[columns]
 
     def finish(self, sums: np.ndarray) -> np.ndarray:
-        """Turns the first layer's complete sums (without bias) into outputs.
+        """Computes the outputs of the network from the sums of the first layer over all inputs.
 
         Args:
-            sums: (N, hidden) whole numbers in float64; overwritten.
+            sums: (N, hidden) whole numbers in float64, without the bias of the layer; overwritten.
 
         Returns:
-            int32 (N, out), units of `2**-OUTPUT_BITS`, clipped to `OUTPUT_LIMIT` (1024 units).
+            int32 (N, out), units of `2**-OUTPUT_BITS`, clipped to `OUTPUT_LIMIT` (outputs of -1024 to 1024).
         """
-        from splatwire.codec import _network_kernels as kernels
-
         kernels.finish_hidden(sums, self.hidden.bias.astype(np.float64), self.leaky)
         products = sums @ self.output.matrix
         out = np.empty(products.shape, dtype=np.int32)

@@ -1,33 +1,33 @@
-"""How much memory decoding takes at most: in proportion to the bytes that are there, so that few bytes cannot take all.
+"""Memory limits of decoding, proportional to the number of received bytes.
 
-Side information announces elements, and a packet may hold thousands of them in no byte at all (a decoder reads zeros
-behind its end). So decoders say what they will hold, and how much each of their threads works with, before they
-allocate it. Real streams need a tenth of what is allowed here, and where most of one is lost, `FREE_BYTES` are enough
-for a million anchors or Gaussians.
+Side information may announce any number of elements, and a packet of few bytes may contain thousands (decoders read
+zeros past its end). Decoders therefore compute their memory, in total and per thread, before allocating it. The limit
+is about ten times what real streams need. It is never below `FREE_BYTES`, which suffices for a million anchors or
+Gaussians, so that a stream with few received packets can be decoded, too.
 """
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from splatwire.bitstream.limits import BYTES_PER_BYTE, FREE_BYTES
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.ops.threads import allowed_threads
-from splatwire.packets.limits import BYTES_PER_BYTE, FREE_BYTES
 
 MOST_BYTES = 8 << 30
-"""Allowed at most, and where nobody knows how large a stream will be that has only begun to arrive."""
+"""Maximum memory of any stream, bytes; also the limit while the final size of a stream is unknown."""
 VARIABLE = "SPLATWIRE_DECODE_GB"
-"""Environment variable that replaces all of these limits: a number of gigabytes."""
+"""Environment variable that overrides all of these limits: a number of gigabytes."""
 
 
 def allowed_bytes(stream_bytes: int | None) -> int:
-    """Memory that decoding may take.
+    """Returns the maximum memory for decoding a stream, bytes.
 
     Args:
-        stream_bytes: Bytes of the stream that are there; None for one that is yet to arrive.
+        stream_bytes: Received bytes of the stream; None if its size is not known yet.
 
     Raises:
-        InvalidValueError: If the environment says something that is no number of gigabytes.
+        InvalidValueError: If the environment variable `SPLATWIRE_DECODE_GB` is not a positive number of gigabytes.
     """
     text = os.environ.get(VARIABLE)
     if text is not None:
@@ -42,15 +42,15 @@ def allowed_bytes(stream_bytes: int | None) -> int:
 
 
 def check_memory(needed: int, stream_bytes: int | None, what: str) -> None:
-    """Refuses what would take more memory than a stream may.
+    """Checks a memory requirement against a stream's limit.
 
     Args:
         needed: Bytes of memory.
-        stream_bytes: See `allowed_bytes`.
-        what: What takes them, for the error message.
+        stream_bytes: Received bytes of the stream, which determine the limit; None if its size is not known yet.
+        what: Activity that needs the memory, for the error message.
 
     Raises:
-        BitstreamError: If it is too much; the message says how to allow it.
+        BitstreamError: If the limit is exceeded; the message contains the setting that raises it.
     """
     allowed = allowed_bytes(stream_bytes)
     if needed > allowed:
@@ -62,17 +62,17 @@ def check_memory(needed: int, stream_bytes: int | None, what: str) -> None:
 
 
 def threads_within(held: int, working: int, stream_bytes: int | None, what: str, threads: int | None = None) -> int:
-    """How many threads can work in the memory that a stream may take.
+    """Returns the number of threads that decoding may use within a stream's memory limit.
 
     Args:
-        held: Bytes of memory that are held whatever the number of threads.
-        working: Bytes that each thread works with.
-        stream_bytes: See `allowed_bytes`.
-        what: What takes them, for the error message.
-        threads: Most threads; None for as many as there may be.
+        held: Bytes of memory needed for any number of threads.
+        working: Additional bytes per thread.
+        stream_bytes: Received bytes of the stream, which determine the limit; None if its size is not known yet.
+        what: Activity that needs the memory, for the error message.
+        threads: Upper bound; None for the number of processors.
 
     Raises:
-        BitstreamError: If there is not enough for one.
+        BitstreamError: If the limit is too low for one thread.
     """
     check_memory(held + working, stream_bytes, what)
     room = (allowed_bytes(stream_bytes) - held) // max(working, 1)
@@ -81,16 +81,16 @@ def threads_within(held: int, working: int, stream_bytes: int | None, what: str,
 
 @contextmanager
 def allocating(what: str) -> Iterator[None]:
-    """Turns a failed allocation into an error of the stream that asked for it.
+    """Context manager that converts a failed memory allocation into an error about the stream.
 
     Raises:
-        BitstreamError: If the machine has not enough memory.
+        BitstreamError: If the machine does not have enough memory.
     """
     try:
         yield
     except MemoryError as error:
         raise BitstreamError(f"{what} takes more memory than there is here") from error
     except RuntimeError as error:
-        if "allocate memory" not in str(error):  # torch's allocator has no error of its own
+        if "allocate memory" not in str(error):  # torch's allocator raises a plain RuntimeError
             raise
         raise BitstreamError(f"{what} takes more memory than there is here") from error

@@ -1,21 +1,21 @@
-"""Metadata of a scene in named sections of the side information."""
+"""Metadata of a scene, stored in named sections of the side information."""
 
 import json
 from collections.abc import Mapping
 
-from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.codec.viewpoint import SECTION as VIEWPOINT
 from splatwire.codec.viewpoint import UP_SECTION
 from splatwire.errors import BitstreamError
-from splatwire.scene.metadata import UP_AXES, SceneMetadata, StartView, metadata_from_json, metadata_to_json
+from splatwire.files.byte_io import ByteReader, ByteWriter
+from splatwire.types.metadata import UP_AXES, SceneMetadata, StartView, metadata_from_json, metadata_to_json
 
 SECTION = "metadata"
-"""Name of the section: a JSON object with `title`, `author`, `license` and `orbit`, those that are known."""
+"""Name of the section; its content is a JSON object with `title`, `author`, `license` and `orbit`, as far as known."""
 _MAX_BYTES = 1 << 16
 
 
 def metadata_sections(metadata: SceneMetadata) -> dict[str, bytes]:
-    """Returns the sections of metadata by name; none for what is not known."""
+    """Serialises metadata; returns a dict from section name to bytes, without sections for fields without a value."""
     content = metadata_to_json(metadata)
     sections = {}
     up, view = content.pop("up", None), content.pop("view", None)
@@ -32,7 +32,7 @@ def metadata_sections(metadata: SceneMetadata) -> dict[str, bytes]:
 
 
 def read_metadata(sections: Mapping[str, bytes]) -> SceneMetadata:
-    """Returns the metadata in named sections, of which `check_viewpoint` has checked those of the view.
+    """Parses the metadata in named sections; `check_viewpoint` must have been called before.
 
     Raises:
         BitstreamError: If the section is damaged.

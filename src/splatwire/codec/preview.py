@@ -1,8 +1,8 @@
-"""A preview: a hundred explicit Gaussians in one datagram, to look at until the scene itself is there.
+"""Preview: about a hundred explicit Gaussians in one datagram, shown until the scene itself has arrived.
 
-It is a named section of the side information that some streams have, and all that the transport's welcome carries of a
-scene (docs/format.md, section `preview`). Nothing is decoded under probabilities: any release can read it, whatever
-became of the rest.
+A preview is an optional named section of the side information, and the only part of a scene in the transport's welcome
+message (docs/format.md, section `preview`). It is not entropy-coded and independent of all other data, so any release
+can read it.
 """
 
 from collections.abc import Sequence
@@ -11,29 +11,28 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
-from splatwire.model import SplatScene
+from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.ops.spherical_harmonics import DC
-from splatwire.scene import Gaussians
-from splatwire.scene.background import Background
-from splatwire.scene.splats import Splats
+from splatwire.types import Gaussians, SplatScene
+from splatwire.types.background import Background
+from splatwire.types.splats import Splats
 
 SECTION = "preview"
 """Name of the section."""
 MAX_PREVIEW_BYTES = 1024
-"""A welcome with this and ten runs of packets is still no larger than 1200 bytes."""
+"""Maximum size, bytes. A welcome message with a preview and ten runs of packets then fits 1200 bytes."""
 VERSION = 1
 BITS = (8, 8, 8, 5, 5, 5, 5, 5, 5, 4)
-"""Of a Gaussian's numbers: place along x, y, z; size along x, y, z; red, green, blue; opacity."""
+"""Bits of a Gaussian's numbers: position x, y, z; size x, y, z; red, green, blue; opacity."""
 MOST_AWAY = 8.0
-"""Largest asinh of a distance from the middle, in spreads: 1490 of them."""
+"""Largest asinh of a distance from the centre, in spreads; corresponds to 1490 spreads."""
 SIZES = (-12.0, 6.0)
-"""Least and largest natural logarithm of a size, in spreads."""
+"""Smallest and largest natural logarithm of a size, in spreads."""
 SPREADS = (2.0**-20, 2.0**20)
-"""Least and largest spread, world units."""
+"""Smallest and largest spread, world units."""
 FARTHEST = 2.0**20
-"""Largest coordinate of the middle, world units."""
+"""Largest absolute coordinate of the centre, world units."""
 MOST_LEVELS = tuple((1 << bits) - 1 for bits in BITS)
 _GAUSSIAN_BITS = sum(BITS)
 _HEADER_BYTES = 53
@@ -42,15 +41,16 @@ MAX_GAUSSIANS = (MAX_PREVIEW_BYTES - _HEADER_BYTES) * 8 // _GAUSSIAN_BITS
 
 @dataclass(frozen=True)
 class PreviewFrame:
-    """Where the Gaussians of a preview are, and how far the steps of their numbers reach.
+    """Ranges of the quantised values of a preview.
 
-    Places are sent as asinh of the distance from the middle in spreads: fine near the middle, coarse far away.
+    A coordinate x is quantised as `asinh((x - middle) / spread)`, which is precise near the centre and coarse far away.
 
     Attributes:
-        middle: What the scene is around, world units.
-        spread: Distance up to which places are about evenly fine, world units.
-        low: Least asinh along x, y and z, and least logarithm of a size in spreads.
-        high: The largest ones.
+        middle: Centre of the scene, world units.
+        spread: Distance up to which positions have nearly uniform precision, world units.
+        low: Minima of four values: the three coordinates after the asinh above, and the natural logarithm of a size
+            divided by `spread`.
+        high: Maxima of these four values.
     """
 
     middle: tuple[float, float, float]
@@ -63,7 +63,7 @@ class PreviewFrame:
             raise InvalidValueError(wrong)
 
     def _problem(self) -> str | None:
-        """What cannot be, in words; comparisons are written so that NaN fails them."""
+        """Returns a message about the first invalid field, or None; NaN is invalid."""
         if not all(abs(value) <= FARTHEST for value in self.middle):
             return "its middle is out of range"
         if not SPREADS[0] <= self.spread <= SPREADS[1]:
@@ -77,10 +77,16 @@ class PreviewFrame:
 
     @staticmethod
     def fitting(middle: Sequence[float], spread: float, low: Sequence[float], high: Sequence[float]) -> "PreviewFrame":
-        """A frame of numbers that survive the journey: float32, within what is possible.
+        """Creates a frame from given ranges, after rounding to float32; `low` and `high` are clipped to valid values.
+
+        Args:
+            middle: Centre of the scene, world units.
+            spread: Distance up to which positions have nearly uniform precision, world units.
+            low: Minima of the four values that the attribute `low` of this class describes.
+            high: Maxima of these four values.
 
         Raises:
-            InvalidValueError: If the middle or the spread is not possible.
+            InvalidValueError: If the centre or the spread is out of range.
         """
         (x, y, z), bounds = _sent(middle), [(-MOST_AWAY, MOST_AWAY)] * 3 + [SIZES]
         least, most = (
@@ -95,23 +101,34 @@ class PreviewFrame:
         )
 
     def values(self, levels: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
-        """Turns the integers that are sent into numbers: asinh of places, logarithms of sizes, colours, opacity."""
+        """Dequantises the ten quantisation levels of each of G Gaussians.
+
+        Returns:
+            Ten numbers for each Gaussian: position after the asinh (3), logarithms of the sizes divided by `spread`
+            (3), colour (3), opacity (1).
+        """
         low, step = self.scale()
         return low + levels * step
 
     def levels(self, values: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
-        """Inverse of `values`, not rounded, within what can be sent."""
+        """Converts ten numbers for each Gaussian, as returned by `values`, to quantisation levels.
+
+        The levels are clipped to the codable range, but not rounded.
+        """
         low, step = self.scale()
         return np.clip((values - low) / np.maximum(step, 1e-12), 0, np.array(MOST_LEVELS))
 
     def gaussians(self, values: Float[np.ndarray, "G 10"]) -> Gaussians:
-        """Turns numbers into Gaussians, whose axes are those of the world."""
-        places = np.array(self.middle) + self.spread * np.sinh(values[:, :3])
+        """Converts ten numbers for each Gaussian, as returned by `values`, to Gaussians.
+
+        The axes of the Gaussians are parallel to the world axes.
+        """
+        places = (np.array(self.middle) + self.spread * np.sinh(values[:, :3])).astype(np.float32)
         upright = np.tile(np.array([1.0, 0.0, 0.0, 0.0], values.dtype), (len(values), 1))
         return Gaussians(places, upright, self.spread * np.exp(values[:, 3:6]), values[:, 9], values[:, 6:9])
 
     def scale(self) -> tuple[Float[np.ndarray, "10"], Float[np.ndarray, "10"]]:
-        """Number at level 0 and the step to the next."""
+        """Returns the values at level 0, and the quantisation steps, of the ten numbers that describe a Gaussian."""
         half = 0.5 / (1 << BITS[9])
         low = [*self.low[:3], *self.low[3:] * 3, 0.0, 0.0, 0.0, half]
         high = [*self.high[:3], *self.high[3:] * 3, 1.0, 1.0, 1.0, 1 - half]
@@ -121,11 +138,11 @@ class PreviewFrame:
 
 @dataclass(frozen=True, eq=False)
 class Preview:
-    """A preview as it is sent.
+    """A quantised preview: about a hundred Gaussians that are shown before the scene.
 
     Attributes:
-        frame: What its integers mean.
-        background: RGB behind everything, 0 to 255 each.
+        frame: Value ranges from which the integers are dequantised.
+        background: RGB background colour, 0 to 255 each.
         levels: Ten integers per Gaussian, of `BITS` bits; int64 (G, 10).
     """
 
@@ -146,16 +163,16 @@ class Preview:
         return len(self.levels)
 
     def gaussians(self) -> Gaussians:
-        """What is drawn."""
+        """Returns the Gaussians to render."""
         values = self.frame.gaussians(self.frame.values(self.levels.astype(np.float64)))
         return Gaussians(**{name: column.astype(np.float32) for name, column in vars(values).items()})
 
 
 def preview_scene(data: bytes) -> SplatScene:
-    """What a preview shows, as the scene that every renderer draws and every writer writes.
+    """Converts a serialised preview to a scene, for renderers and file writers.
 
     Raises:
-        BitstreamError: If the bytes are no preview.
+        BitstreamError: If the bytes are not a preview.
     """
     shown, background = preview_gaussians(data)
     splats = Splats(shown.means, shown.quats, shown.scales, shown.opacities, (shown.colors[:, None, :] - 0.5) / DC)
@@ -167,12 +184,12 @@ def _sent(values: Sequence[float]) -> list[float]:
 
 
 def gaussians_within(num_bytes: int) -> int:
-    """How many Gaussians a preview of some size can have; 0 if not even one."""
+    """Returns the maximum number of Gaussians in a preview of `num_bytes` bytes; 0 if not even one fits."""
     return max(0, (min(num_bytes, MAX_PREVIEW_BYTES) - _HEADER_BYTES) * 8 // _GAUSSIAN_BITS)
 
 
 def write_preview(preview: Preview) -> bytes:
-    """Writes a preview; at most `MAX_PREVIEW_BYTES`."""
+    """Serialises a preview, in at most `MAX_PREVIEW_BYTES`."""
     writer, frame = ByteWriter(), preview.frame
     for byte in (VERSION, preview.num_gaussians, *preview.background):
         writer.u8(byte)
@@ -183,11 +200,11 @@ def write_preview(preview: Preview) -> bytes:
 
 
 def read_preview(data: bytes) -> Preview:
-    """Inverse of `write_preview`; believes nothing.
+    """Parses a preview written by `write_preview`; checks all fields.
 
     Raises:
         UnsupportedVersionError: If a newer release wrote it.
-        BitstreamError: If the bytes are no preview.
+        BitstreamError: If the bytes are not a preview.
     """
     if len(data) > MAX_PREVIEW_BYTES:
         raise BitstreamError(f"preview: {len(data):,} bytes, at most {MAX_PREVIEW_BYTES} are possible")
@@ -213,16 +230,16 @@ def read_preview(data: bytes) -> Preview:
 
 
 def preview_gaussians(data: bytes) -> tuple[Gaussians, Background]:
-    """What a preview shows.
+    """Returns the Gaussians and the background of a serialised preview.
 
     Args:
-        data: The section's bytes, or those that a welcome carried.
+        data: The section's bytes, or those of a welcome message.
 
     Returns:
-        Gaussians, and the RGB behind them.
+        Gaussians, and the RGB background colour.
 
     Raises:
-        BitstreamError: If the bytes are no preview.
+        BitstreamError: If the bytes are not a preview.
     """
     preview = read_preview(data)
     red, green, blue = (value / 255 for value in preview.background)

@@ -1,4 +1,4 @@
-"""Packet by packet: what arrives is decoded into arrays that are a scene at every moment."""
+"""Progressive decoding: packets are decoded on arrival into arrays that form a scene at any time."""
 
 import copy
 import hashlib
@@ -7,40 +7,43 @@ from dataclasses import replace
 
 import numpy as np
 
+from splatwire.arguments import checked
+from splatwire.bitstream import Manifest, Packet, PacketId, PacketIntake
 from splatwire.codec.arrivals import Arrivals
 from splatwire.codec.decoding import open_decoder, runs_of
 from splatwire.codec.memory import allocating, check_memory, threads_within
 from splatwire.codec.schema import Decoder, Rows, Run
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import BitstreamError, DesyncError
-from splatwire.model.partial import Partial
-from splatwire.packets import Manifest, Packet, PacketId, PacketIntake
-from splatwire.scene import Erasures
+from splatwire.types import Erasures
+from splatwire.types.received_scene import ReceivedScene
 
 
 class ProgressiveDecoder(Arrivals):
-    """Decodes a stream while it arrives: the same integers as `decode_stream`, in any order of packets.
+    """Decoder of a stream during its transfer, for packets in any order.
 
-    Side information is read once; from then on a packet costs what its own elements cost. Packets may come from several
-    threads, twice, damaged or from elsewhere: `report` counts them. Until somebody asks for `partial`, only what
-    arrived takes memory; then what is expected of every element is evaluated.
+    The decoded integers are the same as with `decode_stream`. Side information is read once; afterwards the cost of a
+    packet depends on its own elements only. Packets may be added from several threads. Duplicate, damaged and foreign
+    packets are counted in `report`. Before `partial` is first read, only received elements take memory; reading it
+    predicts all elements.
 
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
-        intake: What its packets passed where they arrived; None lets them pass one here.
-        threads: Threads for what is expected of all elements, and for packets of thousands of elements that come at
-            once; None for one for each processor. What a datagram brings is decoded by the thread that brings it.
-        progress: Called, where somebody asks for `partial`, with the share of the preparation that is done, 0 to 1.
+        intake: Filter that has validated the packets on reception; None creates one here.
+        threads: Threads for predicting all elements, and for decoding large batches of packets; None for one per
+            processor. A single datagram is decoded in the calling thread.
+        progress: Called during the first read of `partial` with the completed fraction of the prediction, 0 to 1.
 
     Attributes:
-        lock: Held while rows are written. Hold it to read several of them as of one moment.
+        lock: Held while decoded elements are written. Hold it to read several elements consistently.
 
     Raises:
         MissingSideInfoError: If there is no side information.
-        BitstreamError: If it contradicts the manifest, or packets cannot be decoded one by one.
+        BitstreamError: If it contradicts the manifest, or packets cannot be decoded individually.
     """
 
+    @checked
     def __init__(
         self,
         manifest: Manifest,
@@ -52,7 +55,7 @@ class ProgressiveDecoder(Arrivals):
     ) -> None:
         super().__init__(manifest, side_info, intake)
         self._decoder = open_decoder(manifest, side_info)
-        if not self._decoder.alone:
+        if not self._decoder.packets_independent:
             raise BitstreamError("packets of separated attributes are decoded all at once, not one by one")
         self._threads, self._progress = threads, progress
         self._what = f"decoding {manifest.num_elements:,} {manifest.elements}"
@@ -60,40 +63,40 @@ class ProgressiveDecoder(Arrivals):
         self._blocks: dict[int, list[Packet]] = {}
         self._checked, self._num_known = False, 0
         self._room: Decoder | None = None
-        self._partial: Partial | None = None
+        self._partial: ReceivedScene | None = None
 
     @property
-    def partial(self) -> Partial:
-        """The scene as it is now and as it will be: its tensors are filled in place (see `lock`).
+    def partial(self) -> ReceivedScene:
+        """The scene in its current state; later packets are decoded into the same arrays (see `lock`).
 
         Raises:
-            BitstreamError: If a scene of all elements takes too much memory (`splatwire.codec.memory`).
+            BitstreamError: If a scene of all elements exceeds the memory limit (`splatwire.codec.memory`).
         """
         with self.lock:
             if self._partial is None:
                 check_memory(self.scene_bytes, None, self._what)
                 with allocating(self._what):
-                    self._make_room()
+                    self._allocate()
             assert self._partial is not None
             return self._partial
 
     @property
     def scene_bytes(self) -> int:
-        """Memory that `partial` takes."""
+        """Memory of `partial`, bytes."""
         return self._decoder.scene_bytes
 
     @property
     def num_known(self) -> int:
-        """Elements that have arrived."""
+        """Number of received elements."""
         return self._num_known
 
     @property
     def complete(self) -> bool:
-        """Whether every element has arrived."""
+        """True if every element was received."""
         return self._num_known == self.manifest.num_elements
 
     def members(self, packet: Packet) -> np.ndarray:
-        """Ranks of a packet's elements, int64, in the order in which it holds them.
+        """Returns the indices in coding order (ranks) of a packet's elements, int64.
 
         Raises:
             InvalidValueError: If the stream has no such packet.
@@ -101,34 +104,34 @@ class ProgressiveDecoder(Arrivals):
         places, order = self.manifest.plan.members(packet.id, packet.num_elements), self._decoder.order
         return places if order is None else order[places]
 
-    def snapshot(self) -> Partial:
-        """The scene as it is now, in arrays of its own that never change."""
+    def snapshot(self) -> ReceivedScene:
+        """Returns a copy of the scene in its current state, which later packets do not change."""
         with self.lock:
             live = self.partial
             everyone = np.arange(live.scene.num_elements)
             return replace(live, scene=live.scene.select(everyone), erasures=Erasures(live.erasures.received.copy()))
 
     def add(self, packets: Iterable[Packet]) -> np.ndarray:
-        """Decodes packets; several at once cost less than one by one.
+        """Decodes packets; one call with several packets is cheaper than several calls.
 
         Args:
-            packets: What arrived, in any order. What the plan has no place for, or is there already, is counted.
+            packets: Received packets, in any order. Packets outside the plan and duplicates are only counted.
 
         Returns:
-            Ranks of the elements that are new, int64, in the order of the plan.
+            Ranks of the new elements, int64, in plan order.
 
         Raises:
-            BitstreamError: If so many elements in so few bytes take too much memory (`splatwire.codec.memory`).
-            DesyncError: If now everything is there and yet the decoded integers are not those that were encoded.
+            BitstreamError: If the decoded elements exceed the memory limit (`splatwire.codec.memory`).
+            DesyncError: If the stream is now complete, but the decoded integers differ from the encoded ones.
         """
         taken, new = self.take(packets), [np.empty(0, dtype=np.int64)]
-        held = 0 if self._decoder.again else self.num_taken * (self._decoder.row_bytes + 8)
+        held = 0 if self._decoder.redecode_on_demand else self.num_taken * (self._decoder.row_bytes + 8)
         working = self._decoder.working_bytes(taken)
         what = f"decoding {self.num_taken:,} {self.manifest.elements} that arrived"
         threads = threads_within(held, working, self.num_bytes, what, self._threads)
         runs = list(runs_of(self._decoder, self.manifest, taken))
         with allocating(self._what):
-            # What a datagram brings is not worth a thread of its own.
+            # Starting a thread costs more than decoding one datagram.
             for run, rows in ordered_map(self._decode, runs, threads if len(runs) > 1 else 1):
                 with self.lock:
                     self._keep(run, rows)
@@ -138,10 +141,13 @@ class ProgressiveDecoder(Arrivals):
         return np.concatenate(new)
 
     def _decode(self, run: Run) -> tuple[Run, Rows | None]:
-        return run, None if self._decoder.again else self._decoder.decode(run)
+        return run, None if self._decoder.redecode_on_demand else self._decoder.decode(run)
 
     def _keep(self, run: Run, rows: Rows | None) -> None:
-        """Keeps the integers of packets that are new, and writes them, or their block anew."""
+        """Stores the decoded integers of new packets, and updates the scene.
+
+        Updates the elements of these packets, or all elements of the block if lost ones are estimated.
+        """
         ends = np.cumsum(run.counts)[:-1]
         each = [None] * len(run.packets) if rows is None else zip(*(np.split(part, ends) for part in rows), strict=True)
         for packet, own in zip(run.packets, each, strict=True):
@@ -149,11 +155,11 @@ class ProgressiveDecoder(Arrivals):
             self._blocks.setdefault(packet.id.block, []).append(packet)
         self._num_known += len(run.ranks)
         if self._room is not None:
-            self._store(self._room, self._blocks[run.block] if self._room.whole_blocks else run.packets)
+            self._store(self._room, self._blocks[run.block] if self._room.runs_are_blocks else run.packets)
 
-    def _make_room(self) -> None:
-        """Makes a scene of all elements, and writes into it what has arrived."""
-        room = copy.copy(self._decoder)  # which stays as it is: others may be decoding with it
+    def _allocate(self) -> None:
+        """Allocates a scene of all elements, and writes the received ones into it."""
+        room = copy.copy(self._decoder)  # the original stays unchanged, because other threads may be decoding with it
         room.expect(self._threads, self._progress)
         for run in runs_of(room, self.manifest, self._packets(), gaps=True):
             room.store(run, self._rows(run))
@@ -167,21 +173,21 @@ class ProgressiveDecoder(Arrivals):
         return [packet for packet, _ in self._found.values()]
 
     def _rows(self, run: Run) -> Rows:
-        """The integers of packets that came before."""
+        """Returns the decoded integers of packets added before; decodes them again if only the packets were kept."""
         found = [rows for packet in run.packets if (rows := self._found[packet.id][1]) is not None]
         if not found:
             return self._decoder.decode(run)
         return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
     def _check(self) -> None:
-        """Compares all decoded integers with the manifest's digest, once."""
+        """Compares the digest of all decoded integers with that in the manifest, once."""
         with self.lock:
             if self._checked or not self.has_every_packet:
                 return
             self._checked, digest = True, hashlib.sha256()
             for run in runs_of(self._decoder, self.manifest, self._packets()):
                 self._decoder.update_digest(digest, self._rows(run))
-            if self._room is not None:  # nobody asks for them any more
+            if self._room is not None:  # no longer needed
                 self._found.clear()
                 self._blocks.clear()
         if digest.hexdigest() != self.manifest.symbols_digest:

@@ -1,41 +1,125 @@
-"""The schemas that there are: a scene's own, and those that streams name."""
+"""Registry of codec schemas, by name and by scene type; installed packages can add schemas (`splatwire.plugins`).
 
+The registry is `splatwire.bitstream.limits.SCHEMAS`. A package announces a schema under the entry point group
+`splatwire.schemas` and registers it with `register_schema` (docs/your-own-codec.md).
+"""
+
+import importlib
+import re
+from collections.abc import Iterable
 from typing import Any
 
+from splatwire.arguments import checked
+from splatwire.bitstream.limits import FORMAT_VERSION, SCHEMAS, StreamSchema
 from splatwire.codec.schema import Schema
-from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.errors import InvalidValueError, UnknownNameError, how_to_install
 
-_SCHEMAS: dict[str, Schema] = {}
+_NAME = re.compile("[a-z][a-z0-9_]{0,31}", re.ASCII)
+_CALLED = ("codes", "prepare", "open_decoder", "update_digest", "can_repack", "remap_sections")
+_OWN = "splatwire."
 
 
-def register_schema(schema: Schema) -> None:
-    """Makes a kind of element known to encoder and decoder; its limits belong into `splatwire.packets.limits`.
+@checked
+def register_schema(schema: StreamSchema) -> Schema:
+    """Registers a schema with the encoder, the decoder and all stream readers.
+
+    Args:
+        schema: The complete schema, a `splatwire.codec.schema.Schema`.
+
+    Returns:
+        The schema.
 
     Raises:
-        InvalidValueError: If another one has its name.
+        InvalidValueError: If a part of it is missing or invalid, or its name is taken.
     """
-    if _SCHEMAS.setdefault(schema.name, schema) is not schema:
-        raise InvalidValueError(f"a schema '{schema.name}' is registered already")
+    if not isinstance(schema, Schema):
+        raise InvalidValueError(f"expected a complete Schema (splatwire.codec.schema), not {type(schema).__name__}")
+    if wrong := _problem(schema):
+        raise InvalidValueError(f"schema {schema.name!r:.40} is not complete: {wrong}")
+    SCHEMAS.register(schema.name, schema, f"{schema.prepare.__module__}.{schema.name}")
+    return schema
 
 
+@checked
 def schema_named(name: str) -> Schema:
-    """The schema that a manifest names.
+    """Returns the schema with the name used in manifests.
 
     Raises:
-        UnknownNameError: If nobody registered it.
+        UnknownNameError: If the name is unknown.
+        InvalidValueError: If the package that provides it cannot be loaded.
     """
-    if name not in _SCHEMAS:
-        raise UnknownNameError("schema", name, _SCHEMAS)
-    return _SCHEMAS[name]
+    found = SCHEMAS[name]
+    if not isinstance(found, Schema) and not found.codec:
+        coded = (known for known, schema in SCHEMAS.registered().items() if schema.codec or isinstance(schema, Schema))
+        raise UnknownNameError("schema", name, coded)
+    return _complete(found)
 
 
+@checked
 def schema_of(scene: Any) -> Schema:
-    """The schema that codes a scene.
+    """Returns the schema that encodes a scene; the most specific scene type wins.
 
     Raises:
-        InvalidValueError: If none does.
+        InvalidValueError: If no schema applies, or several packages have one for the same type.
     """
-    found = next((schema for schema in _SCHEMAS.values() if schema.codes(scene)), None)
+    found = _most_specific(scene, SCHEMAS.registered().values())
+    if found is None or found.scene_type is not type(scene):  # a package may provide a schema for exactly this type
+        found = _most_specific(scene, SCHEMAS.all().values())
     if found is None:
         raise InvalidValueError(f"expected a scene (`open_scene` reads one from a file), not {type(scene).__name__}")
     return found
+
+
+def _most_specific(scene: Any, schemas: Iterable[StreamSchema]) -> Schema | None:
+    kinds = type(scene).__mro__
+    type_names = {f"{kind.__module__}:{kind.__qualname__}" for kind in kinds}
+    fitting: dict[int, list[Schema]] = {}
+    for stream in schemas:
+        if not isinstance(stream, Schema) and stream.scene not in type_names:
+            continue
+        schema = _complete(stream)
+        if isinstance(scene, schema.scene_type) and schema.codes(scene):
+            distance = kinds.index(schema.scene_type) if schema.scene_type in kinds else len(kinds)
+            fitting.setdefault(distance, []).append(schema)
+    best = fitting[min(fitting)] if fitting else []
+    best = [schema for schema in best if schema.prepare.__module__.startswith(_OWN)] or best
+    if len(best) > 1:
+        names = " and ".join(f"'{schema.name}'{SCHEMAS.brought_by(schema.name)}" for schema in best)
+        raise InvalidValueError(f"schemas {names} both code {type(scene).__name__}: uninstall the package of one")
+    return best[0] if best else None
+
+
+def _complete(stream: StreamSchema) -> Schema:
+    """Returns the complete schema; imports the module that defines it if only stream properties are loaded."""
+    if isinstance(stream, Schema):
+        return stream
+    module, _, name = stream.codec.partition(":")
+    try:
+        found: Schema = getattr(importlib.import_module(module), name)
+    except ModuleNotFoundError as error:
+        if how := how_to_install(error.name):
+            error.add_note(how)
+        raise
+    return found
+
+
+def _problem(schema: Schema) -> str:
+    """Returns a message about the first missing or invalid attribute of a schema; empty if it is complete."""
+    if not isinstance(schema.name, str) or not _NAME.fullmatch(schema.name):
+        return "its name must be 1 to 32 lower-case letters, digits and underscores"
+    if type(schema.format_version) is not int or not 2 <= schema.format_version <= FORMAT_VERSION:
+        return f"format_version must be 2 to {FORMAT_VERSION}, not {schema.format_version!r}"
+    if not isinstance(schema.elements, str) or not schema.elements:
+        return "elements must be a word for its elements"
+    names = schema.sections
+    if not isinstance(names, tuple) or not names or not all(isinstance(name, str) and name for name in names):
+        return "sections must be a tuple of names, one or more"
+    if type(schema.elements_per_byte) is not int or schema.elements_per_byte < 1:
+        return f"elements_per_byte must be 1 or more, not {schema.elements_per_byte!r}"
+    if not isinstance(schema.scene_type, type):
+        return f"scene_type must be a class, not {schema.scene_type!r:.40}"
+    if not all(isinstance(kind, type) for kind in schema.offers):
+        return "offers must hold classes"
+    called = [*_CALLED, *(["prepare_repack"] if schema.prepare_repack is not None else [])]
+    wrong = [name for name in called if not callable(getattr(schema, name))]
+    return f"{', '.join(wrong)} cannot be called" if wrong else ""

@@ -1,7 +1,7 @@
-"""What the trunk knows of a kind of element: one record, what codes it, and what reads it again.
+"""Interface of a codec schema: its record, its encoder and its decoder.
 
-Which elements share a packet, in which order, and what arrived, is the same for all of them
-(`splatwire.codec.encoding`, `splatwire.codec.decoding`, `splatwire.codec.progressive`).
+Packet plans, packet order and loss handling are the same for all schemas (`splatwire.codec.encoding`,
+`splatwire.codec.decoding`, `splatwire.codec.progressive`).
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -10,23 +10,24 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from splatwire.model.partial import Partial
-from splatwire.packets import Manifest, Packet, Packetization, PacketPlan, SceneStream
+from splatwire.bitstream import Manifest, Packet, Packetization, PacketPlan, Run, SceneStream
+from splatwire.bitstream.limits import StreamSchema
+from splatwire.types.received_scene import ReceivedScene
 
 CHUNK = 3000
-"""Elements worked on at once: enough to keep matrix products busy, small enough to stay in the cache."""
+"""Elements processed at once: large enough for efficient matrix products, small enough for the CPU cache."""
 Rows = tuple[np.ndarray, ...]
-"""Decoded integers of some elements: arrays with one row for each of them."""
+"""Decoded integers of elements: arrays with one row per element."""
 
 
 @dataclass(frozen=True, eq=False)
 class CodedPackets:
-    """Some packets.
+    """Encoded packets.
 
     Attributes:
-        counts: int64 (packets), elements of each.
-        payloads: Their payloads.
-        rows: All integers of their elements, as a decoder finds them.
+        counts: int64 (packets), number of elements in each packet.
+        payloads: Payload of each packet.
+        rows: Decoded integers of all elements, one array row per element, equal to the result of decoding the packets.
     """
 
     counts: np.ndarray
@@ -36,35 +37,35 @@ class CodedPackets:
 
 @runtime_checkable
 class Encoder(Protocol):
-    """Codes the elements of one scene, as a plan splits them."""
+    """Protocol of an encoder of one scene's elements for a packet plan."""
 
     def runs(self) -> Iterator[Any]:
-        """Parts of the plan, in its order, that are coded side by side; none is empty."""
+        """Divides the packet plan into non-empty parts that can be encoded in parallel; yields them in plan order."""
 
     def encode(self, run: Any) -> CodedPackets:
-        """Codes one of them; may be called from several threads."""
+        """Encodes one part of the packet plan, as yielded by `runs`; may be called from several threads."""
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A scene that is ready to be coded.
+    """A scene prepared for encoding.
 
     Attributes:
-        encoder: What codes it.
-        side_info: What all of its packets share.
-        plan: How they split it.
-        stated: What the manifest says beside the plan, by its field.
+        encoder: Encoder of the scene's elements.
+        side_info: Side information of the stream.
+        plan: Packet plan.
+        manifest_fields: Further fields of the manifest, by name.
     """
 
     encoder: Encoder
     side_info: bytes
     plan: PacketPlan
-    stated: Mapping[str, Any] = field(default_factory=dict)
+    manifest_fields: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class Options:
-    """How a scene is to be coded, see `splatwire.codec.encode_scene`."""
+    """Options of `splatwire.codec.encode_scene` that are passed to the schema."""
 
     packetization: Packetization | None = None
     tiers: np.ndarray | None = None
@@ -74,105 +75,91 @@ class Options:
     threads: int | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
-    """Packets that are decoded together.
-
-    Attributes:
-        block: The block of the first of them, or, where nothing of a block arrived, that one.
-        packets: They, ascending by id.
-        members: Ranks of the elements of each, int64, in the order in which it holds them.
-    """
-
-    block: int
-    packets: tuple[Packet, ...]
-    members: tuple[np.ndarray, ...]
-
-    @property
-    def ranks(self) -> np.ndarray:
-        """Ranks of all elements, int64, packet by packet."""
-        return np.concatenate([np.empty(0, dtype=np.int64), *self.members])
-
-    @property
-    def counts(self) -> np.ndarray:
-        """Elements of each packet, int64."""
-        return np.array([packet.num_elements for packet in self.packets], dtype=np.int64)
-
-    @property
-    def payloads(self) -> list[bytes]:
-        """Payload of each packet."""
-        return [packet.payload for packet in self.packets]
-
-
 @runtime_checkable
 class Decoder(Protocol):
-    """Reads the elements of one stream; what it keeps of them is by rank.
+    """Protocol of a decoder of one stream's elements; decoded attributes are stored in coding order.
 
     Attributes:
         sections: Named sections of the side information.
-        order: Rank at each place of the manifest's plan, int64 (N); None if they are the same.
-        whole_blocks: Whether a run is what arrived of one block, of all blocks; else packets of any blocks share one.
-        alone: Whether packets of a run can be decoded one by one, too.
-        again: Whether packets are kept, and decoded again where they are asked for, because their integers take many
-            times the memory.
-        scene_bytes: Memory that `expect` and `scene` take.
-        row_bytes: Memory that the decoded integers of an element take.
+        order: Rank (index in coding order) at each place (index after sorting by tier, then rank) of the packet plan,
+            int64 (N); None if ranks and places are equal.
+        runs_are_blocks: True if a run is one block with all of its received packets; False if runs may mix blocks.
+        packets_independent: True if the packets of a run can also be decoded individually.
+        redecode_on_demand: True to keep compressed packets and decode them again on demand, because their integers take
+            many times the memory.
+        scene_bytes: Memory that `expect` and `scene` allocate, bytes.
+        row_bytes: Memory of the decoded integers of one element, bytes.
     """
 
     sections: Mapping[str, bytes]
     order: np.ndarray | None
-    whole_blocks: bool
-    alone: bool
-    again: bool
+    runs_are_blocks: bool
+    packets_independent: bool
+    redecode_on_demand: bool
     scene_bytes: int
     row_bytes: int
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Memory that a thread works with when it decodes some of these packets."""
+        """Returns the working memory of a thread that decodes some of the given packets, bytes."""
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
-        """Makes arrays for all elements, which `store` and `scene` work on; `decode` needs none."""
+        """Allocates arrays for all elements. Required before `store` and `scene`, but not before `decode`."""
 
     def decode(self, run: Run) -> Rows:
-        """Decodes packets; any bytes decode to something. May be called from several threads.
+        """Decodes packets; any bytes decode without an error. May be called from several threads.
 
         Returns:
-            The integers of its elements, packet by packet.
+            The integers of the run's elements, packet by packet.
         """
 
     def store(self, run: Run, rows: Rows) -> None:
-        """Writes the attributes of elements that were decoded, and of lost ones of a run that is a block."""
+        """Writes the attributes of decoded elements to the arrays of the scene.
+
+        If runs are blocks (`runs_are_blocks`), it also estimates the lost elements of the block and writes them.
+
+        Args:
+            run: The decoded packets.
+            rows: Result of `decode` for these packets.
+        """
 
     def update_digest(self, digest: Any, rows: Rows) -> None:
-        """Adds the integers of a complete run to a hashlib object, so that it does not matter how runs were cut."""
+        """Adds the integers of a complete run to a hashlib object.
 
-    def scene(self) -> Partial:
-        """The scene over the arrays, which share its memory, and all that the stream says of it."""
+        The result does not depend on the division into runs.
+        """
+
+    def scene(self) -> ReceivedScene:
+        """Returns the scene, which shares memory with the arrays, and the stream's metadata."""
 
 
-@dataclass(frozen=True, eq=False)
-class Schema:
-    """One kind of element: registered once (`splatwire.codec.registry`), asked for by name or by a scene.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Schema(StreamSchema):
+    """A complete codec schema: stream properties, encoder and decoder. See `register_schema`.
 
     Attributes:
-        name: What manifests call it, as registered in `splatwire.packets.limits`.
-        codes: Whether a scene is coded with it.
-        offers: Kinds of records that a concealer finds in every decoded stream (`Partial.offers`).
-        prepare: Gets a scene ready to be coded; all of its elements can be drawn.
-        prepare_again: Gets a complete stream ready to be put into other packets: the same integers, side information
-            that says the same.
-        open_decoder: Reads manifest and side information, and how many bytes of the stream are there.
-        update_digest: See `Decoder.update_digest`.
-        repackable: Whether the integers of a stream may be put into other packets.
-        carried: Brings what a stream says of single elements, by their rank, into the same in other packets.
+        scene_type: Type of the scenes it encodes. If several schemas apply, the most specific type wins.
+        codes: Function that returns True for the scenes of this type that the schema encodes.
+        offers: Record types that a concealer finds in every decoded stream (`ReceivedScene.offers`).
+        prepare: Prepares a scene for encoding; all of its elements are drawable.
+        open_decoder: Creates a decoder from manifest, side information and the number of received bytes.
+        update_digest: Adds decoded integers to a hashlib object.
+        prepare_repack: Prepares a complete stream for repacketizing, with the same integers and the same side
+            information content. None if packets of this schema cannot be repacketized.
+        can_repack: Function that returns True for streams that can be repacketized.
+        remap_sections: Updates named sections that refer to single elements after repacketizing.
     """
 
-    name: str
-    codes: Callable[[Any], bool]
+    scene_type: type
     offers: frozenset[type]
     prepare: Callable[[Any, Options], Prepared]
-    prepare_again: Callable[[SceneStream, Packetization, int | None], Prepared]
     open_decoder: Callable[[Manifest, bytes, int], Decoder]
     update_digest: Callable[[Any, Rows], None]
-    repackable: Callable[[SceneStream], bool] = lambda stream: True
-    carried: Callable[[SceneStream, SceneStream], SceneStream] = lambda stream, packed: packed
+    codes: Callable[[Any], bool] = lambda scene: True
+    prepare_repack: Callable[[SceneStream, Packetization, int | None], Prepared] | None = None
+    can_repack: Callable[[SceneStream], bool] = lambda stream: True
+    remap_sections: Callable[[SceneStream, SceneStream], SceneStream] = lambda stream, packed: packed
+
+
+def schema_for(stream: StreamSchema, **codec: Any) -> Schema:
+    """Returns the complete schema for given stream properties; the keyword arguments are attributes of `Schema`."""
+    return Schema(**{**vars(stream), "codec": "", "scene": ""}, **codec)

@@ -1,7 +1,7 @@
-"""Packets are independent, so runs of them are worked on in threads of their own.
+"""Runs independent work, such as decoding packets, in parallel threads.
 
-Compiled kernels and matrix products release the interpreter lock. Each thread computes alone: two pools of worker
-threads (the kernels' and the matrix library's) that wait for each other cost more than the work itself.
+Compiled kernels and matrix products release the interpreter lock. The matrix library is limited to one thread, because
+two competing thread pools cost more than the work itself.
 """
 
 import collections
@@ -18,14 +18,14 @@ Result = TypeVar("Result")
 def ordered_map(
     function: Callable[[Item], Result], items: Iterable[Item], threads: int | None = None
 ) -> Iterator[Result]:
-    """Applies a function to items in threads and yields the results in the order of the items.
+    """Applies a function to items in parallel threads and yields the results in the order of the items.
 
-    At most two results for each thread wait at a time, which bounds memory.
+    At most two results per thread are pending at a time, which bounds memory.
 
     Args:
-        function: What to do; spends its time in code that releases the interpreter lock.
-        items: What to do it with.
-        threads: Number of threads; None for as many as there may be.
+        function: The function; should spend its time in code that releases the interpreter lock.
+        items: Its arguments.
+        threads: Number of threads; None for one per processor.
     """
     threads = threads or allowed_threads()
     if threads == 1:

@@ -1,45 +1,46 @@
-"""How large anchors of each tier are: a named section of the side information that only streams with tiers have."""
+"""Typical size of the anchors of each tier: a named section of the side information of streams with tiers."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
+from splatwire.bitstream import Manifest
 from splatwire.errors import BitstreamError
-from splatwire.packets import Manifest
-from splatwire.scene import Anchors
+from splatwire.types import Anchors
 
 SECTION = "tier_sizes"
 """Name of the section."""
 _STEPS = 8
-"""Quantisation steps to an octave: within 5 % of the size."""
+"""Quantisation steps per octave; the error of a size is at most 5 %."""
 _MOST = 255
 
 
 def encode_tier_sizes(anchors: Anchors, tiers: np.ndarray, num_tiers: int) -> bytes:
-    """Says how large anchors of each tier are: what one counts for where it, or its neighbour, is lost.
+    """Encodes the typical size of each tier's anchors, with which concealers weight lost anchors.
 
     Args:
-        anchors: Anchors by rank, N.
-        tiers: Tier of each, N; none is empty.
+        anchors: Anchors in coding order, N.
+        tiers: Tier of each anchor, N; no tier is empty.
         num_tiers: Number of tiers.
 
     Returns:
-        A byte for each tier.
+        One byte per tier.
     """
     sizes = relative_sizes(anchors.scalings[:, 3:6], anchors.mask.sum(axis=1), tiers, num_tiers)
     return np.rint(-_STEPS * np.log2(sizes)).clip(max=_MOST).astype(np.uint8).tobytes()
 
 
 def relative_sizes(sizes: np.ndarray, gaussians: np.ndarray, tiers: np.ndarray, num_tiers: int) -> np.ndarray:
-    """How large anchors of each tier are, as a share of the largest.
+    """Returns the typical size of each tier's anchors, relative to the largest tier.
 
-    An anchor's footprint is the product of its two largest sizes for each of its Gaussians; the size of a tier is the
-    square root of their mean. Nearly as good as importance for views, and known without any.
+    An anchor's footprint is the product of its two largest sizes times its number of Gaussians. The size of a tier is
+    the square root of the mean footprint. As a weight it is nearly as good as view-dependent importance, and needs no
+    views.
 
     Args:
         sizes: Base sizes of the anchors' Gaussians along three axes, (N, 3).
-        gaussians: How many Gaussians each has, (N).
-        tiers: Tier of each, (N); none is empty.
+        gaussians: Number of Gaussians of each anchor, (N).
+        tiers: Tier of each anchor, (N); no tier is empty.
         num_tiers: Number of tiers.
 
     Returns:
@@ -53,17 +54,17 @@ def relative_sizes(sizes: np.ndarray, gaussians: np.ndarray, tiers: np.ndarray, 
 
 
 def read_tier_sizes(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray | None:
-    """Sizes of the tiers of a stream's anchors, relative to the largest.
+    """Reads the relative sizes of the tiers of a stream's anchors.
 
     Args:
         sections: Named sections of its side information.
         manifest: Its manifest.
 
     Returns:
-        float32 (tiers), above 0 and at most 1; None where the stream does not say.
+        float32 (tiers), above 0 and at most 1; None if the section is absent.
 
     Raises:
-        BitstreamError: If the section is damaged, or there are no tiers.
+        BitstreamError: If the section is damaged, or the stream has no tiers.
     """
     if SECTION not in sections:
         return None

@@ -1,27 +1,26 @@
-"""Which anchor is in which tier: a named section of the side information that only streams with tiers have."""
+"""Tier of each anchor: a named section of the side information of streams with tiers."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
+from splatwire.bitstream import Arrangement, Manifest, PacketGroups, SceneStream, arrange, tier_order
+from splatwire.bitstream.sections import sections_of
+from splatwire.codec import _tier_kernels as kernels
 from splatwire.entropy.coder import fresh_models
 from splatwire.errors import BitstreamError
-from splatwire.packets import Arrangement, Manifest, PacketGroups, SceneStream, arrange, tier_order
-from splatwire.packets.sections import sections_of
 
 SECTION = "tiers"
 """Name of the section."""
 
 
 def encode_tiers(tiers: np.ndarray, num_tiers: int) -> bytes:
-    """Codes tiers, each in the context of how important the anchors just before it are.
+    """Serialises the importance tier of every anchor; contexts are the tiers of the preceding anchors.
 
     Args:
-        tiers: Tier of each anchor by rank, N.
+        tiers: Tier of each anchor in coding order, N.
         num_tiers: Number of tiers.
     """
-    from splatwire.codec import _tier_kernels as kernels
-
     models = fresh_models((num_tiers - 1) * kernels.STATES)
     buffer = np.empty(2 * (num_tiers - 1) * len(tiers) + 64, dtype=np.uint8)
     length = kernels.encode_tiers(np.ascontiguousarray(tiers, dtype=np.uint8), num_tiers, models, buffer)
@@ -29,20 +28,18 @@ def encode_tiers(tiers: np.ndarray, num_tiers: int) -> bytes:
 
 
 def decode_tiers(data: bytes, num_anchors: int, num_tiers: int) -> np.ndarray:
-    """Inverse of `encode_tiers`; any bytes give tiers.
+    """Decodes the importance tiers written by `encode_tiers`; any bytes decode to valid tiers.
 
     Returns:
         uint8 (N).
     """
-    from splatwire.codec import _tier_kernels as kernels
-
     models, tiers = fresh_models((num_tiers - 1) * kernels.STATES), np.empty(num_anchors, dtype=np.uint8)
     kernels.decode_tiers(np.frombuffer(data, dtype=np.uint8), num_tiers, models, tiers)
     return tiers
 
 
 def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
-    """Tier of each anchor of a stream, by rank.
+    """Returns the importance tier of each anchor of a stream, in coding order.
 
     Args:
         sections: Named sections of its side information.
@@ -67,10 +64,10 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
 
 
 def arrange_stream(stream: SceneStream) -> Arrangement:
-    """Which anchors, by rank, share a packet of a stream, and which packets are there.
+    """Splits the anchors of a stream into groups that were received or lost together.
 
     Raises:
-        BitstreamError: If its side information is damaged.
+        BitstreamError: If the side information is damaged.
     """
     groups, packets = arrange(stream.manifest.plan, stream.packets)
     if not stream.manifest.tiers:

@@ -1,39 +1,56 @@
-"""Where a scene is looked at first: named sections of side information, where cameras are known and where not."""
+"""Initial view, upward axis and extent of a scene: named sections of the side information."""
 
 import math
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError
+from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.ops.arrays import to_numpy
-from splatwire.scene import Cameras
+
+if TYPE_CHECKING:
+    from splatwire.types import Cameras
 
 SECTION = "viewpoint"
 """Name of the section."""
 MIN_UP, MAX_UP = 0.5, 2.0
-"""Bounds of the length of the upward direction of a viewpoint."""
+"""Bounds of the length of a viewpoint's upward vector."""
 UP_SECTION = "up"
-"""Name of the section that says only which axis is up: its name as text, `y`, `-z`, ...; `-y` where it is absent."""
+"""Name of the section with the upward axis alone: text such as `y` or `-z`; absent for `-y`."""
 AXES = (b"x", b"-x", b"y", b"-y", b"z", b"-z")
 EXTENT_SECTION = "extent"
-"""Name of the section that says where a clip goes: a ball around each frame, middle and radius as `f32`."""
+"""Name of the section with a sequence's bounding sphere over all frames: centre and radius as `f32`."""
+
+
+class Viewpoint(NamedTuple):
+    """Initial view of a scene, relative to its origin.
+
+    Attributes:
+        eye: Position of the camera (3), world units.
+        target: Point that the camera looks at and orbits around (3), world units.
+        up: Direction that points up in the picture (3).
+    """
+
+    eye: tuple[float, ...]
+    target: tuple[float, ...]
+    up: tuple[float, ...]
 
 
 def up_sections(axis: str) -> dict[str, bytes]:
-    """The section that says which axis is up, by its name; none for `-y`."""
+    """Serialises the upward axis; returns a dict from section name to bytes, empty for `-y`."""
     return {} if axis == "-y" else {UP_SECTION: axis.encode()}
 
 
 def up_axis(sections: Mapping[str, bytes]) -> str:
-    """The name of the axis that is up.
+    """Reads the upward axis of a scene: `x`, `y` or `z`, with `-` for the negative direction; `-y` if absent.
 
     Args:
         sections: Named sections of a stream.
 
     Raises:
-        BitstreamError: If they name no axis.
+        BitstreamError: If the section does not contain the name of an axis.
     """
     name = sections.get(UP_SECTION, b"-y")
     if name not in AXES:
@@ -42,7 +59,7 @@ def up_axis(sections: Mapping[str, bytes]) -> str:
 
 
 def extent_section(middle: Iterable[float], radius: float) -> bytes:
-    """The section that says that a clip stays within a ball, world units."""
+    """Serialises a sequence's bounding sphere, world units."""
     writer = ByteWriter()
     for value in (*middle, radius):
         writer.f32(float(value))
@@ -50,13 +67,13 @@ def extent_section(middle: Iterable[float], radius: float) -> bytes:
 
 
 def read_extent(sections: Mapping[str, bytes]) -> tuple[tuple[float, float, float], float] | None:
-    """Middle and radius of the ball that a clip stays within; None where nobody says it.
+    """Returns centre and radius of a sequence's bounding sphere; None if the section is absent.
 
     Args:
         sections: Named sections of a stream.
 
     Raises:
-        BitstreamError: If there is no such ball.
+        BitstreamError: If the numbers do not form a sphere.
     """
     if EXTENT_SECTION not in sections:
         return None
@@ -69,40 +86,56 @@ def read_extent(sections: Mapping[str, bytes]) -> tuple[tuple[float, float, floa
 
 
 def check_viewpoint(sections: Mapping[str, bytes]) -> None:
-    """Checks the sections that say from where a scene is looked at, as the page does when it opens a stream.
+    """Checks the sections with initial view, up axis and extent, with the same rules as the web page.
 
     Args:
         sections: Named sections of a stream.
 
     Raises:
-        BitstreamError: If they name no axis, no ball, or an eye that is where it looks.
+        BitstreamError: If the axis, the sphere or the view is invalid, for example if eye and target coincide.
     """
     up_axis(sections)
     read_extent(sections)
+    read_viewpoint(sections)
+
+
+def read_viewpoint(sections: Mapping[str, bytes]) -> "Viewpoint | None":
+    """Returns the initial view of a scene; None if the section is absent.
+
+    Args:
+        sections: Named sections of a stream.
+
+    Raises:
+        BitstreamError: If the view is invalid, for example if eye and target coincide.
+    """
     if SECTION not in sections:
-        return
+        return None
     reader = ByteReader(sections[SECTION], f"section '{SECTION}'")
     eye, target, up = (tuple(reader.f32() for _ in range(3)) for _ in range(3))
     reader.finish()
     apart, length = math.hypot(*(a - b for a, b in zip(eye, target, strict=True))), math.hypot(*up)
     if not (0 < apart < math.inf and MIN_UP < length < MAX_UP):
         raise BitstreamError(f"section '{SECTION}': an impossible viewpoint")
+    return Viewpoint(eye, target, up)
 
 
-def viewpoint_section(cameras: Cameras) -> bytes:
-    """The section that lets a receiver begin where the first camera is.
+def viewpoint_section(cameras: "Cameras") -> bytes:
+    """Serialises the initial view of a scene: position and viewing direction of the first camera.
+
+    The view has an orbit target on the viewing axis of the first camera. Its depth is that of the point nearest to the
+    viewing axes of all cameras (least squares). The depth is at least half the mean distance from the first camera to
+    all cameras, in case the axes do not meet in front of the camera.
 
     Args:
-        cameras: The scene's cameras. The point to turn around is the one nearest to all of their axes (least squares;
-            half of the way to the other cameras' mean where the axes do not meet in front of the first one).
+        cameras: The scene's cameras.
 
     Returns:
-        Nine `f32`: the eye, the point that it looks at, and the direction that is up there, the mean of all cameras'.
+        Nine `f32`: the position of the camera, the target, and the mean upward direction of all cameras.
     """
     centers, turns = (to_numpy(a).astype(np.float64) for a in (cameras.centers, cameras.viewmats[:, :3, :3]))
     ahead, up = turns[:, 2], -turns[:, 1].mean(axis=0)
     across = np.eye(3) - ahead[:, :, None] * ahead[:, None, :]
-    # a little of the identity: parallel axes are near all points alike
+    # regularisation: parallel axes determine no nearest point
     system = across.sum(axis=0) + 1e-6 * len(centers) * np.eye(3)
     meeting = np.linalg.inv(system) @ ((across @ centers[:, :, None]).sum(axis=0)[:, 0] + 1e-6 * centers.sum(axis=0))
     depth = float((meeting - centers[0]) @ ahead[0])

@@ -1,31 +1,31 @@
-"""Quantised networks as bytes: every array under a normal distribution fitted to it.
+"""Serialises quantised networks: every array is coded under a normal distribution fitted to it.
 
-In a matrix the scale of a weight is that of its row times that of its column: columns whose input matters less have
-wider steps, and fewer bits. (Streams of before have a scale for each row only; a flag says which.)
+The scale of a matrix entry is the product of a row scale and a column scale: columns of less important inputs have
+wider steps and take fewer bits. (Older streams have row scales only, indicated by a flag.)
 """
 
 from collections.abc import Iterable
 
 import numpy as np
 
-from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.codec.weights import MAX_SHIFT, MAX_STEP, QuantisedLinear, QuantisedMlp
 from splatwire.entropy.coder import decode_symbols, encode_symbols
 from splatwire.entropy.integers import MAX_SYMBOL, read_integers, scale_index, write_integers, zero_mean_cells
 from splatwire.entropy.tables import NUM_SCALES, SCALE_STEPS
 from splatwire.errors import BitstreamError
-from splatwire.scene import AnchorLayout
+from splatwire.files.byte_io import ByteReader, ByteWriter
+from splatwire.types import AnchorLayout
 
 MAX_WIDTH = 4096
 MAX_WEIGHTS = 1 << 20
-"""Of the networks of a section together: a weight may take no bit at all, and takes 28 bytes of memory."""
+"""Maximum number of weights of all networks of a section. A weight may take no bit, but takes 28 bytes of memory."""
 LEAKY = 1
 WITH_COLUMN_SCALES = 2
 FIT_ROUNDS = 4
 
 
 def write_mlp(writer: ByteWriter, mlp: QuantisedMlp) -> None:
-    """Appends a network."""
+    """Serialises a network."""
     out, hidden = mlp.output.symbols.shape
     for size in (mlp.hidden.symbols.shape[1], hidden, out):
         writer.unsigned(size)
@@ -35,17 +35,17 @@ def write_mlp(writer: ByteWriter, mlp: QuantisedMlp) -> None:
 
 
 def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int, most: int = MAX_WEIGHTS) -> QuantisedMlp:
-    """Inverse of `write_mlp`.
+    """Parses a network written by `write_mlp`.
 
     Args:
-        reader: Where to read.
-        what: Which network, for error messages.
-        inputs: Inputs that it must have.
-        outputs: Outputs that it must have.
-        most: Weights that it may have.
+        reader: Source of the bytes.
+        what: Name of the network, for error messages.
+        inputs: Required number of inputs.
+        outputs: Required number of outputs.
+        most: Maximum number of weights.
 
     Raises:
-        BitstreamError: If its shape or a number is impossible.
+        BitstreamError: If the shape differs or a number is out of range.
     """
     shape = [reader.unsigned() for _ in range(3)]
     flags = reader.u8()
@@ -62,7 +62,7 @@ def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int, most: int
 
 
 def write_networks(networks: Iterable[QuantisedMlp]) -> bytes:
-    """Networks one after another."""
+    """Serialises networks one after another."""
     writer = ByteWriter()
     for network in networks:
         write_mlp(writer, network)
@@ -70,14 +70,14 @@ def write_networks(networks: Iterable[QuantisedMlp]) -> bytes:
 
 
 def read_networks(data: bytes, shapes: Iterable[tuple[str, int, int]]) -> list[QuantisedMlp]:
-    """Inverse of `write_networks`.
+    """Parses networks written by `write_networks`.
 
     Args:
         data: The bytes.
-        shapes: What each network is, its inputs and outputs.
+        shapes: Name, number of inputs and number of outputs of each network.
 
     Raises:
-        BitstreamError: If the bytes are damaged or something else.
+        BitstreamError: If the bytes are damaged or not networks of these shapes.
     """
     reader, networks, left = ByteReader(data, "networks"), list[QuantisedMlp](), MAX_WEIGHTS
     for name, inputs, outputs in shapes:
@@ -91,7 +91,7 @@ def read_heads(data: bytes, layout: AnchorLayout) -> tuple[QuantisedMlp, Quantis
     """Reads the rendering networks of anchors: opacity, covariance, colour.
 
     Raises:
-        BitstreamError: If the bytes are damaged or something else.
+        BitstreamError: If the bytes are damaged or not such networks.
     """
     inputs, num = layout.feature_dim + 4, layout.num_offsets
     shapes = (("opacity", inputs, num), ("covariance", inputs, 7 * num), ("color", inputs, 3 * num))
@@ -100,7 +100,7 @@ def read_heads(data: bytes, layout: AnchorLayout) -> tuple[QuantisedMlp, Quantis
 
 
 def framed(data: bytes) -> bytes:
-    """Bytes behind their size."""
+    """Returns bytes preceded by their number (a variable-length integer), as `ByteReader.blob` reads them."""
     writer = ByteWriter()
     writer.blob(data)
     return writer.bytes()
@@ -114,7 +114,11 @@ def _write_linear(writer: ByteWriter, layer: QuantisedLinear) -> None:
 
 
 def _fitted_scales(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Entries of the scale table for rows, and how many entries further columns are: most likely factors, in turns."""
+    """Fits the scale of each row and column of a matrix of integers, by alternating maximum-likelihood estimates.
+
+    Returns:
+        Scale table index of each row; and for each column a difference that is added to these indices.
+    """
     square = symbols.astype(np.float64) ** 2 + 1e-3
     column = np.ones(symbols.shape[1])
     for _ in range(FIT_ROUNDS):

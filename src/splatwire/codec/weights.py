@@ -1,13 +1,16 @@
-"""Network weights as integers: how coarse each may be, and the dyadic numbers that both ends compute with.
+"""Quantises network weights to dyadic numbers, with a separate step for each row and column.
 
-A weight is `q * step`, where the step of row i and column j is `row_steps[i] << column_shifts[j]` units of 2**-16: rows
-whose output tolerates more noise, and columns whose input says little that others do not, take fewer bits.
+A weight is `q * step`, where the step of row i and column j is `row_steps[i] << column_shifts[j]` units of 2**-16. Rows
+with noise-tolerant outputs, and columns of redundant inputs, take fewer bits.
 
-Inputs of a layer are correlated, so the error of one rounded weight can be made up for by the weights that are not
-rounded yet: successive rounding to the nearest plane (Babai, "On Lovasz' lattice reduction and the nearest lattice
-point problem", 1986; for networks: Frantar et al., "GPTQ", 2023). With the inputs' covariance C = R R^T, R upper
-triangular, an error d of a row costs |d R|**2, and component j of d R can be held below half a step times R_jj. So
-R_jj, the spread of input j that the inputs rounded after it do not explain, takes the place of the input's own.
+Inputs of a layer are correlated, so the rounding of later weights can compensate for the rounding errors of earlier
+weights. The method is successive rounding to the nearest plane (Babai, "On Lovasz' lattice reduction and the nearest
+lattice point problem", 1986; for networks: Frantar et al., "GPTQ", 2023).
+
+Let C = R R^T be the covariance of the inputs, with R upper triangular, and d the rounding errors of a row of weights.
+The output of this row then has the error variance |d R|**2. Successive rounding keeps component j of d R below half a
+step times R_jj. R_jj is the part of the spread of input j that the inputs rounded later do not explain. The step of
+column j therefore depends on R_jj instead of the full spread of the input.
 """
 
 from dataclasses import dataclass
@@ -25,23 +28,24 @@ MAX_SHIFT = 12
 MAX_STEP = 65535
 
 FINE_WEIGHT = 128.0
-"""Weights below this are whole multiples of `2**-WEIGHT_EXPONENT` in float32, too."""
+"""Weights below this are integer multiples of `2**-WEIGHT_EXPONENT` in float32, too."""
 
 RIDGE = 0.003
-"""Added to the variance of each input, as a share of it: correlations of a sample are not relied upon beyond that.
-With 0.001, 0.003 and 0.01 snowmiku_15k's networks took 53.5, 52.8 and 52.7 kB (with scales by row only); with 0.001 and
-8,000 anchors one network's error on other anchors was half as large again as on these."""
+"""Ridge added to the variance of each input, as a fraction of it; limits the use of a sample's correlations. With
+0.001, 0.003 and 0.01 snowmiku_15k's networks took 53.5, 52.8 and 52.7 kB (with row scales only). With 0.001 and 8,000
+anchors one network's error on other anchors was 1.5 times that on the sample.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class QuantisedLinear:
-    """An affine layer as it is sent.
+    """A network layer (affine map) as it is coded: integer weights with quantisation steps.
 
     Attributes:
-        symbols: int32 (out, in).
-        row_steps: int64 (out), 1 to `MAX_STEP`, units of `2**-WEIGHT_EXPONENT`.
-        column_shifts: int64 (in), 0 to `MAX_SHIFT`.
-        bias: int32 (out), units of `2**-BIAS_BITS`.
+        symbols: Quantised weights, int32 (out, in).
+        row_steps: Quantisation step of each row, 1 to `MAX_STEP`, in units of `2**-WEIGHT_EXPONENT`, int64 (out).
+        column_shifts: log2 of the factor on the step of each column, 0 to `MAX_SHIFT`, int64 (in).
+        bias: Bias in units of `2**-BIAS_BITS`, int32 (out).
     """
 
     symbols: np.ndarray
@@ -50,25 +54,28 @@ class QuantisedLinear:
     bias: np.ndarray
 
     def integer(self) -> IntegerLinear:
-        """The layer in the integers that the coding path computes with."""
+        """Converts the layer to integers for bit-exact evaluation."""
         weight = self.symbols.astype(np.int64) * (self.row_steps[:, None] << self.column_shifts[None, :])
         bias = self.bias.astype(np.int64) << (ACTIVATION_BITS + WEIGHT_EXPONENT - BIAS_BITS)
         return IntegerLinear(weight, bias)
 
     def dequantised(self) -> tuple[np.ndarray, np.ndarray]:
-        """Weight and bias as float32, exactly the numbers that `integer` stands for."""
+        """Returns the weights (out, in) and the bias (out) as float32.
+
+        No value is rounded: they are equal to the fixed-point numbers that `integer` returns.
+        """
         weight = self.symbols.astype(np.float64) * (self.row_steps[:, None] << self.column_shifts[None, :])
         return (weight * 2.0**-WEIGHT_EXPONENT).astype(np.float32), (self.bias * 2.0**-BIAS_BITS).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class QuantisedMlp:
-    """Two quantised layers.
+    """A network of two quantised layers with a (leaky) ReLU in between.
 
     Attributes:
         hidden: First layer.
         output: Second layer.
-        leaky: Slope 0.01 below zero instead of 0.
+        leaky: True for a leaky ReLU with slope 0.01.
     """
 
     hidden: QuantisedLinear
@@ -76,16 +83,16 @@ class QuantisedMlp:
     leaky: bool
 
     def integer(self) -> IntegerMlp:
-        """The network in integers."""
+        """Converts the network to integers for bit-exact evaluation."""
         return IntegerMlp(self.hidden.integer(), self.output.integer(), self.leaky)
 
 
 def quantise_linear(weight: np.ndarray, bias: np.ndarray, inputs: np.ndarray, noise: np.ndarray) -> QuantisedLinear:
-    """Rounds a layer so that each output's rounding noise stays near a given level.
+    """Quantises a layer with rounding errors of its outputs close to a given level.
 
     Args:
         weight: float (out, in).
-        bias: float (out); takes up the mean of the rounding error.
+        bias: float (out); absorbs the mean of the rounding error.
         inputs: Sample of inputs, float (n, in).
         noise: (out), tolerated standard deviation of the error of each output.
 
@@ -97,7 +104,7 @@ def quantise_linear(weight: np.ndarray, bias: np.ndarray, inputs: np.ndarray, no
     shifts = np.clip(np.floor(np.log2(rest.max() / rest)), 0, MAX_SHIFT).astype(np.int64)
     # rounding errors are uniform: each contributes (step * rest)**2 / 12
     spread = np.sqrt((((2.0**shifts) * rest) ** 2).sum() / 12)
-    # weights of 128 and more have coarser steps, so that a float32 holds what the integers stand for
+    # weights of 128 and more have coarser steps, so that the integers are exact in float32
     grain = 2.0 ** np.ceil(np.log2(np.maximum(np.abs(weight).max(axis=1, initial=0) / FINE_WEIGHT, 1)))
     steps = np.rint(noise / spread * 2.0**WEIGHT_EXPONENT / grain) * grain
     steps = np.clip(steps, grain, MAX_STEP // grain * grain).astype(np.int64)
@@ -111,24 +118,27 @@ def quantise_linear(weight: np.ndarray, bias: np.ndarray, inputs: np.ndarray, no
 def exact_mlp(
     hidden: tuple[np.ndarray, np.ndarray], output: tuple[np.ndarray, np.ndarray], *, leaky: bool
 ) -> QuantisedMlp | None:
-    """A network whose weights are whole numbers of the format's units already, as those of a decoded scene: as it is.
+    """Converts a network to quantised form without rounding, if its weights are multiples of the format's units.
+
+    This is the case for networks of decoded scenes.
 
     Args:
         hidden: Weight (hidden, in) and bias of the first layer.
         output: Weight (out, hidden) and bias of the second.
-        leaky: Slope 0.01 below zero instead of 0.
+        leaky: True for a leaky ReLU with slope 0.01 below zero, False for a ReLU.
 
     Returns:
-        The integers that stand for exactly these numbers; None if there are none.
+        The network with exactly these numbers; None if that is impossible.
     """
     first, second = exact_linear(*hidden), exact_linear(*output)
     return None if first is None or second is None else QuantisedMlp(first, second, leaky)
 
 
 def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None:
-    """The layer of integers that stands for exactly these numbers; None if there is none.
+    """Converts a layer to quantised form without rounding; None if that is impossible.
 
-    Steps are not unique: any that divide all weights give the same numbers.
+    The steps are not unique: any steps that divide the weights of their row and column represent the same numbers. Two
+    choices are tried, and the one whose integers take fewer bits is returned.
 
     Args:
         weight: float (out, in).
@@ -138,7 +148,7 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
     if not (_whole(whole, 2.0**48) and _whole(base, float(MAX_SYMBOL))):
         return None
     units = whole.astype(np.int64)
-    some, twos = units != 0, np.log2(np.maximum(units & -units, 1)).astype(np.int64)  # factors 2 of each weight
+    some, twos = units != 0, np.log2(np.maximum(units & -units, 1)).astype(np.int64)  # powers of 2 in each weight
     found = []
     for rows_first in (True, False):
         shifts = np.zeros(units.shape[1], np.int64) if rows_first else _fewest(twos, some, axis=0)
@@ -152,18 +162,24 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
 
 
 def _fewest(twos: np.ndarray, some: np.ndarray, axis: int) -> np.ndarray:
-    """Factors 2 that all weights of a row or column have in common, those that are 0 apart."""
+    """Returns the exponent of the largest power of two that divides all non-zero weights of a row or column.
+
+    Args:
+        twos: Number of trailing zero bits of each weight.
+        some: Mask of non-zero weights.
+        axis: Axis over which the minimum is taken.
+    """
     least = np.where(some, twos, MAX_SHIFT).min(axis=axis, initial=MAX_SHIFT)
     return np.maximum(np.where(some.any(axis=axis), least, 0), 0)
 
 
 def _whole(values: np.ndarray, most: float) -> bool:
-    """Whether all are whole numbers and not too large."""
+    """True if all values are integers of magnitude at most `most`."""
     return bool((np.abs(values) <= most).all() and (values == np.rint(values)).all())
 
 
 def _divisor(number: int) -> int:
-    """The largest divisor that a row's step can be."""
+    """Returns the largest divisor of a number among those up to `MAX_STEP`, the maximum step of a matrix row."""
     if number <= MAX_STEP:
         return max(number, 1)
     smaller = np.arange(1, MAX_STEP + 1)
@@ -171,12 +187,12 @@ def _divisor(number: int) -> int:
 
 
 def _explained(inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean of the inputs, an order (widest first) and the upper triangular R of their covariance in it."""
+    """Returns the mean of the inputs, their order by variance, and the triangular factor R of their covariance."""
     mean = inputs.mean(axis=0)
     centred = inputs - mean
     covariance = centred.T @ centred / len(inputs)
     variance = np.diag(covariance)
-    # an input that hardly varies must not get an endless step
+    # keeps the step of a nearly constant input finite
     covariance = covariance + np.diag(RIDGE * variance + 1e-9 * variance.max() + 1e-18)
     order = np.argsort(-variance, kind="stable")
     reverse = np.linalg.cholesky(covariance[np.ix_(order[::-1], order[::-1])])
@@ -184,15 +200,16 @@ def _explained(inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _round_in_turn(weight: np.ndarray, unit: np.ndarray, unit_factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rounds column by column, each after what the columns before it left over.
+    """Rounds a weight matrix column by column; each column compensates the rounding errors of earlier columns.
 
     Args:
         weight: float (out, in).
         unit: Steps, float (out, in).
-        unit_factor: R with its columns divided by its diagonal, float (in, in).
+        unit_factor: The factor R of the inputs' covariance (see the module), each column divided by its diagonal entry,
+            float (in, in).
 
     Returns:
-        Symbols, int32 (out, in), and what they lack, float (out, in).
+        Symbols, int32 (out, in), and rounding errors, float (out, in).
     """
     symbols, error = np.zeros(weight.shape, dtype=np.int32), np.zeros_like(weight)
     for j in range(weight.shape[1]):
@@ -210,14 +227,16 @@ def quantise_mlp(
     *,
     leaky: bool,
 ) -> QuantisedMlp:
-    """Rounds both layers of a network, sharing the tolerated noise between them.
+    """Quantises the two layers of a network, so that quantisation noise of the outputs stays within a tolerance.
+
+    Each layer may cause a part of the tolerated noise.
 
     Args:
         hidden: Weight (hidden, in) and bias of the first layer.
-        output: Weight (out, hidden) and bias of the second.
+        output: Weight (out, hidden) and bias of the second layer.
         inputs: Sample of inputs, float (n, in).
         tolerance: (out), tolerated standard deviation of the error of each output.
-        leaky: Slope 0.01 below zero instead of 0.
+        leaky: True for a leaky ReLU with slope 0.01 below zero, False for a ReLU.
 
     Returns:
         The network in integers.
@@ -240,7 +259,7 @@ def _activation(pre: np.ndarray, leaky: bool) -> np.ndarray:
 def _refitted(
     output: tuple[np.ndarray, np.ndarray], inputs: np.ndarray, rounded: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The second layer that makes of the rounded first one's outputs what it made of the exact ones: least squares."""
+    """Refits the second layer by least squares to the outputs of the quantised first layer."""
     weight, bias = output
     centred = rounded - rounded.mean(axis=0)
     lacking = (inputs - inputs.mean(axis=0) - centred) @ weight.T

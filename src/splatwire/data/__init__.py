@@ -1,16 +1,8 @@
-"""Posed photos and cameras, read from the layouts that datasets are published in."""
+"""Photos with known cameras, in the common dataset layouts, and camera files.
 
-from splatwire.data.camera_file import load_cameras, save_cameras
-from splatwire.data.dataset import Dataset, dataset_layout, open_dataset
-from splatwire.data.photos import load_photo
-from splatwire.data.point_cloud import SparsePoints
+The names of `__all__` are imported on first use, so that reading a camera file does not import photo readers.
+"""
 
-__all__ = [
-    "Dataset",
-    "SparsePoints",
-    "dataset_layout",
-    "load_cameras",
-    "load_photo",
-    "open_dataset",
-    "save_cameras",
-]
+from splatwire.lazy_names import lazy_names
+
+__all__, __getattr__, __dir__ = lazy_names(__name__, __file__)

@@ -1,4 +1,4 @@
-"""Checks that every camera reader shares."""
+"""Validation shared by all camera readers."""
 
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from splatwire.errors import DatasetError, InvalidValueError
-from splatwire.scene import Cameras
-from splatwire.scene.cameras import check_size
-from splatwire.scene.origin import choose_origin
+from splatwire.types import Cameras
+from splatwire.types.cameras import check_size
+from splatwire.types.origin import choose_origin
 
 _MAX_NUMBER = 1e12
 _MIN_FOCAL_PX = 1e-3
@@ -19,20 +19,20 @@ _RIGID_TOLERANCE = 1e-3
 def make_cameras(
     source: Path, names: Sequence[str], viewmats: np.ndarray, intrinsics: np.ndarray, width: int, height: int
 ) -> Cameras:
-    """Builds cameras after checking that they are finite, rigid and look through a positive focal length.
+    """Builds cameras after checking that they are finite, rigid and have positive focal lengths.
 
-    Cameras far from 0 get an origin: float32 matrices do not hold map coordinates.
+    Cameras far from 0 are stored relative to an origin, because float32 is too coarse for map coordinates.
 
     Args:
-        source: The file they come from, for messages.
-        names: One per view.
+        source: Source file, for messages.
+        names: Name of each view.
         viewmats: (C, 4, 4) world-to-camera matrices, OpenCV axes.
         intrinsics: (C, 3, 3) in pixels.
         width: Image width in pixels.
         height: Image height in pixels.
 
     Raises:
-        DatasetError: If a camera is not what it should be, or there is none.
+        DatasetError: If a camera is invalid, or there is none.
     """
     if not len(names):
         raise DatasetError(f"{source}: has no views")
@@ -41,6 +41,8 @@ def make_cameras(
     except InvalidValueError as error:
         raise DatasetError(f"{source}: {error}") from None
     for name, viewmat, K in zip(names, viewmats, intrinsics, strict=True):
+        if any("\ud800" <= letter <= "\udfff" for letter in name):
+            raise DatasetError(f"{source}: a view has the name {name[:60]!r}, which is no text")
         check_rigid(source, name, viewmat)
         if not (np.abs(K) < _MAX_NUMBER).all() or min(K[0, 0], K[1, 1]) < _MIN_FOCAL_PX:
             raise DatasetError(f"{source}: view '{name}' has no positive, finite focal length")
@@ -58,10 +60,10 @@ def make_cameras(
 
 
 def check_rigid(source: Path, name: str, pose: np.ndarray) -> None:
-    """Checks that a 4 x 4 matrix is a rotation and a translation.
+    """Checks that a 4 x 4 matrix is a rigid transform.
 
     Raises:
-        DatasetError: If it is not finite, or scales, mirrors or shears.
+        DatasetError: If the matrix is not finite, or scales, mirrors or shears.
     """
     if not (np.abs(pose) < _MAX_NUMBER).all():
         raise DatasetError(f"{source}: the pose of view '{name}' is not finite")
@@ -77,7 +79,7 @@ def pinhole(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
 
 
 def view_names(paths: Sequence[str]) -> tuple[str, ...]:
-    """Names views after their files: the stem where that is unique, otherwise the folders too."""
+    """Returns a name for each view: the stem of its photo's file name, with the folder if needed for uniqueness."""
     pure = [PurePosixPath(path) for path in paths]
     if len({path.stem for path in pure}) == len(pure):
         return tuple(path.stem for path in pure)
@@ -85,13 +87,16 @@ def view_names(paths: Sequence[str]) -> tuple[str, ...]:
 
 
 def matrix(source: Path, name: str, value: Any, shape: tuple[int, int]) -> np.ndarray:
-    """Turns nested lists into a float64 matrix.
+    """Converts nested lists to a float64 matrix.
 
     Raises:
-        DatasetError: If they are not numbers in that shape.
+        DatasetError: If the lists do not contain numbers in the required shape.
     """
     try:
-        array = np.array(value, dtype=np.float64)
+        items = np.array(value, dtype=object)
+        if not all(isinstance(item, (int, float)) and not isinstance(item, bool) for item in items.flat):
+            raise TypeError("text, true or the like")
+        array = items.astype(np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise DatasetError(f"{source}: view '{name}': expected {shape[0]} x {shape[1]} numbers") from error
     if array.shape != shape:
@@ -99,11 +104,59 @@ def matrix(source: Path, name: str, value: Any, shape: tuple[int, int]) -> np.nd
     return array
 
 
-def child(root: Path, name: str, source: Path) -> Path:
-    """Returns the path of `name` below `root`; an absolute name is taken if it is below `root`, too.
+def is_file(path: Path, source: Path) -> bool:
+    """Returns True if the path is an ordinary file.
+
+    Args:
+        path: The path, as named by the dataset.
+        source: Source file, for messages.
 
     Raises:
-        DatasetError: If `name` leads out of `root`.
+        DatasetError: If the path is not a valid file name, or its folder cannot be read.
+    """
+    try:
+        return path.is_file()
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or "it is no name of a file"
+        raise DatasetError(f"{source}: {path.name[:120]!r}: {why}") from error
+
+
+def check_distinct(source: Path, names: Sequence[str], photos: Sequence[Path | None]) -> None:
+    """Checks that no photo is listed as two views, which could be in different splits.
+
+    Photos are identified by file, independent of names, links and letter case.
+
+    Args:
+        source: File with the list of views, for messages.
+        names: Name of each view.
+        photos: Path of each view's photo; None if the file is missing.
+
+    Raises:
+        DatasetError: If a photo has two views.
+    """
+    first: dict[tuple[int, int], str] = {}
+    for name, photo in zip(names, photos, strict=True):
+        if photo is None:
+            continue
+        status = photo.stat()
+        before = first.setdefault((status.st_dev, status.st_ino), name)
+        if before is not name:
+            raise DatasetError(
+                f"{source}: the views {before[:120]!r} and {name[:120]!r} are the same photo, {photo}: remove one of "
+                "them, or it could be for training and for testing"
+            )
+
+
+def child(root: Path, name: str, source: Path) -> Path:
+    """Returns the path of a file below a folder; an absolute name must also be below the folder.
+
+    Args:
+        root: The folder.
+        name: Relative or absolute name of the file.
+        source: File that contains the name, for messages.
+
+    Raises:
+        DatasetError: If `name` is outside `root`.
     """
     pure = PurePosixPath(name.replace("\\", "/"))
     for folder in (root, root.absolute(), root.resolve()):

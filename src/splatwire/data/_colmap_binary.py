@@ -1,4 +1,4 @@
-"""COLMAP's binary files. Counts are believed only as far as the bytes go."""
+"""Reader of COLMAP's binary files; record counts are checked against the file size."""
 
 import io
 import struct
@@ -17,7 +17,7 @@ _LEAST_CAMERA_BYTES = 24 + 8 * min(count for _, count in MODELS)
 
 
 class _Cursor:
-    """Reads records one after another; what is skipped is never in memory."""
+    """Sequential reader of the records of a binary file; skipped bytes are not loaded."""
 
     def __init__(self, path: Path, file: io.BufferedIOBase) -> None:
         self.path = path

@@ -1,5 +1,6 @@
-"""COLMAP's text files."""
+"""Reader of COLMAP's text files."""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,10 +13,14 @@ from splatwire.files.kinds import is_not
 
 _MAX_LINE_BYTES = 1 << 26
 _MAX_WORDS = 20
-"""Of a camera, which has 16 at most."""
+"""Maximum number of fields that are read from a line of `cameras.txt`; the largest camera model has 16 parameters."""
+
+_UNIT_TOLERANCE = 1e-3
+"""Largest deviation of the length of a rotation from 1."""
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Yields the line number and text of each line that is not a comment; skips a byte order mark."""
     with open_regular(path, DatasetError) as file:
         number = 0
         while raw := file.readline(_MAX_LINE_BYTES + 1):
@@ -23,11 +28,11 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
             if len(raw) > _MAX_LINE_BYTES:
                 raise DatasetError(f"{path}: line {number} does not end within {_MAX_LINE_BYTES:,} bytes")
             try:
-                line = raw.decode("utf-8")
+                line = raw.decode("utf-8-sig" if number == 1 else "utf-8").strip()
             except UnicodeDecodeError as error:
                 raise DatasetError(is_not(path, "UTF-8 text")) from error
             if not line.startswith("#"):
-                yield number, line.strip()
+                yield number, line
 
 
 def read_cameras(path: Path) -> list[RawCamera]:
@@ -52,8 +57,7 @@ def read_cameras(path: Path) -> list[RawCamera]:
 def read_images(path: Path) -> list[RawImage]:
     """Reads `images.txt`; the lines of 2D points are skipped.
 
-    COLMAP writes a line of 2D points after each image, which is empty where there are none. Other programs leave that
-    line out.
+    COLMAP writes a line of 2D points after each image, empty if there are none. Other programs omit that line.
 
     Raises:
         DatasetError: If a line is neither an image nor the 2D points of the image above it.
@@ -61,7 +65,7 @@ def read_images(path: Path) -> list[RawImage]:
     images: list[RawImage] = []
     points_may_follow = False
     for number, line in _lines(path):
-        if points_may_follow and _is_points(line):
+        if points_may_follow and _is_points(line) and not _has_pose(line):
             points_may_follow = False
         elif line:
             images.append(_image(path, number, line))
@@ -80,9 +84,21 @@ def _image(path: Path, number: int, line: str) -> RawImage:
 
 
 def _is_points(line: str) -> bool:
-    """Returns True for the 2D points of an image: triples of x, y and the number of a 3D point, or nothing."""
+    """True for a line of 2D points: triples of x, y and 3D point id, or an empty line."""
     words = line.split()
     return len(words) % 3 == 0 and all(map(_is_number, (*words[:12], *words[-1:])))
+
+
+def _has_pose(line: str) -> bool:
+    """True for numbers that begin with an identifier and a rotation of length 1, as in the line of an image.
+
+    Such lines are images with names of numbers, such as `12 34 56`. In a line of 2D points, a rotation would consist of
+    points within a pixel of the corner.
+    """
+    words = line.split(maxsplit=9)
+    if len(words) < 10 or not words[0].isdecimal() or not words[8].isdecimal():
+        return False
+    return abs(math.hypot(*map(float, words[1:5])) - 1) < _UNIT_TOLERANCE
 
 
 def _is_number(word: str) -> bool:

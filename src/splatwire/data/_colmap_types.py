@@ -1,4 +1,4 @@
-"""Records of a COLMAP reconstruction, as both file formats hold them."""
+"""Records of a COLMAP reconstruction, common to the binary and the text format."""
 
 from dataclasses import dataclass
 
@@ -22,19 +22,19 @@ MODELS = (
     ("EUCM", 6),
     ("EQUIRECTANGULAR", 2),
 )
-"""Camera models by number: name and count of parameters."""
+"""Name and number of parameters of each camera model, by COLMAP's model number."""
 
 
 @dataclass(frozen=True)
 class RawCamera:
-    """One line of `cameras`.
+    """A camera of a COLMAP reconstruction, as stored in `cameras.bin` or `cameras.txt`.
 
     Attributes:
-        camera_id: Its number.
-        model: Name of the model.
+        camera_id: Identifier of the camera.
+        model: Name of the camera model.
         width: Image width in pixels.
         height: Image height in pixels.
-        parameters: As many as the model has.
+        parameters: Parameters of the camera model, in COLMAP's order.
     """
 
     camera_id: int
@@ -46,11 +46,11 @@ class RawCamera:
 
 @dataclass(frozen=True)
 class RawImage:
-    """One image of `images`, without its 2D points.
+    """An image of a COLMAP reconstruction, as stored in `images.bin` or `images.txt`, without its 2D points.
 
     Attributes:
         name: File name.
-        camera_id: Its camera.
+        camera_id: Identifier of the camera that took the image.
         quaternion: World-to-camera rotation, (w, x, y, z).
         translation: World-to-camera translation.
     """

@@ -1,11 +1,11 @@
-"""Reads `poses_enu.json`, the layout that BungeeNeRF's city scenes were published in."""
+"""Reader of `poses_enu.json`, the published layout of BungeeNeRF's city scenes."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from splatwire.data._checks import check_rigid, pinhole
+from splatwire.data._checks import check_distinct, check_rigid, pinhole
 from splatwire.data.photos import photo_size
 from splatwire.data.transforms_json import TransformsView
 from splatwire.errors import DatasetError
@@ -18,17 +18,18 @@ _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def read_bungee(path: Path, images: str | None = None) -> list[TransformsView]:
-    """Reads the views of a `poses_enu.json`, in the order of the sorted photo names, which is that of the poses.
+    """Reads the views of a `poses_enu.json`; poses are in the order of the sorted photo names.
 
-    Each pose is a row of 17 numbers: five columns of three (camera-to-world rotation with OpenGL axes, place, and
-    height, width and focal length in pixels), row by row, then two distances that are not used.
+    Each pose is a row of 17 numbers: a row-major 3 x 5 matrix (camera-to-world rotation with OpenGL axes, position, and
+    height, width and focal length in pixels), then two unused distances.
 
     Args:
-        path: The file; photos lie in `images` beside it.
-        images: Folder to take instead (`images_2`); the focal length follows the size of what is in it.
+        path: Path of the file; photos are in `images` next to it.
+        images: Image folder to use instead of `images` (e.g. `images_2`); the focal length is scaled to the size of its
+            images.
 
     Raises:
-        DatasetError: If the file is damaged, a pose is not rigid, or poses and photos do not fit each other.
+        DatasetError: If the file is damaged, a pose is not rigid, or the numbers of poses and photos differ.
     """
     content = read_json(path, DatasetError)
     rows = _rows(path, content)
@@ -38,7 +39,8 @@ def read_bungee(path: Path, images: str | None = None) -> list[TransformsView]:
     photos = _photos(folder)
     if len(photos) != len(rows):
         raise DatasetError(f"{folder}: holds {len(photos)} photos, {path} has {len(rows)} poses")
-    # the focal length is that of the full photos; the sizes in the file are not used where those are there
+    check_distinct(path, [photo.name for photo in photos], photos)
+    # the focal length refers to the full-size photos; sizes in the file are used only if these are missing
     full = _photos(path.parent / "images") if images else photos
     full_width = float(photo_size(full[0])[0] if full else rows[0, 9])
     return [_view(path, row, photo, full_width) for row, photo in zip(rows, photos, strict=True)]

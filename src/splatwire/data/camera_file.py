@@ -1,20 +1,23 @@
-"""Cameras as JSON: our own file, and the `cameras.json` of HAC++ results and of model folders of 3DGS."""
+"""Camera files in JSON: the format of this package, and the `cameras.json` of HAC++ results and 3DGS model folders."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from splatwire.arguments import checked, checked_except
 from splatwire.data._checks import check_rigid, make_cameras, matrix, pinhole
-from splatwire.errors import DatasetError
+from splatwire.errors import DatasetError, check_kind
 from splatwire.files.capped import read_json
 from splatwire.files.kinds import is_not
+from splatwire.files.names import path_of
 from splatwire.files.whole import write_whole
 from splatwire.ops.arrays import to_numpy
-from splatwire.scene import Cameras
-from splatwire.scene.origin import NO_ORIGIN
+from splatwire.types import Cameras
+from splatwire.types.origin import NO_ORIGIN
 
 FORMAT = "splatwire-cameras"
 VERSION = 1
@@ -22,14 +25,17 @@ _MAX_NAME = 200
 _CONVENTION = "viewmat: world to camera, OpenCV axes; K: pixels, the centre of the top-left pixel is (0.5, 0.5)"
 
 
-def save_cameras(cameras: Cameras, path: Path) -> None:
-    """Writes cameras so that `load_cameras` returns the same float32 numbers; the file appears when it is complete.
+@checked_except("cameras")
+def save_cameras(cameras: Cameras, path: str | os.PathLike[str]) -> None:
+    """Writes cameras atomically; `load_cameras` returns the same float32 values.
 
-    Matrices in the file are of world coordinates, float64.
+    Matrices in the file are in world coordinates, float64.
 
     Raises:
+        InvalidValueError: If `cameras` or `path` has a wrong type, or the folder does not exist.
         OSError: If the file cannot be written.
     """
+    check_kind(cameras, Cameras, "splatwire.data.load_cameras")
     world = replace(cameras, viewmats=to_numpy(cameras.viewmats).astype(np.float64)).relative_to(NO_ORIGIN)
     views = [
         {"name": name, "viewmat": viewmat.tolist(), "K": K.tolist()}
@@ -46,17 +52,20 @@ def save_cameras(cameras: Cameras, path: Path) -> None:
     write_whole(path, (json.dumps(content, indent=1) + "\n").encode())
 
 
-def load_cameras(path: Path) -> Cameras:
-    """Reads our own cameras file, the `cameras.json` of an official HAC++ result, or that of a model folder of 3DGS.
+@checked
+def load_cameras(path: str | os.PathLike[str]) -> Cameras:
+    """Reads a cameras file of this package, of an official HAC++ result, or of a 3DGS model folder (`cameras.json`).
 
     Args:
-        path: The file. That of HAC++ has `w2c`, `K`, `width` and `height` in every camera. That of 3DGS is a list of
-            cameras with `img_name`, `width`, `height`, `fx`, `fy` (pixels), `position` and `rotation` (camera to world,
-            OpenCV axes); their principal point is the middle of the image.
+        path: Path of the file. HAC++ files have `w2c`, `K`, `width` and `height` in every camera. 3DGS files are a list
+            of cameras with `img_name`, `width`, `height`, `fx`, `fy` (pixels), `position` and `rotation` (camera to
+            world, OpenCV axes); their principal point is `cx`, `cy`, or else the image centre.
 
     Raises:
-        DatasetError: If it is absent, none of the three, of a newer version, or a camera is not rigid and finite.
+        DatasetError: If the file is missing, in none of these formats or of a newer version, or a camera is not rigid
+            and finite.
     """
+    path = path_of(path, "a cameras file")
     content = read_json(path, DatasetError)
     if isinstance(content, list):
         return _cameras_of_3dgs(path, content)
@@ -79,12 +88,12 @@ def load_cameras(path: Path) -> Cameras:
 
 
 def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
-    """Cameras of the list that 3DGS writes."""
+    """Converts the camera list of 3DGS."""
     if not views:
         raise DatasetError(f"{path}: has no views")
     if not all(isinstance(view, dict) and {"position", "rotation", "fx", "fy"} <= set(view) for view in views):
         raise DatasetError(is_not(path, "a cameras file", "a list must hold cameras with position, rotation, fx, fy"))
-    names = [str(view.get("img_name", view.get("id", number)))[:_MAX_NAME] for number, view in enumerate(views)]
+    names = [_name_in_3dgs(path, number, view) for number, view in enumerate(views)]
     width, height = _size(path, views)
     poses = np.tile(np.eye(4), (len(views), 1, 1))
     intrinsics = np.empty((len(views), 3, 3))
@@ -93,12 +102,25 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
         poses[number, :3, 3] = matrix(path, name, [view["position"]], (1, 3))[0]
         check_rigid(path, name, poses[number])
         fx, fy = matrix(path, name, [[view["fx"], view["fy"]]], (1, 2))[0]
-        intrinsics[number] = pinhole(fx, fy, width / 2, height / 2)
+        center = [[view.get("cx", width / 2), view.get("cy", height / 2)]]
+        intrinsics[number] = pinhole(fx, fy, *matrix(path, name, center, (1, 2))[0])
     return make_cameras(path, names, np.linalg.inv(poses), intrinsics, width, height)
 
 
+def _name_in_3dgs(path: Path, number: int, view: dict[str, Any]) -> str:
+    name = view.get("img_name", view.get("id", number))
+    if isinstance(name, bool) or not isinstance(name, (str, int)):
+        raise DatasetError(f"{path}: camera {number} has the name {str(name)[:60]!r}, which is no text")
+    return str(name)[:_MAX_NAME]
+
+
+def _whole(value: object) -> object:
+    """Converts a float without fraction, as some programs write sizes, to an integer; returns other values as given."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
 def _size(path: Path, holders: list[dict[str, Any]]) -> tuple[int, int]:
-    sizes = [(holder.get("width"), holder.get("height")) for holder in holders]
+    sizes = [(_whole(holder.get("width")), _whole(holder.get("height"))) for holder in holders]
     if not all(type(side) is int for size in sizes for side in size):
         raise DatasetError(f"{path}: width and height must be whole numbers")
     distinct = set(sizes)

@@ -1,5 +1,6 @@
 """Reads COLMAP reconstructions, binary or text: cameras with their lenses, poses and sparse points."""
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +16,11 @@ from splatwire.data.point_cloud import SparsePoints
 from splatwire.errors import DatasetError
 from splatwire.ops.quaternions import rotation_rows
 
+LOG = logging.getLogger(__name__)
 _MAX_SIDE = 1 << 20
 _MAX_POSE = 1e12
 _MAX_BEND = 1e3
+_MAX_DIGITS = 20
 _LENSES: dict[str, tuple[int, Callable[..., LensModel]]] = {
     "SIMPLE_PINHOLE": (1, Lens),
     "PINHOLE": (2, Lens),
@@ -37,20 +40,21 @@ _LENSES: dict[str, tuple[int, Callable[..., LensModel]]] = {
     "DIVISION": (2, DivisionLens),
     "EUCM": (2, EucmLens),
 }
-"""Number of focal lengths and lens of each model; the centre and the terms of the lens follow the focal lengths."""
+"""Number of focal lengths and lens class of each camera model. In the model's parameters, principal point and
+distortion follow."""
 
 
 @dataclass(frozen=True, eq=False)
 class ColmapView:
-    """One posed image.
+    """An image of a COLMAP reconstruction with its camera.
 
     Attributes:
         name: File name relative to the image folder.
         viewmat: float64 (4, 4), world to camera, OpenCV axes.
         K: float64 (3, 3), for an image of `width` x `height` pixels.
-        width: Width of the image that COLMAP saw.
-        height: Its height.
-        lens: Its lens.
+        width: Image width in the reconstruction, pixels.
+        height: Image height in the reconstruction, pixels.
+        lens: Distortion of the lens.
     """
 
     name: str
@@ -62,11 +66,37 @@ class ColmapView:
 
 
 def find_reconstruction(root: Path) -> Path | None:
-    """Returns the folder below `root` that holds a COLMAP reconstruction, or None."""
+    """Returns the folder below `root` that contains a COLMAP reconstruction, or None.
+
+    Of numbered reconstructions, the one with the lowest number is chosen.
+    """
     for name in ("sparse/0", "sparse", "colmap/sparse/0"):
         if _has(root / name, "images"):
             return root / name
-    return root if _has(root, "images") and _has(root, "cameras") else None  # as RealityScan exports it
+    for name in ("sparse", "colmap/sparse"):
+        if numbered := [folder for folder in _numbered(root / name) if _has(folder, "images")]:
+            return numbered[0]
+    return root if _has(root, "images") and _has(root, "cameras") else None  # layout of RealityScan exports
+
+
+def _numbered(folder: Path) -> list[Path]:
+    """Returns the folders below `folder` whose names are numbers, in that order."""
+    found = [path for path in folder.iterdir() if path.name.isdecimal()] if folder.is_dir() else []
+    return sorted(found, key=lambda path: int(path.name[:_MAX_DIGITS]))
+
+
+def warn_of_other_reconstructions(folder: Path) -> None:
+    """Logs other numbered reconstructions next to a numbered one, whose photos are not used.
+
+    COLMAP writes several reconstructions (`0`, `1`, …) if it cannot connect all photos.
+    """
+    if not folder.name.isdecimal():
+        return
+    found = [other.name for other in _numbered(folder.parent) if other != folder and _has(other, "images")]
+    if found:
+        LOG.warning(
+            "%s: reconstructions beside it are not read: %s; their photos are not used", folder, ", ".join(found[:8])
+        )
 
 
 def _has(folder: Path, what: str) -> bool:
@@ -74,13 +104,13 @@ def _has(folder: Path, what: str) -> bool:
 
 
 def read_views(folder: Path) -> list[ColmapView]:
-    """Reads `cameras` and `images` (`.bin` preferred to `.txt`), sorted by image name.
+    """Reads cameras and images of a reconstruction (`.bin` preferred to `.txt`), sorted by image name.
 
     Args:
-        folder: The reconstruction, usually `sparse/0`.
+        folder: Folder of the reconstruction, usually `sparse/0`.
 
     Raises:
-        DatasetError: If a file is missing or damaged, a pose is not finite, or a camera has no simple lens.
+        DatasetError: If a file is missing or damaged, a pose is not finite, or a camera model is not supported.
     """
     cameras = _read(folder, "cameras")
     images = _read(folder, "images")
@@ -100,7 +130,7 @@ def read_views(folder: Path) -> list[ColmapView]:
 
 
 def read_points(folder: Path) -> SparsePoints | None:
-    """Reads `points3D.bin` or `points3D.txt`; None if the reconstruction has neither.
+    """Reads the sparse points of a reconstruction; None if it has none.
 
     Raises:
         DatasetError: If the file is damaged or a point is not finite.
@@ -115,7 +145,7 @@ def read_points(folder: Path) -> SparsePoints | None:
     return SparsePoints(positions, colors.astype(np.float32) / 255)
 
 
-def _read(folder: Path, what: str):  # type: ignore[no-untyped-def]  # the type follows from `what`
+def _read(folder: Path, what: str):  # type: ignore[no-untyped-def]  # the return type depends on `what`
     for suffix, module in (("bin", _colmap_binary), ("txt", _colmap_text)):
         path = folder / f"{what}.{suffix}"
         if path.is_file():
@@ -128,7 +158,7 @@ def _read(folder: Path, what: str):  # type: ignore[no-untyped-def]  # the type 
 
 def _viewmat(folder: Path, image: RawImage) -> np.ndarray:
     quaternion = np.array(image.quaternion, dtype=np.float64)
-    largest = float(np.abs(quaternion).max())  # also where a quaternion is NaN: the comparison below is then false
+    largest = float(np.abs(quaternion).max())  # NaN quaternions fail the comparison below
     if not (1e-6 < largest < _MAX_POSE and np.isfinite(image.translation).all()):
         raise DatasetError(f"{folder}: the pose of image '{image.name}' is not finite")
     viewmat = np.eye(4)
@@ -138,7 +168,7 @@ def _viewmat(folder: Path, image: RawImage) -> np.ndarray:
 
 
 def _optics(folder: Path, camera: RawCamera) -> tuple[np.ndarray, LensModel]:
-    """Intrinsics and lens."""
+    """Returns the intrinsics (3, 3) and the lens distortion of a camera."""
     if camera.model not in _LENSES:
         raise DatasetError(
             f"{folder}: camera {camera.camera_id} is of the model {camera.model}, a panorama: cut the photos into "

@@ -1,5 +1,6 @@
-"""Posed photos of a scene, whatever layout they come in."""
+"""Posed photos of a scene, in any supported dataset layout."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -7,18 +8,27 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
+from splatwire.arguments import CheckedFields, checked, checked_except
 from splatwire.data import bungee
-from splatwire.data._checks import child, make_cameras, view_names
-from splatwire.data.colmap import ColmapView, find_reconstruction, read_points, read_views
+from splatwire.data._checks import check_distinct, child, is_file, make_cameras, view_names
+from splatwire.data.colmap import (
+    ColmapView,
+    find_reconstruction,
+    read_points,
+    read_views,
+    warn_of_other_reconstructions,
+)
+from splatwire.data.copies import warn_of_copies
 from splatwire.data.lens import Undistortion, undistortion
 from splatwire.data.orientation import shape_fits, views_are_upright
 from splatwire.data.photos import limited_size, load_mask, load_photo, photo_size
 from splatwire.data.point_cloud import SparsePoints, read_point_cloud
-from splatwire.data.transforms_json import Transforms, TransformsView, read_transforms
-from splatwire.errors import DatasetError, InvalidValueError, UnknownNameError
-from splatwire.files.kinds import PHOTOS, file_kind, is_not
-from splatwire.scene import Cameras
-from splatwire.scene.background import BLACK, Background
+from splatwire.data.transforms_json import Transforms, TransformsView, listed_photos, read_transforms
+from splatwire.errors import DatasetError, InvalidValueError, NoViewsError, UnknownNameError
+from splatwire.files.kinds import DATASET, PHOTOS, file_kind, folder_nearby, is_not
+from splatwire.files.names import path_of
+from splatwire.types import Cameras
+from splatwire.types.background import BLACK, Background
 
 SPLITS = ("test", "train", "all")
 TEST_VIEWS = ("every_8th", "first_31")
@@ -27,17 +37,18 @@ DEFAULT_MAX_WIDTH = 1600
 
 
 @dataclass(frozen=True, eq=False)
-class Dataset:
-    """Cameras and the photos they took.
+class Dataset(CheckedFields):
+    """Photos of a scene with the camera of each.
 
     Attributes:
         cameras: The cameras, for images of `cameras.width` x `cameras.height`.
-        image_paths: One file per view; it may be larger than that and is then reduced when it is loaded.
+        image_paths: Photo of each view; larger photos are reduced to the size of the cameras when loaded.
         points: Sparse points of the reconstruction, if there are any.
-        background: RGB that shows where a photo's alpha is below 1.
-        mask_paths: A mask or None for each view; empty if no view has one.
-        undistortions: What makes a photo that of its camera, or None, for each view; empty if no lens bends rays.
-        upright: True if photos are turned as their EXIF orientation demands, because their cameras are.
+        background: RGB visible where a photo's alpha is below 1.
+        mask_paths: Mask file of each view, or None for a view without mask; empty if no view has a mask.
+        undistortions: Undistortion of each view, or None for pinhole views; empty if no lens has distortion.
+        upright: True if photos are rotated by their EXIF orientation, because the cameras are those of the rotated
+            photos.
     """
 
     cameras: Cameras
@@ -54,7 +65,7 @@ class Dataset:
         return self.cameras.num_views
 
     def image(self, view: int) -> Float[np.ndarray, "H W 3"]:
-        """Loads the photo of a view as RGB in [0, 1], undistorted where its lens bends rays.
+        """Loads the photo of a view as RGB in [0, 1], undistorted if its lens has distortion.
 
         Raises:
             DatasetError: If the file is missing or damaged.
@@ -65,10 +76,10 @@ class Dataset:
         return photo if bent is None else bent.image(photo)
 
     def mask(self, view: int) -> Bool[np.ndarray, "H W"] | None:
-        """Loads the mask of a view, True where its photo counts; None where all of it does.
+        """Loads the mask of a view, True for pixels that are evaluated; None if the view has no mask.
 
         Raises:
-            DatasetError: If the file is missing or damaged, or leaves nothing.
+            DatasetError: If the file is missing or damaged, or the mask is empty.
         """
         path = self.mask_paths[view] if self.mask_paths else None
         if path is None:
@@ -82,7 +93,7 @@ class Dataset:
         return mask
 
     def select(self, views: list[int]) -> "Dataset":
-        """Returns the views at the given indices, in that order."""
+        """Returns a dataset with the views at the given indices, in that order."""
         paths = tuple(self.image_paths[view] for view in views)
         masks = tuple(self.mask_paths[view] for view in views) if self.mask_paths else ()
         bent = tuple(self.undistortions[view] for view in views) if self.undistortions else ()
@@ -90,8 +101,9 @@ class Dataset:
         return replace(self, cameras=cameras, image_paths=paths, mask_paths=masks, undistortions=bent)
 
 
+@checked_except("max_width")
 def open_dataset(
-    path: Path,
+    path: str | os.PathLike[str],
     *,
     split: str = "test",
     images: str | None = None,
@@ -99,66 +111,74 @@ def open_dataset(
     test_views: str | None = None,
     background: Background = BLACK,
 ) -> Dataset:
-    """Opens a folder of posed photos; photos are loaded when they are asked for.
+    """Opens a folder of posed photos; photos are loaded on demand.
 
-    Four layouts are read (`dataset_layout`). COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`) and `images`, as in
-    Mip-NeRF 360, Tanks & Temples and Deep Blending. BungeeNeRF: `poses_enu.json` and `images`, or that file beside a
-    COLMAP reconstruction, which then gives the cameras. Blender: `transforms_train.json` and `transforms_test.json`,
-    each its own split. nerfstudio: one `transforms.json`, with a `mask_path` for frames that have a mask, and its
-    points (`ply_file_path`) and splits (`train_filenames`, `val_filenames`, `test_filenames`). A COLMAP text model may
-    also lie in the folder itself. Where one list of views must be split, it is sorted by name first. Lenses
-    (`splatwire.data.lens`, `fisheye`) are undistorted. Photos are turned by their EXIF orientation where the shape of
-    their cameras demands it.
+    Four layouts are supported (`dataset_layout`). COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`) and `images`, as
+    in Mip-NeRF 360, Tanks & Temples and Deep Blending. BungeeNeRF: `poses_enu.json` and `images`; if a COLMAP
+    reconstruction exists too, it provides the cameras. Blender: `transforms_train.json` and `transforms_test.json`, one
+    per split. nerfstudio: one `transforms.json` with optional `mask_path` per frame, points (`ply_file_path`) and
+    splits (`train_filenames`, `val_filenames`, `test_filenames`).
+
+    A COLMAP text model may also be in the folder itself. A list of views without splits is sorted by name before it is
+    split. Lens distortion (`splatwire.data.lens`, `fisheye`) is removed. Photos are rotated by their EXIF orientation
+    if the shape of their cameras requires it.
 
     Args:
         path: The folder.
-        split: Which views, one of `SPLITS`.
-        images: Image folder instead of `images` (`images_4`); the intrinsics follow the size of what is in it.
-        max_width: Wider photos are reduced to this width (HAC++, training); None for no limit.
-        test_views: Which views are for testing, one of `TEST_VIEWS`: every eighth, or the first 31 (as for
-            BungeeNeRF). None chooses by the layout: a folder with a `poses_enu.json` is BungeeNeRF, and a
-            `transforms.json` that lists its splits has those.
-        background: RGB that shows where a photo's alpha is below 1.
+        split: Split to read, one of `SPLITS`.
+        images: Image folder to use instead of `images` (e.g. `images_4`); intrinsics are scaled to the size of its
+            images.
+        max_width: Wider photos are reduced to this width, as in the training of HAC++; None for no limit.
+        test_views: Choice of test views, one of `TEST_VIEWS`: every eighth, or the first 31 (as for BungeeNeRF). None
+            chooses by layout: a folder with `poses_enu.json` is BungeeNeRF, and a `transforms.json` that lists splits
+            uses these.
+        background: RGB visible where a photo's alpha is below 1.
 
     Raises:
-        DatasetError: If the folder has none of these layouts, a file in it is missing or damaged, images and poses do
-            not fit each other, or no view is left.
-        UnknownNameError: If `split` or `test_views` is none of those.
+        DatasetError: If the folder has none of these layouts, a file is missing or damaged, images and poses do not
+            match, or a photo has two views.
+        NoViewsError: If the split has no views.
+        UnknownNameError: If `split` or `test_views` is not a known name.
         InvalidValueError: If `max_width` is not positive.
     """
-    _check_options(split, max_width, test_views)
+    path = _checked(path, split, max_width, test_views)
     if not path.is_dir():
-        raise DatasetError(is_not(path, "a dataset folder"))
+        raise DatasetError(is_not(path, "a dataset folder") + _dataset_nearby(path))
     chosen = test_views or ("first_31" if (path / bungee.FILE).is_file() else "every_8th")
     views: Sequence[ColmapView | TransformsView]
     if (folder := find_reconstruction(path)) is not None:
-        colmap_views = read_views(folder)
-        views = colmap_views = [colmap_views[i] for i in _chosen(len(colmap_views), split, chosen)]
+        warn_of_other_reconstructions(folder)
         beside = folder == path and images is None and not (path / "images").is_dir()
-        image_paths = _find_images(path if beside else path / (images or "images"), colmap_views)
+        views, image_paths = _colmap_views(folder, path if beside else path / (images or "images"), split, chosen)
         points, source = read_points(folder), folder
     else:
         views, source, cloud = _transforms_views(path, split, images, test_views)
         image_paths = [view.image_path for view in views]
         points = None if cloud is None else read_point_cloud(cloud)
     if not views:
-        raise DatasetError(f"{source}: has no views in the split '{split}': there are too few in all")
+        raise NoViewsError(f"{source}: has no views in the split '{split}': there are too few in all")
     upright = views_are_upright(views, image_paths)
     cameras, bent = _cameras(source, views, image_paths, max_width, upright)
     masks = _masks(views, image_paths, upright)
     return Dataset(cameras, tuple(image_paths), points, background, masks, bent, upright)
 
 
-def _check_options(split: str, max_width: int | None, test_views: str | None) -> None:
+def _checked(path: str | os.PathLike[str], split: str, max_width: int | None, test_views: str | None) -> Path:
+    """Checks the options of `open_dataset` and converts the path."""
     for kind, name, known in (("split", split, SPLITS), ("choice of test views", test_views, (None, *TEST_VIEWS))):
         if name not in known:
             raise UnknownNameError(kind, str(name), filter(None, known))
-    if max_width is not None and max_width < 1:
+    if max_width is not None and (isinstance(max_width, bool) or not isinstance(max_width, int) or max_width < 1):
         raise InvalidValueError(f"max_width must be positive, not {max_width}")
+    return path_of(path, "a dataset folder")
 
 
+@checked
 def dataset_layout(path: Path) -> str | None:
-    """Tells which of `LAYOUTS` a folder has; None if it has none of them. A file `poses_enu.json` means BungeeNeRF."""
+    """Returns the layout of a folder, one of `LAYOUTS`, or None.
+
+    A file `poses_enu.json` means BungeeNeRF.
+    """
     if (path / bungee.FILE).is_file():
         return "bungeenerf"
     if find_reconstruction(path) is not None:
@@ -173,38 +193,133 @@ def _chosen(count: int, split: str, test_views: str) -> list[int]:
     return [i for i in range(count) if split == "all" or is_test[i] == (split == "test")]
 
 
+def _colmap_views(folder: Path, image_folder: Path, split: str, test_views: str) -> tuple[list[ColmapView], list[Path]]:
+    """Returns the views of a split of a COLMAP reconstruction, and their photos."""
+    views = read_views(folder)
+    found = _find_images(image_folder, views)
+    check_distinct(folder, [view.name for view in views], found)
+    _warn_of_copies(folder, views, found, split, [views[i] for i in _chosen(len(views), "test", test_views)])
+    chosen = _chosen(len(views), split, test_views)
+    views, found = [views[i] for i in chosen], [found[i] for i in chosen]
+    photos = [file for file in found if file is not None]
+    if missing := [view.name for view, file in zip(views, found, strict=True) if file is None]:
+        hint = _dataset_nearby(folder) if image_folder == folder else ""
+        raise DatasetError(
+            f"{image_folder}: {len(missing)} of {len(views)} posed images are missing, first '{missing[0]}'{hint}"
+        )
+    return views, photos
+
+
 def _transforms_views(
     path: Path, split: str, images: str | None, test_views: str | None
 ) -> tuple[list[TransformsView], Path, Path | None]:
-    """Views of a split, the file that they come from, and the point cloud that it names."""
+    """Returns the views of a split, their source file, and the path of the point cloud, or None."""
     if (path / bungee.FILE).is_file():
-        views = bungee.read_bungee(path / bungee.FILE, images)
-        return [views[i] for i in _chosen(len(views), split, test_views or "first_31")], path / bungee.FILE, None
+        views, rule = bungee.read_bungee(path / bungee.FILE, images), test_views or "first_31"
+        photos, tests = [view.image_path for view in views], _chosen(len(views), "test", rule)
+        _warn_of_copies(path / bungee.FILE, views, photos, split, [views[i] for i in tests])
+        return [views[i] for i in _chosen(len(views), split, rule)], path / bungee.FILE, None
     halves = {half: path / f"transforms_{half}.json" for half in ("train", "test")}
     if any(file.is_file() for file in halves.values()):
+        if split != "all" and not halves[split].is_file():
+            raise NoViewsError(f"{halves[split]}: no such file, so the split '{split}' has no views")
         wanted = [half for half in ("train", "test") if split in (half, "all")]
         parts = [read_transforms(halves[half], images) for half in wanted]
+        _check_disjoint_splits(halves, images, split)
         cloud = next((part.points for part in parts if part.points is not None), None)
         return [view for part in parts for view in part.views], halves[wanted[0]], cloud
     whole = path / "transforms.json"
     if whole.is_file():
         found = read_transforms(whole, images)
         views = sorted(found.views, key=lambda view: (Path(view.name).stem, view.name))
-        if test_views is None and found.splits:
-            return _listed(views, found, split), whole, found.points
-        return [views[i] for i in _chosen(len(views), split, test_views or "every_8th")], whole, found.points
+        own = test_views is None and bool(found.splits)
+
+        def chosen_for(split: str) -> list[TransformsView]:
+            if own:
+                return _listed(views, found, split)
+            return [views[i] for i in _chosen(len(views), split, test_views or "every_8th")]
+
+        _warn_of_copies(whole, views, [view.image_path for view in views], split, chosen_for("test"))
+        return chosen_for(split), whole, found.points
     why = (
-        "it has neither a COLMAP reconstruction (sparse/0/images.bin or .txt) nor poses_enu.json, "
-        "transforms_train.json, transforms_test.json or transforms.json"
+        "it has neither a COLMAP reconstruction (images.bin or images.txt in sparse/0, sparse or colmap/sparse/0) nor "
+        "poses_enu.json, transforms_train.json, transforms_test.json or transforms.json"
     )
-    raise DatasetError(is_not(path, "a dataset", "" if file_kind(path) == PHOTOS else why))
+    kind, hint = file_kind(path), _dataset_nearby(path)
+    if kind == DATASET:
+        raise DatasetError(f"{path}: not a dataset: {why}{hint}")
+    if kind == PHOTOS and hint:  # no need for poses
+        raise DatasetError(f"{path}: not a dataset; it looks like {PHOTOS.what}{hint}")
+    raise DatasetError(is_not(path, "a dataset", "" if kind == PHOTOS or hint else why) + hint)
+
+
+def _dataset_nearby(path: Path) -> str:
+    """Returns the end of an error message about a path that is not a dataset.
+
+    It names a dataset in a folder above or below the path; empty if there is none.
+    """
+    found = folder_nearby(path, lambda folder: folder != path and _has_photos(folder))
+    return "" if found is None else f"; {found} looks like a dataset (layout: {dataset_layout(found)})"
+
+
+def _has_photos(folder: Path) -> bool:
+    """True for a dataset with photos in the expected place.
+
+    For a folder that is a COLMAP reconstruction itself, the photos must be in this folder.
+    """
+    layout = dataset_layout(folder)
+    if layout == "colmap" and find_reconstruction(folder) == folder:
+        return file_kind(folder) == PHOTOS
+    return layout is not None and ((folder / "images").is_dir() or layout in ("blender", "nerfstudio"))
+
+
+def _warn_of_copies(
+    source: Path,
+    views: Sequence[ColmapView | TransformsView],
+    photos: Sequence[Path | None],
+    split: str,
+    tests: Sequence[ColmapView | TransformsView],
+) -> None:
+    """Logs copies of training photos among the test views, except when the training split is opened.
+
+    A program that opens both splits therefore logs the warning once.
+
+    Args:
+        source: File or folder with the list of views, for messages.
+        views: Views of all splits.
+        photos: Photo of each view; None if the file is missing.
+        split: Name of the split that is opened.
+        tests: Views of the test split.
+    """
+    if split != "train":
+        chosen = set(map(id, tests))
+        warn_of_copies(source, [view.name for view in views], photos, [id(view) in chosen for view in views])
+
+
+def _check_disjoint_splits(halves: dict[str, Path], images: str | None, split: str) -> None:
+    """Checks that no photo is listed in both the training and the test file; reads both files.
+
+    Args:
+        halves: Transforms file of each split (`train`, `test`), by its name.
+        images: Image folder that replaces `images`, or None.
+        split: Name of the split that is opened.
+
+    Raises:
+        DatasetError: If a photo is in both.
+    """
+    listed = [(file, name, photo) for file in halves.values() for name, photo in listed_photos(file, images).items()]
+    names = [f"{name} of {file.name}" for file, name, _ in listed]
+    photos = [photo for _, _, photo in listed]
+    check_distinct(halves["test"], names, photos)
+    if split != "train":
+        warn_of_copies(halves["test"], names, photos, [file == halves["test"] for file, _, _ in listed])
 
 
 def _listed(views: list[TransformsView], found: Transforms, split: str) -> list[TransformsView]:
-    """Views of a split as the file lists them.
+    """Returns the views of a split, by the lists of splits in a transforms file.
 
-    Views for testing are those of `test_filenames`, else of `val_filenames`. Where only one of the two halves is
-    listed, the other one is the rest.
+    Test views are those of `test_filenames`, else of `val_filenames`. If only one split is listed, the other one has
+    all remaining views.
     """
     train, test = found.splits.get("train"), found.splits.get("test") or found.splits.get("val")
     if split == "all":
@@ -213,26 +328,36 @@ def _listed(views: list[TransformsView], found: Transforms, split: str) -> list[
     return [view for view in views if (view.name in wanted if wanted is not None else view.name not in (others or ()))]
 
 
-def _find_images(folder: Path, views: list[ColmapView]) -> list[Path]:
-    """Finds the file of each view: by its name, by its last part, or by its stem with another suffix."""
+def _find_images(folder: Path, views: list[ColmapView]) -> list[Path | None]:
+    """Finds the photo of each view: by its path, by its file name, or by its stem with another suffix or case."""
     if not folder.is_dir():
         raise DatasetError(f"{folder}: the image folder is missing")
-    by_stem = {file.stem: file for file in sorted(folder.iterdir()) if file.is_file()}
+    by_stem: dict[Path, dict[str, Path]] = {}
     paths: list[Path | None] = []
     for view in views:
         exact = child(folder, view.name, folder)
-        flat = folder / exact.name
-        paths.append(next((file for file in (exact, flat) if file.is_file()), by_stem.get(exact.stem)))
-    missing = [view.name for view, file in zip(views, paths, strict=True) if file is None]
-    if missing:
-        raise DatasetError(f"{folder}: {len(missing)} of {len(views)} posed images are missing, first '{missing[0]}'")
-    return [file for file in paths if file is not None]
+        found = next((file for file in (exact, folder / exact.name) if is_file(file, folder)), None)
+        for parent in (exact.parent, folder) if found is None else ():
+            if parent not in by_stem:
+                by_stem[parent] = _by_stem(parent)
+            found = found or by_stem[parent].get(exact.stem) or by_stem[parent].get(exact.stem.casefold())
+        paths.append(found)
+    return paths
+
+
+def _by_stem(folder: Path) -> dict[str, Path]:
+    """Returns the files of a folder by their names without suffix; empty if the folder is missing.
+
+    Each file is listed twice: by its name as it is, and by its name in lower case.
+    """
+    files = [file for file in sorted(folder.iterdir()) if file.is_file()] if folder.is_dir() else []
+    return {file.stem.casefold(): file for file in files} | {file.stem: file for file in files}
 
 
 def _masks(
     views: Sequence[ColmapView | TransformsView], image_paths: list[Path], upright: bool
 ) -> tuple[Path | None, ...]:
-    """The mask of each view, which must be of the size of its photo."""
+    """Returns the mask file of each view, after checking that it has the size of the photo."""
     masks = tuple(view.mask_path if isinstance(view, TransformsView) else None for view in views)
     for mask, file in zip(masks, image_paths, strict=True):
         if mask is not None and (found := photo_size(mask)) != (size := photo_size(file, upright=upright)):
@@ -249,7 +374,10 @@ def _cameras(
     max_width: int | None,
     upright: bool,
 ) -> tuple[Cameras, tuple[Undistortion | None, ...]]:
-    """Cameras of the photos as they are loaded, and what undistorts them; nothing where no lens bends rays."""
+    """Returns the cameras for the photos as loaded, and the undistortion of each view.
+
+    The list of undistortions is empty if no lens has distortion.
+    """
     first = photo_size(image_paths[0], upright=upright)
     width, height = limited_size(*first, max_width)
     intrinsics, bent = [], []
@@ -277,7 +405,9 @@ def _cameras(
 def _undistortion(
     source: Path, view: ColmapView | TransformsView, K: np.ndarray, width: int, height: int
 ) -> Undistortion | None:  # fmt: skip
-    if not view.lens.bends or not min(K[0, 0], K[1, 1]) > 0:  # a focal length that is none is told with the cameras
+    if (
+        not view.lens.has_distortion or not min(K[0, 0], K[1, 1]) > 0
+    ):  # invalid focal lengths are reported with the cameras
         return None
     try:
         return undistortion(view.lens, K, width, height)

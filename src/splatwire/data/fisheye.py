@@ -1,4 +1,4 @@
-"""Lenses of wide angles, as COLMAP and OpenCV define them (COLMAP, "Camera Models"; OpenCV, `fisheye`)."""
+"""Wide-angle lens models as defined by COLMAP and OpenCV (COLMAP, "Camera Models"; OpenCV, `fisheye`)."""
 
 from dataclasses import astuple, dataclass
 from typing import ClassVar
@@ -10,16 +10,16 @@ from splatwire.data.lens import LensModel
 
 @dataclass(frozen=True)
 class FisheyeLens(LensModel):
-    """Equidistant projection with polynomial: COLMAP's OPENCV_FISHEYE and, with fewer terms, its other fisheyes.
+    """Equidistant projection with a polynomial: OPENCV_FISHEYE of COLMAP and its fisheye models with fewer terms.
 
-    A ray at angle t to the axis meets the picture t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) from the centre.
-    The tangential and thin-prism terms of THIN_PRISM_FISHEYE are added to that.
+    A ray at angle t to the axis hits the image at distance t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) from the centre.
+    The tangential and thin-prism terms of THIN_PRISM_FISHEYE are added.
 
     Attributes:
-        k1: Radial, of the second power.
-        k2: Radial, of the fourth power.
-        k3: Radial, of the sixth power.
-        k4: Radial, of the eighth power.
+        k1: Radial coefficient of t^2.
+        k2: Radial coefficient of t^4.
+        k3: Radial coefficient of t^6.
+        k4: Radial coefficient of t^8.
         p1: Tangential, vertical.
         p2: Tangential, horizontal.
         sx1: Thin prism, horizontal.
@@ -36,7 +36,7 @@ class FisheyeLens(LensModel):
     sy1: float = 0.0
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points of the picture plane that rays (x, y, 1) meet."""
+        """Projects rays (x, y, 1) to points of the image plane."""
         u, v = _equidistant(x, y)
         square = u * u + v * v
         radial = 1 + square * (self.k1 + square * (self.k2 + square * (self.k3 + square * self.k4)))
@@ -50,18 +50,18 @@ class RadTanThinPrismLens(LensModel):
     """COLMAP's RAD_TAN_THIN_PRISM_FISHEYE, the model of Project Aria ("Fisheye62" with thin prism).
 
     Attributes:
-        k0: Radial, of the second power of the angle; k1 to k5 are of the next even powers.
-        k1: Of the fourth.
-        k2: Of the sixth.
-        k3: Of the eighth.
-        k4: Of the tenth.
-        k5: Of the twelfth.
+        k0: Radial coefficient of the angle to the power 2.
+        k1: Radial coefficient, power 4.
+        k2: Radial coefficient, power 6.
+        k3: Radial coefficient, power 8.
+        k4: Radial coefficient, power 10.
+        k5: Radial coefficient, power 12.
         p0: Tangential, horizontal.
         p1: Tangential, vertical.
-        s0: Thin prism, horizontal, of the second power of the bent radius.
-        s1: Thin prism, horizontal, of the fourth power.
-        s2: Thin prism, vertical, of the second power.
-        s3: Thin prism, vertical, of the fourth power.
+        s0: Thin prism, horizontal, power 2 of the distorted radius.
+        s1: Thin prism, horizontal, power 4.
+        s2: Thin prism, vertical, power 2.
+        s3: Thin prism, vertical, power 4.
     """
 
     k0: float
@@ -78,7 +78,7 @@ class RadTanThinPrismLens(LensModel):
     s3: float
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points of the picture plane that rays (x, y, 1) meet."""
+        """Projects rays (x, y, 1) to points of the image plane."""
         u, v = _equidistant(x, y)
         angle = u * u + v * v
         radial = np.polynomial.polynomial.polyval(angle, (1.0, *astuple(self)[:6]))
@@ -94,18 +94,18 @@ class FovLens(LensModel):
     """COLMAP's FOV (Devernay and Faugeras 2001): r' = atan(2 r tan(omega / 2)) / omega.
 
     Attributes:
-        omega: Field of view of the ideal lens, radians; below 0.001 the lens is taken as a pinhole.
+        omega: Field of view of the ideal lens, radians; below 0.001 the lens is treated as a pinhole.
     """
 
     omega: float
 
     @property
-    def bends(self) -> bool:
-        """True if the lens differs from a pinhole."""
+    def has_distortion(self) -> bool:
+        """True if the lens has distortion."""
         return abs(self.omega) >= 1e-3
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points of the picture plane that rays (x, y, 1) meet."""
+        """Projects rays (x, y, 1) to points of the image plane."""
         radius, wide = np.hypot(x, y), 2 * np.tan(self.omega / 2)
         safe = np.maximum(radius, 1e-12)
         factor = np.where(radius > 1e-9, np.arctan(safe * wide) / (safe * self.omega), wide / self.omega)
@@ -114,22 +114,22 @@ class FovLens(LensModel):
 
 @dataclass(frozen=True)
 class DivisionLens(LensModel):
-    """COLMAP's DIVISION (Fitzgibbon 2001): the ray of a point at (x', y') is (x', y', 1 + k r'^2).
+    """COLMAP's DIVISION (Fitzgibbon 2001): the ray of an image point (x', y') is (x', y', 1 + k r'^2).
 
     Attributes:
-        k: Of the second power of the bent radius.
+        k: Coefficient of the squared distorted radius.
     """
 
     k: float
     least_zoom: ClassVar[float] = 0.5
 
     @property
-    def bends(self) -> bool:
-        """True if the lens differs from a pinhole."""
+    def has_distortion(self) -> bool:
+        """True if the lens has distortion."""
         return self.k != 0
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points of the picture plane that rays (x, y, 1) meet; NaN where there is none."""
+        """Projects rays (x, y, 1) to points of the image plane; NaN for rays that the lens does not image."""
         with np.errstate(invalid="ignore"):
             factor = 2 / (1 + np.sqrt(1 - 4 * self.k * (x * x + y * y)))
         return x * factor, y * factor
@@ -140,7 +140,7 @@ class EucmLens(LensModel):
     """COLMAP's EUCM, the enhanced unified camera model (Khomutenko, Garcia and Martinet 2016).
 
     Attributes:
-        alpha: Share of the sphere in the projection, 0 to 1.
+        alpha: Weight of the sphere in the projection, 0 to 1.
         beta: Shape of the ellipsoid, positive.
     """
 
@@ -148,12 +148,12 @@ class EucmLens(LensModel):
     beta: float
 
     @property
-    def bends(self) -> bool:
-        """True if the lens differs from a pinhole."""
+    def has_distortion(self) -> bool:
+        """True if the lens has distortion."""
         return self.alpha != 0
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points of the picture plane that rays (x, y, 1) meet; NaN where there is none."""
+        """Projects rays (x, y, 1) to points of the image plane; NaN for rays that the lens does not image."""
         with np.errstate(invalid="ignore"):
             depth = self.alpha * np.sqrt(self.beta * (x * x + y * y) + 1) + 1 - self.alpha
             depth = np.where(depth > 0, depth, np.nan)
@@ -161,7 +161,7 @@ class EucmLens(LensModel):
 
 
 def _equidistant(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scales rays (x, y, 1) so that their length is their angle to the axis, radians."""
+    """Scales rays (x, y, 1) so that the length of (x, y) is the angle between ray and optical axis, radians."""
     radius = np.hypot(x, y)
     safe = np.maximum(radius, 1e-12)
     factor = np.where(radius > 1e-9, np.arctan(safe) / safe, 1.0)

@@ -1,4 +1,4 @@
-"""Undistortion: the photo that a pinhole camera would have taken instead of one through a lens."""
+"""Lens undistortion: converts photos to photos of an ideal pinhole camera."""
 
 import functools
 from abc import ABC, abstractmethod
@@ -19,23 +19,27 @@ _DERIVATIVE_STEP = 1e-5
 
 
 class LensModel(ABC):
-    """A lens: maps rays to the picture plane."""
+    """Protocol of a lens model, which projects rays to the image plane."""
 
     least_zoom: ClassVar[float] = 1.0
-    """Smallest factor on the focal length of the pinhole camera that replaces the lens; 1 keeps the resolution of the
-    middle, because a pinhole camera would spread the border of a fisheye without end."""
+    """Minimum ratio of the focal length after undistortion to that of the photo. Values below 1 keep more of the field
+    of view and reduce the resolution of the centre. The default of 1 is for fisheye lenses, whose border a pinhole
+    camera would stretch without bound."""
 
     @property
-    def bends(self) -> bool:
+    def has_distortion(self) -> bool:
         """True if the lens differs from a pinhole."""
         return True
 
     @abstractmethod
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points of the picture plane at distance 1 that rays (x, y, 1) meet; NaN where there is none."""
+        """Projects rays (x, y, 1) to points of the image plane at distance 1.
+
+        NaN for rays that the lens does not image.
+        """
 
     def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Determinant of the derivative of `distort`; the picture is folded where it is not positive."""
+        """Returns the determinant of the Jacobian of `distort`: not positive where several rays hit the same point."""
         step = _DERIVATIVE_STEP * (1 + np.hypot(x, y))
         right, left = self.distort(x + step, y), self.distort(x - step, y)
         below, above = self.distort(x, y + step), self.distort(x, y - step)
@@ -47,20 +51,18 @@ class LensModel(ABC):
 class Lens(LensModel):
     """Radial and tangential distortion as in OpenCV (`calib3d`, "pinhole camera model") and COLMAP's FULL_OPENCV.
 
-    A ray (x, y, 1) with r^2 = x^2 + y^2 meets the picture where the undistorted ray (x', y', 1) would:
-    x' = x R + 2 p1 x y + p2 (r^2 + 2 x^2),
-    y' = y R + p1 (r^2 + 2 y^2) + 2 p2 x y,
-    R = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6).
+    A ray (x, y, 1) with r^2 = x^2 + y^2 hits the image at (x', y'): x' = x R + 2 p1 x y + p2 (r^2 + 2 x^2), y' = y R +
+    p1 (r^2 + 2 y^2) + 2 p2 x y, R = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6).
 
     Attributes:
-        k1: Radial, of the second power.
-        k2: Radial, of the fourth power.
+        k1: Radial coefficient of r^2.
+        k2: Radial coefficient of r^4.
         p1: Tangential, vertical.
         p2: Tangential, horizontal.
-        k3: Radial, of the sixth power.
-        k4: Radial, of the second power, of the denominator.
-        k5: Radial, of the fourth power, of the denominator.
-        k6: Radial, of the sixth power, of the denominator.
+        k3: Radial coefficient of r^6.
+        k4: Radial coefficient of r^2 in the denominator.
+        k5: Radial coefficient of r^4 in the denominator.
+        k6: Radial coefficient of r^6 in the denominator.
     """
 
     k1: float = 0.0
@@ -74,12 +76,12 @@ class Lens(LensModel):
     least_zoom: ClassVar[float] = 1 / _MOST_ZOOM
 
     @property
-    def bends(self) -> bool:
+    def has_distortion(self) -> bool:
         """True if the lens differs from a pinhole."""
         return any(astuple(self))
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points of the picture plane at distance 1 that rays (x, y, 1) meet."""
+        """Projects rays (x, y, 1) to points of the image plane at distance 1."""
         square = x * x + y * y
         above, below = self._fraction(square)
         radial = above / below
@@ -88,7 +90,7 @@ class Lens(LensModel):
         return x * radial + tangential_x, y * radial + tangential_y
 
     def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Determinant of the derivative of `distort`: where it is not positive, the picture is folded."""
+        """Returns the determinant of the Jacobian of `distort`: not positive where several rays hit the same point."""
         square = x * x + y * y
         above, below = self._fraction(square)
         above_slope = self.k1 + square * (2 * self.k2 + 3 * self.k3 * square)
@@ -100,25 +102,25 @@ class Lens(LensModel):
         return np.where(below > 0, xx * yy - xy * xy, -1.0)
 
     def _fraction(self, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Numerator and denominator of R for squares of r."""
+        """Returns numerator and denominator of R (see `Lens`), given r^2."""
         above = 1 + square * (self.k1 + square * (self.k2 + square * self.k3))
         return above, 1 + square * (self.k4 + square * (self.k5 + square * self.k6))
 
 
 NO_LENS = Lens()
-"""Bends nothing."""
+"""Lens without distortion."""
 
 
 @dataclass(frozen=True)
 class Undistortion:
-    """From a photo through a lens to that of a pinhole camera of the same size.
+    """Mapping from a photo with lens distortion to the image of a pinhole camera of equal size.
 
     Attributes:
-        lens: The lens.
+        lens: The lens model of the photo.
         photo: fx, fy, cx, cy of the photo, pixels; the centre of the top-left pixel is (0.5, 0.5).
-        zoom: Factor on fx and fy of the pinhole camera, whose picture no pixel lies outside the photo.
-        width: Of both, pixels.
-        height: Of both, pixels.
+        zoom: Factor on fx and fy of the pinhole camera, chosen so that no pixel of its image is outside the photo.
+        width: Width of the photo and of the pinhole image, pixels.
+        height: Height of the photo and of the pinhole image, pixels.
     """
 
     lens: LensModel
@@ -134,25 +136,25 @@ class Undistortion:
         return np.array([[self.zoom * fx, 0, cx], [0, self.zoom * fy, cy], [0, 0, 1]])
 
     def image(self, photo: Float[np.ndarray, "H W C"]) -> Float[np.ndarray, "H W C"]:
-        """What a pinhole camera would have seen: bicubic between the photo's pixels."""
+        """Removes the lens distortion of a photo, with bicubic interpolation."""
         return np.clip(_sampled(photo, _grid(self), 3), 0, 1)
 
     def mask(self, mask: Bool[np.ndarray, "H W"]) -> Bool[np.ndarray, "H W"]:
-        """The mask of a photo, for that picture: the nearest pixel's."""
+        """Removes the lens distortion of a mask, with nearest-neighbour interpolation."""
         return _sampled(mask[:, :, None], _grid(self), 0)[:, :, 0]
 
 
 def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Undistortion:
-    """The pinhole camera that sees as much of a photo as fills its picture.
+    """Finds the pinhole camera with the largest field of view that the photo covers completely.
 
     Args:
         lens: The lens.
         K: (3, 3) intrinsics of the photo, pixels.
-        width: Its width.
-        height: Its height.
+        width: Width of the photo, pixels.
+        height: Height of the photo, pixels.
 
     Raises:
-        DatasetError: If the lens folds the picture, or bends so much that hardly anything would be left.
+        DatasetError: If the lens maps several rays to the same pixel, or its distortion leaves hardly any usable area.
     """
     photo = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
     zoom = 1.0
@@ -164,13 +166,21 @@ def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Und
             zoom *= _STEP
         if zoom > _MOST_ZOOM:
             raise DatasetError(
-                f"the lens bends too much ({lens}); run `colmap image_undistorter` and use its output folder"
+                f"the distortion of the lens is too large ({lens}); run `colmap image_undistorter` and use its output"
             )
     return Undistortion(lens, photo, zoom, width, height)
 
 
 def _fits(lens: LensModel, photo: tuple[float, ...], zoom: float, width: int, height: int) -> bool:
-    """Whether every pixel of the pinhole camera's picture lies in the photo, and none is folded over another."""
+    """True if every pixel of the pinhole image is inside the photo, and no two pixels show the same point of it.
+
+    Args:
+        lens: The lens.
+        photo: fx, fy, cx, cy of the photo, pixels.
+        zoom: Ratio of the focal length of the pinhole camera to that of the photo.
+        width: Width of the photo and of the pinhole image, pixels.
+        height: Height of the photo and of the pinhole image, pixels.
+    """
     fx, fy, cx, cy = photo
     across, along = (np.linspace(0, size, _BORDER_SAMPLES) for size in (width, height))
     u = np.concatenate([across, across, np.zeros_like(along), np.full_like(along, width)])
@@ -184,7 +194,7 @@ def _fits(lens: LensModel, photo: tuple[float, ...], zoom: float, width: int, he
 
 @functools.lru_cache(_CACHED)
 def _grid(view: Undistortion) -> Float[np.ndarray, "2 H W"]:
-    """Row and column in the photo of each pixel of the pinhole camera's picture."""
+    """Returns the position (row and column) in the photo for each pixel of the pinhole image."""
     fx, fy, cx, cy = view.photo
     rays_x = (np.arange(view.width) + 0.5 - cx) / (view.zoom * fx)
     rays_y = (np.arange(view.height) + 0.5 - cy) / (view.zoom * fy)
@@ -193,6 +203,6 @@ def _grid(view: Undistortion) -> Float[np.ndarray, "2 H W"]:
 
 
 def _sampled(pixels: np.ndarray, grid: Float[np.ndarray, "2 H W"], order: int) -> np.ndarray:
-    """Pixels (H, W, C) at places between them, by splines of an order."""
+    """Interpolates pixels (H, W, C) at fractional positions with splines of the given order."""
     planes = [map_coordinates(plane, grid, order=order, mode="nearest") for plane in np.moveaxis(pixels, 2, 0)]
     return np.stack(planes, axis=2)

@@ -1,7 +1,7 @@
-"""EXIF orientation: are the cameras of photos those of the stored or of the turned pixels?
+"""EXIF orientation: detects whether cameras refer to photos as stored or as rotated by their EXIF orientation.
 
-Some programs that find poses turn photos as their EXIF orientation demands (COLMAP 3.8 to 3.11, RealityScan), others
-read the pixels as they are stored (other releases of COLMAP, nerfstudio). Only the shape of the cameras shows which.
+Some pose estimators apply the EXIF orientation (COLMAP 3.8 to 3.11, RealityScan), others use the stored pixels (other
+releases of COLMAP, nerfstudio). Only the shape of the cameras distinguishes them.
 """
 
 from collections.abc import Sequence
@@ -16,21 +16,21 @@ _MAX_ASPECT_ERROR_PX = 1.5
 
 
 def shape_fits(photo: tuple[int, int], camera: tuple[int, int]) -> bool:
-    """Returns True if a photo of one size can be one of a camera of another, reduced."""
+    """Returns True if a photo size has the aspect ratio of a camera size."""
     return abs(photo[1] - camera[1] * photo[0] / camera[0]) <= _MAX_ASPECT_ERROR_PX
 
 
 def views_are_upright(views: Sequence[ColmapView | TransformsView], image_paths: Sequence[Path]) -> bool:
-    """Returns True if cameras are those of photos after the turn that their EXIF orientation demands.
+    """True if the cameras refer to photos rotated by their EXIF orientation.
 
-    Photos whose shape decides speak for the others, too.
+    Only photos whose aspect ratio distinguishes both cases are considered; their result applies to all photos.
 
     Args:
         views: The cameras.
-        image_paths: Their photos.
+        image_paths: Photo of each view.
 
     Raises:
-        DatasetError: If photos are turned by EXIF and no shape decides, or shapes contradict each other.
+        DatasetError: If photos have an EXIF rotation and no shape is decisive, or shapes contradict each other.
     """
     turned = [(view, file) for view, file in zip(views, image_paths, strict=True) if is_turned(file)]
     if not turned:
@@ -41,7 +41,7 @@ def views_are_upright(views: Sequence[ColmapView | TransformsView], image_paths:
         camera = (view.width, view.height)
         stored, upright = (shape_fits(size, camera) for size in sizes)
         if not (stored or upright):
-            return False  # photos and cameras do not fit at all, which is reported with their sizes
+            return False  # sizes do not match at all; reported elsewhere
         if stored and upright:  # nearly square
             stored, upright = (size == camera for size in sizes)
         if stored != upright and (isinstance(view, ColmapView) or view.size_is_known):

@@ -1,4 +1,4 @@
-"""Photos as float tensors, loaded when they are asked for."""
+"""Loading of photos and masks as arrays."""
 
 import struct
 from pathlib import Path
@@ -7,43 +7,44 @@ import numpy as np
 from jaxtyping import Bool, Float
 from PIL import Image, ImageOps
 
+from splatwire.arguments import checked
 from splatwire.errors import MALFORMED, DatasetError
 from splatwire.files.kinds import is_not
-from splatwire.scene.background import BLACK, Background
+from splatwire.types.background import BLACK, Background
 
 _OPAQUE_MODES = ("L", "P", "RGB")
 _ALPHA_MODES = ("LA", "PA", "RGBA")
 _FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF")
 _FREE_PIXELS, _FREE_MASK_PIXELS = 16 << 20, 64 << 20
-"""So many pixels are believed of a photo, and of a mask, whatever its file's size."""
+"""Number of pixels accepted for a photo and for a mask of any file size."""
 _ORIENTATION_TAG = 0x112
 _ORIENTATIONS = range(2, 9)
-"""EXIF orientations that turn or mirror."""
+"""EXIF orientations that rotate or mirror."""
 _TURNS = range(5, 9)
 """EXIF orientations that swap width and height."""
 _PIXELS_PER_BYTE = 32
-"""Beyond, a byte of file may stand for so many: photos have 10 at most."""
+"""Maximum pixels per byte of file for larger images; photos have at most 10."""
 
 
 def photo_size(path: Path, *, upright: bool = False) -> tuple[int, int]:
-    """Returns width and height of an image; only its header is read.
+    """Returns width and height of an image; reads only its header.
 
     Args:
         path: The file.
-        upright: True for the size after the turn that its EXIF orientation demands.
+        upright: True for the size after applying the EXIF orientation.
 
     Raises:
-        DatasetError: If there is no such file, or it is not an image.
+        DatasetError: If the file is missing or not an image.
     """
     with _open(path) as image:
         return image.size[::-1] if upright and _orientation(image) in _TURNS else image.size
 
 
 def is_turned(path: Path) -> bool:
-    """Returns True if viewers turn or mirror an image, because its EXIF orientation is not 1.
+    """True if an image has an EXIF orientation that rotates or mirrors it.
 
     Raises:
-        DatasetError: If there is no such file, or it is not an image.
+        DatasetError: If the file is missing or not an image.
     """
     with _open(path) as image:
         return _orientation(image) in _ORIENTATIONS
@@ -51,13 +52,14 @@ def is_turned(path: Path) -> bool:
 
 def _orientation(image: Image.Image) -> object:
     if image.format == "PNG" and "exif" not in image.info:
-        return None  # Pillow would decode the whole image in search of a late one
+        return None  # Pillow would decode the whole image to search for a late EXIF chunk
     try:
         return image.getexif().get(_ORIENTATION_TAG)
     except (OSError, SyntaxError, struct.error, *MALFORMED):
-        return None  # no program turns an image by metadata that cannot be read
+        return None  # unreadable metadata has no effect in other programs either
 
 
+@checked
 def load_photo(
     path: Path, size: tuple[int, int] | None = None, background: Background = BLACK, *, upright: bool = False
 ) -> Float[np.ndarray, "H W 3"]:
@@ -65,12 +67,12 @@ def load_photo(
 
     Args:
         path: The file: 8 bits per channel, grey, palette or RGB, with or without alpha.
-        size: Width and height to resize to (bicubic, on 8-bit values, as HAC++ does); None keeps the size.
-        background: RGB that shows where alpha is below 1.
-        upright: True to turn the image as its EXIF orientation demands, before it is resized.
+        size: Width and height to resize to (bicubic, on 8-bit values, as in HAC++); None keeps the size.
+        background: RGB visible where alpha is below 1.
+        upright: True to apply the EXIF orientation before resizing.
 
     Raises:
-        DatasetError: If there is no such file, or it is not such an image.
+        DatasetError: If the file is missing or not such an image.
     """
     with _open(path) as image:
         has_alpha = image.mode in _ALPHA_MODES or "transparency" in image.info
@@ -96,14 +98,14 @@ def load_photo(
 
 
 def load_mask(path: Path, size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
-    """Loads a mask: True where a pixel counts, that is, where the file is brighter than middle grey.
+    """Loads a mask: True for pixels that are evaluated, i.e. those brighter than middle grey.
 
     Args:
         path: The file, 8 bits per channel.
         size: Width and height to resize to (nearest pixel).
 
     Raises:
-        DatasetError: If there is no such file, or it is not such an image.
+        DatasetError: If the file is missing or not such an image.
     """
     with _open(path) as image:
         if image.mode not in ("1", *_OPAQUE_MODES, *_ALPHA_MODES):
@@ -117,10 +119,10 @@ def load_mask(path: Path, size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
 
 
 def limited_size(width: int, height: int, max_width: int | None) -> tuple[int, int]:
-    """Returns the size after the width limit of HAC++ (wider than 1600 pixels is reduced to that).
+    """Returns the image size after the width limit of HAC++: wider images are reduced to `max_width`.
 
-    Both sides are divided by `width / max_width` and cut to whole pixels, in this order of operations, because the
-    last pixel depends on it.
+    Both sides are divided by `width / max_width` and truncated, in this order of operations, because another order may
+    give a result that differs by a pixel.
     """
     if max_width is None or width <= max_width:
         return width, height
@@ -129,7 +131,13 @@ def limited_size(width: int, height: int, max_width: int | None) -> tuple[int, i
 
 
 def _check_pixels(path: Path, image: Image.Image, free: int) -> None:
-    """Checks that a file of some kilobytes does not become gigabytes of pixels."""
+    """Checks the number of pixels of an image, because a small file can decompress to a huge image.
+
+    Args:
+        path: The file, for the message.
+        image: The image, not yet decompressed.
+        free: Number of pixels that are always accepted.
+    """
     size = path.stat().st_size
     if image.width * image.height > max(free, _PIXELS_PER_BYTE * size):
         raise DatasetError(f"{path}: {image.width} x {image.height} pixels are more than {size} bytes of file can hold")

@@ -6,15 +6,16 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from splatwire.arguments import CheckedFields
 from splatwire.errors import DatasetError
-from splatwire.formats.ply_file import read_ply_elements
+from splatwire.io.formats.ply_file import read_ply_elements
 
 _AXES, _COLORS = ("x", "y", "z"), ("red", "green", "blue")
 _GREY = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class SparsePoints:
+class SparsePoints(CheckedFields):
     """Points of a reconstruction.
 
     Attributes:
@@ -32,12 +33,12 @@ class SparsePoints:
 
 
 def read_point_cloud(path: Path) -> SparsePoints:
-    """Reads the points of a PLY file, as `ply_file_path` of nerfstudio's `transforms.json` names one.
+    """Reads the points of a PLY file, such as the one named by `ply_file_path` of a `transforms.json`.
 
     Colours are `red`, `green` and `blue`, bytes or floats in [0, 1]; points without colours are grey.
 
     Raises:
-        DatasetError: If the file is no PLY with vertices, or a point is not finite.
+        DatasetError: If the file is not a PLY with vertices, or a point is not finite.
     """
     vertices = read_ply_elements(path).get("vertex")
     if vertices is None or not set(_AXES) <= set(vertices.names):

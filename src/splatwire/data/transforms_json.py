@@ -1,27 +1,35 @@
-"""Reads `transforms*.json`: the Blender layout of NeRF-synthetic, and that of nerfstudio."""
+"""Reader of `transforms*.json`, the layout of NeRF-synthetic (Blender) and of nerfstudio."""
 
+import logging
 import math
+import re
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from splatwire.data._checks import check_rigid, child, matrix, pinhole
+from splatwire.data._checks import check_distinct, check_rigid, child, is_file, matrix, pinhole
 from splatwire.data.fisheye import FisheyeLens
 from splatwire.data.lens import NO_LENS, Lens, LensModel
 from splatwire.data.photos import photo_size
-from splatwire.errors import DatasetError
+from splatwire.errors import DatasetError, NoViewsError
 from splatwire.files.capped import read_json
 
+LOG = logging.getLogger(__name__)
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 _IMAGES = "images/"
 _PERSPECTIVE = ("", "PERSPECTIVE", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 _FISHEYE = ("OPENCV_FISHEYE", "FISHEYE")
 _OTHER_PROJECTIONS = ("latlong", "equirectangular", "ftheta_p0")
-"""Keys of instant-ngp whose presence means another projection."""
+"""Keys of instant-ngp that indicate an unsupported projection."""
 _POINT_CLOUD = "ply_file_path"
 _TERMS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+_LISTED_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
+_CONVENTION = re.compile(r"(?:camera|pose|axis|axes|coord\w*|world)[-_ ]?(?:convention|system|frame|space)?", re.I)
+"""Names of fields that may state other axes of the poses."""
+_OPENGL = re.compile(r".*(?:opengl|blender|nerf|instant|ngp|rub).*", re.I)
 _MAX_BEND = 1e3
 _MAX_NUMBER = 1e12
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -36,11 +44,11 @@ class TransformsView:
         image_path: The image.
         viewmat: float64 (4, 4), world to camera, OpenCV axes.
         K: float64 (3, 3), for an image of `width` x `height` pixels.
-        width: Width that `K` is for.
-        height: Height that `K` is for.
-        mask_path: Its mask, if it has one.
-        lens: Its lens.
-        size_is_known: False if width and height are only those of the image, because the file has none.
+        width: Image width for `K`, pixels.
+        height: Image height for `K`, pixels.
+        mask_path: Mask of the image, or None.
+        lens: Distortion of the lens.
+        size_is_known: False if the transforms file has no image size; width and height are then read from the image.
     """
 
     name: str
@@ -59,10 +67,10 @@ class Transforms:
     """Content of a transforms file.
 
     Attributes:
-        views: The frames in their order.
-        splits: Names of the views that `train_filenames`, `val_filenames` and `test_filenames` list, by `train`, `val`
-            and `test`; only those lists that are there.
-        points: The point cloud that `ply_file_path` names; None without one.
+        views: The frames in file order.
+        splits: Names of the views in `train_filenames`, `val_filenames` and `test_filenames`, by `train`, `val` and
+            `test`; lists that are missing in the file are omitted.
+        points: The point cloud named by `ply_file_path`, or None.
     """
 
     views: list[TransformsView]
@@ -74,30 +82,57 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
     """Reads a transforms file.
 
     Poses are camera-to-world with OpenGL axes (y up, z backward). Intrinsics are `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`
-    (for all frames or for each), or `camera_angle_x` (`camera_angle_y`) with a centred principal point and square
-    pixels. `k1`, `k2`, `k3`, `p1` and `p2` are the lens (OpenCV's model, as nerfstudio writes it). With
-    `camera_model` OPENCV_FISHEYE or `is_fisheye`, `k1` to `k4` are those of OpenCV's fisheye.
+    (common or per frame), or `camera_angle_x` (`camera_angle_y`) with a centred principal point and square pixels.
+    `k1`, `k2`, `k3`, `p1` and `p2` are the distortion (OpenCV's model, as written by nerfstudio). With `camera_model`
+    OPENCV_FISHEYE or `is_fisheye`, `k1` to `k4` are the coefficients of OpenCV's fisheye.
 
     Args:
         path: The file.
-        images: Folder to take instead of a leading `images/` in the file paths (`images_4`); masks are then taken from
-            the folder that is named alike (`masks_4`).
+        images: Folder that replaces a leading `images/` in file paths (`images_4`); masks are read from the
+            corresponding folder (`masks_4`).
 
     Raises:
-        DatasetError: If the file is damaged, a lens is of another model, a pose is not rigid, an image, a mask or the
-            point cloud is missing, or a split lists what is no frame.
+        NoViewsError: If its list of frames is empty.
+        DatasetError: If the file is damaged, a lens model is not supported or a pose is not rigid. Also if an image, a
+            mask or the point cloud is missing, a photo is listed twice, a split lists an unknown frame, or a photo is
+            both in `train_filenames` and in the test split.
     """
     content = read_json(path, DatasetError)
     frames = content.get("frames") if isinstance(content, dict) else None
-    if not isinstance(frames, list) or not frames:
-        raise DatasetError(f"{path}: has no views ('frames' is missing or empty)")
+    if frames == []:
+        raise NoViewsError(f"{path}: has no views ('frames' is empty)")
+    if not isinstance(frames, list):
+        raise DatasetError(f"{path}: has no views ('frames' is missing or no list)")
     for number, frame in enumerate(frames):
         if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
             raise DatasetError(f"{path}: frame {number} has no 'file_path'")
     if images is not None and not any(frame["file_path"].removeprefix("./").startswith(_IMAGES) for frame in frames):
         raise DatasetError(f"{path}: its paths do not begin with {_IMAGES}, which {images} would replace")
+    for key, value in content.items():
+        if isinstance(value, str) and _CONVENTION.fullmatch(key) and not _OPENGL.fullmatch(value):
+            LOG.warning("%s: %.40s is %.40r: poses are read with OpenGL axes (y up, z backward)", path, key, value)
     views = [_read_frame(path, content, frame, images) for frame in frames]
+    check_distinct(path, [view.name for view in views], [view.image_path for view in views])
     return Transforms(views, _splits(path, content, views, images), _points(path, content))
+
+
+def listed_photos(path: Path, images: str | None = None) -> dict[str, Path]:
+    """Returns the photos listed in a transforms file, by name; missing or damaged entries are skipped.
+
+    Args:
+        path: The file.
+        images: See `read_transforms`.
+    """
+    photos = {}
+    with suppress(DatasetError):
+        content = read_json(path, DatasetError)
+        frames = content.get("frames") if isinstance(content, dict) else None
+        for frame in frames if isinstance(frames, list) else []:
+            if isinstance(frame, dict) and isinstance(frame.get("file_path"), str):
+                name = _name(frame["file_path"], images)
+                with suppress(DatasetError):
+                    photos[name] = _find_image(path, name)
+    return photos
 
 
 def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], images: str | None) -> TransformsView:
@@ -106,7 +141,7 @@ def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], imag
     lens = _lens(path, name, values)
     image_path = _find_image(path, name)
     rows = frame.get("transform_matrix")
-    if isinstance(rows, list) and len(rows) == 3:  # instant-ngp and others leave the last row out
+    if isinstance(rows, list) and len(rows) == 3:  # instant-ngp and others omit the last row
         rows = [*rows, [0, 0, 0, 1]]
     pose = matrix(path, name, rows, (4, 4))
     check_rigid(path, name, pose)
@@ -117,7 +152,12 @@ def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], imag
 
 
 def _name(file_path: str, images: str | None) -> str:
-    """Name of a view: the path of its image, in the folder that is taken instead of `images/`."""
+    """Returns the name of a view: the path of its image as listed in the file.
+
+    Args:
+        file_path: Path of the image in the transforms file.
+        images: Folder that replaces a leading `images/`; None to keep the path.
+    """
     name = file_path.removeprefix("./")
     return f"{images}/{name.removeprefix(_IMAGES)}" if images is not None and name.startswith(_IMAGES) else name
 
@@ -135,6 +175,9 @@ def _splits(
         splits[split] = frozenset(_name(name, images) for name in listed)
         if unknown := sorted(splits[split] - known):
             raise DatasetError(f"{path}: '{split}_filenames' lists {unknown[0][:120]!r}, which no frame has")
+    tested = "test" if splits.get("test") else "val"
+    if shared := sorted(splits.get("train", frozenset()) & splits.get(tested, frozenset())):
+        raise DatasetError(f"{path}: {shared[0][:120]!r} is in 'train_filenames' and in '{tested}_filenames'")
     return splits
 
 
@@ -145,7 +188,7 @@ def _points(path: Path, content: dict[str, Any]) -> Path | None:
     if not isinstance(name, str):
         raise DatasetError(f"{path}: '{_POINT_CLOUD}' is not a path")
     file = child(path.parent, name, path)
-    if not file.is_file():
+    if not is_file(file, path):
         raise DatasetError(f"{path}: the point cloud '{name[:120]}' of '{_POINT_CLOUD}' is missing")
     return file
 
@@ -164,7 +207,7 @@ def _find_mask(path: Path, name: str, frame: dict[str, Any], images: str | None)
     if images is not None and images.startswith("images") and mask.startswith("masks/"):
         mask = f"masks{images.removeprefix('images')}/{mask.removeprefix('masks/')}"
     file = child(path.parent, mask, path)
-    if not file.is_file():
+    if not is_file(file, path):
         raise DatasetError(f"{path}: the mask '{mask}' of view '{name}' is missing")
     return file
 
@@ -173,7 +216,7 @@ def _find_image(path: Path, name: str) -> Path:
     base = child(path.parent, name, path)
     for suffix in _SUFFIXES:
         candidate = base.with_name(base.name + suffix)
-        if candidate.is_file():
+        if is_file(candidate, path):
             return candidate
     raise DatasetError(f"{path}: the image '{name}' is missing")
 
@@ -199,20 +242,24 @@ def _intrinsics(path: Path, name: str, values: dict[str, Any], image_path: Path)
 
 
 def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
-    """Lens of a frame.
+    """Parses the lens of a frame.
 
     Raises:
-        DatasetError: If it is none that is undistorted here, or no perspective.
+        DatasetError: If the lens model is not supported, e.g. that of a panorama, or a parameter is invalid.
     """
-    model = str(values.get("camera_model") or "").upper()
-    other = next((key for key in _OTHER_PROJECTIONS if values.get(key)), None)
+    model = values.get("camera_model") or ""
+    if not isinstance(model, str):
+        raise DatasetError(f"{path}: view '{name}': 'camera_model' is not a name")
+    model = model.upper()
+    other = next((key for key in _OTHER_PROJECTIONS if _flag(path, name, values, key)), None)
     if other is not None or model not in _PERSPECTIVE + _FISHEYE:
         found = f"'camera_model' {model[:60]!r}" if other is None else f"'{other}'"
         raise DatasetError(
             f"{path}: view '{name}' has {found}; perspective and OPENCV_FISHEYE photos are read. Cut panoramas into "
             "perspective photos first, for example with `ns-process-data images --camera-type equirectangular`"
         )
-    fisheye = model in _FISHEYE or bool(values.get("is_fisheye"))
+    values = values | _listed_terms(path, name, values)
+    fisheye = model in _FISHEYE or _flag(path, name, values, "is_fisheye")
     keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     bend = [_number(path, name, values, key, 0.0) for key in keys]
     unread = [key for key in _TERMS if key not in keys and _number(path, name, values, key, 0.0) != 0]
@@ -224,6 +271,33 @@ def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
     if max(map(abs, bend)) > _MAX_BEND:
         raise DatasetError(f"{path}: view '{name}' has lens parameters that are no sensible numbers")
     return FisheyeLens(*bend) if fisheye else Lens(*bend)
+
+
+def _listed_terms(path: Path, name: str, values: dict[str, Any]) -> dict[str, float]:
+    """Returns the lens parameters in the list `distortion_params` by name; empty if there is no such list.
+
+    The order of nerfstudio is k1, k2, k3, k4, p1, p2.
+
+    Raises:
+        DatasetError: If the list has another length, or contradicts a field such as `k1` of the same frame.
+    """
+    listed = values.get("distortion_params")
+    if listed is None:
+        return {}
+    if not isinstance(listed, list) or len(listed) != len(_LISTED_TERMS):
+        raise DatasetError(f"{path}: view '{name}': 'distortion_params' is not the list {', '.join(_LISTED_TERMS)}")
+    terms = dict(zip(_LISTED_TERMS, listed, strict=True))
+    if other := next((key for key in terms if values.get(key, 0) not in (0, terms[key])), None):
+        raise DatasetError(f"{path}: view '{name}' has two values of {other}: see 'distortion_params'")
+    return terms
+
+
+def _flag(path: Path, name: str, values: dict[str, Any], key: str) -> bool:
+    """Interprets a JSON value as a flag: True for `true` and for numbers other than 0."""
+    value = values.get(key)
+    if value is not None and not isinstance(value, (bool, int, float)):
+        raise DatasetError(f"{path}: view '{name}': '{key}' is {str(value)[:60]!r}, neither true nor false")
+    return bool(value)
 
 
 def _number(path: Path, name: str, values: dict[str, Any], key: str, default: float) -> float:

@@ -1,1 +1,1 @@
-"""Entropy coding: integer tables, a range coder, and nothing that a machine could round differently."""
+"""Entropy coding: integer tables and a range coder whose results are identical on every machine."""

@@ -1,4 +1,4 @@
-"""Numba kernels that code one array as one stream."""
+"""Numba kernels that code a whole array of integers or bits as one range coder stream."""
 
 from typing import no_type_check
 
@@ -12,7 +12,23 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True)
 @no_type_check
 def encode_symbols(symbols, mean0, scale0, mean1, scale1, weight, inverses, widths, table, buffer):
-    """Codes symbols under mixtures of two normals; returns the number of bytes."""
+    """Encodes integers, each under its own normal distribution or mixture of two.
+
+    Args:
+        symbols: The integers.
+        mean0: Mean of the first component of each distribution, see `entropy.coder.Mixtures`.
+        scale0: Standard deviation of the first component.
+        mean1: Mean of the second component.
+        scale1: Standard deviation of the second component.
+        weight: Weight of the first component.
+        inverses: Table of the entropy coder, see `entropy.coder.tables`.
+        widths: Table of the entropy coder, see `entropy.coder.tables`.
+        table: Table of the entropy coder, see `entropy.coder.tables`.
+        buffer: Output bytes.
+
+    Returns:
+        Number of bytes written to `buffer`.
+    """
     state = np.empty(3, np.int64)
     encoder_start(state)
     for i in range(len(symbols)):
@@ -25,7 +41,10 @@ def encode_symbols(symbols, mean0, scale0, mean1, scale1, weight, inverses, widt
 @njit(nogil=True)
 @no_type_check
 def decode_symbols(data, mean0, scale0, mean1, scale1, weight, inverses, widths, table, symbols):
-    """Inverse of `encode_symbols`."""
+    """Decodes integers written by `encode_symbols` from the bytes `data`, and writes them to the array `symbols`.
+
+    See `encode_symbols` for the other arguments.
+    """
     state = np.empty(3, np.int64)
     decoder_start(data, ZERO, len(data), state)
     for i in range(len(symbols)):
@@ -37,7 +56,17 @@ def decode_symbols(data, mean0, scale0, mean1, scale1, weight, inverses, widths,
 @njit(nogil=True)
 @no_type_check
 def encode_bits(bits, contexts, model, buffer):
-    """Codes bits with one adaptive model per context; returns the number of bytes."""
+    """Encodes bits with adaptive probability models.
+
+    Args:
+        bits: The bits, 0 or 1.
+        contexts: Index of the model of each bit.
+        model: State of all models, changed in place.
+        buffer: Output bytes.
+
+    Returns:
+        Number of bytes written to `buffer`.
+    """
     state = np.empty(3, np.int64)
     encoder_start(state)
     for i in range(len(bits)):
@@ -48,7 +77,14 @@ def encode_bits(bits, contexts, model, buffer):
 @njit(nogil=True)
 @no_type_check
 def decode_bits(data, contexts, model, bits):
-    """Inverse of `encode_bits`."""
+    """Decodes bits written by `encode_bits`.
+
+    Args:
+        data: Input bytes.
+        contexts: Index of the model of each bit.
+        model: State of all models, changed in place.
+        bits: Output: the bits.
+    """
     state = np.empty(3, np.int64)
     decoder_start(data, ZERO, len(data), state)
     for i in range(len(bits)):

@@ -1,4 +1,4 @@
-"""Range coder: arrays of integers under table-indexed distributions to bytes and back.
+"""Range coder: converts arrays of integers under table-indexed distributions to bytes and back.
 
 The coder sees table indices only (`splatwire.entropy.tables`), so the same indices give the same bytes everywhere.
 `tests/reference/range_coder.py` is the same coder in plain Python.
@@ -11,19 +11,19 @@ import numpy as np
 from splatwire.entropy.tables import half_width_table, inverse_scale_table, normal_table
 
 BYTES_PER_SYMBOL = 12
-"""Room for the costliest symbol: an escape of 86 bits."""
+"""Buffer space per symbol, bytes. The longest code is an escape of 86 bits."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mixtures:
-    """One distribution per symbol: a normal, or a mixture of two, named by table indices.
+    """Probability distribution of each symbol: a normal distribution or a mixture of two, as indices into tables.
 
     Attributes:
-        mean0: int64, mean of the first component in steps, `MEAN_BITS` fractional bits.
-        scale0: int64, index into the scale table.
-        mean1: int64, mean of the second component.
-        scale1: int64, index into the scale table.
-        weight: int64, weight of the first component out of 2**16; 2**16 makes it a plain normal.
+        mean0: Mean of the first component in quantisation steps, fixed point with `MEAN_BITS` fractional bits, int64.
+        scale0: Standard deviation of the first component, as an index into the scale table, int64.
+        mean1: Mean of the second component, as `mean0`.
+        scale1: Standard deviation of the second component, as `scale0`.
+        weight: Weight of the first component in units of 2**-16, int64; 2**16 selects the first component only.
     """
 
     mean0: np.ndarray
@@ -34,18 +34,18 @@ class Mixtures:
 
     @staticmethod
     def normals(means: np.ndarray, scales: np.ndarray) -> "Mixtures":
-        """Builds plain normals from means (fixed point) and scale indices."""
+        """Builds normal distributions from means (fixed point, as `mean0`) and scale indices."""
         mean, scale = means.astype(np.int64), scales.astype(np.int64)
         zero = np.zeros_like(mean)
         return Mixtures(mean, scale, zero, zero, np.full_like(mean, 65536))
 
 
 def encode_symbols(symbols: np.ndarray, mixtures: Mixtures) -> bytes:
-    """Codes integers.
+    """Encodes integers, each under its own distribution.
 
     Args:
-        symbols: int64 (n), magnitudes below 2**31.
-        mixtures: Their distributions.
+        symbols: Integers with magnitudes below 2**31, int64 (n).
+        mixtures: Distribution of each symbol.
 
     Returns:
         The shortest code; decoding pads it with zero bytes.
@@ -61,11 +61,11 @@ def encode_symbols(symbols: np.ndarray, mixtures: Mixtures) -> bytes:
 
 
 def decode_symbols(data: bytes, mixtures: Mixtures) -> np.ndarray:
-    """Decodes as many integers as there are distributions; any bytes decode to something.
+    """Decodes one integer per distribution; any bytes decode without an error.
 
     Args:
-        data: A code of `encode_symbols`.
-        mixtures: The distributions that it was coded under.
+        data: Bytes written by `encode_symbols`.
+        mixtures: The distributions used for encoding.
 
     Returns:
         int64 (n).
@@ -81,22 +81,26 @@ def decode_symbols(data: bytes, mixtures: Mixtures) -> np.ndarray:
 
 
 def tables() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The coder's tables, in the order in which the kernels take them: reciprocal scales, half widths, normal CDF."""
+    """Returns the coder's tables in the order of the kernels' arguments: reciprocal scales, half widths, normal CDF."""
     return inverse_scale_table(), half_width_table(), normal_table()
 
 
 def fresh_models(num_contexts: int) -> np.ndarray:
-    """Adaptive binary models that know nothing: P(0) = 1/2 in both of their estimates, int64 (contexts, 2)."""
+    """Returns the initial state of adaptive binary models, int64 (contexts, 2).
+
+    A model has two estimates of the probability of a zero, in units of 2**-16: one adapts slowly, one fast. Both start
+    at 1/2.
+    """
     return np.full((num_contexts, 2), 32768, dtype=np.int64)
 
 
 def encode_bits(bits: np.ndarray, contexts: np.ndarray, models: np.ndarray) -> bytes:
-    """Codes bits with adaptive models.
+    """Encodes bits with adaptive probability models.
 
     Args:
         bits: uint8 (n), 0 or 1.
-        contexts: int64 (n), which model each bit uses.
-        models: int64 (contexts, 2) initial estimates; left as they are.
+        contexts: int64 (n), index of the model of each bit.
+        models: int64 (contexts, 2), initial estimates; not modified.
 
     Returns:
         The shortest code.
@@ -112,9 +116,9 @@ def decode_bits(data: bytes, contexts: np.ndarray, models: np.ndarray) -> np.nda
     """Decodes one bit for each context; the inverse of `encode_bits`.
 
     Args:
-        data: A code of `encode_bits`.
-        contexts: int64 (n).
-        models: int64 (contexts, 2) initial estimates; left as they are.
+        data: Bytes written by `encode_bits`.
+        contexts: int64 (n), index of the model of each bit.
+        models: int64 (contexts, 2), initial estimates; not modified.
 
     Returns:
         uint8 (n).

@@ -1,24 +1,24 @@
-"""Arrays of integers under normal distributions that are fitted to them."""
+"""Codes arrays of integers under normal distributions fitted to them."""
 
 import numpy as np
 import numpy.typing as npt
 
-from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.entropy.coder import Mixtures, decode_symbols, encode_symbols
 from splatwire.entropy.tables import MEAN_BITS, NUM_SCALES, SCALE_MIN_EXPONENT, SCALE_STEPS
 from splatwire.errors import BitstreamError
+from splatwire.files.byte_io import ByteReader, ByteWriter
 
 MAX_SYMBOL = 1 << 24
 
 
 def scale_index(scale: npt.ArrayLike) -> np.ndarray:
-    """Entry of the scale table nearest to standard deviations, int64."""
+    """Returns the index of the nearest entry of the scale table for each standard deviation, int64."""
     octaves = np.log2(np.maximum(np.asarray(scale, dtype=np.float64), 1e-9)) - SCALE_MIN_EXPONENT
     return np.asarray(np.clip(np.rint(octaves * SCALE_STEPS - 0.5), 0, NUM_SCALES - 1)).astype(np.int64)
 
 
 def write_integers(writer: ByteWriter, values: np.ndarray) -> None:
-    """Appends integers of which the reader knows the number, under one fitted normal."""
+    """Appends integers, coded under one normal distribution fitted to them; their number is not stored."""
     mean = round(float(values.mean())) if len(values) else 0
     variance = ((values.astype(np.float64) - mean) ** 2).mean() if len(values) else 0.0
     scale = int(scale_index(np.sqrt(variance + 0.05))) if len(values) else 0
@@ -28,10 +28,10 @@ def write_integers(writer: ByteWriter, values: np.ndarray) -> None:
 
 
 def read_integers(reader: ByteReader, count: int) -> np.ndarray:
-    """Inverse of `write_integers`, int64 (count).
+    """Reads `count` integers that `write_integers` has written, int64 (count).
 
     Raises:
-        BitstreamError: If the parameters are impossible.
+        BitstreamError: If the distribution's parameters are out of range.
     """
     mean, scale = reader.signed(), reader.unsigned()
     if abs(mean) > MAX_SYMBOL or scale >= NUM_SCALES:
@@ -40,12 +40,20 @@ def read_integers(reader: ByteReader, count: int) -> np.ndarray:
 
 
 def zero_mean_rows(scales: np.ndarray, width: int) -> Mixtures:
-    """Distributions of a matrix, row after row: each row with its own entry of the scale table and mean 0."""
+    """Returns zero-mean normal distributions for a matrix in row-major order, one scale per row.
+
+    Args:
+        scales: Scale index of each row.
+        width: Number of columns.
+    """
     return Mixtures.normals(np.zeros(len(scales) * width), np.repeat(scales, width))
 
 
 def zero_mean_cells(rows: np.ndarray, columns: np.ndarray) -> Mixtures:
-    """Distributions of a matrix, row after row, of mean 0: entries of rows, `columns` entries further on."""
+    """Returns zero-mean normal distributions for a matrix in row-major order, with a scale per row and column.
+
+    The scale index of cell (i, j) is `rows[i] + columns[j]`, clipped to the table.
+    """
     index = np.clip(rows[:, None] + columns[None, :], 0, NUM_SCALES - 1)
     return Mixtures.normals(np.zeros(index.size), index.ravel())
 

@@ -1,4 +1,7 @@
-"""Numba kernels for integers under normals and mixtures of two; `tests/reference/range_coder.py` is the plain twin."""
+"""Numba kernels that code an integer under a normal distribution or a mixture of two.
+
+`tests/reference/range_coder.py` is the same in plain Python.
+"""
 
 from typing import no_type_check
 
@@ -30,7 +33,14 @@ NORMAL = np.int64(1 << 16)
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def normal_cdf(boundary, mean, inverse, table):
-    """Distribution function, out of 2**24, at `boundary` (both in steps with MEAN_BITS fractional bits)."""
+    """Returns the CDF of a normal distribution in units of 2**-24.
+
+    Args:
+        boundary: Argument of the CDF, in quantisation steps with `MEAN_BITS` fractional bits.
+        mean: Mean of the distribution, in the same units.
+        inverse: Reciprocal of the standard deviation, from `inverse_scale_table`.
+        table: Standard normal CDF, from `normal_table`.
+    """
     z = ((boundary - mean) * inverse) >> Z_SHIFT
     if z <= -Z_CLIP:
         return ZERO
@@ -45,7 +55,22 @@ def normal_cdf(boundary, mean, inverse, table):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, table):
-    """Start of the interval of `symbol` in `[low, high + 1]`: mixture CDF below it, and one unit for each symbol."""
+    """Returns the start of the probability interval of a symbol, which is the end of the preceding symbol's interval.
+
+    The start is the CDF of the mixture at the lower boundary of the symbol, plus one unit per symbol from `low` on, so
+    that every symbol has a positive probability.
+
+    Args:
+        symbol: The symbol, from `low` to `high + 1`.
+        low: First integer with a probability interval, from `window`.
+        high: Last integer with a probability interval.
+        mean0: Mean of the first component, see `entropy.coder.Mixtures`.
+        inverse0: Reciprocal of the standard deviation of the first component.
+        mean1: Mean of the second component.
+        inverse1: Reciprocal of the standard deviation of the second component.
+        weight: Weight of the first component, out of 2**16; 2**16 for a single normal distribution.
+        table: Standard normal CDF, from `normal_table`.
+    """
     if symbol <= low:
         return ZERO
     count = high - low + 1
@@ -61,7 +86,7 @@ def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, tabl
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def window(mean0, scale0, mean1, scale1, weight, widths):
-    """First and last symbol that have an interval of their own."""
+    """Returns the first and the last integer that have a probability interval; other integers get an escape code."""
     center = (mean0 + HALF_STEP) >> MEAN_BITS
     low = center - widths[scale0]
     high = center + widths[scale0]
@@ -77,7 +102,11 @@ def window(mean0, scale0, mean1, scale1, weight, widths):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def encode_escape(buffer, state, excess):
-    """Codes a distance >= 0 beyond the window: Elias gamma of `excess + 1`, at most 32 bits."""
+    """Encodes the distance of an integer from the nearest integer with a probability interval (see `window`).
+
+    `excess` is the distance minus one. The code is an Elias gamma code: the bit length of `excess + 1` in unary, then
+    the bits below the highest one.
+    """
     value = excess + 1
     length = 0
     while value >> (length + 1):
@@ -92,7 +121,7 @@ def encode_escape(buffer, state, excess):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_escape(data, end, state):
-    """Inverse of `encode_escape`; hostile codes stop at 32 bits."""
+    """Decodes the `excess` written by `encode_escape`; its length is limited to 32 bits even if the code is invalid."""
     length = 0
     while length < 32 and decode_raw(data, end, state):
         length += 1
@@ -105,7 +134,21 @@ def decode_escape(data, end, state):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def encode_symbol(buffer, state, symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
-    """Codes an integer under a normal (weight 65536) or a mixture of two."""
+    """Encodes one integer under a normal distribution or a mixture of two.
+
+    Args:
+        buffer: Output bytes of the range encoder.
+        state: State of the range encoder, see `range_kernels`.
+        symbol: The integer.
+        mean0: Mean of the first component, see `entropy.coder.Mixtures`.
+        scale0: Standard deviation of the first component, an index into the scale table.
+        mean1: Mean of the second component.
+        scale1: Standard deviation of the second component.
+        weight: Weight of the first component, out of 2**16; 2**16 for a single normal distribution.
+        inverses: Table of the entropy coder, see `entropy.coder.tables`.
+        widths: Table of the entropy coder, see `entropy.coder.tables`.
+        table: Table of the entropy coder, see `entropy.coder.tables`.
+    """
     low, high = window(mean0, scale0, mean1, scale1, weight, widths)
     if low <= symbol <= high:
         a = cumulative(symbol, low, high, mean0, inverses[scale0], mean1, inverses[scale1], weight, table)
@@ -121,7 +164,11 @@ def encode_symbol(buffer, state, symbol, mean0, scale0, mean1, scale1, weight, i
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_symbol(data, end, state, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
-    """Inverse of `encode_symbol`: brackets the symbol outwards from the heavier mean, then bisects."""
+    """Decodes one integer written by `encode_symbol` with the same distribution.
+
+    The search starts at the mean of the component with the larger weight. It proceeds outwards in doubling steps until
+    the symbol is enclosed, and ends with a bisection.
+    """
     low, high = window(mean0, scale0, mean1, scale1, weight, widths)
     target = decode_target(state, SYMBOL_BITS)
     if target >= TOTAL - ESCAPE:

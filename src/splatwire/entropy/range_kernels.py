@@ -1,11 +1,10 @@
-"""Numba kernels of the range coder; `tests/reference/range_coder.py` says the same in plain Python.
+"""Numba kernels of the range coder; `tests/reference/range_coder.py` is the same in plain Python.
 
 State of one coder is an int64 row: encoder `[low, range, position]`, decoder `[code, range, position]`. Numbers stay
 below 2**49, so signed 64-bit arithmetic never overflows.
 
-numba compiles a function anew for each combination of types that it is called with, and takes a literal number for a
-type of its own. So these are called with int64 throughout: what comes out of narrower arrays is converted, and
-constants are numpy's.
+numba compiles a function once per combination of argument types, and a literal number is a separate type. All calls
+therefore pass int64: values from narrower arrays are converted, and constants are numpy scalars.
 """
 
 from typing import no_type_check
@@ -28,7 +27,7 @@ ADAPTIVE_FAST = 4
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def encode_interval(buffer, state, start, size, total_bits):
-    """Narrows the encoder to `[start, start + size)` out of `2**total_bits`."""
+    """Encodes a symbol, given its probability interval `[start, start + size)` in units of `2**-total_bits`."""
     unit = state[1] >> total_bits
     low = state[0] + unit * start
     span = unit * size
@@ -53,7 +52,7 @@ def encode_interval(buffer, state, start, size, total_bits):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def encoder_start(state):
-    """Puts a fresh encoder into `state`."""
+    """Initialises the state of a range encoder, int64 (3)."""
     state[0] = 0
     state[1] = 1 << TOP
     state[2] = 0
@@ -62,7 +61,7 @@ def encoder_start(state):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def encoder_finish(buffer, state):
-    """Writes the shortest tail that decodes right when followed by zero bytes; returns the length of the code."""
+    """Ends the code with the fewest bytes that decode correctly if followed by zeros; returns the number of bytes."""
     low = state[0] + LOW_MASK
     position = state[2]
     if low >> TOP:
@@ -81,7 +80,7 @@ def encoder_finish(buffer, state):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decoder_start(data, begin, end, state):
-    """Puts a decoder of `data[begin:end]` into `state`."""
+    """Initialises the state, int64 (3), of a range decoder that reads `data[begin:end]`."""
     code = 0
     for i in range(6):
         code <<= 8
@@ -95,21 +94,25 @@ def decoder_start(data, begin, end, state):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def decode_target(state, total_bits):
-    """Number in `[0, 2**total_bits)` that the code points at."""
-    # Bytes that no encoder wrote may point behind the last interval, at what the division leaves of the span.
-    return min(state[0] // (state[1] >> total_bits), (1 << total_bits) - 1)
+    """Returns the position of the code within the decoder's current interval, 0 to `2**total_bits - 1`.
+
+    The next symbol is the one with a probability interval that contains this position.
+    """
+    # The division leaves a remainder of the range behind the last interval. Malformed bytes may point there.
+    # The quotient of numbers below 2**53, rounded down, is exact in float64, and faster than one of integers.
+    return min(np.int64(np.float64(state[0]) / np.float64(state[1] >> total_bits)), (1 << total_bits) - 1)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def decode_advance(data, end, state, start, size, total_bits):
-    """Removes `[start, start + size)` from the code and reads what is needed next; past `end` zeros are read.
+    """Continues after a symbol with the probability interval `[start, start + size)` was decoded; reads further bytes.
 
-    `size` is at least 1: an empty interval has no end.
+    Zeros are read beyond `end`. `size` must be at least 1: with an empty interval the loop would never end.
     """
     unit = state[1] >> total_bits
     span = unit * size
-    code = min(state[0] - unit * start, span - 1)  # see `decode_target`: the code stays within its span
+    code = min(state[0] - unit * start, span - 1)  # As in `decode_target`: keeps malformed codes within their range
     position = state[2]
     while span < BOTTOM:
         code <<= 8
@@ -125,14 +128,14 @@ def decode_advance(data, end, state, start, size, total_bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def encode_raw(buffer, state, bit):
-    """Writes a bit that is as likely one as zero."""
+    """Encodes a bit with equal probabilities for 0 and 1."""
     encode_interval(buffer, state, bit, ONE, ONE)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def decode_raw(data, end, state):
-    """Reads a bit that is as likely one as zero."""
+    """Decodes a bit with equal probabilities for 0 and 1."""
     bit = ONE if state[0] >= state[1] >> ONE else ZERO
     decode_advance(data, end, state, bit, ONE, ONE)
     return bit
@@ -141,7 +144,7 @@ def decode_raw(data, end, state):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def encode_bits(buffer, state, value, bits):
-    """Writes up to 63 equiprobable bits of a number, the high ones first."""
+    """Encodes the low `bits` bits of a number, up to 63, with equal probabilities, most significant first."""
     while bits > 0:
         some = min(bits, RAW_BITS)
         bits -= some
@@ -151,7 +154,7 @@ def encode_bits(buffer, state, value, bits):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def decode_bits(data, end, state, bits):
-    """Reads what `encode_bits` wrote."""
+    """Decodes a number of `bits` bits written by `encode_bits`."""
     value = np.int64(0)
     while bits > 0:
         some = min(bits, RAW_BITS)
@@ -165,7 +168,7 @@ def decode_bits(data, end, state, bits):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def encode_below(buffer, state, value, count):
-    """Writes a number below `count`, at most 2**16, all alike probable."""
+    """Encodes a number from 0 to `count - 1` with equal probabilities; `count` is at most 2**16."""
     start = (value << RAW_BITS) // count
     encode_interval(buffer, state, start, ((value + ONE) << RAW_BITS) // count - start, RAW_BITS)
 
@@ -173,7 +176,7 @@ def encode_below(buffer, state, value, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def decode_below(data, end, state, count):
-    """Reads what `encode_below` wrote."""
+    """Decodes a number from 0 to `count - 1` written by `encode_below`."""
     value = ((decode_target(state, RAW_BITS) + ONE) * count - ONE) >> RAW_BITS
     start = (value << RAW_BITS) // count
     decode_advance(data, end, state, start, ((value + ONE) << RAW_BITS) // count - start, RAW_BITS)
@@ -183,7 +186,7 @@ def decode_below(data, end, state, count):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def adaptive_update(model, context, bit):
-    """Moves a model's two estimates of P(bit = 0), in units of 2**-16, one fast and one slow."""
+    """Updates the two estimates of P(bit = 0) of a context after a bit: one adapts slowly, one fast."""
     for column, rate in ((0, ADAPTIVE_SLOW), (1, ADAPTIVE_FAST)):
         p = model[context, column]
         model[context, column] = p - (p >> rate) if bit else p + ((65536 - p) >> rate)
@@ -192,7 +195,11 @@ def adaptive_update(model, context, bit):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def adaptive_size(model, context):
-    """Size of the interval of a zero bit out of 2**16: the mean of the two estimates, kept off the ends."""
+    """Returns the probability that the next bit of a context is 0, in units of 2**-16, 32 to 65504.
+
+    A model has two estimates of this probability (`adaptive_update`); the result is their mean. It is also the size of
+    the range coder's interval for the bit 0.
+    """
     p = (model[context, 0] + model[context, 1]) >> 1
     return min(max(p, 32), 65536 - 32)
 
@@ -200,7 +207,7 @@ def adaptive_size(model, context):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def encode_bit(buffer, state, model, context, bit):
-    """Codes one bit with an adaptive model and updates it."""
+    """Encodes a bit with the adaptive model of a context, and updates the model."""
     zero = adaptive_size(model, context)
     if bit:
         encode_interval(buffer, state, zero, 65536 - zero, ADAPTIVE_BITS)
@@ -212,9 +219,9 @@ def encode_bit(buffer, state, model, context, bit):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def decode_bit(data, end, state, model, context):
-    """Decodes one bit with an adaptive model and updates it."""
+    """Decodes a bit with the adaptive model of a context, and updates the model."""
     zero = adaptive_size(model, context)
-    # What `decode_target(...) >= zero` says, without its division.
+    # Equivalent to `decode_target(...) >= zero`, without its division.
     bit = 1 if state[0] >= zero * (state[1] >> ADAPTIVE_BITS) else 0
     if bit:
         decode_advance(data, end, state, zero, 65536 - zero, ADAPTIVE_BITS)

@@ -1,7 +1,7 @@
-"""Integer tables behind the entropy coder, alike on every machine.
+"""Integer tables of the entropy coder, identical on every machine.
 
-The tables are computed with the decimal module (software arithmetic, correctly rounded), never with the floating-point
-library of the machine, because one different entry derails every packet (docs/determinism.md).
+The tables are computed with the decimal module (software arithmetic, correctly rounded). The machine's floating-point
+library could differ in one entry, which would corrupt every packet (docs/determinism.md).
 """
 
 import decimal
@@ -10,13 +10,15 @@ import functools
 import numpy as np
 
 TOTAL_BITS = 24
-"""Probabilities are integers out of 2**24."""
+"""Fractional bits of probabilities: integers out of 2**24."""
 
 MEAN_BITS = 12
-"""Means and boundaries are in quantisation steps with 12 fractional bits."""
+"""Fractional bits of means and boundaries, which are in quantisation steps."""
 
 SCALE_STEPS = 16
-"""Entries of the scale table per octave: neighbours differ by at most 1/16, so an index is within 3 % of the scale."""
+"""Entries of the scale table per octave. Neighbours differ by at most 1/16, so the nearest entry is within about 3 % of
+a scale.
+"""
 
 SCALE_MIN_EXPONENT = -6
 SCALE_MAX_EXPONENT = 14
@@ -29,18 +31,18 @@ Z_BITS = 16
 """Fractional bits of the standardised boundary."""
 
 Z_CELL_BITS = 9
-"""A cell of the normal table spans 2**9 / 2**16 = 1/128 standard deviations."""
+"""Fractional bits within a cell of the normal table: a cell spans 2**9 / 2**16 = 1/128 standard deviations."""
 
 Z_LIMIT = 6
-"""The normal table covers -6 to 6 standard deviations; 2**-24 is passed at 5.3."""
+"""Range of the normal table, standard deviations: -6 to 6. The tail falls below 2**-24 at 5.3."""
 
 NUM_WEIGHTS = 256
-"""Entries of the mixture-weight table: logits -8 to 8 in steps of 1/16."""
+"""Entries of the mixture-weight table: logits from -8 up to, not including, 8 in steps of 1/16."""
 
 
 @functools.cache
 def normal_table() -> np.ndarray:
-    """Standard normal distribution function at multiples of 1/128 from -6 to 6, in units of 2**-24.
+    """Returns the standard normal CDF at multiples of 1/128 from -6 to 6, in units of 2**-24.
 
     Returns:
         int64 of length `2 * 6 * 128 + 1`, increasing from 0 to 2**24.
@@ -57,7 +59,7 @@ def normal_table() -> np.ndarray:
 
 
 def _half_plus_integral(z: decimal.Decimal, norm: decimal.Decimal) -> decimal.Decimal:
-    """Phi(z) for z >= 0 by the series 1/2 + phi(z) (z + z^3/3 + z^5/15 + ...)."""
+    """Returns the normal CDF Phi(z) for z >= 0, computed by the series 1/2 + phi(z) (z + z^3/3 + z^5/15 + ...)."""
     term = total = z
     square, k = z * z, 1
     while term > decimal.Decimal("1e-20"):
@@ -84,9 +86,9 @@ def _pi() -> decimal.Decimal:
 
 @functools.cache
 def inverse_scale_table() -> np.ndarray:
-    """Reciprocals of the table's scales (in quantisation steps) with `INVERSE_BITS` fractional bits.
+    """Returns the reciprocals of the scale table (in quantisation steps) with `INVERSE_BITS` fractional bits.
 
-    Entry `16 e + m` stands for the scale `2**(e - 6) * (1 + (m + 1/2) / 16)`.
+    Entry `16 e + m` is the reciprocal of the scale `2**(e - 6) * (1 + (m + 1/2) / 16)`.
 
     Returns:
         int64 of length `NUM_SCALES`, decreasing.
@@ -103,12 +105,12 @@ def inverse_scale_table() -> np.ndarray:
 
 @functools.cache
 def half_width_table() -> np.ndarray:
-    """Half width, in symbols, of the window that a scale index gives a code of its own; beyond it symbols are escaped.
+    """Returns the half width of the window of integers that are coded without escape code, by scale index.
 
-    Ten standard deviations and 15 symbols more, at most 8191.
+    It is ten standard deviations plus 16, at most 8191.
 
     Returns:
-        int64 of length `NUM_SCALES`.
+        int64 of length `NUM_SCALES`, symbols.
     """
     inverse = inverse_scale_table()
     return _frozen([min(8191, ((10 << INVERSE_BITS) // int(v)) + 16) for v in inverse])
@@ -116,7 +118,9 @@ def half_width_table() -> np.ndarray:
 
 @functools.cache
 def weight_table() -> np.ndarray:
-    """Weight of a mixture's first component, in units of 2**-16, for logit differences -8 to 8 in steps of 1/16.
+    """Returns the weight of a mixture's first component by logit difference, in units of 2**-16.
+
+    The index is the logit difference, -8 to 8 (exclusive) in steps of 1/16.
 
     Returns:
         int64 of length `NUM_WEIGHTS`.
@@ -126,7 +130,7 @@ def weight_table() -> np.ndarray:
 
 @functools.cache
 def step_table(cells_per_unit: int, limit: int, bits: int) -> np.ndarray:
-    """The adaptive factor `1 + tanh(q)` of a quantisation step (HAC++, adaptive steps), in units of `2**-bits`.
+    """Returns the factors `1 + tanh(q)` of adaptive quantisation steps (HAC++) by q, in units of `2**-bits`.
 
     Args:
         cells_per_unit: Table entries per unit of q.
@@ -144,7 +148,7 @@ def step_table(cells_per_unit: int, limit: int, bits: int) -> np.ndarray:
 
 @functools.cache
 def exp2_table(cell_bits: int, bits: int) -> np.ndarray:
-    """Powers of two from 1 to 2 at multiples of `2**-cell_bits`, in units of `2**-bits`.
+    """Returns a table of powers of two: entry i is `2**(i / 2**cell_bits)`, from 1 to 2, with `bits` fractional bits.
 
     Returns:
         int64 of length `2**cell_bits + 1`.

@@ -1,1 +1,1 @@
-"""What every room does with files alike: tell what one is, read it within a limit, name it, write it as a whole."""
+"""File access shared by all packages: format detection, bounded reading, safe names, atomic writing."""

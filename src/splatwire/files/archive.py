@@ -1,9 +1,10 @@
-"""ZIP archives within limits: what a file of some kilobytes unpacks to is asked before it is unpacked."""
+"""Reading of ZIP archives with size limits that are checked before decompression."""
 
 import contextlib
 import io
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,14 +12,16 @@ from splatwire.errors import SplatwireError
 from splatwire.files.capped import open_regular
 
 MAX_DIRECTORY_BYTES = 1 << 20
-"""Of the list of members; each byte of it takes some 15 in memory."""
+"""Maximum size of the archive's directory (list of members), bytes; parsing takes about 15 times the memory."""
+_FIRST_MEMBER = b"PK\x03\x04"
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-"""How members may be packed. Python unpacks those of bzip2 and LZMA a block at a time, whatever comes out of it."""
+"""Accepted compression methods; bzip2 and LZMA are excluded, because Python decompresses them in blocks of unbounded
+size."""
 _DAMAGED = (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, UnicodeDecodeError, zlib.error, OSError)
 
 
 class _Measured(io.BufferedReader):
-    """A file that, while its directory is read, gives no more than such a list may have."""
+    """File object for parsing an archive that limits how much of the archive's directory is read."""
 
     limited = True
 
@@ -33,15 +36,15 @@ class _Measured(io.BufferedReader):
 
 
 class Archive:
-    """An open archive.
+    """An open ZIP archive.
 
     Args:
         path: The file, for messages.
         bundle: The open archive.
-        error: What is raised.
+        error: Exception class to raise for a damaged archive.
 
     Attributes:
-        sizes: Bytes of each member when it is unpacked, by name.
+        sizes: Decompressed size of each member in bytes, by name.
     """
 
     def __init__(self, path: Path, bundle: zipfile.ZipFile, error: type[SplatwireError]) -> None:
@@ -50,14 +53,15 @@ class Archive:
         self._left = path.stat().st_size
 
     def read(self, name: str, limit: int) -> bytes:
-        """Unpacks a member.
+        """Decompresses a member.
 
         Args:
-            name: Its name.
-            limit: Most bytes that it may have.
+            name: Name of the member.
+            limit: Maximum decompressed size, bytes.
 
         Raises:
-            SplatwireError: If it is missing, larger, packed in another way than deflate, or damaged.
+            SplatwireError: If the member is missing, larger than the limit, compressed with a method other than
+                deflate, or damaged.
         """
         if name not in self.sizes:
             raise self._error(f"{self._path}: {name[:80]} is missing")
@@ -73,10 +77,10 @@ class Archive:
             raise _damaged(self._path, problem, self._error) from problem
 
     def read_stored(self, name: str, limit: int) -> bytes:
-        """Reads a member that is stored as it is; all that are read so together are no larger than the file.
+        """Reads an uncompressed member; the total size of all members read in this way is limited to the file size.
 
         Raises:
-            SplatwireError: If it is packed, as `read` says, or members overlap.
+            SplatwireError: If the member is compressed, members overlap, or `read` fails.
         """
         if name in self.sizes and self._bundle.getinfo(name).compress_type != zipfile.ZIP_STORED:
             raise self._error(f"{self._path}: {name[:80]} is packed, PyTorch stores it as it is")
@@ -87,10 +91,10 @@ class Archive:
         return data
 
     def refuse_packed(self) -> None:
-        """Checks that members are stored as they are, side by side: then all of them are no larger than the file.
+        """Checks that all members are uncompressed and do not overlap, so that their total size is limited.
 
         Raises:
-            SplatwireError: If one is packed, or they overlap.
+            SplatwireError: If a member is compressed, or members overlap.
         """
         for entry in self._bundle.infolist():
             if entry.compress_type != zipfile.ZIP_STORED:
@@ -99,27 +103,39 @@ class Archive:
             raise self._error(f"{self._path}: its members overlap")
 
 
+def _begins_as_zip(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(_FIRST_MEMBER)) == _FIRST_MEMBER
+
+
 @contextlib.contextmanager
 def open_archive(path: Path, error: type[SplatwireError]) -> Iterator[Archive]:
     """Opens a ZIP archive.
 
     Args:
         path: The file.
-        error: What is raised: the kind of error that the caller's room speaks of.
+        error: Exception class to raise for a damaged archive.
 
     Raises:
-        SplatwireError: An `error` if it is no ordinary file, no archive, or damaged.
+        SplatwireError: An `error` if it is not an ordinary file, not an archive, damaged, or has two members of one
+            name.
     """
-    open_regular(path, error).close()
     with contextlib.ExitStack() as stack:
+        file = stack.enter_context(_Measured(open_regular(path, error).detach()))
         try:
-            file = stack.enter_context(_Measured(io.FileIO(path)))
             bundle = stack.enter_context(zipfile.ZipFile(file))
         except _DAMAGED as problem:
             raise _damaged(path, problem, error) from problem
         file.limited = False
+        names = [entry.filename for entry in bundle.infolist()]
+        if len(set(names)) < len(names):
+            twice = next(name for name, count in Counter(names).items() if count > 1)
+            raise error(f"{path}: the zip has two members {twice[:80]!r}")
         yield Archive(path, bundle, error)
 
 
 def _damaged(path: Path, problem: Exception, error: type[SplatwireError]) -> SplatwireError:
+    if isinstance(problem, zipfile.BadZipFile) and _begins_as_zip(path) and not zipfile.is_zipfile(path):
+        size = path.stat().st_size
+        return error(f"{path}: the zip is cut after {size:,} bytes: the list of its members at the end is missing")
     return error(f"{path}: the zip is damaged: {problem}")

@@ -1,4 +1,4 @@
-"""Reading within a limit: no pipe that blocks, no device without an end, no file that fills the memory."""
+"""Bounded reading of ordinary files: never blocks on pipes or devices, never exceeds a size limit."""
 
 import json
 import stat
@@ -8,36 +8,40 @@ from typing import Any
 
 from splatwire.errors import SplatwireError
 from splatwire.files.kinds import is_not
+from splatwire.files.opened import OpenedFile
 
 MAX_JSON_BYTES = 64 << 20
-"""The poses of some 50,000 photos; what is parsed takes up to 25 times the memory."""
+"""Maximum size of a JSON file, bytes: that of the camera poses of about 50,000 photos. Parsing takes up to 25 times the
+memory."""
 
 
 def open_regular(path: Path, error: type[SplatwireError]) -> BufferedReader:
-    """Opens an ordinary file for reading.
+    """Opens an ordinary file (no pipe or device) for reading.
 
     Args:
-        path: The file.
-        error: What is raised: the kind of error that the caller's room speaks of.
+        path: The file. The path of an open file (`splatwire.files.kinds.opened`) is not opened again.
+        error: Exception class to raise if the path is not an ordinary file.
 
     Raises:
         SplatwireError: An `error` if it is missing, a folder, a pipe or a device, or cannot be read.
     """
+    if isinstance(path, OpenedFile) and (file := path.reader()) is not None:
+        return file
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise error(is_not(path, "an ordinary file"))
         return path.open("rb")
     except FileNotFoundError as problem:
         raise error(is_not(path, "an ordinary file")) from problem
-    except (OSError, ValueError) as problem:  # ValueError: a name with a zero byte
+    except (OSError, ValueError) as problem:  # ValueError: the path contains a zero byte
         raise error(f"{path} cannot be read: {getattr(problem, 'strerror', None) or problem}") from problem
 
 
 def read_at_most(path: Path, size: int, error: type[SplatwireError]) -> bytes:
-    """Reads the first `size` bytes of an ordinary file, or all if it has fewer.
+    """Reads the first `size` bytes of an ordinary file, or all if it is shorter.
 
     Raises:
-        SplatwireError: An `error` as `open_regular`.
+        SplatwireError: An `error`, see `open_regular`.
     """
     with open_regular(path, error) as file:
         try:
@@ -50,7 +54,7 @@ def read_capped(path: Path, limit: int, error: type[SplatwireError]) -> bytes:
     """Reads an ordinary file of at most `limit` bytes.
 
     Raises:
-        SplatwireError: An `error` as `open_regular`, or if the file is larger.
+        SplatwireError: An `error`, see `open_regular`, or if the file is larger.
     """
     data = read_at_most(path, limit + 1, error)
     if len(data) > limit:
@@ -61,11 +65,13 @@ def read_capped(path: Path, limit: int, error: type[SplatwireError]) -> bytes:
 def read_json(path: Path, error: type[SplatwireError]) -> Any:
     """Reads a JSON file of at most `MAX_JSON_BYTES`.
 
+    A byte order mark at the beginning is skipped.
+
     Raises:
-        SplatwireError: An `error` as `read_capped`, or if it is not JSON.
+        SplatwireError: An `error`, see `read_capped`, or if it is not JSON.
     """
     data = read_capped(path, MAX_JSON_BYTES, error)
     try:
-        return json.loads(data.decode("utf-8"))
+        return json.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError) as problem:
         raise error(is_not(path, "readable JSON", str(problem))) from problem

@@ -1,4 +1,4 @@
-"""JSON of figures."""
+"""JSON serialisation of results with numbers that may not be finite."""
 
 import json
 import math
@@ -7,17 +7,17 @@ from typing import Any
 
 
 def json_text(content: Mapping[str, Any], indent: int | None = None) -> str:
-    """JSON text; numbers that JSON does not have become null.
+    """Serialises to JSON; numbers that are not finite become null.
 
     Args:
         content: Mappings, lists and plain values.
-        indent: Blanks for each level; None for one line.
+        indent: Spaces per level; None for one line.
     """
     return json.dumps(json_ready(content), indent=indent, allow_nan=False)
 
 
 def json_ready(value: Any) -> Any:
-    """The same value as JSON has it: numbers that it does not have are None, keys text."""
+    """Converts a value for JSON: numbers that are not finite become None, keys become strings."""
     if isinstance(value, Mapping):
         return {str(key): json_ready(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

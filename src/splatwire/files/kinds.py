@@ -1,30 +1,45 @@
-"""What a file or folder is, told by its first bytes, and what can be done with it: the one place that knows."""
+"""Detection of file and folder formats by their first bytes, with the operations available for each."""
 
+import itertools
 import json
+import logging
 import lzma
+import os
 import re
 import stat
 import struct
 import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
+from splatwire.files.opened import OpenedFile
+from splatwire.files.scene_formats import FORMATS, FileFormat
+
+_LOG = logging.getLogger(__name__)
 _HEAD_BYTES = 1 << 16
 _MAX_DIGITS = 20
+_MAX_PARENTS, _MAX_FOLDERS, _MAX_ENTRIES = 3, 32, 4096
+"""Limits of `folder_nearby`: parents of a path; folders looked at in a folder; entries read of a folder."""
 _MAX_SAFETENSORS_HEADER = 1 << 22
 _SPLAT_BYTES = 32
+_POINT_CLOUD, _TRAINED_PLY = "point_cloud", "point_cloud.ply"
+"""Names of 3DGS in a model folder."""
 _SOG_SUFFIXES = (".sog", ".zip")
+_USDZ_SUFFIX = ".usdz"
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of file or folder.
+    """Detected format of a file or folder.
 
     Attributes:
-        key: Its short name, for programs.
-        what: What it is, as a noun with its article.
-        use: What can be done with it, as the rest of a sentence; empty where there is nothing to say.
+        key: Short identifier.
+        what: Description with its article, such as `a PLY file`, for messages.
+        use: Hint for error messages: the operations available for this format, as the end of a sentence; may be empty.
     """
 
     key: str
@@ -65,6 +80,10 @@ OTHER_PLY = Kind("other ply", "a PLY file without Gaussians")
 SPLAT = Kind("splat", "a .splat file", _EXPLICIT)
 KSPLAT = Kind("ksplat", "a .ksplat file", _EXPLICIT)
 SPLATV = Kind("splatv", "a .splatv file of Gaussians that move", "`encode` makes a clip of it")
+FOURDGS = Kind("4dgs", "a .4dgs file of Gaussians that move", SPLATV.use)
+SPLAT4D = Kind("splat4d", "a .splat4d file of Gaussians that move", SPLATV.use)
+CLIP_FILES = (SPLATV, FOURDGS, SPLAT4D)
+"""Files with all frames of a clip."""
 SPZ = Kind("spz", "an SPZ file", _EXPLICIT)
 SOG = Kind("sog", "a SOG file", _EXPLICIT)
 SOG_FOLDER = Kind("sog folder", "a folder of SOG", _EXPLICIT)
@@ -72,13 +91,14 @@ SOG_META = Kind("sog meta", "the meta.json of a folder of SOG", _EXPLICIT)
 SOG_LEVELS = Kind("streamed sog", "a streamed SOG with levels", _EXPLICIT)
 GLB = Kind("glb", "a glTF file", "`import splats` reads it if it holds Gaussians")
 GLTF = Kind("gltf", "a glTF document", GLB.use)
+USD = Kind("usd", "an OpenUSD scene", _EXPLICIT)
 CAMERAS = Kind("cameras", "a cameras file", "it is for --cameras")
 TRANSFORMS = Kind("transforms", "a list of camera poses", "--data takes the folder that it is in")
 JSON = Kind("json", "a JSON file")
 LFS = Kind("lfs", "a pointer of Git LFS, not the file itself", "fetch it with `git lfs pull`")
 HTML = Kind("html", "an HTML page", "a download may have gone wrong")
 TEXT = Kind("text", "a text file")
-UNKNOWN = Kind("unknown", "of no kind that is known here")
+UNKNOWN = Kind("unknown", "a file of an unknown format")
 PYTORCH = "a PyTorch file, which is a pickle and never opened, because it could run any program"
 GSPLAT_CHECKPOINT = Kind(
     "gsplat checkpoint",
@@ -97,6 +117,12 @@ TORCH = Kind(
 )
 PICKLE = Kind("pickle", "a pickle, which is never opened, because it could run any program", TORCH.use)
 MODEL_3DGS = Kind("3dgs", "a model folder of 3DGS", f"{_EXPLICIT} (the PLY of the last iteration)")
+GSPLAT_RESULTS = Kind(
+    "gsplat results",
+    "a results folder of gsplat",
+    f"its ply/point_cloud_*.ply is read, its checkpoints are pickles and never opened; {GSPLAT_CHECKPOINT.use}",
+)
+NERFSTUDIO_RESULTS = Kind("nerfstudio results", "a results folder of nerfstudio", NERFSTUDIO_CHECKPOINT.use)
 HACPP = Kind("hacpp", "a model folder of HAC++ or Scaffold-GS", "`import hacpp` and `import scaffold` read it")
 DATASET = Kind("dataset", "a folder of posed photos", "`train` reads it, and `--data` of other verbs")
 PHOTOS = Kind(
@@ -106,16 +132,19 @@ PHOTOS = Kind(
     "SCENE/images, `colmap automatic_reconstructor --image_path SCENE/images --workspace_path SCENE --dense 0`; then "
     "`splatwire train SCENE`",
 )
+FRAMES = Kind("frames", "a folder of files of Gaussians", "name one of them, or `encode` makes a clip of them")
 EMPTY_FOLDER = Kind("empty folder", "an empty folder")
 FOLDER = Kind("folder", "a folder without stream, model or dataset")
-_GAUSSIANS = (SPLATS_PLY, COMPRESSED_PLY, SPZ, SOG, SOG_FOLDER, SPLAT, KSPLAT, GLB)
+_CERTAIN = (EMPTY, DEVICE, UNREADABLE, UNKNOWN, EMPTY_FOLDER, FOLDER)
+"""Kinds that are no guess from the content, for the wording of messages."""
+_GAUSSIANS = (SPLATS_PLY, COMPRESSED_PLY, SPZ, SOG, SOG_FOLDER, SPLAT, KSPLAT, GLB, USD)
 STREAMS = (STREAM, STREAM_GLB, STREAM_FOLDER)
-"""What `read_stream` reads."""
+"""Formats accepted by `read_stream`."""
 SCENE_FILES = (SCENE, PARTIAL, TENSORS)
-"""What may hold a scene of anchors; its reader says more of it."""
+"""Formats of scene files of neural anchors; the reader of the file determines the exact format."""
 SOG_META_NAME, SOG_LEVELS_NAME = "meta.json", "lod-meta.json"
 _BY_NAME = {SOG_META_NAME: SOG_META, SOG_LEVELS_NAME: SOG_LEVELS}
-"""JSON files that only their names tell."""
+"""JSON file formats that are identified by the file name."""
 _PICTURE_USE = "photos are read with their poses, as a dataset folder"
 GLB_MAGIC, EXT_SPLATWIRE, MAX_GLB_JSON_BYTES = b"glTF", "EXT_splatwire", 4 << 20
 _MAGICS: tuple[tuple[bytes, Kind], ...] = (
@@ -130,12 +159,16 @@ _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"\x93NUMPY", Kind("npy", "a NumPy array")),
     (b"PAR1", Kind("parquet", "a Parquet table")),
     (b"%PDF", Kind("pdf", "a PDF document")),
+    (b"\x894DGS1\r\n", FOURDGS),
+    (b"SP4D", SPLAT4D),
+    (b"PXR-USDC", USD),
+    (b"#usda ", USD),
     (b"NGSP", SPZ),
     (b"\x4b\x67\0\0", SPLATV),
     (b"version https://git-lfs", LFS),
 )
 _OLD_TORCH = b"\x80\x02\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19."
-"""First bytes of what `torch.save` wrote before release 1.6: a pickled number."""
+"""First bytes of `torch.save` files from before release 1.6: a pickled number."""
 _PLY = (b"ply\n", b"ply\r")
 XZ_MAGIC = b"\xfd7zXZ\0"
 _XZ_MEMORY_LIMIT = 80 << 20
@@ -146,76 +179,193 @@ _OF_SCENES = {
 }
 _CAMERAS_3DGS = (b'"position"', b'"rotation"', b'"fx"', b'"fy"')
 _DATASET_NAMES = ("sparse", "colmap", "poses_enu.json", "transforms.json", "transforms_train.json")
+_GAUSSIAN_SUFFIXES = (".ply", ".spz", ".sog", ".splat", ".ksplat", ".glb", ".usd", ".usda", ".usdc", ".usdz")
+_RESULTS = {"ckpts": GSPLAT_RESULTS, "nerfstudio_models": NERFSTUDIO_RESULTS}
+"""Results folders of training programs, by the name of the folder of their checkpoints."""
 _PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
 _CONTROL = bytes(set(range(32)) - set(b"\t\n\r\f\x1b"))
 
 
 def file_kind(path: Path) -> Kind:
-    """Tells what lies at a path; whatever it is, this raises nothing, reads little and does not block."""
+    """Detects the format of a file or folder.
+
+    Never raises, reads little, and does not block.
+    """
+    if isinstance(path, OpenedFile) and path.kind is not None:
+        return path.kind
+    kind, file = _detect(path)
+    if file is not None:
+        file.close()
+    return kind
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Path]:
+    """Opens a file once for the detection of its format and for all readers that get the yielded path.
+
+    Never raises and does not block: readers report a path that cannot be read, and open files within folders
+    themselves. A path that is already open is yielded unchanged.
+    """
+    if isinstance(path, OpenedFile) and path.kind is not None:
+        yield path
+        return
+    source = OpenedFile(path)
+    source.attach(*_detect(path))
+    try:
+        yield source
+    finally:
+        source.detach()
+
+
+def _detect(path: Path) -> tuple[Kind, BufferedReader | None]:
+    """Returns the format of a file or folder, and the open file; None for a folder or an unreadable path."""
+    file = None
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
-            return _folder_kind(path)
+            return _folder_kind(path), None
         if not stat.S_ISREG(status.st_mode):
-            return DEVICE
-        with path.open("rb") as file:
-            head = file.read(_HEAD_BYTES)
-            (length,) = struct.unpack("<Q", head[:8]) if len(head) > 8 else (0,)
-            if head[8:9] == b"{" and len(head) - 8 < length <= _MAX_SAFETENSORS_HEADER:
-                head += file.read(length + 8 - len(head))
-            if head.startswith(GLB_MAGIC):
-                head += file.read(max(0, _glb_json_end(head) - len(head)))
+            return DEVICE, None
+        file = path.open("rb")
+        head = file.read(_HEAD_BYTES)
+        (length,) = struct.unpack("<Q", head[:8]) if len(head) > 8 else (0,)
+        if head[8:9] == b"{" and len(head) - 8 < length <= _MAX_SAFETENSORS_HEADER:
+            head += file.read(length + 8 - len(head))
+        if head.startswith(GLB_MAGIC):
+            head += file.read(max(0, _glb_json_end(head) - len(head)))
     except (FileNotFoundError, NotADirectoryError):
-        return NOTHING
+        return NOTHING, None
     except (OSError, ValueError):
-        return UNREADABLE
-    kind = kind_of_bytes(head, status.st_size, path.suffix.lower())
-    return _BY_NAME.get(path.name, kind) if kind == JSON else kind
-
-
-def holds_frames(path: Path) -> bool:
-    """Returns True for a `.splatv` file, and for a folder that is no scene itself and holds files of Gaussians."""
-    kind = file_kind(path)
-    if kind not in (FOLDER, PHOTOS, DATASET):
-        return kind == SPLATV
-    try:
-        return any(file_kind(child) in _GAUSSIANS for child in path.iterdir())
-    except OSError:
-        return False
+        if file is not None:
+            file.close()
+        return UNREADABLE, None
+    suffix = path.suffix.lower()
+    kind = _built_in_kind(head, status.st_size, suffix)
+    kind = _BY_NAME[path.name] if kind == JSON and path.name in _BY_NAME else _claimed(kind, head, suffix)
+    return kind, file
 
 
 def trained_ply(folder: Path) -> Path | None:
-    """Returns `point_cloud/iteration_N/point_cloud.ply` of a model folder, of the highest N; None without one."""
+    """Returns the PLY of the last iteration in a 3DGS model folder, or None.
+
+    The path is `point_cloud/iteration_N/point_cloud.ply`, with the highest N. `folder` may be the model folder, its
+    subfolder `point_cloud`, or the folder of one iteration.
+    """
+    if _iteration(folder) is not None:
+        return ply if (ply := folder / _TRAINED_PLY).is_file() else None
     found = {}
-    for ply in folder.glob("point_cloud/iteration_*/point_cloud.ply"):
-        number = ply.parent.name.removeprefix("iteration_")
-        if number.isascii() and number.isdigit() and len(number) < _MAX_DIGITS and ply.is_file():
-            found[int(number)] = ply
+    for iteration in (folder if folder.name == _POINT_CLOUD else folder / _POINT_CLOUD).glob("iteration_*"):
+        if (number := _iteration(iteration)) is not None and (iteration / _TRAINED_PLY).is_file():
+            found[number] = iteration / _TRAINED_PLY
     return found[max(found)] if found else None
 
 
+def _iteration(folder: Path) -> int | None:
+    """Returns the number of a folder `iteration_N` of a trained model; None for other names."""
+    number = folder.name.removeprefix("iteration_")
+    is_number = number != folder.name and number.isascii() and number.isdigit() and len(number) < _MAX_DIGITS
+    return int(number) if is_number else None
+
+
 def is_not(path: Path, wanted: str, why: str = "") -> str:
-    """The message of an error: what a path is not, and what it is instead.
+    """Returns an error message with the expected and the detected format of a path.
 
     Args:
         path: The file or folder.
-        wanted: What it should be, with its article.
-        why: What told so, if there is something to say.
+        wanted: Description of the expected format, with its article.
+        why: Reason for the rejection, added in brackets; may be empty.
     """
     kind = file_kind(path)
     if kind == NOTHING:
         return f"{path}: {NOTHING}"
-    return f"{path}: not {wanted}{f' ({why})' if why else ''}; it looks like {kind}"
+    verb = "is" if kind in _CERTAIN else "looks like"
+    return f"{path}: not {wanted}{f' ({why})' if why else ''}; it {verb} {kind}"
+
+
+def model_nearby(path: Path, *kinds: Kind) -> str:
+    """Returns the end of an error message that names a model folder above or below a path; empty if there is none.
+
+    Args:
+        path: A file or folder that was rejected.
+        kinds: Kinds of model folders that are accepted.
+    """
+    found = folder_nearby(path, lambda folder: folder != path and file_kind(folder) in kinds)
+    return "" if found is None else f"; {found} looks like {file_kind(found).what}"
+
+
+def folder_nearby(path: Path, accepts: Callable[[Path], bool]) -> Path | None:
+    """Finds the folder that was probably meant, for hints in error messages.
+
+    Searches the parents of a path, nearest first, then the folders in the path, then the folders in these. At most
+    `_MAX_FOLDERS` folders of each folder are searched. Returns None if no folder is accepted, or the path does not
+    exist.
+
+    Args:
+        path: A file or folder that was rejected.
+        accepts: True for a folder of the expected kind.
+    """
+    if file_kind(path) in (NOTHING, UNREADABLE):
+        return None
+    try:
+        inside = _folders(path)
+        parents = list(path.absolute().parents)[:_MAX_PARENTS]
+        deeper = (child for folder in inside for child in _folders(folder))
+        return next((folder for folder in (*parents, *inside, *deeper) if accepts(folder)), None)
+    except OSError:
+        return None
+
+
+def _folders(path: Path) -> list[Path]:
+    """Returns the folders in a folder, sorted, without links; empty for a file."""
+    if not path.is_dir():
+        return []
+    entries = itertools.islice(os.scandir(path), _MAX_ENTRIES)
+    names = sorted(entry.name for entry in entries if entry.is_dir(follow_symlinks=False))
+    return [path / name for name in names[:_MAX_FOLDERS]]
 
 
 def kind_of_bytes(head: bytes, size: int, suffix: str = "") -> Kind:
-    """Tells what a file is.
+    """Detects the format of a file from its first bytes.
 
     Args:
-        head: Its first bytes.
-        size: Its whole size, bytes.
-        suffix: Suffix of its name; it decides for `.splat`, `.ksplat` and SOG, which have no mark of their own.
+        head: First bytes of the file.
+        size: Size of the file, bytes.
+        suffix: Suffix of the file name; only relevant for `.splat`, `.ksplat` and SOG, which have no magic number.
     """
+    return _claimed(_built_in_kind(head, size, suffix), head, suffix)
+
+
+def kind_of_format(form: FileFormat) -> Kind:
+    """Returns the kind of file for a scene format that another package has registered."""
+    return Kind(form.name, form.what, _EXPLICIT if form.scene_type is None else SCENE.use)
+
+
+def _claimed(kind: Kind, head: bytes, suffix: str) -> Kind:
+    """Returns the first format of an installed package that recognises a file of a format unknown to this package.
+
+    Args:
+        kind: Result of the built-in detection; returned if it is a known format or no package recognises the file.
+        head: First bytes of the file.
+        suffix: Suffix of the file name.
+    """
+    if kind.use or kind == EMPTY:
+        return kind
+    for form in FORMATS.all().values():
+        if form.recognises is not None and _recognised(form, head, suffix):
+            return kind_of_format(form)
+    return kind
+
+
+def _recognised(form: FileFormat, head: bytes, suffix: str) -> bool:
+    assert form.recognises is not None
+    try:
+        return bool(form.recognises(head[:_HEAD_BYTES], suffix))
+    except Exception as error:  # code of another package may raise anything
+        _LOG.warning("file format '%s'%s cannot look at a file: %r", form.name, FORMATS.brought_by(form.name), error)
+        return False
+
+
+def _built_in_kind(head: bytes, size: int, suffix: str) -> Kind:
     if not head:
         return EMPTY
     if head.startswith(XZ_MAGIC):
@@ -231,27 +381,35 @@ def kind_of_bytes(head: bytes, size: int, suffix: str = "") -> Kind:
     if head.startswith(b"PK\x03\x04"):
         if (torch := _torch_kind(head)) is not None:
             return torch
+        if suffix == _USDZ_SUFFIX:
+            return USD
         return SOG if suffix in _SOG_SUFFIXES else Kind("zip", "a ZIP archive, as NumPy and SOG files are")
     if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
         return Kind("picture", "a WebP picture", _PICTURE_USE)
     if head[8:9] == b"{" and struct.unpack("<Q", head[:8])[0] < size:
         return _tensors_kind(head)
-    if suffix == ".splat" and size % _SPLAT_BYTES == 0:
-        return SPLAT
     if suffix == ".ksplat" and head[0] == 0:
         return KSPLAT
     kind = _weak_kind(head)
+    if suffix == ".splat" and not _is_text(head) and (kind == UNKNOWN or size % _SPLAT_BYTES == 0):
+        return SPLAT  # its reader names the size of a file that is cut within a row
     return GLTF if suffix == ".gltf" and kind in (JSON, CAMERAS, TRANSFORMS) else kind
 
 
 def _glb_json_end(head: bytes) -> int:
-    """Where the document of a binary glTF ends, which tells whether a stream is in the file; 0 if it is absurd."""
+    """Returns the byte offset of the end of the JSON chunk of a binary glTF file; 0 if it is implausible.
+
+    The JSON chunk is read to detect an embedded stream.
+    """
     (size,) = struct.unpack("<I", head[12:16]) if len(head) >= 20 else (0,)
     return 20 + size if 0 < size <= MAX_GLB_JSON_BYTES else 0
 
 
 def _torch_kind(head: bytes) -> Kind | None:
-    """Kind of an archive of PyTorch, by its first entry's name and texts of its pickle; None for another archive."""
+    """Detects a PyTorch archive from its first bytes; None for other archives.
+
+    It is recognised by the name of its first entry and by strings of its pickle.
+    """
     (length,) = struct.unpack("<H", head[26:28]) if len(head) >= 28 else (0,)
     if not re.fullmatch(
         rb"[^/]+/(data\.pkl|data/\d+|constants\.pkl|version|byteorder|code/.*)", head[30 : 30 + length]
@@ -263,7 +421,7 @@ def _torch_kind(head: bytes) -> Kind | None:
 
 
 def _weak_kind(head: bytes) -> Kind:
-    """Kinds of which a file of numbers can have the first bytes by chance."""
+    """Detects formats by bytes that may also occur by chance in other binary data; tried last."""
     if head.startswith(b"\x1f\x8b"):
         return SPZ if _unpacked(head).startswith(b"NGSP") else Kind("gzip", "a gzip archive")
     if re.match(rb"\x80[\x02-\x05]", head):
@@ -275,15 +433,17 @@ def _weak_kind(head: bytes) -> Kind:
         return _json_kind(plain)
     if re.match(rb"<(!doctype html|html|head)", plain[:16], re.IGNORECASE):
         return HTML
-    return UNKNOWN if head.translate(None, _CONTROL) != head or _not_text(head) else TEXT
+    return TEXT if _is_text(head) else UNKNOWN
 
 
-def _not_text(head: bytes) -> bool:
+def _is_text(head: bytes) -> bool:
+    if head.translate(None, _CONTROL) != head:
+        return False
     try:
         head[: _HEAD_BYTES // 2].decode("utf-8")
     except UnicodeDecodeError as error:
-        return error.end < min(len(head), _HEAD_BYTES // 2) - 4  # else only the cut goes through a character
-    return False
+        return error.end >= min(len(head), _HEAD_BYTES // 2) - 4  # the error may be a character cut at the end
+    return True
 
 
 def _unpacked(head: bytes) -> bytes:
@@ -351,12 +511,17 @@ def _folder_kind(folder: Path) -> Kind:
         return SOG_FOLDER
     if SOG_LEVELS_NAME in names:
         return SOG_LEVELS
-    if "point_cloud" in names and (folder / "point_cloud").is_dir():
-        ply = trained_ply(folder)
-        return MODEL_3DGS if ply is not None and file_kind(ply) in (SPLATS_PLY, COMPRESSED_PLY) else HACPP
+    if (ply := trained_ply(folder)) is not None and file_kind(ply) in (SPLATS_PLY, COMPRESSED_PLY):
+        return MODEL_3DGS
+    if _POINT_CLOUD in names and (folder / _POINT_CLOUD).is_dir():
+        return HACPP
     if any(name in names for name in _DATASET_NAMES):
         return DATASET
     if names & {"manifest.json", "side_info.bin"} or any(name.endswith(".pak") for name in names):
         return STREAM_FOLDER
     inside = {entry.name for entry in (folder / "images").iterdir()} if (folder / "images").is_dir() else set()
-    return PHOTOS if any(Path(name).suffix.lower() in _PHOTO_SUFFIXES for name in names | inside) else FOLDER
+    if any(Path(name).suffix.lower() in _PHOTO_SUFFIXES for name in names | inside):
+        return PHOTOS
+    if any(Path(name).suffix.lower() in _GAUSSIAN_SUFFIXES for name in names):
+        return FRAMES
+    return next((kind for name, kind in _RESULTS.items() if name in names or folder.name == name), FOLDER)

@@ -1,4 +1,4 @@
-"""Large arrays that need no memory: their pages are those of a temporary file, written out when memory is short."""
+"""Large arrays backed by an unlinked temporary file (mmap), so that the system can page them out."""
 
 import mmap
 import os
@@ -11,14 +11,14 @@ LARGE_BYTES = 32 << 20
 
 
 def large_empty(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
-    """An array whose content is undefined, as `np.empty` makes it.
+    """Allocates an array with undefined content; large arrays can exceed the main memory.
 
-    From `LARGE_BYTES` on it lies in a temporary file without a name, which is gone with the array; in memory where
-    there is no room on disk (`TMPDIR` says which disk).
+    From `LARGE_BYTES` on, the array is backed by an unlinked temporary file that is freed with the array. Falls back to
+    memory if the disk is full; `TMPDIR` selects the disk.
 
     Args:
-        shape: Of the array.
-        dtype: Of its elements.
+        shape: Shape of the array.
+        dtype: Type of its elements.
     """
     count, kind = int(np.prod(shape, dtype=np.int64)), np.dtype(dtype)
     size = count * kind.itemsize
@@ -27,7 +27,7 @@ def large_empty(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
     try:
         with tempfile.TemporaryFile() as file:
             if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(file.fileno(), 0, size)  # a full disk is told now, not by a signal
+                os.posix_fallocate(file.fileno(), 0, size)  # reports a full disk here instead of as a later SIGBUS
             else:
                 file.truncate(size)
             pages = mmap.mmap(file.fileno(), size)

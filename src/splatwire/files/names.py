@@ -1,28 +1,54 @@
-"""File names for things that people named."""
+"""Safe file names for user-supplied names, and validation of paths."""
 
+import os
 from collections.abc import Iterable
+from pathlib import Path
+
+from splatwire.errors import InvalidValueError
 
 _MAX_CHARACTERS = 80
 _MAX_BYTES = 200
-"""A name may have 255 bytes on common file systems; a number and a suffix are still to come."""
+"""Maximum length of a file name, bytes. Common file systems allow 255; the rest is reserved for a number and a
+suffix."""
 
 
-def safe_name(name: str, instead: str = "unnamed") -> str:
-    """A file name without folders or surprises; `instead` where nothing of the name is left."""
+def safe_name(name: str, fallback: str = "unnamed") -> str:
+    """Converts a name to a file name without separators and special characters; `fallback` if nothing is left."""
     plain = "".join(c if c.isalnum() or c in "-_." else "_" for c in name).strip("._")[:_MAX_CHARACTERS]
-    return plain.encode("utf-8")[:_MAX_BYTES].decode("utf-8", "ignore") or instead
+    return plain.encode("utf-8")[:_MAX_BYTES].decode("utf-8", "ignore") or fallback
 
 
-def distinct_names(names: Iterable[str], instead: str = "unnamed") -> tuple[str, ...]:
-    """Safe file names of which no two are equal, not even where case does not count; later ones get a number."""
+def distinct_names(names: Iterable[str], fallback: str = "unnamed") -> tuple[str, ...]:
+    """Converts names to file names that are unique even without letter case; repeated names get a number."""
     found: list[str] = []
     taken: set[str] = set()
     last: dict[str, int] = {}
     for name in names:
-        plain = chosen = safe_name(name, instead)
+        plain = chosen = safe_name(name, fallback)
         while chosen.casefold() in taken:
             last[plain.casefold()] = number = last.get(plain.casefold(), 1) + 1
             chosen = f"{plain}_{number}"
         taken.add(chosen.casefold())
         found.append(chosen)
     return tuple(found)
+
+
+def path_of(value: object, what: str = "a file or folder") -> Path:
+    """Validates a path argument of a public function, and converts it to a `Path`.
+
+    Args:
+        value: Text or a path.
+        what: Expected content at the path, for the message.
+
+    Raises:
+        InvalidValueError: If `value` has another type, is empty or is not a valid path. Paths as bytes are rejected
+            too; callers can convert them with `os.fsdecode`.
+    """
+    if not isinstance(value, (str, os.PathLike)) or not isinstance(os.fspath(value), str):
+        raise InvalidValueError(
+            f"expected the path of {what}, such as 'scene.ply' or pathlib.Path('scene.ply'), not {type(value).__name__}"
+        )
+    text = os.fspath(value)
+    if not text or "\0" in text:
+        raise InvalidValueError(f"expected the path of {what}, not {'an empty text' if not text else repr(text[:60])}")
+    return value if isinstance(value, Path) else Path(text)

@@ -1,8 +1,8 @@
-"""Files and folders that are there as a whole or not at all: the one way in which anything is written.
+"""Atomic writing of files and folders; all output of the package uses it.
 
-A writer works in a hidden folder beside its target, `.splatwire-<id>.part`, and at the end moves the result to its
-name. An error removes the hidden folder. A killed writer cannot; but it held a lock on the folder, which the kernel
-gives free, so the next writer beside it sees that nobody works there any more and removes it.
+Output is first written to a hidden folder next to the target, `.splatwire-<id>.part`, and finally renamed. An error
+removes the hidden folder. A killed writer leaves it behind, but the kernel releases its lock. The next writer in the
+same parent folder finds the released lock and removes the hidden folder.
 """
 
 import errno
@@ -10,46 +10,48 @@ import functools
 import os
 import re
 import shutil
+import stat
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from splatwire.errors import InvalidValueError
+from splatwire.files.names import path_of
 
 try:
     import fcntl
-except ImportError:  # Windows: writing is whole there, too, but what a killed writer left stays
+except ImportError:  # Windows: writing is atomic too, but leftovers of killed writers stay
     fcntl = None  # type: ignore[assignment]
 
 _START, _END = ".splatwire-", ".part"
 _WORKSPACE = re.compile(r"\.splatwire-[0-9a-f]{12}\.part")
-"""Names of hidden folders, as `_workspace` makes them."""
+"""Name pattern of hidden folders created by `_workspace`."""
 _NEW, _OLD = "new", "old"
+_UNFINISHED = re.compile(rf"{_WORKSPACE.pattern}[/\\]{_NEW}[/\\]")
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 @contextmanager
-def written_whole(target: str | os.PathLike[str]) -> Iterator[Path]:
-    """Gives a path to write a file or a folder to, of the target's name; at the end it becomes the target.
+def written_whole(target: str | os.PathLike[str], *, parents: bool = False) -> Iterator[Path]:
+    """Yields a temporary path for a file or folder; on success it replaces the target atomically.
 
     A reader sees the old file or the new one. A folder that replaces a folder is missing for a moment between two
-    renames; a writer that is killed right there has its old folder put back by the next writer.
+    renames. If the writer is killed in that moment, the next writer restores the old folder.
 
     Args:
-        target: What to write; folders above it are made. Behind a symbolic link the file that it names is replaced.
+        target: Path of the output. For a symbolic link, the file it refers to is replaced.
+        parents: True to create missing parent folders; otherwise a mistyped path is an error.
 
     Raises:
-        InvalidValueError: If the target is a device or the like, or a link that leads to itself.
-        OSError: If the disk refuses; then nothing is changed. The error names the target.
+        InvalidValueError: If the target is not a valid path, is a device or similar or a link to itself, or if its
+            parent folder does not exist.
+        OSError: If the system call fails; nothing is changed then. The error names the target.
     """
-    try:
-        goal = Path(target).resolve()
-    except RuntimeError as error:  # Python 3.11 and 3.12; later ones leave it to the next line
-        raise InvalidValueError(f"{target} is a symbolic link that leads to itself") from error
-    if goal.exists() and not goal.is_dir() and not goal.is_file():
-        raise InvalidValueError(f"{target} is no ordinary file and would be replaced by one: name another")
-    goal.parent.mkdir(parents=True, exist_ok=True)
+    goal = _goal(path_of(target))
+    if parents:
+        goal.parent.mkdir(parents=True, exist_ok=True)
+    check_parent(goal)
     _tidy_once(goal.parent)
     try:
         with _workspace(goal.parent) as space:
@@ -64,44 +66,112 @@ def written_whole(target: str | os.PathLike[str]) -> Iterator[Path]:
         raise
 
 
-def write_whole(target: str | os.PathLike[str], data: bytes) -> Path:
-    """Writes a file as `written_whole` does; returns its path.
+def write_whole(target: str | os.PathLike[str], data: bytes, *, parents: bool = False) -> Path:
+    """Writes a file atomically, see `written_whole`; returns its path.
 
     Raises:
-        InvalidValueError: If the target is a device or the like, or a link that leads to itself.
-        OSError: If the disk refuses; then nothing is changed.
+        InvalidValueError: See `written_whole`.
+        OSError: If the system call fails; nothing is changed then.
     """
-    with written_whole(target) as unfinished:
+    with written_whole(target, parents=parents) as unfinished:
         unfinished.write_bytes(data)
     return Path(target)
 
 
-def remove_unfinished(folder: Path) -> None:
-    """Removes what killed writers left in a folder, and restores folders that they had moved aside.
+def check_parent(path: Path) -> None:
+    """Checks that the parent folder of an output exists.
 
-    Nothing happens to the workspace of a living writer, of this or another process. A folder may come from anywhere,
-    for instance from a version control system, with names made up to look like workspaces. Only folders of this user
-    count as such. No symbolic link in them is followed or restored, even one that appears meanwhile.
+    A missing parent folder is not created, because a mistyped path would create folders.
+
+    Raises:
+        InvalidValueError: If the parent does not exist, or is not a folder.
+    """
+    parent = path.absolute().parent
+    there = next(folder for folder in (parent, *parent.parents) if folder.exists())
+    if not there.is_dir():
+        raise InvalidValueError(f"{there}: not a folder, so nothing can be written into it")
+    if there != parent:
+        raise InvalidValueError(f"{parent}: no such folder, so {path.name} cannot be written into it: make it first")
+
+
+def check_writable(path: Path, *, inside: bool = False) -> None:
+    """Checks that an output can be written, before the work starts.
+
+    Creates and removes an empty temporary file next to the output.
+
+    Args:
+        path: Path of the output.
+        inside: True if the output is an existing folder that receives files.
+
+    Raises:
+        InvalidValueError: If it cannot be written: its folder does not exist, is read-only or belongs to another user.
+    """
+    into = path if inside else path.parent
+    try:
+        goal = _goal(path)
+        inside = inside and goal.is_dir()
+        into, name = (goal, _NEW) if inside else (goal.parent, goal.name)
+        if not inside:
+            check_parent(goal)
+        with _workspace(into) as space:
+            (space / name).touch()
+        replaceable = inside or not goal.exists() or _replaceable(goal)
+    except OSError as error:
+        raise InvalidValueError(f"{path}: nothing can be written into {into}: {error.strerror}") from error
+    if not replaceable:
+        raise InvalidValueError(f"{path} is another user's and cannot be replaced: name another")
+
+
+def _goal(path: Path) -> Path:
+    """Returns the absolute path of an output with links resolved, after checking that it may be replaced."""
+    try:
+        goal = path.resolve()
+    except RuntimeError as error:  # Python 3.11 and 3.12; later ones raise OSError when the path is used
+        raise InvalidValueError(f"{path} is a symbolic link that leads to itself") from error
+    if goal.exists() and not goal.is_dir() and not goal.is_file():
+        raise InvalidValueError(f"{path} is no ordinary file and would be replaced by one: name another")
+    return goal
+
+
+def _replaceable(path: Path) -> bool:
+    """Returns True if this user may rename an existing output.
+
+    In sticky folders such as /tmp only the owner of a file may rename it.
+    """
+    user, found, folder = os.geteuid() if hasattr(os, "geteuid") else 0, path.stat(), path.parent.stat()
+    if path.is_dir() and not os.access(path, os.W_OK):
+        return False
+    return not folder.st_mode & stat.S_ISVTX or user in (0, found.st_uid, folder.st_uid)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Removes leftovers of killed writers in a folder, and restores folders that the writers had moved aside.
+
+    A workspace is the hidden folder of one writer (see the module). Running writers, in this process or another one,
+    lock their workspaces; these remain untouched. `folder` may have any origin, e.g. an archive with names crafted to
+    look like workspaces. Therefore a workspace must belong to this user, must be closed to other users, and may contain
+    only a writer's entries (`_is_ours`). Symbolic links in it are neither followed nor restored, even if they appear
+    concurrently. Hidden folders are not restored: a planted `.git` could make programs run foreign code.
     """
     if fcntl is None:
         return
     with suppress(OSError), _opened_folder(os.fspath(folder), None, follow=True) as parent:
         for name in [entry.name for entry in os.scandir(parent) if _WORKSPACE.fullmatch(entry.name)]:
             with suppress(OSError), _opened_folder(name, parent) as space:
-                if _lock(space):
+                if _is_ours(space) and _lock(space):
                     _restore(space, parent)
                     shutil.rmtree(name, ignore_errors=True, dir_fd=parent)
 
 
 @functools.lru_cache(maxsize=1024)
 def _tidy_once(folder: Path) -> None:
-    """Once per process and folder: a folder of many thousand files is not listed for each of them."""
+    """Calls `remove_unfinished` once per process and folder, because it must list the folder."""
     remove_unfinished(folder)
 
 
 @contextmanager
 def _opened_folder(name: str, parent: int | None, *, follow: bool = False) -> Iterator[int]:
-    """Opens a folder of this user.
+    """Opens a folder if it belongs to this user; returns its file descriptor.
 
     Args:
         name: Name of the folder.
@@ -109,7 +179,7 @@ def _opened_folder(name: str, parent: int | None, *, follow: bool = False) -> It
         follow: True to follow a link and to accept the folder of another user.
 
     Raises:
-        OSError: If it is no folder, a link, or another user's.
+        OSError: If it is not a folder, is a link, or belongs to another user.
     """
     handle = os.open(name, os.O_RDONLY | os.O_DIRECTORY | (0 if follow else os.O_NOFOLLOW), dir_fd=parent)
     try:
@@ -120,8 +190,29 @@ def _opened_folder(name: str, parent: int | None, *, follow: bool = False) -> It
         os.close(handle)
 
 
+def _is_ours(space: int) -> bool:
+    """True if only this user can access a folder, and it contains what a workspace contains (`_workspace`).
+
+    Args:
+        space: File descriptor of the folder, which belongs to this user.
+    """
+    if os.fstat(space).st_mode & 0o077 or not set(os.listdir(space)) <= {_NEW, _OLD}:
+        return False
+    for part in os.listdir(space):
+        with _opened_folder(part, space) as inside:
+            names = os.listdir(inside)
+        if len(names) > 1 or (part == _OLD and any(name.startswith(".") for name in names)):
+            return False
+    return True
+
+
 def _restore(space: int, parent: int) -> None:
-    """Moves folders that a killed writer had moved aside back to their names, where these are free."""
+    """Moves folders that a killed writer had moved aside back to their names, unless the names are taken.
+
+    Args:
+        space: File descriptor of the killed writer's workspace.
+        parent: File descriptor of the folder that contains the workspace.
+    """
     with suppress(OSError), _opened_folder(_OLD, space) as aside:
         for name in os.listdir(aside):
             with suppress(OSError), _opened_folder(name, aside):
@@ -130,7 +221,7 @@ def _restore(space: int, parent: int) -> None:
 
 
 def _exists(name: str, parent: int) -> bool:
-    """Returns True if there is a file, folder or link of that name."""
+    """Returns True if a file, folder or link of that name exists."""
     try:
         os.stat(name, dir_fd=parent, follow_symlinks=False)
     except FileNotFoundError:
@@ -140,14 +231,14 @@ def _exists(name: str, parent: int) -> bool:
 
 @contextmanager
 def _workspace(folder: Path) -> Iterator[Path]:
-    """A new hidden folder that is locked for as long as it is used, and then removed."""
+    """Creates and locks a hidden folder for unfinished output, and removes it at the end."""
     while True:
         space = folder / f"{_START}{uuid.uuid4().hex[:12]}{_END}"
         space.mkdir(mode=0o700)
         if fcntl is None:
             handle = None
             break
-        # Another process may be quicker and take it for a dead writer's: then it is gone, locked or without a name.
+        # Race: another process may mistake it for a leftover before it is locked, and lock or remove it.
         with suppress(FileNotFoundError):
             handle = os.open(space, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
             if _lock(handle) is not False and os.fstat(handle).st_nlink:
@@ -162,7 +253,10 @@ def _workspace(folder: Path) -> Iterator[Path]:
 
 
 def _lock(handle: int) -> bool | None:
-    """Whether the lock was free and is now held; None where the file system has no locks."""
+    """Tries to lock an open folder: returns True if locked, False if another process has the lock.
+
+    Returns None if the file system has no locks.
+    """
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -172,17 +266,22 @@ def _lock(handle: int) -> bool | None:
     return True
 
 
+def with_final_names(text: str) -> str:
+    """Replaces the temporary paths of unfinished output in a message by their final paths."""
+    return _UNFINISHED.sub("", text)
+
+
 def _take_name(new: Path, goal: Path, aside: Path) -> None:
     if not new.is_dir():
         with new.open("rb") as file:
-            os.fsync(file.fileno())  # or the name could outlive the content when the power fails
+            os.fsync(file.fileno())  # otherwise a power failure could keep the name and lose the content
         os.replace(new, goal)
         return
     if not goal.exists():
         new.rename(goal)
         return
     aside.mkdir()
-    goal.rename(aside / goal.name)  # out of the way as a whole: no old file stays among the new ones
+    goal.rename(aside / goal.name)  # moved aside entirely, so that no old file remains among new ones
     try:
         new.rename(goal)
     except OSError:

@@ -1,7 +1,8 @@
-"""Distances of pictures from references, inside masks: PSNR and SSIM; LPIPS (`splatwire.metrics.lpips`) needs torch."""
+"""Image quality metrics, with masks: PSNR and SSIM, and LPIPS (`splatwire.metrics.lpips`)."""
 
 from splatwire.metrics.masks import black_outside
 from splatwire.metrics.psnr import decibels, psnr, psnr_by_channel
+from splatwire.metrics.registry import register_metric
 from splatwire.metrics.ssim import ssim
 
 __all__ = [
@@ -9,5 +10,6 @@ __all__ = [
     "decibels",
     "psnr",
     "psnr_by_channel",
+    "register_metric",
     "ssim",
 ]

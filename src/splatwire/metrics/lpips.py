@@ -1,5 +1,11 @@
-"""LPIPS v0.1 (Zhang et al. 2018) in plain torch, with weights from files; nothing is ever downloaded."""
+"""LPIPS v0.1 (Zhang et al. 2018) in numpy, with weights from files; nothing is downloaded.
 
+The networks were trained on pictures in [-1, 1]. The code of 3DGS, Scaffold-GS and HAC++ passes pictures in [0, 1]
+without scaling them; published tables computed with this code have the unscaled variant. Both variants give different
+values for the same pictures, so both exist here: `lpips` (scaled) and `lpips_unscaled`.
+"""
+
+import functools
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,28 +13,27 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.errors import DatasetError, UnknownNameError
-from splatwire.files.tensors import check_tensor_file
+from splatwire.files.tensors import read_tensors
 from splatwire.metrics.lpips_files import find_lpips_files
 from splatwire.ops.arrays import to_numpy
 
 MAX_WEIGHT_BYTES = 1 << 30
-"""torchvision's VGG16 has half of this."""
+"""Maximum size of a weight file, bytes; torchvision's VGG16 file has half of that size."""
 Convolution: TypeAlias = tuple[int, int, int, int, int]
-"""Key in `features.N`, outputs, kernel, stride, padding; a rectifier follows each."""
+"""A convolution: key of its weights in `features.N`, number of outputs, kernel size, stride, padding. A rectifier
+follows it."""
 
 
 @dataclass(frozen=True)
 class _Backbone:
-    """A stack of convolutions in stages; what leaves a stage is compared, then pooled into the next.
+    """Structure of a backbone network: stages of convolutions, whose outputs are compared.
 
     Attributes:
-        pool: Kernel of the max pooling (stride 2) before a stage, per stage; 0 for none.
-        stages: The convolutions of each stage.
+        pool: Kernel size of the max pooling (stride 2) before each stage; 0 for none.
+        stages: Convolutions of each stage.
     """
 
     pool: tuple[int, ...]
@@ -55,73 +60,115 @@ _BACKBONES = {
         (((0, 64, 11, 4, 2),), ((3, 192, 5, 1, 2),), ((6, 384, 3, 1, 1),), ((8, 256, 3, 1, 1),), ((10, 256, 3, 1, 1),)),
     ),
 }
-_SHIFT, _SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
+_SHIFT, _SCALE = np.array([-0.030, -0.088, -0.188], np.float32), np.array([0.458, 0.448, 0.450], np.float32)
+_BLOCK = 1 << 21
+"""Maximum number of matrix elements per block of a convolution, which limits memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class Lpips:
-    """The metric with its weights.
+    """The LPIPS metric with its network weights.
 
     Attributes:
         network: `vgg` or `alex`.
-        convolutions: Weight and bias by key.
-        linear: Non-negative weight of each channel, per stage.
+        convolutions: Weight and bias of each convolution, by key.
+        linear: Non-negative weight of each channel, for each stage.
     """
 
     network: str
-    convolutions: Mapping[int, tuple[Tensor, Tensor]]
-    linear: tuple[Tensor, ...]
+    convolutions: Mapping[int, tuple[np.ndarray, np.ndarray]]
+    linear: tuple[np.ndarray, ...]
 
-    @torch.no_grad()
-    def __call__(self, images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"]) -> Float[np.ndarray, "C"]:
-        """Computes the distance of each view to its reference; 0 where they are equal.
+    def __call__(
+        self, images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"], *, scaled: bool = True
+    ) -> Float[np.ndarray, "C"]:
+        """Computes the distance of each view to its reference; 0 if they are equal.
 
         Args:
             images: RGB in [0, 1], at least 64 pixels on each side.
             references: RGB in [0, 1].
+            scaled: See `features`.
         """
-        pairs = zip(images, references, strict=True)  # one view at a time bounds the memory
-        each = [self.distance(self.features(a[None]), self.features(b[None])) for a, b in pairs]
-        return np.concatenate([to_numpy(distance) for distance in each])
+        pairs = zip(images, references, strict=True)  # one view at a time to bound memory
+        each = [self.distance(*(self.features(x[None], scaled=scaled) for x in pair)) for pair in pairs]
+        return np.concatenate(each)
 
-    @torch.no_grad()
-    def features(self, images: Float[Any, "C H W 3"]) -> tuple[Tensor, ...]:
-        """Returns the unit-length features of each stage, so that one reference can serve many comparisons."""
-        x = torch.from_numpy(to_numpy(images)).permute(0, 3, 1, 2) * 2 - 1
-        x = (x - x.new_tensor(_SHIFT).view(1, 3, 1, 1)) / x.new_tensor(_SCALE).view(1, 3, 1, 1)
+    def features(
+        self, images: Float[Any, "C H W 3"], *, scaled: bool = True
+    ) -> tuple[Float[np.ndarray, "C D h w"], ...]:
+        """Returns the normalised features of each stage, so that one reference image can be compared several times.
+
+        Args:
+            images: RGB in [0, 1].
+            scaled: True to scale pictures to [-1, 1], the range of the network's training. False to pass [0, 1], as the
+                code of 3DGS, Scaffold-GS and HAC++ does (`lpips(..., normalize=False)`).
+        """
+        views = [self._features_of(to_numpy(image).astype(np.float32), scaled=scaled) for image in images]
+        return tuple(np.stack(stage) for stage in zip(*views, strict=True))
+
+    def _features_of(self, image: Float[np.ndarray, "H W 3"], *, scaled: bool) -> list[Float[np.ndarray, "D h w"]]:
         layout, outputs = _BACKBONES[self.network], []
+        pixels = image * 2 - 1 if scaled else image
+        x = np.ascontiguousarray(((pixels - _SHIFT) / _SCALE).transpose(2, 0, 1))
         for pool, stage in zip(layout.pool, layout.stages, strict=True):
             if pool:
-                x = torch.nn.functional.max_pool2d(x, pool, 2)
+                x = _pooled(x, pool)
             for key, _, _, stride, padding in stage:
-                weight, bias = self.convolutions[key]
-                x = torch.relu(torch.nn.functional.conv2d(x, weight.to(x), bias.to(x), stride, padding))
-            outputs.append(x / (torch.linalg.vector_norm(x, dim=1, keepdim=True) + 1e-10))
-        return tuple(outputs)
+                x = _convolved(x, *self.convolutions[key], stride, padding)
+            outputs.append(x / (np.sqrt(np.einsum("dhw,dhw->hw", x, x)) + np.float32(1e-10)))
+        return outputs
 
-    @torch.no_grad()
-    def distance(self, first: tuple[Tensor, ...], second: tuple[Tensor, ...]) -> Float[Tensor, "C"]:
+    def distance(self, first: tuple[np.ndarray, ...], second: tuple[np.ndarray, ...]) -> Float[np.ndarray, "C"]:
         """Computes the distance between two results of `features`."""
-        total = first[0].new_zeros(first[0].shape[0])
+        total = np.zeros(len(first[0]), np.float32)
         for a, b, weight in zip(first, second, self.linear, strict=True):
-            total = total + torch.einsum("cdhw,d->chw", (a - b).square(), weight.to(a)).mean(dim=(1, 2))
+            total += np.einsum("cdhw,d->chw", (a - b) ** 2, weight).mean(axis=(1, 2))
         return total
+
+
+def _convolved(
+    x: Float[np.ndarray, "D h w"],
+    weight: Float[np.ndarray, "O D k k"],
+    bias: Float[np.ndarray, "O"],
+    stride: int,
+    padding: int,
+) -> Float[np.ndarray, "O H W"]:
+    """Applies a convolution and a ReLU, computed as matrix products over blocks of image rows."""
+    kernel = weight.shape[2]
+    padded = np.pad(x, ((0, 0), (padding, padding), (padding, padding)))
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (kernel, kernel), (1, 2))[:, ::stride, ::stride]
+    matrix, (rows, columns) = weight.reshape(len(weight), -1), windows.shape[1:3]
+    out, step = np.empty((len(weight), rows, columns), np.float32), max(1, _BLOCK // (matrix.shape[1] * columns))
+    for first in range(0, rows, step):
+        part = windows[:, first : first + step].transpose(0, 3, 4, 1, 2).reshape(matrix.shape[1], -1)
+        out[:, first : first + step] = (matrix @ part + bias[:, None]).reshape(len(weight), -1, columns)
+    return np.maximum(out, 0, out=out)
+
+
+def _pooled(x: Float[np.ndarray, "D h w"], kernel: int) -> Float[np.ndarray, "D H W"]:
+    """Computes max pooling with stride 2."""
+    rows, columns = ((size - kernel) // 2 + 1 for size in x.shape[1:])
+    shifted = (
+        x[:, i : i + 2 * rows - 1 : 2, j : j + 2 * columns - 1 : 2] for i in range(kernel) for j in range(kernel)
+    )
+    return functools.reduce(np.maximum, shifted)
 
 
 def load_lpips(backbone: str | os.PathLike[str], linear: str | os.PathLike[str], network: str = "vgg") -> Lpips:
     """Loads LPIPS weights.
 
     Args:
-        backbone: torchvision's ImageNet weights, keys `features.N.weight` and `features.N.bias` (others are ignored).
-        linear: LPIPS v0.1 linear layers, keys `linN.model.1.weight`.
+        backbone: File with torchvision's ImageNet weights, keys `features.N.weight` and `features.N.bias` (others are
+            ignored).
+        linear: File with the LPIPS v0.1 linear layers, keys `linN.model.1.weight`.
         network: `vgg` (VGG16) or `alex` (AlexNet).
 
     Raises:
-        DatasetError: A file is missing or holds something else.
-        UnknownNameError: No such network.
+        DatasetError: If a file is missing or has other content.
+        UnknownNameError: If the network does not exist.
     """
     layout = _layout(network)
-    weights, mixing = _load(Path(backbone)), _load(Path(linear))
+    weights, mixing = (read_tensors(Path(path), DatasetError, MAX_WEIGHT_BYTES) for path in (backbone, linear))
     convolutions, channels, last = {}, 3, []
     for stage in layout.stages:
         for key, outputs, kernel, _, _ in stage:
@@ -134,13 +181,13 @@ def load_lpips(backbone: str | os.PathLike[str], linear: str | os.PathLike[str],
 
 
 def find_lpips(network: str = "vgg") -> Lpips | None:
-    """Loads LPIPS from where the environment says, or returns None: a report then says that the weights are absent.
+    """Loads LPIPS from the weight files named by environment variables; returns None if none are named.
 
-    The environment names them as `splatwire.metrics.lpips_files.find_lpips_files` says.
+    See `splatwire.metrics.lpips_files.find_lpips_files` for the variables.
 
     Raises:
-        DatasetError: The environment names a file that is missing or holds something else.
-        UnknownNameError: No such network.
+        DatasetError: If a named file is missing or has other content.
+        UnknownNameError: If the network does not exist.
     """
     files = find_lpips_files(network)
     return None if files is None else load_lpips(*files, network)
@@ -152,20 +199,9 @@ def _layout(network: str) -> _Backbone:
     return _BACKBONES[network]
 
 
-def _load(path: Path) -> Mapping[str, object]:
-    check_tensor_file(path, DatasetError, MAX_WEIGHT_BYTES)
-    try:
-        content = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # torch's loader raises many kinds; each of them means the same here
-        raise DatasetError(f"{path} is not a readable file of LPIPS weights: {error}") from error
-    if not isinstance(content, Mapping):
-        raise DatasetError(f"{path} holds a {type(content).__name__}, not tensors by name")
-    return content
-
-
-def _take(weights: Mapping[str, object], key: str, shape: tuple[int, ...], path: str | os.PathLike[str]) -> Tensor:
-    tensor = weights.get(key)
-    if not isinstance(tensor, Tensor) or tuple(tensor.shape) != shape:
-        found = tuple(tensor.shape) if isinstance(tensor, Tensor) else "nothing"
+def _take(weights: Mapping[str, Any], key: str, shape: tuple[int, ...], path: str | os.PathLike[str]) -> np.ndarray:
+    values = weights.get(key)
+    if not isinstance(values, np.ndarray) or values.shape != shape:
+        found = values.shape if isinstance(values, np.ndarray) else "nothing"
         raise DatasetError(f"{os.fspath(path)}: '{key}' should have shape {shape}, found {found}")
-    return tensor.to(torch.float32)
+    return values.astype(np.float32)

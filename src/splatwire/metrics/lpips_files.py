@@ -1,4 +1,9 @@
-"""Files of the weights of LPIPS, found without torch; nothing is ever downloaded."""
+"""Location of the LPIPS weight files, from environment variables; nothing is downloaded.
+
+The backbones are torchvision's ImageNet weights of VGG16 (`vgg16-397923af.pth`) and AlexNet
+(`alexnet-owt-7be5be79.pth`), BSD-3. The linear layers are files of LPIPS v0.1 (`lpips/weights/v0.1/vgg.pth` and
+`alex.pth` in the repository richzhang/PerceptualSimilarity), BSD-2.
+"""
 
 import os
 from pathlib import Path
@@ -9,18 +14,18 @@ WEIGHT_FILES = {
     "vgg": ("vgg16_features.pth", "lpips_lin_vgg.pth"),
     "alex": ("alexnet_features.pth", "lpips_lin_alex.pth"),
 }
-"""Files of the backbone and of the linear layers in a folder of weights, by network."""
+"""File names of the backbone and of the linear layers in the folder `SPLATWIRE_LPIPS_DIR`, for each network."""
 
 
 def find_lpips_files(network: str = "vgg") -> tuple[Path, Path] | None:
-    """Returns the files of backbone and linear layers that the environment names; None where it names none.
+    """Returns the paths of the backbone and linear-layer files named by environment variables, or None.
 
-    `SPLATWIRE_LPIPS_BACKBONE` and `SPLATWIRE_LPIPS_LINEAR` name the two files; otherwise `SPLATWIRE_LPIPS_DIR` names a
+    `SPLATWIRE_LPIPS_BACKBONE` and `SPLATWIRE_LPIPS_LINEAR` name the two files. Otherwise `SPLATWIRE_LPIPS_DIR` names a
     folder with `vgg16_features.pth` and `lpips_lin_vgg.pth` (`alexnet_features.pth`, `lpips_lin_alex.pth`).
 
     Raises:
-        DatasetError: The environment names one of the two files only.
-        UnknownNameError: No such network.
+        DatasetError: If the environment names only one of the two files.
+        UnknownNameError: If the network does not exist.
     """
     if network not in WEIGHT_FILES:
         raise UnknownNameError("LPIPS network", network, WEIGHT_FILES)

@@ -1,38 +1,52 @@
-"""Pictures of which only a part counts: pixels outside of a mask have no influence on any figure."""
+"""Masks of images: pixels outside a mask do not affect any metric."""
 
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from splatwire.arguments import array_of, checked
 from splatwire.errors import InvalidValueError
 from splatwire.ops.arrays import to_numpy
 
 
+@checked
 def black_outside(images: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"]) -> Float[np.ndarray, "C H W 3"]:
-    """Turns everything outside the masks black, as what is beyond the border is to a convolution.
+    """Sets pixels outside the masks to black, which equals the zero padding of a convolution.
 
-    A metric that looks at neighbourhoods (SSIM, LPIPS) gets both pictures so: equal outside, whatever was there.
+    Metrics with neighbourhoods (SSIM, LPIPS) mask both images in this way, so that the images are equal outside the
+    masks.
 
     Args:
         images: RGB in [0, 1].
-        masks: True where pixels count.
+        masks: True for pixels that are evaluated.
     """
-    pictures = to_numpy(images)
-    return np.where(to_numpy(masks)[..., None], pictures, pictures.dtype.type(0))
+    pictures = array_of(images, "images", ("C", "H", "W", 3))
+    kept = array_of(masks, "masks", pictures.shape[:3], "b")
+    return np.where(kept[..., None], pictures, pictures.dtype.type(0))
+
+
+def image_pair(images: Any, references: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Converts two sets of pictures to arrays of the same shape (C, H, W, 3).
+
+    Raises:
+        InvalidValueError: If they are not pictures of one size.
+    """
+    ours = array_of(images, "images", ("C", "H", "W", 3))
+    return ours, array_of(references, "references", ours.shape)
 
 
 def mean_inside(
     values: Float[np.ndarray, "C H W 3"], masks: Bool[Any, "C H W"] | None = None
 ) -> Float[np.ndarray, "C"]:
-    """Means of each view over the pixels that count and all channels.
+    """Computes the mean of each view over all channels of the evaluated pixels.
 
     Args:
-        values: Something of each pixel.
-        masks: True where pixels count; all of them for None.
+        values: Value per pixel and channel.
+        masks: True for pixels that are evaluated; None for all.
 
     Raises:
-        InvalidValueError: If a mask leaves nothing of its view.
+        InvalidValueError: If a mask is empty.
     """
     if masks is None:
         return values.mean(axis=(1, 2, 3))

@@ -5,48 +5,53 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from splatwire.metrics.masks import black_outside, mean_inside
-from splatwire.ops.arrays import to_numpy
+from splatwire.arguments import array_of, checked
+from splatwire.metrics.masks import black_outside, image_pair, mean_inside
 
 
+@checked
 def decibels(mse: Float[Any, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """PSNR of mean squared errors of values in [0, 1]; infinite for 0."""
-    with np.errstate(divide="ignore"):
-        return -10 * np.log10(np.asarray(to_numpy(mse)))
+    """Converts mean squared errors of values in [0, 1] to PSNR; infinite for 0, NaN below 0."""
+    found = array_of(mse, "mse", None)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return -10 * np.log10(found)
 
 
+@checked
 def psnr(
     images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"] | None = None
 ) -> Float[np.ndarray, "C"]:
-    """Computes the PSNR of each view over all its pixels and channels, as published tables do.
+    """Computes the PSNR of each view over all pixels and channels, as in published tables.
 
     Args:
         images: RGB in [0, 1].
         references: RGB in [0, 1].
-        masks: True where pixels count; all of them for None.
+        masks: True for pixels that are evaluated; None for all.
 
     Returns:
-        Decibels, one per view; infinite where a view equals its reference.
+        PSNR of each view in decibels; infinite if a view equals its reference.
 
     Raises:
-        InvalidValueError: If a mask leaves nothing of its view.
+        InvalidValueError: If a mask is empty.
     """
-    ours, theirs = to_numpy(images), to_numpy(references)
+    ours, theirs = image_pair(images, references)
     if masks is not None:
         ours, theirs = black_outside(ours, masks), black_outside(theirs, masks)
     return decibels(mean_inside((ours - theirs) ** 2, masks))
 
 
+@checked
 def psnr_by_channel(images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"]) -> Float[np.ndarray, "C"]:
-    """Computes the mean of the PSNRs of the three channels, what the training logs of 3DGS and HAC++ call PSNR.
+    """Computes the mean PSNR of the three channels, called PSNR in the training logs of 3DGS and HAC++.
 
-    It is never below `psnr`, by up to some tenths of a decibel; not for tables.
+    The result is equal to that of `psnr` or up to some tenths of a decibel higher. It should not be published as PSNR.
 
     Args:
         images: RGB in [0, 1].
         references: RGB in [0, 1].
 
     Returns:
-        Decibels, one per view.
+        Mean PSNR of each view in decibels.
     """
-    return decibels(((to_numpy(images) - to_numpy(references)) ** 2).mean(axis=(1, 2))).mean(axis=1)
+    ours, theirs = image_pair(images, references)
+    return decibels(((ours - theirs) ** 2).mean(axis=(1, 2))).mean(axis=1)

@@ -1,11 +1,12 @@
-"""Structural similarity with the constants that 3DGS and its successors use."""
+"""Structural similarity with the constants of 3DGS and its successors."""
 
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from splatwire.metrics.masks import black_outside, mean_inside
+from splatwire.arguments import checked
+from splatwire.metrics.masks import black_outside, image_pair, mean_inside
 from splatwire.ops.arrays import to_numpy
 
 WINDOW = 11
@@ -13,6 +14,7 @@ SIGMA = 1.5
 _C1, _C2 = 0.01**2, 0.03**2
 
 
+@checked
 def ssim(
     images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"] | None = None
 ) -> Float[np.ndarray, "C"]:
@@ -21,15 +23,16 @@ def ssim(
     Args:
         images: RGB in [0, 1].
         references: RGB in [0, 1].
-        masks: True where pixels count; all of them for None. What is outside a mask is what is beyond the border, so a
-            mask that is a rectangle gives what the cut-out would give.
+        masks: True for pixels that count; None for all. Pixels outside a mask are treated like those beyond the image
+            border, so a rectangular mask gives the result of a crop.
 
     Returns:
-        One number per view, 1 where a view equals its reference.
+        Mean SSIM of each view; 1 if a view equals its reference.
 
     Raises:
-        InvalidValueError: If a mask leaves nothing of its view.
+        InvalidValueError: If a mask is empty.
     """
+    images, references = image_pair(images, references)
     if masks is not None:
         images, references = black_outside(images, masks), black_outside(references, masks)
     return mean_inside(ssim_map(images, references), masks)
@@ -38,8 +41,8 @@ def ssim(
 def ssim_map(images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"]) -> Float[np.ndarray, "C H W 3"]:
     """Computes SSIM at every pixel and channel.
 
-    Gaussian window of 11x11 and sigma 1.5, population variances, zeros beyond the border as in 3DGS: the outer 5
-    pixels therefore differ from implementations that mirror or crop.
+    Gaussian window of 11x11 and sigma 1.5, population variances, zero padding as in 3DGS. The outer 5 pixels therefore
+    differ from implementations that mirror or crop.
 
     Args:
         images: RGB in [0, 1].
@@ -56,7 +59,7 @@ def ssim_map(images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"]) -
 
 
 def _blur(images: Float[np.ndarray, "C H W 3"]) -> Float[np.ndarray, "C H W 3"]:
-    """Blurs with the Gaussian window, one axis after the other; zeros beyond the border."""
+    """Blurs with the Gaussian window, one axis after the other, with zero padding."""
     from scipy.ndimage import correlate1d  # takes long to load
 
     x = np.arange(WINDOW) - WINDOW // 2

@@ -1,1 +1,1 @@
-"""Stateless array functions."""
+"""Stateless numerical functions on arrays."""

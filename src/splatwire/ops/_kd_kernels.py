@@ -1,4 +1,4 @@
-"""The compiled kernel behind `splatwire.ops.kd_order`."""
+"""Compiled kernels for sorting points into the leaves of a k-d tree (`splatwire.ops.kd_order`)."""
 
 from typing import no_type_check
 
@@ -10,7 +10,13 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True)
 @no_type_check
 def split_runs(points, bounds, order):
-    """Sorts the runs of `order` between the first and the last bound: see `kd_order`."""
+    """Sorts the points of a range into the leaves of a k-d tree: splits the range at each given bound.
+
+    Args:
+        points: Coordinates, float (N, 3).
+        bounds: Ends of the leaves, ascending.
+        order: Indices of the points, permuted in place (`ops.kd_order`).
+    """
     stack = [(np.int64(0), np.int64(len(bounds) - 1))]
     while len(stack):
         first, last = stack.pop()
@@ -27,7 +33,7 @@ def split_runs(points, bounds, order):
 @njit()
 @no_type_check
 def _widest(points, order, begin, end):
-    """The axis along which some points have the largest variance."""
+    """Returns the axis along which the points `order[begin:end]` have the largest variance."""
     best, axis = -1.0, 0
     for candidate in range(points.shape[1]):
         total, squares, start = 0.0, 0.0, points[order[begin], candidate]
@@ -44,7 +50,11 @@ def _widest(points, order, begin, end):
 @njit()
 @no_type_check
 def _select(points, axis, order, low, high, wanted):
-    """Partitions `order[low : high + 1]` so that nothing before `wanted` lies further along the axis (Hoare)."""
+    """Partitions `order[low : high + 1]` by the coordinate along an axis (quickselect).
+
+    Afterwards `order[wanted]` is the point that full sorting would put there; smaller coordinates precede it, larger
+    ones follow.
+    """
     while low < high:
         pivot = _middle_of_three(points, axis, order, low, high)
         left, right = low - 1, high + 1
@@ -67,6 +77,9 @@ def _select(points, axis, order, low, high, wanted):
 @njit()
 @no_type_check
 def _middle_of_three(points, axis, order, low, high):
-    """A pivot that is not the last of them, so that both sides get smaller."""
+    """Returns the median of the first, middle and last coordinate of a range, the pivot of a partition.
+
+    The median of three values divides a range more evenly than a single value, also if the range is already sorted.
+    """
     a, b, c = points[order[low], axis], points[order[(low + high) // 2], axis], points[order[high], axis]
     return max(min(a, b), min(max(a, b), c))

@@ -1,4 +1,4 @@
-"""One array library in the core: numpy. Tensors of the neural part are converted where they enter."""
+"""Conversion to numpy, the array library of the core; torch tensors are converted at the boundary."""
 
 import dataclasses
 from collections.abc import Callable
@@ -10,10 +10,10 @@ Noun = TypeVar("Noun")
 
 
 def to_numpy(values: Any) -> np.ndarray:
-    """Returns an array as numpy, without a copy where the memory is the CPU's.
+    """Converts to a numpy array, without a copy if the data is in CPU memory.
 
     Args:
-        values: A numpy array, or a torch tensor on any device, whose gradient is not followed.
+        values: A numpy array, or a torch tensor on any device; gradients are dropped.
     """
     if isinstance(values, np.ndarray):
         return values
@@ -34,7 +34,7 @@ def where(mask: Any, values: Any, otherwise: Any) -> Any:
 
 
 def lower_median(values: np.ndarray, axis: int = 0) -> np.ndarray:
-    """Returns the median along an axis; of an even number of values the lower of the two in the middle.
+    """Returns the median along an axis; for an even number of values the lower of the middle two.
 
     Args:
         values: Numbers, at least one along the axis.
@@ -45,17 +45,17 @@ def lower_median(values: np.ndarray, axis: int = 0) -> np.ndarray:
 
 
 def to_arrays(value: Noun) -> Noun:
-    """Returns the same record with numpy arrays in place of torch tensors, without a copy of memory of the CPU.
+    """Converts torch tensors in a record to numpy arrays, without a copy of CPU memory.
 
     Args:
-        value: A tensor, or a tuple, dictionary or dataclass of them at any depth; gradients are not followed. Anything
-            else is returned as it is.
+        value: A tensor, or a tuple, dictionary or dataclass of them at any depth; gradients are dropped. Other values
+            are returned unchanged.
     """
     return to_numpy(value) if hasattr(value, "detach") else mapped(value, to_arrays)  # type: ignore[return-value]
 
 
 def mapped(value: Any, convert: Callable[[Any], Any]) -> Any:
-    """Applies a conversion to the parts of a tuple, dictionary or dataclass; returns anything else as it is."""
+    """Applies `convert` to each item of a tuple, dictionary or dataclass; returns other values unchanged."""
     if isinstance(value, tuple) and not hasattr(value, "_fields"):
         return tuple(convert(part) for part in value)
     if isinstance(value, dict):

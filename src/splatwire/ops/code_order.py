@@ -1,4 +1,4 @@
-"""Sorting by codes that are computed when they are needed: beside the order itself, memory is that of some elements."""
+"""Sorting of elements by integer codes that are computed on demand, so that memory is limited to one batch of codes."""
 
 import itertools
 from collections.abc import Callable, Iterator
@@ -6,23 +6,27 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 SOME = 1 << 16
-"""Elements that are looked at at a time."""
+"""Number of elements per batch."""
 DIGIT_BITS = 16
 Codes = Callable[[np.ndarray], np.ndarray]
-"""Codes of the elements of some indices, int64, not negative."""
+"""Function from element indices to their codes, non-negative int64."""
 
 
 def code_order(codes: Codes, count: int, bits: int, groups: np.ndarray | None = None) -> np.ndarray:
-    """Stable order of elements by their codes: by the highest digit into buckets, and each few buckets on their own.
+    """Sorts elements by code; elements with equal codes keep their order.
+
+    Radix sort: elements are distributed to buckets by the highest digit of the code, and small buckets are sorted
+    directly.
 
     Args:
-        codes: Gives codes below `1 << bits`, the same ones whenever it is asked.
-        count: Elements, N, at most 2**32.
-        bits: See `codes`.
-        groups: Integers from 0 below 2**16 that elements are sorted by first, N; None for one group.
+        codes: Function that returns the codes, below `1 << bits`, of elements given by index. It is called several
+            times for each element and must be deterministic.
+        count: Number of elements N, at most 2**32.
+        bits: Number of bits of a code.
+        groups: Sort keys that precede the codes, integers from 0 below 2**16, (N); None for none.
 
     Returns:
-        Indices, uint32, N.
+        Indices of the elements in sorted order, uint32 (N).
     """
     order = np.empty(count, np.uint32)
     if groups is None:
@@ -35,7 +39,14 @@ def code_order(codes: Codes, count: int, bits: int, groups: np.ndarray | None = 
 
 
 def _sort(codes: Codes, order: np.ndarray, bits: int, members: np.ndarray | range) -> None:
-    """Writes `members`, whose codes agree in all but their lowest `bits` bits, into `order`, sorted."""
+    """Sorts the elements `members` by code and writes them to `order`.
+
+    Args:
+        codes: Function that returns the codes of elements given by index.
+        order: Receives the sorted indices.
+        bits: Number of low bits in which the codes of these elements may differ.
+        members: Indices of the elements.
+    """
     shift = max(bits - DIGIT_BITS, 0)
     edges = _scatter(lambda some: codes(some) >> shift & (1 << DIGIT_BITS) - 1, order, members)
     if not shift:
@@ -53,10 +64,15 @@ def _sort(codes: Codes, order: np.ndarray, bits: int, members: np.ndarray | rang
 
 
 def _scatter(digits: Codes, order: np.ndarray, members: np.ndarray | range) -> np.ndarray:
-    """Writes members into `order` by rising digit, else in the order in which they come.
+    """Writes the elements `members` to `order`, sorted by one digit (`DIGIT_BITS` bits) of their codes; stable.
+
+    Args:
+        digits: Function that returns the digit of each element.
+        order: Receives the sorted elements.
+        members: Indices of the elements.
 
     Returns:
-        Where the members of each digit begin, and the end, int64, `(1 << DIGIT_BITS) + 1`.
+        Position in `order` of the first element with each digit, and the end, int64, `(1 << DIGIT_BITS) + 1`.
     """
     edges = np.zeros((1 << DIGIT_BITS) + 1, np.int64)
     for some in _pieces(members):
@@ -64,7 +80,7 @@ def _scatter(digits: Codes, order: np.ndarray, members: np.ndarray | range) -> n
     np.cumsum(edges, out=edges)
     free = edges[:-1].copy()
     for some in _pieces(members):
-        # Sorting 16 bits is the radix sort of numpy.
+        # numpy sorts 16-bit integers with a radix sort.
         found = digits(some).astype(np.uint16)
         by = np.argsort(found, kind="stable")
         found = found[by]

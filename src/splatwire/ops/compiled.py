@@ -1,7 +1,7 @@
-"""Kernels that numba compiles: where their machine code is kept, and who is told that compiling takes a while.
+"""Compilation of numba kernels, with a cache that works in any installation, and progress logging.
 
-Compiling is told as records of the logger of this module: one of level INFO at the start of each kernel that is called
-from Python, with what it calls. A kernel that comes out of the cache is silent.
+The logger of this module emits an INFO record before it compiles a kernel that was called from Python; callees are
+included. Kernels loaded from the cache are not logged.
 """
 
 import functools
@@ -28,7 +28,7 @@ _LOCK = threading.Lock()
 
 
 def _knows(option: str) -> bool:
-    """Whether this numba has a private option: it may rename those in any release."""
+    """True if this numba version supports a compiler option that is private and may be absent in other versions."""
     try:
         from numba.core.registry import cpu_target
 
@@ -38,9 +38,10 @@ def _knows(option: str) -> bool:
 
 
 def _spare_scipy() -> None:
-    """Keeps numba, as it begins, from loading scipy's linear algebra only to see whether it is there.
+    """Prevents numba from importing scipy's linear algebra at start.
 
-    That takes as long as loading numba itself. A kernel that multiplied matrices would load it when it is compiled.
+    At start, numba only checks if this module is present, but its import takes as long as that of numba itself. When a
+    kernel with matrix products is compiled, numba imports the module.
     """
     with suppress(ImportError, AttributeError):
         from numba.np import linalg
@@ -50,24 +51,23 @@ def _spare_scipy() -> None:
 
 _spare_scipy()
 CAN_BORROW = _knows("_nrt")
-"""Whether counting who holds an array can be left out; where it cannot, kernels are slower and say the same."""
+"""True if reference counting of arrays can be disabled; otherwise kernels are slower with equal results."""
 
 
 def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
-    """`numba.njit` with a cache that has a place wherever the package is installed.
+    """`numba.njit` with a cache that works wherever the package is installed.
 
-    numba keeps machine code in the folder that `NUMBA_CACHE_DIR` names, beside the source, or in the user's home. Where
-    it may write to none of these (a container with a read-only root and no home), numba itself raises an error; here a
-    temporary folder of the user takes its place, and where there is none either, nothing is kept.
+    numba stores machine code in `NUMBA_CACHE_DIR`, next to the source, or in the user's home, and fails if none is
+    writable (e.g. a container with a read-only root). This function then uses a temporary folder of the user, or
+    compiles without a cache.
 
-    numba takes machine code for old only where the kernel's own file has changed; here also where one has that its
-    callees or constants come from.
+    numba invalidates the cache only if the kernel's own file changed. Here changes of files with its callees or
+    constants invalidate it too.
 
     Args:
-        borrows: Whether a function only uses the arrays that it is given, makes none, and returns none that it made.
-            Then nobody counts who holds them; each such count is an atomic operation, and small functions that pass
-            arrays on to each other spend most of their time on it.
-        options: Those of `numba.njit`; `cache` is always on.
+        borrows: True if the function only reads and writes its array arguments, and neither allocates nor returns
+            arrays. Reference counting is then disabled; its atomic operations dominate the time of small functions.
+        options: Options of `numba.njit`; `cache` is always on.
     """
     if borrows and CAN_BORROW:
         options["_nrt"] = False
@@ -75,7 +75,7 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
     def decorate(function: _F) -> _F:
         try:
             return _stamped(numba.njit(cache=True, **options)(function))
-        except RuntimeError:  # no place for a cache
+        except RuntimeError:  # numba found no writable cache folder
             folder = private_folder()
         if folder is None:
             return numba.njit(**options)(function)
@@ -86,7 +86,7 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
 
 
 def _stamped(kernel: Any) -> Any:
-    """Has the cache of a kernel count as old when what it was made of has changed, in whatever file that stands."""
+    """Makes the compilation cache of a kernel depend on all source files and constants it was compiled from."""
     if not numba.config.DISABLE_JIT:
         file = kernel._cache._cache_file
         file._source_stamp = (file._source_stamp, _made_of(kernel.py_func.__module__))
@@ -95,12 +95,12 @@ def _stamped(kernel: Any) -> Any:
 
 
 def _forgiving(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
-    """Has an index that cannot be read count as empty: one of another release names types that are gone by now."""
+    """Wraps the loader of numba's cache index so that an unreadable index counts as empty."""
 
     def index() -> dict[Any, str]:
         try:
             return load()
-        except Exception:  # pickle raises whatever it meets
+        except Exception:  # unpickling may raise anything
             return {}
 
     return index
@@ -108,20 +108,27 @@ def _forgiving(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str
 
 @functools.cache
 def _made_of(module: str) -> str:
-    """Digests what kernels of a module are made of, as imported before its first one: files of callees, constants."""
+    """Returns a hash of everything that a module's kernels are compiled from: source files and constants."""
     modules: dict[str, list[str]] = {}
     _follow(module, modules)
     digest = hashlib.sha256()
     for name in sorted(modules):
         digest.update("\n".join((name, *modules[name])).encode())
-        if name != module:  # its own file has a stamp of numba's, which a module without a file does not need
+        if name != module:  # numba itself stamps the kernel's own file
             status = Path(sys.modules[name].__file__ or os.devnull).stat()
             digest.update(f"{status.st_mtime_ns} {status.st_size}".encode())
     return digest.hexdigest()
 
 
 def _follow(module: str, found: dict[str, list[str]]) -> None:
-    """Notes the constants of a module, and those of all modules of its package that it has functions or types of."""
+    """Adds the constants of a module to `found`, as text, and the constants of all modules that it imports.
+
+    Imports are followed recursively, but only within the same package.
+
+    Args:
+        module: Full name of the module.
+        found: Constants by name of the module; extended in place.
+    """
     constants: list[str] = []
     found[module] = constants
     names = vars(sys.modules[module]) if module in sys.modules else {}
@@ -137,13 +144,13 @@ def _follow(module: str, found: dict[str, list[str]]) -> None:
 
 @functools.cache
 def private_folder() -> Path | None:
-    """A temporary folder that only this user can write to; it is made if need be, and the same in every process.
+    """Returns a temporary folder that only this user can write to; all processes get the same folder.
 
-    numba unpickles what it finds in a cache and runs it, so a folder that another user made, or can put something into
-    or in the place of, is not taken.
+    It is created if necessary. numba unpickles and executes the content of its cache. A folder that another user
+    created, can write to or can replace is therefore rejected.
 
     Returns:
-        The folder, or None where there is none to be trusted.
+        The folder, or None if no safe one is available.
     """
     if hasattr(os, "getuid"):
         with suppress(OSError):  # no temporary folder, a full or read-only one, or a file of that name
@@ -164,7 +171,10 @@ def _only_ours(folder: Path) -> bool:
 
 
 def _keeps_names(parent: Path) -> bool:
-    """Whether nobody but its owner, who is this user or root, can rename what others have put into a folder."""
+    """True if no other user can rename or replace this user's entries in a folder.
+
+    The folder belongs to this user or root; other users cannot write to it, or it is sticky like /tmp.
+    """
     status = parent.stat()
     shared = status.st_mode & 0o022 and not status.st_mode & stat.S_ISVTX
     return status.st_uid in (0, os.getuid()) and not shared
@@ -172,7 +182,7 @@ def _keeps_names(parent: Path) -> bool:
 
 @contextmanager
 def _cache_in(folder: Path) -> Iterator[None]:
-    """Has numba choose a folder for the kernels that are made meanwhile, and for no others."""
+    """Sets numba's cache folder for kernels created within the context."""
     with _LOCK:
         before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
         try:
@@ -182,7 +192,7 @@ def _cache_in(folder: Path) -> Iterator[None]:
 
 
 class _Compilations(event.Listener):
-    """Logs each kernel that is compiled, with its callees as part of it."""
+    """Log of compiled kernels; functions that a kernel calls are not logged separately."""
 
     def __init__(self) -> None:
         self.depth = threading.local()

@@ -1,27 +1,26 @@
-"""Order of points in which runs are boxes: a balanced k-d tree whose leaves have sizes that somebody else chose."""
+"""Sorting of points into spatially compact ranges: a balanced k-d tree with given leaf sizes."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from splatwire.files.large import large_empty
+from splatwire.ops import _kd_kernels as kernels
 
 
 def kd_order(points: np.ndarray, nested: Sequence[np.ndarray]) -> np.ndarray:
-    """Sorts points so that each run between bounds lies apart from the others of the same coarser run.
+    """Sorts points so that the ranges between given bounds are spatially compact, at several nested levels.
 
-    Each run is cut at the bound in its middle, across the axis along which its points have the largest variance, until
-    it has no bound within.
+    Each range is split at its middle bound, along the axis of largest variance, until no bound is left inside.
 
     Args:
         points: (N, 3), finite.
-        nested: Ascending bounds from 0 to N, int64; those of the coarsest runs first, and each has all of those before.
+        nested: Bounds of the ranges, ascending from 0 to N, int64, for each level, coarsest level first; each level
+            contains all bounds of the previous level.
 
     Returns:
-        Indices, int64 (N). Which order points of one of the finest runs have, nobody promises.
+        Indices, int64 (N). The order within the finest ranges is unspecified.
     """
-    from splatwire.ops import _kd_kernels as kernels
-
     order = large_empty((len(points),), np.int64)
     order[:] = np.arange(len(points))
     points, outer = np.ascontiguousarray(points, dtype=np.float32), np.array([0, len(points)], dtype=np.int64)

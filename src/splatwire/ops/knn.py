@@ -9,16 +9,16 @@ from splatwire.ops.arrays import to_numpy
 
 _CHUNK = 1 << 15
 _LEAF_SIZE = 32
-"""Points per leaf: a third faster than the default for the large k used here."""
+"""Points per leaf; a third faster than the default for the large k used here."""
 _SPARE = 4
-"""Extra neighbours that are asked for, so that equal distances around the k-th can be told apart by index."""
+"""Extra neighbours per query, so that ties at the distance of the k-th neighbour can be resolved by index."""
 
 
 class NeighborTree:
-    """Points prepared for neighbour queries; ties in distance go to the lower index.
+    """Search tree for nearest neighbours; ties in distance go to the lower index.
 
-    Distances are computed in float64. More than four points at exactly the distance of the k-th neighbour are told
-    apart by the tree's own (repeatable) order.
+    Distances are computed in float64. If more than four points tie with the k-th neighbour, the tree's own
+    (deterministic) order decides.
 
     Args:
         support: The points, a numpy array or a torch tensor.
@@ -38,7 +38,7 @@ class NeighborTree:
         """Finds the `min(k, S)` points nearest to each query, nearest first.
 
         Args:
-            queries: Where to look from; in an order that is local in space for speed.
+            queries: Query points; a spatially coherent order is faster.
             k: Number of neighbours.
 
         Returns:
@@ -66,7 +66,7 @@ def nearest_neighbors(
 
     Args:
         support: Points to choose from.
-        queries: Where to look from.
+        queries: Query points.
         k: Number of neighbours.
 
     Returns:
@@ -78,26 +78,26 @@ def nearest_neighbors(
 def nearest_others(
     tree: NeighborTree, points: Float[Any, "Q 3"], own: Int64[Any, "Q"], k: int
 ) -> tuple[Int64[np.ndarray, "Q kept"], Float[np.ndarray, "Q kept"]]:
-    """Finds the `min(k, S - 1)` nearest neighbours of points that are in the tree themselves, without themselves.
+    """Finds the `min(k, S - 1)` nearest other points for some points of the tree.
 
     Args:
-        tree: The cloud.
-        points: Some of its points.
-        own: Their indices in the cloud.
+        tree: Search tree of all S points.
+        points: Some points of the tree.
+        own: Indices of these points in the tree.
         k: Number of neighbours.
 
     Returns:
-        Indices into the cloud, and distances. A twin at the same position is a neighbour like any other.
+        Indices of the neighbours, and distances. Duplicates at the same position count as neighbours.
     """
     index, distance = tree.query(points, k + 1)
     own = to_numpy(own)
     if index.shape[1] == 0:
         return index, distance
-    # Nearly always a point is its own first neighbour, at distance 0; twins are put right row by row.
+    # Usually a point is its own first neighbour, at distance 0; rows with duplicates are corrected separately.
     rows = np.flatnonzero(index[:, 0] != own)
     twins, twin_distance = index[rows], distance[rows]
     itself = twins == own[rows, None]
-    itself[:, -1] |= ~itself.any(axis=1)  # more than k twins hid it: one of the equals goes instead
+    itself[:, -1] |= ~itself.any(axis=1)  # more than k duplicates: drop one of them instead
     index, distance = index[:, 1:].copy(), distance[:, 1:].copy()
     index[rows] = twins[~itself].reshape(len(rows), index.shape[1])
     distance[rows] = twin_distance[~itself].reshape(len(rows), index.shape[1])

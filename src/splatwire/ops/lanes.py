@@ -1,10 +1,11 @@
-"""Sixteen floats as one value inside compiled functions: one row of a tile, in registers.
+"""SIMD values of sixteen float32 for compiled functions: one pixel row of a tile, in registers.
 
-Left to itself the compiler does turn a plain loop over pixels into vector instructions, but it cannot keep sums per
-column in registers while it walks down the rows, and those cost a fraction of sums per pixel. `Lanes` asks for what is
-wanted: 512 bits where the processor has them, otherwise as many shorter registers as it takes.
+A kernel that sums over the pixels of a tile is fastest if it keeps one sum for each pixel column in registers while it
+processes row after row. The compiler vectorises a plain loop over pixels, but stores such sums in memory between rows.
+`Lanes` maps to 512-bit registers if available, otherwise to several shorter ones.
 
-For numba functions only: the functions below, + - * / of lanes with lanes or float32, >=, <= and &.
+Usable in numba functions only: the functions of this module, the operators + - * / on these values and float32, and the
+comparisons >=, <= and &.
 """
 
 import operator
@@ -17,14 +18,14 @@ from numba.extending import intrinsic, lower_builtin, models, register_model, ty
 
 LANES = 16
 _FLOATS, _INTS, _BITS = (ir.VectorType(kind, LANES) for kind in (ir.FloatType(), ir.IntType(32), ir.IntType(1)))
-_FLAGS = ("nsz", "arcp", "contract")  # not "reassoc", which would take the rounding out of `power_of_two`
-_SHIFTER = 1.5 * (1 << 23)  # a float this large has no digits behind the point: adding it rounds
+_FLAGS = ("nsz", "arcp", "contract")  # not "reassoc", which would remove the rounding in `power_of_two`
+_SHIFTER = 1.5 * (1 << 23)  # floats this large have no fractional bits, so adding it rounds
 # 2 ** f on [-1/2, 1/2], lowest power first: the polynomial of degree five of least relative error.
 _EXP2 = (1.0000001, 0.69314694, 0.2402212, 0.055507127, 0.00967554, 0.00132766)
 
 
 class _Vector(types.Type):
-    """Type of sixteen floats, or of sixteen bits that say for which of them something holds."""
+    """Numba type of a vector of sixteen floats, or of a mask of sixteen bits."""
 
 
 _LANES, _MASK = _Vector("Lanes"), _Vector("Mask")
@@ -43,7 +44,14 @@ def _spread(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
 
 @no_type_check
 def _define(operation: Any, result: types.Type, inside: types.Type, build: Callable[..., ir.Value]) -> None:
-    """Defines an operator for vectors; a number on one side counts as sixteen."""
+    """Defines an operator for vectors of sixteen numbers; a scalar operand is broadcast.
+
+    Args:
+        operation: Python operator, such as `operator.add`.
+        result: Type of the result.
+        inside: Type of the operands.
+        build: Function that emits the LLVM instruction for two operands.
+    """
 
     @type_callable(operation)
     def typer(context):
@@ -81,7 +89,7 @@ def _address(context, builder, array_type, array, index, kind=_FLOATS):
 @intrinsic
 @no_type_check
 def load(typingctx, array, index):
-    """Sixteen numbers of a flat float32 array from `index` on; nobody checks that they are there."""
+    """Loads a vector: sixteen numbers of a flat float32 array from `index` on, without bounds check."""
 
     def build(context, builder, signature, arguments):
         return builder.load(_address(context, builder, signature.args[0], *arguments), align=4)
@@ -92,7 +100,7 @@ def load(typingctx, array, index):
 @intrinsic
 @no_type_check
 def pick(typingctx, array, index):
-    """One number of a flat float32 array; nobody checks that it is there, or counts from the end."""
+    """Loads one number of a flat float32 array, without bounds check or negative indices."""
 
     def build(context, builder, signature, arguments):
         return builder.load(_address(context, builder, signature.args[0], *arguments, ir.FloatType()))
@@ -103,7 +111,7 @@ def pick(typingctx, array, index):
 @intrinsic
 @no_type_check
 def store(typingctx, array, index, value):
-    """Writes sixteen numbers to a flat float32 array from `index` on; nobody checks that there is room."""
+    """Stores a vector into a flat float32 array from `index` on, without bounds check."""
 
     def build(context, builder, signature, arguments):
         array, index, value = arguments
@@ -116,7 +124,7 @@ def store(typingctx, array, index, value):
 @intrinsic
 @no_type_check
 def spread(typingctx, value):
-    """One number sixteen times."""
+    """Returns a vector with sixteen copies of one number."""
 
     def build(context, builder, signature, arguments):
         return _spread(builder, arguments[0])
@@ -127,7 +135,7 @@ def spread(typingctx, value):
 @intrinsic
 @no_type_check
 def choose(typingctx, mask, yes, no):
-    """`yes` where the mask says so, `no` elsewhere."""
+    """Returns a vector with the elements of `yes` where the mask is set, and of `no` elsewhere."""
 
     def build(context, builder, signature, arguments):
         return builder.select(*arguments)
@@ -138,7 +146,7 @@ def choose(typingctx, mask, yes, no):
 @intrinsic
 @no_type_check
 def smaller(typingctx, a, b):
-    """The smaller of two, lane by lane."""
+    """Returns the element-wise minimum of two vectors."""
 
     def build(context, builder, signature, arguments):
         return builder.select(builder.fcmp_ordered("<", *arguments), *arguments)
@@ -149,7 +157,7 @@ def smaller(typingctx, a, b):
 @intrinsic
 @no_type_check
 def power_of_two(typingctx, power):
-    """2 ** power to 2e-7 relative for powers in [-126, 127]; a number without meaning for others."""
+    """Returns 2 ** power for each element, with relative error 2e-7, for powers in [-126, 127]."""
 
     def build(context, builder, signature, arguments):
         (power,) = arguments
@@ -171,7 +179,10 @@ def power_of_two(typingctx, power):
 @intrinsic
 @no_type_check
 def pairs(typingctx, a, b):
-    """Sums of neighbours: those of `a`, then those of `b`. Four times over, sixteen of them become their totals."""
+    """Returns the sums of adjacent pairs of elements: eight sums of `a`, then eight of `b`.
+
+    Four rounds of this function reduce sixteen vectors to one vector with the sum of each of them.
+    """
 
     def build(context, builder, signature, arguments):
         sides = [builder.shuffle_vector(*arguments, ir.Constant(_INTS, [*range(s, 2 * LANES, 2)])) for s in (0, 1)]
@@ -183,7 +194,7 @@ def pairs(typingctx, a, b):
 @intrinsic
 @no_type_check
 def store_first(typingctx, array, index, value, count):
-    """Writes the first `count` of sixteen numbers, a number known when compiling, from `index` on."""
+    """Stores the first `count` elements of a vector from `index` on; `count` is a compile-time constant."""
     if not isinstance(count, types.IntegerLiteral):
         return None
 
@@ -205,14 +216,14 @@ def store_first(typingctx, array, index, value, count):
 @intrinsic
 @no_type_check
 def prefetch(typingctx, array, index):
-    """Asks for the memory at `index` of a flat array, which will be read soon."""
+    """Loads the memory at `index` of a flat array into the processor's cache in advance."""
 
     def build(context, builder, signature, arguments):
         byte, number = ir.IntType(8), ir.IntType(32)
         address = _address(context, builder, signature.args[0], *arguments, byte)
         kind = ir.FunctionType(ir.VoidType(), [byte.as_pointer(), number, number, number])
         function = builder.module.declare_intrinsic("llvm.prefetch", [byte.as_pointer()], kind)
-        builder.call(function, [address, *(ir.Constant(number, n) for n in (0, 3, 1))])  # to read, to keep, data
+        builder.call(function, [address, *(ir.Constant(number, n) for n in (0, 3, 1))])  # read, high locality, data
         return context.get_dummy_value()
 
     return types.none(array, types.intp), build

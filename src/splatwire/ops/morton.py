@@ -10,11 +10,11 @@ _SPREADS = (
     (2, 0x1249249249249249),
 )
 MAX_AXIS_BITS = 21
-"""Three axes of 21 bits fill 63 bits."""
+"""Maximum bits per coordinate; three axes fill 63 bits."""
 
 
 def morton_encode(points: np.ndarray) -> np.ndarray:
-    """Interleaves coordinates.
+    """Converts points to Morton codes by interleaving the bits of their coordinates.
 
     Args:
         points: int64 (N, 3), each in [0, 2**21).
@@ -37,7 +37,7 @@ def morton_encode(points: np.ndarray) -> np.ndarray:
 
 
 def morton_decode(codes: np.ndarray) -> np.ndarray:
-    """Inverse of `morton_encode`.
+    """Converts Morton codes back to points.
 
     Args:
         codes: int64 (N), non-negative.

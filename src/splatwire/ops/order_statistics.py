@@ -1,4 +1,4 @@
-"""Exact order statistics of numbers that are read in pieces several times: memory does not grow with them."""
+"""Exact order statistics (such as medians) of numbers that are read in several passes, in constant memory."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -6,18 +6,20 @@ import numpy as np
 
 DIGIT_BITS = 16
 Pieces = Callable[[], Iterable[np.ndarray]]
-"""Reads numbers from the beginning: one-dimensional pieces, float32 or float64, none of them NaN."""
+"""Function that starts a new pass over the numbers: yields one-dimensional arrays, float32 or float64, without NaN."""
 
 
 def order_statistics(pieces: Pieces, ranks: Sequence[int]) -> np.ndarray:
-    """Numbers that would be at some places if all were sorted: found digit by digit from counts, the highest first.
+    """Returns the numbers at given ranks of the sorted sequence.
+
+    Radix selection: digits are determined from histograms, the highest digit first.
 
     Args:
-        pieces: The numbers; they are read twice if they are float32, four times if float64.
-        ranks: Places from 0, each below how many numbers there are.
+        pieces: Function that yields the numbers; called twice for float32, four times for float64.
+        ranks: Positions in the sorted sequence from 0, each below the count of numbers.
 
     Returns:
-        float64, one for each rank.
+        The number at each rank, float64.
     """
     found, left, bits = [0] * len(ranks), list(ranks), 0
     shift = size = 8 * next(iter(pieces())).dtype.itemsize
@@ -39,12 +41,12 @@ def order_statistics(pieces: Pieces, ranks: Sequence[int]) -> np.ndarray:
 
 
 def middle_ranks(count: int) -> list[int]:
-    """Ranks of the two numbers, or twice of the one, that the median of `count` numbers is the mean of."""
+    """Returns the two ranks whose numbers are averaged for the median of `count` numbers; equal for odd counts."""
     return [(count - 1) // 2, count // 2]
 
 
 def quantiles(pieces: Pieces, count: int, shares: Sequence[float]) -> np.ndarray:
-    """Quantiles of `count` numbers, in a straight line between the two nearest, bit for bit those of `np.quantile`."""
+    """Returns quantiles of `count` numbers with linear interpolation, bit-exact with `np.quantile`."""
     at = (count - 1) * np.array(shares)
     low = np.floor(at).astype(int)
     ends = order_statistics(pieces, [*low.tolist(), *np.minimum(low + 1, count - 1).tolist()])
@@ -53,13 +55,16 @@ def quantiles(pieces: Pieces, count: int, shares: Sequence[float]) -> np.ndarray
 
 
 def _keys(values: np.ndarray) -> np.ndarray:
-    """Unsigned integers in the order of floats: the sign bit turned over, of negative numbers all bits."""
+    """Maps floats to unsigned integers that sort in the same order.
+
+    The sign bit is inverted; for negative numbers all bits.
+    """
     bits = np.ascontiguousarray(values).view(f"u{values.dtype.itemsize}")
     top = bits.dtype.type(1 << (8 * values.dtype.itemsize - 1))
     return np.where(bits & top, ~bits, bits | top)
 
 
 def _numbers(keys: np.ndarray) -> np.ndarray:
-    """Inverse of `_keys`, as float64."""
+    """Maps the unsigned integers of `_keys` back to floats, float64."""
     top = keys.dtype.type(1 << (8 * keys.dtype.itemsize - 1))
     return np.where(keys & top, keys ^ top, ~keys).view(f"f{keys.dtype.itemsize}").astype(np.float64)

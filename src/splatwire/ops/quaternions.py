@@ -1,4 +1,4 @@
-"""Unit quaternions (w, x, y, z)."""
+"""Conversion between unit quaternions (w, x, y, z) and rotation matrices."""
 
 from typing import Any
 
@@ -6,7 +6,10 @@ import numpy as np
 
 
 def rotation_rows(w: Any, x: Any, y: Any, z: Any) -> list[list[Any]]:
-    """Rotation matrix of quaternions, row by row; components are numbers, arrays or tensors of one shape."""
+    """Converts unit quaternions to rotation matrices, as three rows of three components each.
+
+    Components are numbers, arrays or tensors of one shape.
+    """
     return [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
@@ -15,12 +18,15 @@ def rotation_rows(w: Any, x: Any, y: Any, z: Any) -> list[list[Any]]:
 
 
 def rotation_matrices(quats: np.ndarray) -> np.ndarray:
-    """Rotation matrices (N, 3, 3) of quaternions (N, 4)."""
+    """Converts quaternions (N, 4) to rotation matrices (N, 3, 3)."""
     return np.moveaxis(np.array(rotation_rows(*quats.T)), 2, 0)
 
 
 def quaternions_of(m: np.ndarray) -> np.ndarray:
-    """Unit quaternions (w, x, y, z) of rotation matrices (n, 3, 3), by the largest of the four (Shepperd, 1978)."""
+    """Converts rotation matrices (n, 3, 3) to unit quaternions (w, x, y, z).
+
+    Uses the largest of the four components (Shepperd, 1978).
+    """
     d = np.diagonal(m, axis1=1, axis2=2)
     squares = np.concatenate([d.sum(axis=1)[:, None], 2 * d - d.sum(axis=1)[:, None]], axis=1) + 1
     x, y, z = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]

@@ -10,11 +10,11 @@ from splatwire.errors import InvalidValueError
 
 MAX_DEGREE = 3
 DC = 0.5 / math.sqrt(math.pi)
-"""The constant basis function."""
+"""Value of the constant basis function."""
 
 
 def num_functions(degree: int) -> int:
-    """Returns how many basis functions there are up to `degree`.
+    """Returns the number of basis functions of spherical harmonics up to `degree`.
 
     Raises:
         InvalidValueError: If the degree is not 0 to 3.
@@ -25,10 +25,10 @@ def num_functions(degree: int) -> int:
 
 
 def degree_of(functions: int) -> int:
-    """Returns the degree that has so many basis functions.
+    """Returns the degree of spherical harmonics with a given number of basis functions.
 
     Raises:
-        InvalidValueError: If no supported degree has.
+        InvalidValueError: If no supported degree has this number.
     """
     degree = math.isqrt(max(functions, 0)) - 1
     if not 0 <= degree <= MAX_DEGREE or (degree + 1) ** 2 != functions:
@@ -37,7 +37,7 @@ def degree_of(functions: int) -> int:
 
 
 def sh_basis(directions: Float[np.ndarray, "*batch 3"], degree: int) -> Float[np.ndarray, "*batch D"]:
-    """Evaluates the basis functions.
+    """Evaluates the basis functions of spherical harmonics in given directions.
 
     They are sqrt(2) times imaginary part (m < 0) or real part (m > 0) of the complex harmonics with the
     Condon-Shortley phase, ordered by l, then m from -l to l. Unlike the usual real harmonics they have no factor
@@ -56,7 +56,7 @@ def sh_basis(directions: Float[np.ndarray, "*batch 3"], degree: int) -> Float[np
 
 
 def sh_functions(x: Any, y: Any, z: Any, degree: int) -> list[Any]:
-    """Evaluates each basis function of `sh_basis`; works with numpy arrays and with torch tensors.
+    """Evaluates the basis functions of `sh_basis` one by one, for numpy arrays or torch tensors.
 
     Args:
         x: First components of unit vectors.

@@ -1,4 +1,4 @@
-"""One thread for small work: waking other threads, and waiting for them on busy processors, can cost ten times more."""
+"""Thread control: parallel loops that do not wait for slow thread starts, and single-threaded matrix products."""
 
 import collections
 import functools
@@ -18,12 +18,12 @@ Result = TypeVar("Result")
 
 @functools.cache
 def _matrix_library() -> ThreadpoolController:
-    """The loaded matrix library; finding it takes 100 times longer than setting its limit."""
+    """Returns the controller of the loaded BLAS library; cached because the search is slow."""
     return ThreadpoolController().select(user_api="blas")
 
 
 class _Holders:
-    """Those who hold the matrix library, whose limit is one for the whole process, at one thread."""
+    """Counter of the active contexts that limit BLAS to one thread, a limit of the whole process."""
 
     def __init__(self) -> None:
         self.lock, self.num, self.limit = threading.Lock(), 0, ExitStack()
@@ -46,10 +46,10 @@ _HOLDERS = _Holders()
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Keeps numpy's matrix products to the calling thread; what was allowed before is again when the last one leaves.
+    """Context manager that limits numpy's matrix products to the calling thread.
 
-    Threads may hold it at once, in any order: the limit belongs to the process, so each restoring what it found would
-    leave the process with whatever the last one found.
+    Contexts of several threads may overlap in any order. The limit is process-wide, so the previous one is restored
+    when the last context ends.
     """
     _HOLDERS.enter()
     try:
@@ -59,16 +59,16 @@ def one_blas_thread() -> Iterator[None]:
 
 
 _LIMIT = threading.Event()
-"""Set while work of this process stays on one thread."""
+"""Set if `share` uses only the calling thread in this process."""
 
 
 def use_single_thread() -> None:
-    """Keeps the shared work of this process to the calling thread, for good: for worker processes."""
+    """Permanently restricts `share` to the calling thread in this process; for worker processes."""
     _LIMIT.set()
 
 
 def allowed_threads() -> int:
-    """Number of threads that work may use here: at most the processors, `OMP_NUM_THREADS` and numba's number."""
+    """Returns the number of threads for `share`: the minimum of processors, `OMP_NUM_THREADS` and numba's limit."""
     from numba import config
 
     if _LIMIT.is_set():
@@ -80,7 +80,7 @@ def allowed_threads() -> int:
 
 @functools.cache
 def _helpers() -> ThreadPoolExecutor:
-    """Threads that wait for work without using a processor."""
+    """Returns the pool of helper threads."""
     return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="splatwire")
 
 
@@ -89,15 +89,15 @@ if hasattr(os, "register_at_fork"):
 
 
 def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """Does `work` for each item, on this thread and on others that have time for it.
+    """Applies a function to all items in parallel, on this thread and on idle helper threads.
 
-    Whoever is free takes the next item, and nobody waits for a thread that has not begun: on busy processors the caller
-    does nearly everything itself, as if there were no other threads.
+    Each free thread takes the next item, and helpers that have not started are not awaited. On busy processors the
+    caller therefore does nearly everything itself.
 
     Args:
-        work: What to do; spends its time in code that releases the interpreter lock. What it does for one item must
-            not depend on the others.
-        items: What to do it with; some hundred microseconds each, or waking threads costs more than they do.
+        work: Function of one item. It should release the interpreter lock most of the time. The result for an item must
+            not depend on other items.
+        items: Items, each with at least some hundred microseconds of work; otherwise waking threads costs more.
 
     Returns:
         The results in the order of the items.
@@ -118,12 +118,12 @@ def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]
 
 @dataclass(frozen=True)
 class _Turns(Generic[Item, Result]):
-    """Work that threads share.
+    """Queue of items that several threads process; each thread takes the next item.
 
     Attributes:
-        work: What is done for each item.
-        waiting: Items and their places.
-        results: What was found so far, by place.
+        work: Function of one item.
+        waiting: Remaining items with their indices.
+        results: Results so far, by index.
     """
 
     work: Callable[[Item], Result]
@@ -131,10 +131,10 @@ class _Turns(Generic[Item, Result]):
     results: dict[int, Result]
 
     def take(self) -> None:
-        """Does the next item, as long as any waits."""
+        """Processes items on the calling thread until the queue is empty."""
         while self.waiting:
             try:
                 place, item = self.waiting.popleft()
-            except IndexError:  # somebody else took the last one
+            except IndexError:  # another thread took the last one
                 return
             self.results[place] = self.work(item)

@@ -1,10 +1,12 @@
-"""Random numbers that are the same on every machine and in every release."""
+"""Random numbers that are identical on every machine and in every release."""
 
 import numpy as np
 
+_BLOCK = 16
+
 
 class Twister:
-    """A Mersenne twister (MT19937), whose sequence of 32-bit numbers is fixed for good.
+    """Generator of random numbers: a Mersenne twister (MT19937) with a fixed sequence of 32-bit numbers.
 
     Args:
         seed: Seed of the generator, 0 to 2**32 - 1.
@@ -14,12 +16,33 @@ class Twister:
         self._rng = np.random.RandomState(seed)
 
     def signs(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Returns the next signs, -1 or 1, float32 of a shape: the lowest bit of each number."""
+        """Returns random signs, -1 or 1, float32 of the given shape, one from the lowest bit of each 32-bit number."""
         return ((self._numbers(int(np.prod(shape))) & 1).astype(np.float32) * 2 - 1).reshape(shape)
 
     def uniform(self, count: int) -> np.ndarray:
-        """Returns the next numbers in [0, 1), float32 (count): the lowest 24 bits of each number."""
+        """Returns random numbers in [0, 1), float32 (count), each from the lowest 24 bits of a 32-bit number."""
         return (self._numbers(count) & 0xFFFFFF).astype(np.float32) * np.float32(2.0**-24)
+
+    def normal(self, count: int) -> np.ndarray:
+        """Returns standard normal random numbers, float32 (count), by the Box-Muller method.
+
+        Blocks of sixteen use sixteen uniform numbers. If the count is not a multiple of sixteen, the last sixteen are
+        drawn again. Counts below sixteen return the beginning of one block.
+        """
+        given = self.uniform(max(count, _BLOCK))
+        whole = len(given) // _BLOCK * _BLOCK
+        found = _normal(given[:whole])
+        if whole < len(given):
+            found = np.concatenate([found, given[whole:]])
+            found[-_BLOCK:] = _normal(self.uniform(_BLOCK))
+        return found[:count]
 
     def _numbers(self, count: int) -> np.ndarray:
         return self._rng.randint(0, 1 << 32, count, dtype=np.uint32)
+
+
+def _normal(uniform: np.ndarray) -> np.ndarray:
+    """Converts uniform to normal random numbers in blocks of sixteen (eight radii, eight angles; Box-Muller)."""
+    first, second = uniform.reshape(-1, 2, _BLOCK // 2).swapaxes(0, 1)
+    radius, angle = np.sqrt(-2 * np.log(1 - first)), np.float32(2 * np.pi) * second
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1).ravel()

@@ -1,7 +1,8 @@
-"""The concealers of the paper that this project was built for, and those that they were measured against.
+"""The concealers of the paper that this project implements (CARI, GNN), and the baselines of the paper.
 
-They come in by `register_concealer` and the entry points of `pyproject.toml`, as those of any other package do
-(docs/your-own-concealer.md); no other room imports this one. `docs/paper-map.md` says which equation is where.
+The package registers these concealers with `register_concealer` and the entry points of `pyproject.toml`, like any
+third-party package (docs/your-own-concealer.md). No other package imports this package. `docs/paper-map.md` lists the
+code of each equation.
 """
 
 from splatwire.paper.cari import CARI_PRESETS, Cari

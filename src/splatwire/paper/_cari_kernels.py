@@ -1,6 +1,6 @@
-"""Compiled scoring of CARI. What it must compute is `splatwire.paper.weighting._select_plain`.
+"""Compiled scoring of neighbours for CARI; same results as `splatwire.paper.weighting._select_plain`.
 
-Every query is on its own, so results do not depend on how queries are shared among threads.
+Each lost anchor (query) is scored separately, so results do not depend on the number of threads.
 """
 
 from typing import no_type_check
@@ -10,14 +10,14 @@ from numba import prange
 
 from splatwire.ops.compiled import njit
 
-_FAST = {"contract", "reassoc", "nsz"}  # sums of products in any order; NaN and infinity keep their meaning
+_FAST = {"contract", "reassoc", "nsz"}  # the compiler may reorder sums, but must handle NaN and infinity correctly
 _BATCH = 64
 
 
 @njit(fastmath=_FAST)
 @no_type_check
 def _similarity(a, b):
-    """`(a . b + 1) / 2` of unit vectors, kept in [0, 1] against rounding."""
+    """Returns the cosine similarity of two unit vectors, mapped from [-1, 1] to [0, 1]: `(a . b + 1) / 2`."""
     total = np.float32(0)
     for i in range(a.shape[0]):
         total += a[i] * b[i]
@@ -27,7 +27,7 @@ def _similarity(a, b):
 @njit()
 @no_type_check
 def _power(base, exponent):
-    """`base ** exponent`, without the general power where the paper's constants do not need it."""
+    """Returns `base ** exponent`; faster for 2, 1.5 and -0.5, the exponents with the paper's constants."""
     if exponent == np.float32(2):
         return base * base
     if exponent == np.float32(1.5):
@@ -40,7 +40,14 @@ def _power(base, exponent):
 @njit()
 @no_type_check
 def _insert(index, strength, candidate, u):
-    """Puts a candidate into the descending list, behind its equals; the weakest falls out."""
+    """Inserts a candidate into a list sorted by descending score, behind entries of equal score; drops the last entry.
+
+    Args:
+        index: Anchor indices in the list, changed in place.
+        strength: Scores in the list, changed in place.
+        candidate: Anchor index of the candidate.
+        u: Score of the candidate.
+    """
     place = strength.shape[0] - 1
     while place > 0 and strength[place - 1] < u:
         strength[place] = strength[place - 1]
@@ -53,7 +60,19 @@ def _insert(index, strength, candidate, u):
 @njit()
 @no_type_check
 def _score_query(context, signature, reliability, query, candidates, distance, exponents, index, strength):
-    """Fills the lists of one query: `index` and `strength`, (groups, keep)."""
+    """Scores the candidates of one lost anchor (query); keeps the best ones for each attribute group.
+
+    Args:
+        context: As in `score_and_keep`.
+        signature: As in `score_and_keep`.
+        reliability: As in `score_and_keep`.
+        query: Index of the lost anchor.
+        candidates: Indices of its candidate anchors, int64 (L).
+        distance: Distances of the candidates, float32 (L).
+        exponents: As in `score_and_keep`.
+        index: Output: indices of the best candidates, int64 (G, keep).
+        strength: Output: their scores, float32 (G, keep).
+    """
     for c in range(candidates.shape[0]):
         k = candidates[c]
         shared = _power(distance[c] + exponents[3], exponents[0])
@@ -90,20 +109,22 @@ def score_and_keep(
     keep: int,
     exponents: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Scores candidates and keeps the strongest per group.
+    """Scores the candidate neighbours of lost anchors; keeps those with the highest scores per attribute group.
 
     Args:
-        context: float32 (N, H), unit rows.
-        signature: float32 (N, S), unit rows.
-        reliability: float32 (N, G).
-        queries: int64 (Q).
-        candidates: int64 (Q, L).
-        distance: float32 (Q, L).
-        keep: At most L.
-        exponents: float32 (4): powers of `distance + epsilon`, of the context and the signature similarity; epsilon.
+        context: Hash-grid feature of each anchor, a unit vector, float32 (N, H).
+        signature: Residual signature of each anchor, a unit vector, float32 (N, S).
+        reliability: Factors `w_unc * w_conf` of the score (`splatwire.paper.weighting.select_neighbors`) for each
+            anchor and attribute group, float32 (N, G).
+        queries: Indices of the lost anchors, int64 (Q).
+        candidates: Indices of the candidate anchors of each query, int64 (Q, L).
+        distance: Distances of the candidates, float32 (Q, L).
+        keep: Number of candidates to keep, at most L.
+        exponents: Exponents of `distance + epsilon`, context similarity and signature similarity, then epsilon;
+            float32 (4).
 
     Returns:
-        Anchors, int64 (Q, G, keep), and scores, float32 (Q, G, keep), strongest first.
+        Anchor indices, int64 (Q, G, keep), and scores, float32 (Q, G, keep), highest score first.
     """
     index = np.empty((len(queries), reliability.shape[1], keep), np.int64)
     strength = np.empty(index.shape, np.float32)

@@ -1,6 +1,6 @@
-"""Compiled search for neighbours by Mahalanobis distance. What it must find is `tests/reference/mahalanobis.py`.
+"""Compiled nearest-neighbour search by Mahalanobis distance; the reference is `tests/reference/mahalanobis.py`.
 
-Every query is on its own, so results do not depend on how queries are shared among threads.
+Queries are independent, so results do not depend on the number of threads.
 """
 
 from typing import no_type_check
@@ -13,7 +13,14 @@ from splatwire.ops.compiled import njit
 @njit(borrows=True)
 @no_type_check
 def _gap(x, low, high, reach):
-    """Least squared distance from a point to anything in a block of points, in the block's largest sizes."""
+    """Returns a lower bound of the squared Mahalanobis distance from a query to all points of a block.
+
+    Args:
+        x: Query position, float64 (3).
+        low: Lower corner of the block's bounding box.
+        high: Upper corner of the block's bounding box.
+        reach: Largest size of the block's points along each axis, by which distances are divided.
+    """
     total = 0.0
     for axis in range(3):
         away = max(low[axis] - x[axis], x[axis] - high[axis], 0.0) / reach[axis]
@@ -24,7 +31,14 @@ def _gap(x, low, high, reach):
 @njit(borrows=True)
 @no_type_check
 def _insert(index, distance, candidate, gap):
-    """Puts a candidate into the ascending list, equals by index; the farthest falls out."""
+    """Inserts a candidate into a list sorted by distance, then by index, and drops the last entry.
+
+    Args:
+        index: Point indices in the list, changed in place.
+        distance: Squared distances in the list, changed in place.
+        candidate: Index of the candidate.
+        gap: Squared distance of the candidate.
+    """
     place = distance.shape[0] - 1
     while place > 0 and (distance[place - 1] > gap or (distance[place - 1] == gap and index[place - 1] > candidate)):
         distance[place] = distance[place - 1]
@@ -37,20 +51,20 @@ def _insert(index, distance, candidate, gap):
 @njit(parallel=True)
 @no_type_check
 def nearest(queries, points, sizes, number, starts, low, high, reach, bound, index, distance):
-    """Fills the lists of all queries: `index` and squared `distance`, ascending.
+    """Finds the k nearest points of each query; writes their indices and squared Mahalanobis distances, nearest first.
 
     Args:
-        queries: float64 (Q, 3).
-        points: float64 (S, 3), block by block.
-        sizes: float64 (S, 3), positive.
-        number: int64 (S), the points' names; equal distances go to the lower one.
-        starts: int64 (B + 1), where blocks begin.
-        low: float64 (B, 3), corner of each block.
-        high: float64 (B, 3), its other corner.
-        reach: float64 (B, 3), its largest sizes.
-        bound: float64 (Q), no less than the squared distance of the last neighbour.
-        index: int64 (Q, k), filled.
-        distance: float64 (Q, k), infinity at first, filled.
+        queries: Query positions, float64 (Q, 3).
+        points: Point positions, sorted by block, float64 (S, 3).
+        sizes: Sizes of the points along the axes, positive, float64 (S, 3).
+        number: Original index of each sorted point, int64 (S); of equal distances, the lower index is first.
+        starts: Index of the first point of each block, then S, int64 (B + 1).
+        low: Lower corner of each block's bounding box, float64 (B, 3).
+        high: Upper corner of each block's bounding box, float64 (B, 3).
+        reach: Largest size in each block along each axis, float64 (B, 3).
+        bound: Upper bound of the squared distance from each query to its k-th neighbour, float64 (Q).
+        index: Output: original indices of the neighbours, int64 (Q, k).
+        distance: Output: squared distances of the neighbours, float64 (Q, k), initialised with infinity.
     """
     last = index.shape[1] - 1
     for q in prange(queries.shape[0]):

@@ -1,4 +1,4 @@
-"""CARI, Context-Aware Residual Interpolation: the paper's classical concealer (Section 3.3)."""
+"""CARI, Context-Aware Residual Interpolation: the paper's non-learned concealer (Section 3.3)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -7,12 +7,11 @@ import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
-from splatwire.conceal.base import Concealed, check_at_least
-from splatwire.conceal.registry import register_concealer
+from splatwire.arguments import check_fields
+from splatwire.concealment.base import Concealed, check_at_least
+from splatwire.concealment.registry import register_concealer
 from splatwire.errors import InvalidValueError
-from splatwire.model import Partial, Prior
-from splatwire.model.prior import plausible_scalings
-from splatwire.model.tensors import to_tensors
+from splatwire.neural.model.tensors import to_tensors
 from splatwire.paper.fill import MaskVote, attributes_by_gap, weighted_mean, weighted_mean_of_existing
 from splatwire.paper.neighbors import TensorTree, nearest_other_points
 from splatwire.paper.ridge import ridge_correction
@@ -27,7 +26,8 @@ from splatwire.paper.signature import (
     unit_rows,
 )
 from splatwire.paper.weighting import ScoreExponents, Support, select_neighbors
-from splatwire.scene import AnchorLayout, Attribute
+from splatwire.types import AnchorLayout, Attribute, Prior, ReceivedScene
+from splatwire.types.prior import plausible_scalings
 
 _CHUNK = 1 << 13
 
@@ -35,37 +35,41 @@ _CHUNK = 1 << 13
 @register_concealer("cari", needs=[Prior])
 @dataclass(frozen=True)
 class Cari:
-    """Adds to the prior's mean a weighted mean of the neighbours' residuals; every default is the paper's constant.
+    """Conceals an anchor with the prior's mean plus a weighted mean of the neighbours' residuals.
 
-    Per query, the `candidates` nearest anchors that have the attribute are scored with `w_geo w_ctx w_unc w_conf
-    w_sig`, once per attribute group (feature groups, scaling, offsets), and the `neighbors` strongest interpolate.
+    All defaults are the paper's constants.
 
-    What the paper leaves open, and what is done here:
+    For each lost anchor (query), the `candidates` nearest anchors with the attribute are scored. The score is the
+    product `w_geo w_ctx w_unc w_conf w_sig` of factors for distance, similarity of hash-grid features, uncertainty of
+    the prior, confidence, and similarity of residual signatures. There is one score per attribute group (feature
+    groups, scaling, offsets). The `neighbors` candidates with the highest scores are used for the interpolation.
 
-    * A query's own signature. In the first pass nothing of a lost anchor is known but its prior, so its residuals are
-      zero, the cosine with the zero signature is 0 and `w_sig` is the same for all candidates: without effect.
-      From the second pass on its signature comes from the residuals that the previous pass gave it.
-    * Refinement. In a later pass every anchor that the previous pass concealed supports the others (never itself), with
-      confidence `recovered_confidence`; all queries are updated at once, so their order does not matter.
-    * Offsets that do not exist have no residual: the other neighbours take over their weight, per offset. The
-      signature's offset mean is over existing offsets.
-    * The mask is lost with its packet: neighbours weighted as for the offsets vote on it (`vote`).
-    * A size is kept at least as large as the smallest received one.
-    * If no anchor has the attribute (or all scores are zero), the prior's mean is left.
+    Our choices for details that the paper does not specify:
+
+    * Signature of a query. In the first pass only the prior of a lost anchor is known. Its residuals are zero, the
+      cosine with the zero signature is 0, and `w_sig` is equal for all candidates, so it has no effect. From the second
+      pass on, the signature is computed from the residuals of the previous pass.
+    * Refinement. In later passes, anchors concealed in the previous pass are also candidates (except for themselves),
+      with confidence `recovered_confidence`. All queries are updated at once, so their order does not matter.
+    * Offsets that do not exist have no residual; their weight is distributed over the other neighbours, per offset. The
+      signature's offset mean includes only existing offsets.
+    * The mask is lost with its packet. Neighbours vote on it, with the weights of the offsets (`vote`).
+    * Estimated sizes are clamped to at least the smallest received size.
+    * If no anchor has the attribute, or all scores are zero, the result is the prior's mean.
 
     Attributes:
-        candidates: Nearest anchors that are scored, L.
-        neighbors: Strongest of them that interpolate, K.
-        distance_exponent: alpha.
+        candidates: Number of nearest anchors that are scored, L.
+        neighbors: Number of candidates used for the interpolation, K.
+        distance_exponent: alpha, of the distance.
         context_exponent: beta, of the hash-context similarity.
         uncertainty_exponent: gamma, of the prior's scale.
         signature_exponent: delta, of the similarity of residual signatures.
-        epsilon: Added to distances, uncertainties and the sum of scores; the paper names no value.
-        recovered_confidence: Confidence of support that was concealed in a previous pass.
-        passes: Refinement passes.
-        ridge: Strength of the ridge refinement of features (`splatwire.paper.ridge`); None leaves it out.
-        vote: How the mask is chosen.
-        backend: `numba`, or `torch` for the plain version.
+        epsilon: Added to distances, uncertainties and the sum of scores; the paper gives no value.
+        recovered_confidence: Confidence of anchors concealed in a previous pass.
+        passes: Number of passes.
+        ridge: Strength of the ridge refinement of features (`splatwire.paper.ridge`); None to disable it.
+        vote: Rule that determines the mask.
+        backend: `numba` (compiled), or `torch` (reference).
     """
 
     candidates: int = 128
@@ -82,6 +86,7 @@ class Cari:
     backend: str = "numba"
 
     def __post_init__(self) -> None:
+        check_fields(self)
         check_at_least("number of neighbours", self.neighbors, 1)
         check_at_least("number of candidates", self.candidates, 1)
         check_at_least("number of passes", self.passes, 1)
@@ -96,11 +101,11 @@ class Cari:
 
     @property
     def name(self) -> str:
-        """`cari`."""
+        """Name in the registry of concealers: `cari`."""
         return "cari"
 
-    def __call__(self, context: Partial) -> Concealed:
-        """See `Concealer`."""
+    def __call__(self, context: ReceivedScene) -> Concealed:
+        """Returns the scene with estimates of the lost attributes; received values are unchanged."""
         context = to_tensors(context)
         fixed = _prepare(context, self)
         estimate = _Estimate(
@@ -116,21 +121,22 @@ class Cari:
 
 
 CARI_PRESETS = {"paper": Cari()}
-"""Named settings; `paper` holds the paper's constants and nothing else."""
+"""Named settings of the concealer; `paper` has the constants of the paper."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Fixed:
-    """What no pass changes.
+    """Data that does not change between the passes of the interpolation.
 
     Attributes:
+        context: The received scene.
         groups: Attribute groups.
-        unit_context: Hash-grid features of length 1.
-        certainty: `w_unc` per group.
-        everyone: All anchors, for the later passes.
+        unit_context: Hash-grid feature of each anchor, normalised to length 1.
+        certainty: Factor `w_unc` of the score of each anchor, per attribute group.
+        everyone: Search tree of all anchors; later passes also use concealed anchors as neighbours.
     """
 
-    context: Partial
+    context: ReceivedScene
     groups: tuple[AttributeGroup, ...]
     unit_context: Float[Tensor, "N H"]
     certainty: Float[Tensor, "N G"]
@@ -139,13 +145,18 @@ class _Fixed:
 
 @dataclass(frozen=True, eq=False)
 class _Estimate:
-    """What a pass leaves to the next one: residuals (0 where still unknown) and masks (all True where unknown)."""
+    """Estimate of the scene before the first pass of `_refine`, or after one of the passes.
+
+    Attributes:
+        residuals: Received or interpolated differences of all attributes from the prior's mean; 0 if still unknown.
+        mask: Received or interpolated offset masks of all anchors; True if still unknown.
+    """
 
     residuals: Residuals
     mask: Bool[Tensor, "N K"]
 
 
-def _prepare(context: Partial, settings: Cari) -> _Fixed:
+def _prepare(context: ReceivedScene, settings: Cari) -> _Fixed:
     sigma = uncertainties(context[Prior], context[AnchorLayout])
     return _Fixed(
         context,
@@ -157,7 +168,11 @@ def _prepare(context: Partial, settings: Cari) -> _Fixed:
 
 
 def _refine(settings: Cari, fixed: _Fixed, old: _Estimate, *, first: bool) -> _Estimate:
-    """One pass over all gaps; reads the old estimate only, so that the order of queries does not matter."""
+    """Performs one pass: interpolates all lost attributes from neighbours, and returns the new estimate of the scene.
+
+    The values of neighbours are taken from the estimate before this pass (`old`), so the order of the lost anchors
+    (queries) has no influence.
+    """
     context = fixed.context
     signature = unit_rows(signatures(old.residuals))
     parts, mask = tuple(part.clone() for part in old.residuals.parts), old.mask.clone()
@@ -193,7 +208,17 @@ def _exponents(settings: Cari) -> ScoreExponents:
 def _candidates(
     settings: Cari, fixed: _Fixed, received: Bool[Tensor, "N"], *, first: bool
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
-    """Yields, chunk by chunk, queries, their nearest candidates ("Q L") and distances."""
+    """Yields lost anchors (queries) in chunks, with their nearest candidates for the interpolation.
+
+    Each item has the indices of the queries (Q), the indices of their candidates (Q, L) and the distances (Q, L). In
+    the first pass, only anchors whose attribute was received are candidates.
+
+    Args:
+        settings: Settings of the concealer.
+        fixed: Data that does not change between the passes.
+        received: Mask of the anchors whose attribute was received.
+        first: True in the first pass.
+    """
     positions = fixed.context.places
     support = received.nonzero()[:, 0]
     tree = TensorTree(positions[support]) if first else fixed.everyone
@@ -207,7 +232,7 @@ def _candidates(
 
 @dataclass(frozen=True, eq=False)
 class _Neighbors:
-    """The neighbours that interpolate one attribute group of some queries."""
+    """Neighbours of lost anchors (queries) for one attribute group, with their interpolation weights."""
 
     queries: Int64[Tensor, "Q"]
     index: Int64[Tensor, "Q k"]
@@ -215,7 +240,7 @@ class _Neighbors:
 
 
 def _vote(settings: Cari, mask: Bool[Tensor, "N K"], near: _Neighbors) -> Bool[Tensor, "Q K"]:
-    """The mask that the neighbours vote for."""
+    """Returns the offset masks of lost anchors (queries) that result from the weighted vote of the neighbours."""
     total = near.weight.sum(dim=1, keepdim=True)
     votes = weighted_mean(mask.to(total.dtype), near.index, near.weight)
     return settings.vote(votes / total.clamp(min=torch.finfo(total.dtype).tiny), total[:, 0] > 0)
@@ -224,7 +249,7 @@ def _vote(settings: Cari, mask: Bool[Tensor, "N K"], near: _Neighbors) -> Bool[T
 def _interpolate(
     settings: Cari, fixed: _Fixed, group: AttributeGroup, residuals: Residuals, near: _Neighbors
 ) -> Float[Tensor, "Q D"]:
-    """The paper's `r_q = sum of w r_k` for one attribute group."""
+    """Returns the interpolated residuals of lost anchors (queries) for one attribute group: `r_q = sum_k w_k r_k`."""
     values = residuals.parts[group.part]
     if group.attribute is Attribute.OFFSET:
         return weighted_mean_of_existing(values, residuals.exists, near.index, near.weight)[0]
@@ -236,8 +261,16 @@ def _interpolate(
     return mean
 
 
-def _existing(context: Partial, mask: Bool[Tensor, "N K"]) -> Bool[Tensor, "N K"]:
-    """Offsets that have a residual after a pass: received ones whose mask was received, and concealed ones."""
+def _existing(context: ReceivedScene, mask: Bool[Tensor, "N K"]) -> Bool[Tensor, "N K"]:
+    """Returns the mask of the offsets that have a residual after a pass.
+
+    The residual of a lost offset was interpolated. The residual of a received offset is known only if the anchor's mask
+    was received too.
+
+    Args:
+        context: The received scene.
+        mask: Received or estimated offset masks of all anchors.
+    """
     offset = context.erasures.column(Attribute.OFFSET)
     usable = ~offset | context.erasures.column(Attribute.MASK)
     return mask & usable[:, None]

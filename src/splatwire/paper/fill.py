@@ -1,4 +1,4 @@
-"""What the paper's concealers have in common: gaps by attribute, weighted means of neighbours, mask votes."""
+"""Functions shared by the paper's concealers: grouping of lost attributes, means of neighbours, mask votes."""
 
 from dataclasses import dataclass
 
@@ -6,42 +6,48 @@ import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
+from splatwire.arguments import check_fields
 from splatwire.errors import InvalidValueError
-from splatwire.model import Partial
-from splatwire.scene import Attribute
+from splatwire.types import Attribute, ReceivedScene
 
 MASK_RULES = ("majority", "count", "all")
 
 
 @dataclass(frozen=True)
 class MaskVote:
-    """How the mask of a lost anchor is chosen from the weighted share of its neighbours that have an offset.
+    """Rule that decides from the neighbours of a lost anchor which of its offsets exist (its mask).
 
-    The paper does not say (its packets carry the mask, so it is lost with the rest). `majority`: an offset exists where
-    the share reaches `threshold`. `count`: as many offsets as the neighbours have on average (rounded), those with the
-    largest shares (equal shares: the lower offset first). `all`: every offset exists. Where no neighbour says anything,
-    every offset exists.
+    The paper does not specify a rule, although masks are lost with their packets. The share of an offset is the
+    weighted share of the neighbours that have this offset. The rules are:
+
+    * `majority`: an offset exists if its share is at least `threshold`;
+    * `count`: as many offsets exist as the neighbours have on average (rounded), namely those with the largest shares;
+      of equal shares, the offset with the lower index;
+    * `all`: every offset exists.
+
+    Without neighbours, every offset exists.
 
     Attributes:
-        rule: See above.
-        threshold: Share from which an offset exists, for `majority`.
+        rule: Name of the rule, one of `MASK_RULES`.
+        threshold: Minimum share of an offset with the rule `majority`.
     """
 
     rule: str = "majority"
     threshold: float = 0.5
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if self.rule not in MASK_RULES:
             raise InvalidValueError(f"mask rule must be one of {', '.join(MASK_RULES)}, not {self.rule!r}")
         if not 0 < self.threshold <= 1:
             raise InvalidValueError(f"threshold of the mask vote must be in (0, 1], not {self.threshold!r}")
 
     def __call__(self, share: Float[Tensor, "Q K"], supported: Bool[Tensor, "Q"]) -> Bool[Tensor, "Q K"]:
-        """Decides.
+        """Returns the estimated offset masks of lost anchors (queries).
 
         Args:
-            share: Weighted share of the neighbours that have the offset, 0 to 1.
-            supported: Queries that have neighbours at all.
+            share: Weighted share of the neighbours with the offset, 0 to 1.
+            supported: True for queries with at least one neighbour.
         """
         if self.rule == "all":
             return torch.ones_like(share, dtype=torch.bool)
@@ -51,15 +57,18 @@ class MaskVote:
             rank = torch.empty_like(order).scatter_(1, order, places)
             exists = rank < share.sum(dim=1, keepdim=True).round()
         else:
-            exists = share >= self.threshold - 1e-6  # half of the votes is half, whatever rounding says
+            exists = share >= self.threshold - 1e-6  # tolerance for rounding errors at exactly half of the votes
         return exists | ~supported[:, None]
 
 
-def attributes_by_gap(context: Partial) -> list[tuple[Bool[Tensor, "N"], tuple[Attribute, ...]]]:
-    """Groups the attributes that are missing from the same anchors: one group if packets are atomic.
+def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], tuple[Attribute, ...]]]:
+    """Groups the attributes that were lost for the same anchors, so that a concealer can fill them together.
+
+    If each packet contains all attributes of its anchors, the result is a single group.
 
     Returns:
-        Per group: True where received, and the attributes. Attributes that miss nowhere are not listed.
+        For each group, the mask of the anchors with these attributes received, and the attributes. Attributes without
+        losses are omitted.
     """
     groups: list[tuple[Tensor, list[Attribute]]] = []
     for attribute in Attribute:
@@ -78,8 +87,8 @@ def attributes_by_gap(context: Partial) -> list[tuple[Bool[Tensor, "N"], tuple[A
 def weighted_mean(
     values: Float[Tensor, "N D"], index: Int64[Tensor, "Q k"], weight: Float[Tensor, "Q k"]
 ) -> Float[Tensor, "Q D"]:
-    """Sums neighbours' values with weights; the weights say whether it is a mean."""
-    # A bag of rows is read where it lies: three times faster than gathering Q k D values first.
+    """Returns the weighted sum of the neighbours' values for each lost anchor; a mean if the weights sum to 1."""
+    # embedding_bag reads the neighbours' values in place: three times faster than first copying all Q k D values
     return torch.nn.functional.embedding_bag(
         index.contiguous(), values, mode="sum", per_sample_weights=weight.contiguous()
     )
@@ -91,17 +100,19 @@ def weighted_mean_of_existing(
     index: Int64[Tensor, "Q k"],
     weight: Float[Tensor, "Q k"],
 ) -> tuple[Float[Tensor, "Q D"], Float[Tensor, "Q K"]]:
-    """The same for K offsets of D / K values, of which a neighbour without the offset has none: others take its weight.
+    """Returns the weighted sum of the neighbours' offsets for each lost anchor (query).
+
+    If a neighbour lacks an offset, its weight is distributed over the neighbours that have this offset.
 
     Args:
-        values: Zero where the offset does not exist.
-        exists: Whether it exists.
-        index: Neighbours.
-        weight: Their weights, not negative.
+        values: K offsets of each anchor, D / K values each; zero if the offset does not exist.
+        exists: True for offsets that exist.
+        index: Neighbours of each query.
+        weight: Weights of the neighbours, not negative.
 
     Returns:
-        The sums, zero where no neighbour has the offset; and the share of the weight that lies on neighbours that
-        have it, 0 to 1.
+        The weighted sums, zero if no neighbour has the offset; and for each offset the share of the total weight that
+        belongs to neighbours with this offset, 0 to 1.
     """
     total = weight.sum(dim=1, keepdim=True)
     has = weighted_mean(exists.to(weight.dtype), index, weight)

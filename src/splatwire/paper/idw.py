@@ -1,4 +1,4 @@
-"""Inverse distance weighting of absolute attributes, and the prior's mean on its own."""
+"""Concealers `idw` (inverse distance weighting of absolute attributes) and `prior` (the prior's mean)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -7,15 +7,15 @@ import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
-from splatwire.conceal.base import Concealed, check_at_least
-from splatwire.conceal.registry import register_concealer
+from splatwire.arguments import check_fields
+from splatwire.concealment.base import Concealed, check_at_least
+from splatwire.concealment.registry import register_concealer
 from splatwire.errors import InvalidValueError
-from splatwire.model import Partial, Prior
-from splatwire.model.tensors import to_tensors
+from splatwire.neural.model.tensors import to_tensors
 from splatwire.paper.fill import MaskVote, attributes_by_gap, weighted_mean, weighted_mean_of_existing
 from splatwire.paper.mahalanobis import MahalanobisSearch
 from splatwire.paper.neighbors import TensorTree
-from splatwire.scene import Anchors, Attribute
+from splatwire.types import Anchors, Attribute, Prior, ReceivedScene
 
 _CHUNK = 1 << 14
 
@@ -23,18 +23,18 @@ _CHUNK = 1 << 14
 @register_concealer("idw", needs=[Prior])
 @dataclass(frozen=True)
 class Idw:
-    """Fills a gap with the mean of the nearest received anchors' attributes, weights `1 / distance ** power`.
+    """Conceals an anchor with the weighted mean of the nearest received anchors, weights `1 / distance ** power`.
 
-    An offset is averaged over the neighbours that have it; the mask is their vote. With no received anchor at all, the
-    prior's mean is left.
+    An offset is averaged over the neighbours that have it. The neighbours vote on the mask. Without received anchors,
+    the result is the prior's mean.
 
     Attributes:
-        neighbors: How many neighbours, k.
+        neighbors: Number of neighbours, k.
         power: Exponent of the distance.
-        metric: `euclidean`, or `mahalanobis`: distance by the neighbour's own covariance, `diag(scaling[:3] ** 2)`,
-            the spread of its Gaussians along the world axes. A neighbour whose scaling is missing itself counts as
-            round, of mean size.
-        vote: How the mask is chosen.
+        metric: `euclidean`, or `mahalanobis` with the neighbour's covariance `diag(scaling[:3] ** 2)`, the extent of
+            the neighbour's Gaussians along the world axes. A neighbour with missing scaling is assumed to be a sphere
+            of mean size.
+        vote: Rule that determines the mask.
     """
 
     neighbors: int = 8
@@ -43,6 +43,7 @@ class Idw:
     vote: MaskVote = field(default_factory=MaskVote)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         check_at_least("number of neighbours", self.neighbors, 1)
         check_at_least("power of the distance", self.power, 0)
         if self.metric not in ("euclidean", "mahalanobis"):
@@ -50,11 +51,11 @@ class Idw:
 
     @property
     def name(self) -> str:
-        """`idw`."""
+        """Name in the registry of concealers: `idw`."""
         return "idw"
 
-    def __call__(self, context: Partial) -> Concealed:
-        """See `Concealer`."""
+    def __call__(self, context: ReceivedScene) -> Concealed:
+        """Returns the scene with estimates of the lost attributes; received values are unchanged."""
         context = to_tensors(context)
         filled = context.filled
         for received, attributes in attributes_by_gap(context):
@@ -62,8 +63,12 @@ class Idw:
                 fill_from_neighbors(context.scene.anchors, filled, attributes, queries, index, weight, self.vote)
         return Concealed.filled(filled)
 
-    def neighborhoods(self, context: Partial, received: Bool[Tensor, "N"]) -> Iterator[tuple[Tensor, ...]]:
-        """Yields, chunk by chunk, the anchors not received, their neighbours ("Q k") and weights that sum to 1."""
+    def neighborhoods(self, context: ReceivedScene, received: Bool[Tensor, "N"]) -> Iterator[tuple[Tensor, ...]]:
+        """Yields lost anchors (queries) in chunks, with their nearest received anchors and interpolation weights.
+
+        Each item consists of the queries (Q), the indices of their nearest received anchors (Q, k), and the weights of
+        these neighbours (Q, k), which sum to 1.
+        """
         context, received = to_tensors((context, received))
         support, lost = received.nonzero()[:, 0], (~received).nonzero()[:, 0]
         if not len(support):
@@ -78,16 +83,16 @@ class Idw:
 
 
 def inverse_distance_weights(distance: Float[Tensor, "Q k"], power: float | int) -> Float[Tensor, "Q k"]:
-    """Weights `distance ** -power`, normalised to sum 1; neighbours at distance 0 share the weight among themselves."""
+    """Returns weights `distance ** -power`, normalised to sum 1. If a distance is 0, the other neighbours get 0."""
     nearest = distance[:, :1]
-    # Relative to the nearest neighbour, so that no unit of length overflows; 0 / 0 is not taken.
+    # distances relative to the nearest neighbour avoid overflow in any unit of length; `where` does not select 0 / 0
     ratio = torch.where(nearest > 0, nearest / distance, (distance == 0).to(distance.dtype))
     weight = ratio**power
     return weight / weight.sum(dim=1, keepdim=True)
 
 
-def _extents(context: Partial) -> Float[Tensor, "N 3"]:
-    """The sizes that are the anchors' covariances; the mean size where an anchor's own is missing."""
+def _extents(context: ReceivedScene) -> Float[Tensor, "N 3"]:
+    """Returns the sizes of the anchors along the world axes; the mean size for anchors with missing scaling."""
     size = context.scene.anchors.scalings[:, :3]
     known = context.erasures.column(Attribute.SCALING) & (size > 0).all(dim=1)
     mean = size[known].mean() if bool(known.any()) else size.new_ones(())
@@ -103,16 +108,16 @@ def fill_from_neighbors(
     weight: Float[Tensor, "Q k"],
     vote: MaskVote,
 ) -> None:
-    """Writes the neighbours' means of `attributes` into the rows `queries` of `filled`.
+    """Fills `attributes` of the lost anchors `queries` with weighted means of their neighbours; changes `filled`.
 
     Args:
-        anchors: What was received.
-        filled: What is written to; where no neighbour has an offset, it stays as it is.
-        attributes: What to fill.
-        queries: Rows to fill.
-        index: Their neighbours.
-        weight: The neighbours' weights, which sum to 1.
-        vote: How the mask is chosen.
+        anchors: All anchors as received; gives the neighbours' values.
+        filled: Output: the anchors to change. Offsets that no neighbour has are not changed.
+        attributes: Attributes to fill.
+        queries: Indices of the anchors to fill.
+        index: Anchor indices of the neighbours of each query.
+        weight: Weights of the neighbours, with sum 1 per query.
+        vote: Rule that determines the mask.
     """
     if Attribute.FEATURE in attributes:
         filled.features[queries] = weighted_mean(anchors.features, index, weight)
@@ -131,28 +136,29 @@ def fill_from_neighbors(
 @register_concealer("prior", needs=[Prior])
 @dataclass(frozen=True)
 class PriorMean:
-    """Fills a gap with the mean that the hash grid predicts (the paper's prior prediction, no residual).
+    """Conceals an anchor with the mean predicted by the hash grid (the paper's prior prediction, no residual).
 
-    The prior says nothing about which offsets exist: the nearest received anchors vote, weighted by inverse distance.
+    The prior does not predict masks. The nearest received anchors vote on them, weighted by inverse distance.
 
     Attributes:
-        neighbors: How many neighbours vote.
-        vote: How the mask is chosen.
+        neighbors: Number of neighbours that vote.
+        vote: Rule that determines the mask.
     """
 
     neighbors: int = 8
     vote: MaskVote = field(default_factory=MaskVote)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         check_at_least("number of neighbours", self.neighbors, 1)
 
     @property
     def name(self) -> str:
-        """`prior`."""
+        """Name in the registry of concealers: `prior`."""
         return "prior"
 
-    def __call__(self, context: Partial) -> Concealed:
-        """See `Concealer`."""
+    def __call__(self, context: ReceivedScene) -> Concealed:
+        """Returns the scene with estimates of the lost attributes; received values are unchanged."""
         context = to_tensors(context)
         filled = context.filled
         received = context.erasures.column(Attribute.MASK)

@@ -7,34 +7,34 @@ import torch
 from jaxtyping import Bool, Float, Float64, Int64
 from torch import Tensor
 
-from splatwire.conceal.base import Concealed, check_at_least
-from splatwire.conceal.registry import register_concealer
+from splatwire.arguments import check_fields
+from splatwire.concealment.base import Concealed, check_at_least
+from splatwire.concealment.registry import register_concealer
 from splatwire.errors import InvalidValueError
-from splatwire.model import Partial, Prior
-from splatwire.model.prior import plausible_scalings
-from splatwire.model.tensors import to_tensors
+from splatwire.neural.model.tensors import to_tensors
 from splatwire.paper.fill import MaskVote, attributes_by_gap
 from splatwire.paper.neighbors import TensorTree, nearest_other_points
-from splatwire.scene import Anchors, Attribute
+from splatwire.types import Anchors, Attribute, Prior, ReceivedScene
+from splatwire.types.prior import plausible_scalings
 
 _CHUNK = 1 << 12
 _CORRELATIONS = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
 _RANGES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 TARGETS = ("residual", "absolute", "regression")
 _RIDGES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
-"""Strengths of the regression's ridge, relative to the number of anchors; generalised cross-validation chooses."""
+"""Candidate penalties of the ridge regression, relative to the number of anchors (generalised cross-validation)."""
 
 
 @dataclass(frozen=True)
 class Correlogram:
-    """Correlation of two anchors at distance d: `correlation * exp(-d / range)`, and 1 of an anchor with itself.
+    """Correlation of two anchors at distance d: `correlation * exp(-d / range)`; 1 for an anchor with itself.
 
-    The gap between `correlation` and 1 is the nugget: what neighbours, however close, do not share.
+    `1 - correlation` is the nugget: the share of the variance that even the closest neighbours do not predict.
 
     Attributes:
-        correlation: Limit at distance 0, from 0 (neighbours say nothing) to less than 1.
-        range: In units of the query's distance to its farthest neighbour, positive. Scenes are dense where the camera
-            was near and thin in the background; one length in world units would fit neither.
+        correlation: Limit for distance 0, from 0 (no correlation) to less than 1.
+        range: Correlation length in units of the query's distance to its farthest neighbour, positive. A length in
+            world units would not fit both the dense foreground and the sparse background of a scene.
     """
 
     correlation: float
@@ -44,23 +44,23 @@ class Correlogram:
 @register_concealer("kriging", needs=[Prior])
 @dataclass(frozen=True)
 class Kriging:
-    """Fills a gap with the conditional mean of a random field, given the nearest received anchors.
+    """Conceals an anchor with the conditional mean of a random field, given the nearest received anchors.
 
-    `v_q = m + r^T R^-1 (v_k - m)` with correlations R among the neighbours and r between them and the query. All
-    channels of an attribute share one correlogram; it is the one of a small grid that best predicts a sample of
-    received anchors from their received neighbours (mean squared error over the channels' variances). If none is
-    better than the mean alone, the mean is left. An offset that a neighbour does not have counts as its
-    mean. The mask is kriged as an indicator and then voted on.
+    `v_q = m + r^T R^-1 (v_k - m)` with correlations R among the neighbours and r between neighbours and query. All
+    channels of an attribute share one correlogram, chosen from a small grid. The choice minimises the error when a
+    sample of received anchors is predicted from their received neighbours (squared error over the channels'
+    variances). If no correlogram is better than the mean m, the result is m. If a neighbour lacks an offset, the mean m
+    of this offset is used. The mask bits are estimated as numbers from 0 to 1 and then decided by `vote`.
 
     Attributes:
-        neighbors: Received neighbours of a query.
-        target: What is expected of an anchor before its neighbours are seen. `residual`: its prior's mean.
-            `absolute`: the mean of all received anchors. `regression`: a linear function of its prior means of all
-            attributes, fitted to the received anchors; the least error in every attribute, but not the best picture
-            (docs/concealment.md). Masks are always `absolute`.
-        sample: Received anchors on which the correlograms are compared.
+        neighbors: Number of received neighbours of each lost anchor (query).
+        target: Mean m of an anchor. `residual`: the anchor's prior mean. `absolute`: the mean of all received anchors.
+            `regression`: a linear function of the anchor's prior means of all attributes, fitted to the received
+            anchors. `regression` has the least error in every attribute, but not the best picture
+            (docs/concealment.md). Masks always use `absolute`.
+        sample: Number of received anchors that are predicted for the choice of the correlogram.
         seed: Seed of the sample.
-        vote: How the mask is chosen.
+        vote: Rule that determines the mask.
     """
 
     neighbors: int = 16
@@ -70,6 +70,7 @@ class Kriging:
     vote: MaskVote = field(default_factory=MaskVote)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         check_at_least("number of neighbours", self.neighbors, 1)
         check_at_least("sample of anchors", self.sample, 1)
         if self.target not in TARGETS:
@@ -77,11 +78,14 @@ class Kriging:
 
     @property
     def name(self) -> str:
-        """`kriging`."""
+        """Name in the registry of concealers: `kriging`."""
         return "kriging"
 
-    def __call__(self, context: Partial) -> Concealed:
-        """See `Concealer`. Where no anchor has an attribute, the prior's mean is left."""
+    def __call__(self, context: ReceivedScene) -> Concealed:
+        """Returns the scene with estimates of the lost attributes.
+
+        An attribute that was received for no anchor is set to the prior's mean.
+        """
         context = to_tensors(context)
         filled = context.filled
         inputs = regression_inputs(context) if self.target == "regression" else None
@@ -95,8 +99,8 @@ class Kriging:
                         self._write(filled, values, queries, values.mean[queries] + _combine(values, index, weight))
         return Concealed.filled(replace(filled, scalings=_with_floor(context, filled.scalings)))
 
-    def _fit(self, context: Partial, received: Bool[Tensor, "N"], fields: list["_Field"]) -> list[Correlogram]:
-        """Chooses a correlogram per field by leaving received anchors out one at a time."""
+    def _fit(self, context: ReceivedScene, received: Bool[Tensor, "N"], fields: list["_Field"]) -> list[Correlogram]:
+        """Chooses a correlogram for each attribute by leave-one-out prediction of received anchors."""
         support = received.nonzero()[:, 0]
         if len(support) < 2:
             return [Correlogram(0.0, 1.0)] * len(fields)
@@ -132,19 +136,19 @@ def kriging_weights(
     distance: Float[Tensor, "Q k"],
     fit: Correlogram,
 ) -> Float[Tensor, "Q k"]:
-    """Weights of the neighbours in the conditional mean, `R^-1 r`.
+    """Returns the weights of the neighbours in the conditional mean, `R^-1 r`.
 
     Args:
-        positions: All anchors.
-        index: Neighbours of each query.
-        distance: Their distances from the query, farthest last.
-        fit: The correlogram. A correlation below 1 keeps R regular even where two neighbours are at one place.
+        positions: Positions of all anchors.
+        index: Anchor indices of the neighbours of each lost anchor (query).
+        distance: Distances of the neighbours from the query, farthest last.
+        fit: The correlogram. A correlation below 1 keeps R regular even if two neighbours have the same position.
     """
     if fit.correlation == 0 or index.shape[1] == 0:
         return torch.zeros_like(distance)
     unit = fit.range * distance[:, -1:].clamp(min=torch.finfo(distance.dtype).tiny)
     near = positions[index]
-    # Differences first, not the product formula: that loses the small distances far from the origin.
+    # differences of positions: the formula with scalar products is imprecise for small distances far from the origin
     between = torch.linalg.vector_norm(near[:, :, None] - near[:, None], dim=3) / unit[:, :, None]
     matrix = fit.correlation * torch.exp(-between)
     matrix.diagonal(dim1=1, dim2=2).fill_(1.0)
@@ -156,11 +160,11 @@ class _Field:
     """One attribute as a random field.
 
     Attributes:
-        attribute: Which one.
-        mean: What is expected of every anchor before its neighbours are seen.
-        residual: What received anchors differ by from it; 0 where an offset does not exist or nothing was received.
-        exists: Entries that count in errors.
-        spread: Variance of the residual per channel.
+        attribute: The attribute.
+        mean: Expected values of every anchor, as selected by `Kriging.target`.
+        residual: Received value minus mean; 0 for lost anchors and for offsets that do not exist.
+        exists: True for values that exist and are included in errors.
+        spread: Variance of the residual of each channel.
     """
 
     attribute: Attribute
@@ -170,13 +174,13 @@ class _Field:
     spread: Float[Tensor, "D"]
 
     def error(self, rows: Int64[Tensor, "S"], estimate: Float[Tensor, "S D"]) -> float:
-        """Squared error of estimated residuals over the channels' variances."""
+        """Returns the squared error of estimated residuals of anchors `rows`, divided by the channels' variances."""
         wrong = (self.residual[rows] - estimate) ** 2 * self.exists[rows]
         return float((wrong / self.spread).sum())
 
 
-def regression_inputs(context: Partial) -> Float64[Tensor, "N P"]:
-    """What an anchor's expectation is regressed on: its prior means, mean 0 and spread 1 over the scene."""
+def regression_inputs(context: ReceivedScene) -> Float64[Tensor, "N P"]:
+    """Returns the regression inputs of each anchor: its prior means of all attributes, standardised over the scene."""
     prior = context[Prior]
     means = torch.cat([prior.feature.mean, prior.scaling.mean, prior.offset.mean], dim=1).double()
     spread = means.std(dim=0, correction=0)
@@ -186,15 +190,15 @@ def regression_inputs(context: Partial) -> Float64[Tensor, "N P"]:
 def regress(
     inputs: Float64[Tensor, "N P"], values: Float[Tensor, "N D"], exists: Bool[Tensor, "N D"]
 ) -> Float[Tensor, "N D"]:
-    """Fits `values = B inputs` where they exist, by ridge regression; by nothing where that predicts no better.
+    """Fits `values = B inputs` by ridge regression, and returns the fitted values; B is 0 if that predicts better.
 
     Args:
-        inputs: `regression_inputs`.
-        values: Deviations from the mean, 0 where they do not exist.
-        exists: Where they are known; columns that exist in the same rows share one factorisation.
+        inputs: Inputs of all anchors, from `regression_inputs`.
+        values: Deviations of attribute values from their mean; 0 for values that were not received.
+        exists: True for received values. Channels received for the same anchors share one matrix factorisation.
 
     Returns:
-        The fit, for all anchors.
+        The fitted values of all anchors.
     """
     result = torch.zeros_like(values)
     patterns, group = exists.unique(dim=1, return_inverse=True)
@@ -206,7 +210,10 @@ def regress(
 
 
 def _ridge(inputs: Float64[Tensor, "n P"], values: Float64[Tensor, "n D"]) -> Float64[Tensor, "P D"]:
-    """Coefficients under the ridge of least generalised cross-validation error; zero is one of the choices."""
+    """Fits a ridge regression whose penalty is chosen by generalised cross-validation; returns the coefficients.
+
+    Coefficients of zero are also a candidate.
+    """
     count = len(inputs)
     power, axes = torch.linalg.eigh(inputs.T @ inputs)
     power, seen, total = power.clamp(min=0), axes.T @ (inputs.T @ values), float((values**2).sum())
@@ -220,7 +227,7 @@ def _ridge(inputs: Float64[Tensor, "n P"], values: Float64[Tensor, "n D"]) -> Fl
     return axes @ best
 
 
-def _field(context: Partial, attribute: Attribute, target: str, inputs: Float64[Tensor, "N P"] | None) -> _Field:
+def _field(context: ReceivedScene, attribute: Attribute, target: str, inputs: Float64[Tensor, "N P"] | None) -> _Field:
     anchors, prior = context.scene.anchors, context[Prior]
     received = context.erasures.column(attribute)
     values, mean = {
@@ -234,7 +241,7 @@ def _field(context: Partial, attribute: Attribute, target: str, inputs: Float64[
         usable = anchors.mask & context.erasures.column(Attribute.MASK)[:, None]
         exists = exists & usable.repeat_interleave(3, dim=1)
     count = exists.sum(dim=0).clamp(min=1)
-    if target != "residual" or mean is None:  # the prior says nothing about masks
+    if target != "residual" or mean is None:  # the prior does not predict masks
         mean = ((values * exists).sum(dim=0) / count).expand_as(values)
         if inputs is not None and attribute is not Attribute.MASK:
             mean = mean + regress(inputs, (values - mean) * exists, exists)
@@ -251,9 +258,9 @@ def _combine(values: _Field, index: Int64[Tensor, "Q k"], weight: Float[Tensor, 
 
 
 def _neighborhoods(
-    context: Partial, received: Bool[Tensor, "N"], neighbors: int
+    context: ReceivedScene, received: Bool[Tensor, "N"], neighbors: int
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
-    """Yields, chunk by chunk, queries, their nearest received anchors and the distances."""
+    """Yields the indices of lost anchors (queries) in chunks, with their nearest received anchors and the distances."""
     positions, support = context.places, received.nonzero()[:, 0]
     tree = TensorTree(positions[support])
     for queries in (~received).nonzero()[:, 0].split(_CHUNK):
@@ -261,7 +268,7 @@ def _neighborhoods(
         yield queries, support[index], distance
 
 
-def _with_floor(context: Partial, scalings: Float[Tensor, "N 6"]) -> Float[Tensor, "N 6"]:
-    """Estimated sizes are kept at least as large as the smallest received one."""
+def _with_floor(context: ReceivedScene, scalings: Float[Tensor, "N 6"]) -> Float[Tensor, "N 6"]:
+    """Clamps the estimated sizes in `scalings` to at least the smallest received size; returns all scalings."""
     missing = ~context.erasures.column(Attribute.SCALING)[:, None]
     return torch.where(missing, plausible_scalings(context.scene.anchors, context.erasures, scalings), scalings)

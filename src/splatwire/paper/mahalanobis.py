@@ -1,4 +1,4 @@
-"""Exact nearest neighbours by Mahalanobis distance, each point with a covariance of its own (paper, Section 3.4)."""
+"""Exact nearest-neighbour search by Mahalanobis distance; every point has a covariance (paper, Section 3.4)."""
 
 import numpy as np
 import torch
@@ -7,20 +7,24 @@ from torch import Tensor
 
 from splatwire.ops.knn import NeighborTree
 from splatwire.ops.morton import MAX_AXIS_BITS, morton_encode
+from splatwire.paper._mahalanobis_kernels import nearest
 
 _BLOCK = 64
-"""Points that are looked at, or left out, together."""
+"""Number of points per block of `MahalanobisSearch`; a query either searches all points of a block or skips it."""
 
 
 class MahalanobisSearch:
-    """Points prepared for queries by `sqrt((x_q - x_k)^T diag(size_k)^-2 (x_q - x_k))`.
+    """Finds the points that are nearest to a query by Mahalanobis distance.
 
-    All points count, however far: a large one is near to what is far from it. Points of similar size and place share a
-    block, and a block is left out only where none of its points can be among the nearest, so the result is exact.
+    The distance of the query q from the point k is `sqrt((x_q - x_k)^T diag(size_k)^-2 (x_q - x_k))`.
+
+    No point is excluded by Euclidean distance, because a large point can be the nearest one from far away. Points of
+    similar size and position share a block. A block is skipped only if none of its points can be among the nearest, so
+    the result is exact.
 
     Args:
-        points: Where they are.
-        sizes: Their extents along the axes, positive.
+        points: Positions of the points.
+        sizes: Extents of the points along the axes, positive.
     """
 
     def __init__(self, points: Float[Tensor, "S 3"], sizes: Float[Tensor, "S 3"]) -> None:
@@ -38,17 +42,15 @@ class MahalanobisSearch:
         )  # fmt: skip
 
     def query(self, queries: Float[Tensor, "Q 3"], k: int) -> tuple[Int64[Tensor, "Q kept"], Float[Tensor, "Q kept"]]:
-        """Finds the `kept = min(k, S)` nearest points of each query, nearest first; ties go to the lower index.
+        """Finds the `kept = min(k, S)` nearest points of each query, by ascending distance, then ascending index.
 
         Args:
-            queries: Where to look from.
+            queries: Query positions.
             k: Number of neighbours.
 
         Returns:
-            Indices of the points, and their Mahalanobis distances in the dtype of the queries.
+            Indices of the points, and their Mahalanobis distances from the query in the dtype of the queries.
         """
-        from splatwire.paper._mahalanobis_kernels import nearest
-
         kept = min(k, len(self._places))
         index = np.full((len(queries), kept), len(self._places), dtype=np.int64)
         squared = np.full((len(queries), kept), np.inf)
@@ -61,7 +63,10 @@ class MahalanobisSearch:
         return torch.from_numpy(index), torch.from_numpy(np.sqrt(squared)).to(queries.dtype)
 
     def _bound(self, queries: Float[Tensor, "Q 3"], x: np.ndarray, kept: int) -> np.ndarray:
-        """A squared distance within which there are as many points as are wanted: those nearest by Euclid say one."""
+        """Returns an upper bound of the squared Mahalanobis distance from each query to its farthest kept neighbour.
+
+        The bound is computed from the points nearest to the query by Euclidean distance.
+        """
         index = self._tree.query(queries, 2 * kept)[0]
         own = np.empty_like(self._order)
         own[self._order] = np.arange(len(self._order))
@@ -71,7 +76,10 @@ class MahalanobisSearch:
 
 
 def _local_order(places: np.ndarray, extents: np.ndarray) -> np.ndarray:
-    """Sorts points by octave of their largest extent, then along the Z-order curve."""
+    """Returns the order in which points are split into blocks, so that close points of similar size share a block.
+
+    Points are sorted by the rounded-down binary logarithm of their largest extent, then along the Z-order curve.
+    """
     low = places.min(axis=0, initial=np.inf)
     width = max(float((places - low).max(initial=0.0)), np.finfo(np.float64).tiny)
     cells = np.floor((places - low) / width * (2**MAX_AXIS_BITS - 1)).astype(np.int64)

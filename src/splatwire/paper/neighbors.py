@@ -1,4 +1,4 @@
-"""Nearest neighbours of torch tensors."""
+"""Nearest-neighbour search for torch tensors."""
 
 import torch
 from jaxtyping import Float, Int64
@@ -8,17 +8,17 @@ from splatwire.ops.knn import NeighborTree, nearest_others
 
 
 class TensorTree:
-    """Points prepared for neighbour queries; see `splatwire.ops.knn.NeighborTree`.
+    """Search tree for the points nearest to queries by Euclidean distance, as torch tensors.
 
     Args:
-        support: The points.
+        support: Positions of the points.
     """
 
     def __init__(self, support: Float[Tensor, "S 3"]) -> None:
         self.tree = NeighborTree(support)
 
     def query(self, queries: Float[Tensor, "Q 3"], k: int) -> tuple[Int64[Tensor, "Q kept"], Float[Tensor, "Q kept"]]:
-        """Finds the `min(k, S)` points nearest to each query, nearest first; returns indices and distances."""
+        """Returns the indices and distances of the `kept = min(k, S)` points nearest to each query, nearest first."""
         index, distance = self.tree.query(queries, k)
         return torch.from_numpy(index).to(queries.device), torch.from_numpy(distance).to(queries.device)
 
@@ -26,6 +26,16 @@ class TensorTree:
 def nearest_other_points(
     tree: TensorTree, points: Float[Tensor, "Q 3"], own: Int64[Tensor, "Q"], k: int
 ) -> tuple[Int64[Tensor, "Q kept"], Float[Tensor, "Q kept"]]:
-    """Finds the nearest neighbours of points of the tree without themselves; see `splatwire.ops.knn.nearest_others`."""
+    """Finds the nearest neighbours of points of a search tree among the other points of the tree.
+
+    Args:
+        tree: The search tree.
+        points: Positions of the query points.
+        own: Index of each query point in the tree; this point is excluded from the neighbours.
+        k: Number of neighbours; fewer are returned if the tree has fewer other points.
+
+    Returns:
+        Indices of the neighbours in the tree, nearest first, and their distances.
+    """
     index, distance = nearest_others(tree.tree, points, own, k)
     return torch.from_numpy(index).to(points.device), torch.from_numpy(distance).to(points.device)

@@ -1,4 +1,4 @@
-"""The optional ridge refinement of CARI's feature branch."""
+"""The optional ridge regression that refines the features interpolated by CARI."""
 
 import torch
 from jaxtyping import Float
@@ -11,17 +11,18 @@ def ridge_correction(
     weight: Float[Tensor, "Q k"],
     strength: float,
 ) -> Float[Tensor, "Q D"]:
-    """What a local linear model adds to the weighted mean of the neighbours' residuals.
+    """Returns the correction that a local linear model adds to the weighted mean of the neighbours' residuals.
 
-    The paper only says "lightweight ridge-refinement"; this is our reading: `r(x) = mean + B (x - mean x)` is fitted by
-    weighted least squares with penalty `strength * |B| ** 2`, positions in units of the neighbourhood's spread, and
-    evaluated at the query. A large `strength` leaves the mean as it is.
+    The paper mentions only a "lightweight ridge-refinement"; this is our interpretation. The model
+    `r(x) = mean + B (x - mean x)` of the residual r at position x is fitted by weighted least squares with the penalty
+    `strength * |B| ** 2` and evaluated at the lost anchor (query). Positions are divided by the standard deviation of
+    the neighbours' positions. With a large `strength`, the correction approaches 0.
 
     Args:
         offsets: Positions of the neighbours relative to the query.
-        residuals: Their residuals.
-        weight: Their weights.
-        strength: Penalty, positive.
+        residuals: Residuals of the neighbours.
+        weight: Weights of the neighbours.
+        strength: Weight of the penalty, positive.
     """
     share = weight / weight.sum(dim=1, keepdim=True).clamp(min=torch.finfo(weight.dtype).tiny)
     center = torch.einsum("qk,qkd->qd", share, offsets)

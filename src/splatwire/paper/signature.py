@@ -1,4 +1,4 @@
-"""What CARI knows about every anchor before it weighs neighbours: residuals, signature, uncertainty, context."""
+"""Quantities that CARI computes for each anchor before it weights neighbours: residuals, signature, uncertainty."""
 
 from dataclasses import dataclass, replace
 
@@ -6,17 +6,17 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from splatwire.model import Partial, Prior
-from splatwire.scene import AnchorLayout, Anchors, Attribute
+from splatwire.types import AnchorLayout, Anchors, Attribute, Prior, ReceivedScene
 
 
 @dataclass(frozen=True)
 class AttributeGroup:
-    """Channels that share one set of weights.
+    """Channels of an anchor attribute that CARI interpolates with the same neighbours and weights.
 
     Attributes:
-        attribute: What they are part of.
-        part: Their place in `Residuals.parts`; the mask, which has votes instead of residuals, comes behind them.
+        attribute: The attribute that the channels belong to.
+        part: Index of the channels' residuals in `Residuals.parts`. The group of the offset mask has the index
+            `len(Residuals.parts)`, because a mask has no residuals.
     """
 
     attribute: Attribute
@@ -24,7 +24,7 @@ class AttributeGroup:
 
 
 def attribute_groups(layout: AnchorLayout) -> tuple[AttributeGroup, ...]:
-    """The groups of the paper (feature groups, scaling, offsets), and the mask as the last one."""
+    """Returns an anchor's attribute groups: the paper's groups (feature groups, scaling, offsets), then the mask."""
     features = [Attribute.FEATURE] * len(layout.feature_groups)
     attributes = [*features, Attribute.SCALING, Attribute.OFFSET, Attribute.MASK]
     return tuple(AttributeGroup(attribute, part) for part, attribute in enumerate(attributes))
@@ -35,17 +35,17 @@ class Residuals:
     """Decoded minus predicted attributes (the paper's `r = y - mu`).
 
     Attributes:
-        parts: Residuals of each feature group, the scalings and the offsets (offset-major), "N D" each. Zero where an
-            attribute is missing (the prediction is all there is) and where an offset does not exist.
-        exists: Offsets that have a residual.
+        parts: Residuals of N anchors: one tensor (N, D) for each feature group, then one for the scalings and one for
+            the offsets (offset-major). Zero for missing attributes and for offsets that do not exist.
+        exists: True for offsets that have a residual, because the offset exists and was received.
     """
 
     parts: tuple[Tensor, ...]
     exists: Bool[Tensor, "N K"]
 
 
-def residuals_of(context: Partial) -> Residuals:
-    """Computes the residuals of what was received."""
+def residuals_of(context: ReceivedScene) -> Residuals:
+    """Computes the residuals of the attributes that a receiver has received; all other residuals are zero."""
     anchors, prior, received = context.scene.anchors, context[Prior], context.erasures.received
     exists = anchors.mask & received[:, int(Attribute.OFFSET), None] & received[:, int(Attribute.MASK), None]
     offset = (anchors.offsets - prior.offset.mean.view(anchors.offsets.shape)) * exists[:, :, None]
@@ -56,10 +56,10 @@ def residuals_of(context: Partial) -> Residuals:
 
 
 def signatures(residuals: Residuals) -> Float[Tensor, "N groups"]:
-    """The compact signature `g`: mean residual of each feature group, of the scalings and of the existing offsets.
+    """Returns the paper's compact signature `g` of each anchor, which CARI compares by cosine similarity.
 
-    An attribute that is missing counts with its zero residual, so an anchor of which nothing has arrived has the zero
-    signature.
+    It consists of the mean residual of each feature group, of the scalings and of the existing offsets. Missing
+    attributes have residual zero, so a completely lost anchor has the zero signature.
     """
     *means, offsets = residuals.parts
     existing = 3 * residuals.exists.sum(dim=1).clamp(min=1)
@@ -67,20 +67,30 @@ def signatures(residuals: Residuals) -> Float[Tensor, "N groups"]:
 
 
 def uncertainties(prior: Prior, layout: AnchorLayout) -> Float[Tensor, "N groups"]:
-    """The scalar uncertainty `sigma` per group: the mean of the prior's scales; the mask shares that of the offsets."""
+    """Returns the paper's uncertainty `sigma` of each anchor, one number per attribute group.
+
+    It is the mean of the prior's standard deviations over the channels of the group. The mask, which has no prior, has
+    the uncertainty of the offsets.
+    """
     columns = [part.mean(dim=1) for part in prior.feature.scale.split(layout.feature_groups, dim=1)]
     offset = prior.offset.scale.mean(dim=1)
     return torch.stack([*columns, prior.scaling.scale.mean(dim=1), offset, offset], dim=1)
 
 
 def unit_rows(values: Float[Tensor, "N D"]) -> Float[Tensor, "N D"]:
-    """Rows divided by their length, so that their products are cosines; rows shorter than 1e-30 become 0."""
+    """Normalises each row of a matrix to length 1; rows shorter than 1e-30 become 0."""
     length = torch.linalg.vector_norm(values, dim=1, keepdim=True)
     return torch.where(length > 1e-30, values / length.clamp(min=1e-30), torch.zeros_like(values))
 
 
-def anchors_from(context: Partial, residuals: Residuals, mask: Bool[Tensor, "N K"]) -> Anchors:
-    """Adds residuals to the prior's mean: the paper's `A = mu + r`."""
+def anchors_from(context: ReceivedScene, residuals: Residuals, mask: Bool[Tensor, "N K"]) -> Anchors:
+    """Returns anchors whose attributes are the prior's mean plus residuals (the paper's `A = mu + r`).
+
+    Args:
+        context: The received scene with its prior.
+        residuals: Received or interpolated residuals of all anchors.
+        mask: Offset masks of the result.
+    """
     prior = context[Prior]
     *features, scaling, offset = residuals.parts
     return replace(

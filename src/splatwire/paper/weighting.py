@@ -1,4 +1,4 @@
-"""The joint weighting of CARI: which neighbours are trusted, and how much."""
+"""CARI's joint weighting: scores the neighbours of lost anchors, selects the best and computes their weights."""
 
 from dataclasses import dataclass
 
@@ -7,15 +7,17 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from splatwire.paper._cari_kernels import score_and_keep
+
 
 @dataclass(frozen=True)
 class ScoreExponents:
-    """Exponents of the shared factors of the score.
+    """Exponents in a neighbour's score (see `select_neighbors`), the same for all attribute groups.
 
     Attributes:
-        distance: alpha of `w_geo = (d + epsilon) ** (-alpha / 2)`.
-        context: beta of `w_ctx = h ** beta`.
-        signature: delta of `w_sig = rho ** delta`.
+        distance: alpha of `w_geo = (d + epsilon) ** (-alpha / 2)`, with the distance d.
+        context: beta of `w_ctx = h ** beta`, with the similarity h of the hash-grid features.
+        signature: delta of `w_sig = rho ** delta`, with the similarity rho of the residual signatures.
         epsilon: Added to distances and to the sum of the scores.
     """
 
@@ -27,12 +29,12 @@ class ScoreExponents:
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """What the score needs to know about all N anchors.
+    """Properties of all N anchors from which scores of neighbours are computed.
 
     Attributes:
-        context: Hash-grid features of length 1 (or 0).
-        signature: Signatures of length 1 (or 0).
-        reliability: `w_unc * w_conf` per group.
+        context: Hash-grid features, normalised to length 1; zero vectors remain zero.
+        signature: Residual signatures, normalised to length 1; zero vectors remain zero.
+        reliability: Product of the score's factors `w_unc` and `w_conf` (see `select_neighbors`), per attribute group.
     """
 
     context: Float[Tensor, "N H"]
@@ -42,11 +44,12 @@ class Support:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The strongest neighbours of each query, per group.
+    """The neighbours with the highest scores for each lost anchor (query), per attribute group.
 
     Attributes:
-        index: Anchors; where there are fewer than k candidates the rest repeats one with weight 0.
-        weight: Their normalised weights, not negative; they sum to `sum / (sum + epsilon)`, or to 0 without support.
+        index: Anchor indices of the neighbours. With fewer than k candidates, the remaining entries repeat a candidate,
+            with weight 0.
+        weight: Normalised weights, not negative. With the sum S of the scores, the weights sum to `S / (S + epsilon)`.
     """
 
     index: Int64[Tensor, "Q G k"]
@@ -62,16 +65,21 @@ def select_neighbors(
     exponents: ScoreExponents,
     backend: str = "numba",
 ) -> Selection:
-    """Scores candidates with `u = w_geo w_ctx w_unc w_conf w_sig` and keeps the strongest (paper, Section 3.3).
+    """Selects the candidates with the highest score `u = w_geo w_ctx w_unc w_conf w_sig` (paper, Section 3.3).
+
+    `w_geo` depends on the distance of the candidate, `w_ctx` on the similarity of the hash-grid features, and `w_sig`
+    on the similarity of the residual signatures. `w_unc` is smaller for candidates with an uncertain prior, `w_conf`
+    for candidates that are themselves concealed.
 
     Args:
-        support: All anchors.
-        queries: The anchors to conceal.
-        candidates: Their candidates, nearest first; equal scores go to the nearer one.
-        distance: Distances of the candidates.
-        keep: How many to keep, K.
-        exponents: Constants of the score.
-        backend: `numba` (compiled) or `torch` (the plain version that it must agree with).
+        support: Properties of all anchors that determine scores.
+        queries: Indices of the lost anchors to conceal.
+        candidates: Anchor indices of the candidates of each query, nearest first. Of candidates with equal scores, the
+            nearer candidate is preferred.
+        distance: Distances of the candidates from the query.
+        keep: Number of neighbours to select per query, K.
+        exponents: Exponents and epsilon of the score.
+        backend: `numba` (compiled) or `torch` (reference).
     """
     keep = min(keep, candidates.shape[1])
     groups = support.reliability.shape[1]
@@ -97,7 +105,7 @@ def _select_plain(
 
 
 def _similarity(unit: Tensor, queries: Tensor, candidates: Tensor) -> Tensor:
-    """`(CosSim + 1) / 2`, kept in [0, 1] against rounding."""
+    """Returns the cosine similarity of each query and candidate, mapped from [-1, 1] to [0, 1]."""
     cosine = torch.einsum("qd,qld->ql", unit[queries], unit[candidates])
     return ((cosine + 1) / 2).clamp(0, 1)
 
@@ -105,8 +113,6 @@ def _similarity(unit: Tensor, queries: Tensor, candidates: Tensor) -> Tensor:
 def _select_compiled(
     support: Support, queries: Tensor, candidates: Tensor, distance: Tensor, keep: int, exponents: ScoreExponents
 ) -> tuple[Tensor, Tensor]:
-    from splatwire.paper._cari_kernels import score_and_keep
-
     index, strength = score_and_keep(
         support.context.contiguous().numpy(),
         support.signature.contiguous().numpy(),

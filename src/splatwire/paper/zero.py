@@ -1,28 +1,29 @@
-"""What a receiver of HAC++'s own layout does that knows of no loss: missing values are zero, everything is drawn."""
+"""Concealer `zero`: a receiver without loss detection, which decodes missing values as zero and draws everything."""
 
 from dataclasses import dataclass
 
-from splatwire.conceal.base import Concealed
-from splatwire.conceal.registry import register_concealer
-from splatwire.model import Partial
-from splatwire.scene import Anchors
+from splatwire.concealment.base import Concealed
+from splatwire.concealment.registry import register_concealer
+from splatwire.types import Anchors, ReceivedScene
 
 
 @register_concealer("zero", needs=[Anchors], listed=False)
 @dataclass(frozen=True)
 class Zero:
-    """Draws every anchor with whatever is there; a concealer for comparison only.
+    """Draws every anchor with its decoded values, and zeros in place of missing values; for comparison only.
 
-    A decoder leaves zeros where it could read nothing, and the channels of the feature groups that it could read: this
-    is the scene as it stands. An anchor whose mask is missing has no offset, so that nothing of it is drawn: with
-    atomic packaging this is `drop`, which is why nobody is offered it.
+    Decoded channels of incomplete feature groups are kept. An anchor with a missing offset mask has no offsets and is
+    not drawn.
+
+    If each packet contains all attributes of its anchors, the result equals that of the concealer `drop`. To avoid
+    evaluating both, `concealer_names` does not list `zero`; it can still be created by its name.
     """
 
     @property
     def name(self) -> str:
-        """`zero`."""
+        """Name in the registry of concealers: `zero`."""
         return "zero"
 
-    def __call__(self, context: Partial) -> Concealed:
-        """See `Concealer`."""
+    def __call__(self, context: ReceivedScene) -> Concealed:
+        """Returns the scene as decoded, with zeros for missing values."""
         return Concealed.filled(context.elements)

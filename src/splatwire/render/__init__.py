@@ -1,13 +1,8 @@
-"""Pictures from scenes: one protocol, a compiled CPU renderer, a plain reference, and gsplat where there is a GPU."""
+"""Rendering of Gaussians: a common protocol, a compiled CPU renderer, a simple reference, and gsplat on GPUs.
 
-from splatwire.render.backends import create_renderer, renderer_names
-from splatwire.render.base import Renderer
-from splatwire.render.render import iterate_views, render_scene
+The names of `__all__` are imported on first use, so that importing the package compiles nothing.
+"""
 
-__all__ = [
-    "Renderer",
-    "create_renderer",
-    "iterate_views",
-    "render_scene",
-    "renderer_names",
-]
+from splatwire.lazy_names import lazy_names
+
+__all__, __getattr__, __dir__ = lazy_names(__name__, __file__)

@@ -1,7 +1,8 @@
-"""Compiled gradient of the tile rasteriser: the same walk as `_cpu_kernels`, nearest first, with sums at each step.
+"""Compiled gradient of the tile rasteriser (`_cpu_kernels`).
 
-A Gaussian's sums over one tile go to a row of their own, and rows are added up in a fixed order, so the gradient does
-not depend on the number of threads either.
+The backward pass blends the Gaussians of each tile a second time, nearest first, and sums the gradients of each
+Gaussian over the pixels. The sums of a Gaussian in one tile are stored as a separate array row. Rows are added in a
+fixed order, so the gradient does not depend on the number of threads.
 """
 
 from typing import no_type_check
@@ -36,26 +37,43 @@ from splatwire.render._cpu_kernels import (
     REST,
     TILE,
     ZERO,
-    ask_for,
     finished,
     new_buffer,
+    prefetch_splat,
     splat_numbers,
 )
 
 SUMS = 9
-"""Sums per Gaussian: h, h dx, h dy, h dx^2, h dx dy, h dy^2 with h the gradient of the exponent; gradient of RGB."""
+"""Number of gradient sums per Gaussian: h, h dx, h dy, h dx^2, h dx dy, h dy^2, where h is the gradient of the
+falloff's exponent at a pixel and (dx, dy) the offset from the 2D centre; and the gradient of RGB."""
 SPARE = LANES - SUMS
-"""Numbers that must follow the last row of sums, whatever they are: rows are read sixteen numbers at a time."""
+"""Number of padding values after the last array row of sums, because rows are read sixteen values at a time."""
 _AHEAD_ROWS = 16
 
 
 @njit(borrows=True, inline="never", error_model="numpy")
 @no_type_check
 def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row):
-    """Repeats `_blend` and writes its sums to a row of `out`.
+    """Blends one Gaussian over a tile as `_cpu_kernels._blend`, and writes its gradient sums over the tile's pixels.
 
-    What lies behind is the finished picture less what was laid. Sums are kept per column; dx, the same down a column,
-    comes in at the end.
+    The colour behind a Gaussian is the finished image minus everything blended so far. Sums are accumulated per pixel
+    column, and multiplied at the end by dx, the column's distance from the centre.
+
+    Args:
+        buf: Pixel buffer of the tile.
+        low: First pixel row.
+        high: End of the pixel rows (exclusive).
+        x: Centre of the Gaussian in the tile, pixels.
+        y: Centre of the Gaussian in the tile, pixels.
+        A: Coefficient of dx ** 2 in the exponent of alpha (base 2).
+        B: Coefficient of dx * dy.
+        C: Coefficient of dy ** 2.
+        level: log2 of the opacity.
+        red: Colour of the Gaussian.
+        green: Colour of the Gaussian.
+        blue: Colour of the Gaussian.
+        out: Output: gradient sums, one row for each pair of Gaussian and tile.
+        row: Row of `out` to write.
     """
     dx = load(buf, COLUMN) - x
     still, slope = dx * dx * A + level, dx * B
@@ -109,7 +127,7 @@ def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_o
                 rest += d * image[top + row, left + column, c]
             buf[i + REST] = rest
     for k in range(begin, end):
-        ask_for(splats, ids, k + AHEAD)
+        prefetch_splat(splats, ids, k + AHEAD)
         x, y, A, B, C, level, red, green, blue = splat_numbers(splats, ids[k], left, top)
         low, high = np.int64(spans[k, 0]), np.int64(spans[k, 1])
         _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, rows_of_sums, k)
@@ -120,7 +138,21 @@ def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_o
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_image, rows_of_sums, first, last):
-    """Fills `rows_of_sums` (zeroed by the caller), one row per entry, for the tiles [first, last)."""
+    """Computes the gradient sums of all pairs of a tile and a Gaussian in it, for some tiles.
+
+    Args:
+        splats: Projected Gaussians.
+        starts: Start of each tile's list, from `fill_tiles`.
+        ids: Lists of the Gaussians of each tile, from `fill_tiles`.
+        spans: Pixel rows that the Gaussian of each list entry covers, from `fill_tiles`.
+        grid_x: Number of tile columns.
+        first_row: First row of tiles.
+        image: The rendered image.
+        d_image: Gradient of the loss with respect to the image.
+        rows_of_sums: Output: gradient sums, one row for each pair; zero before.
+        first: Index of the first tile.
+        last: End of the tiles (exclusive).
+    """
     for t in range(first, last):
         left, top = (t % grid_x) * TILE, (first_row + t // grid_x) * TILE
         _tile_back(splats, ids, spans, starts[t], starts[t + 1], left, top, image, d_image, rows_of_sums)
@@ -129,7 +161,15 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_rows(rows_of_sums, members, places, place_starts, sums):
-    """Adds each Gaussian's rows to its `sums`, in the order of its tiles."""
+    """Adds the gradient sums of each Gaussian over its tiles to `sums`, in the order of the tiles.
+
+    Args:
+        rows_of_sums: Gradient sums of each pair of Gaussian and tile, from `draw_tiles_back`.
+        members: Indices of the Gaussians.
+        places: Rows of `rows_of_sums`, Gaussian after Gaussian, from `fill_tiles`.
+        place_starts: Start of each Gaussian's entries in `places`, and the end of the last, from `fill_tiles`.
+        sums: Output: sums of each Gaussian.
+    """
     for k in range(members.shape[0]):
         first = np.int64(members[k]) * SUMS
         added = load(sums, first)

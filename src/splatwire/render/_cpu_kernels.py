@@ -1,8 +1,8 @@
-"""Compiled tile rasteriser. What it must compute is in `splatwire.render.reference`.
+"""Compiled tile rasteriser, with the same results as the simple renderer `splatwire.neural.render.reference`.
 
-Two facts about speed decide the shape of this file: one row of a tile is one value, `_lanes`; and a tile's pixels stay
-in cache while its Gaussians stream by, each asked for ahead of its turn. Tiles have nothing to do with each other, so
-results do not depend on how threads share them.
+Two performance properties determine this code. A pixel row of a tile is one SIMD value (`ops.lanes`). The pixels of a
+tile stay in the cache while its Gaussians are read, each prefetched before use. Tiles are independent, so results do
+not depend on the number of threads.
 """
 
 from typing import no_type_check
@@ -28,9 +28,24 @@ ZERO, ONE = np.float32(0), np.float32(1)
 @njit(borrows=True, inline="never", error_model="numpy")
 @no_type_check
 def _blend(buf, low, high, x, y, A, B, C, level, red, green, blue):
-    """Lays one Gaussian over the rows [low, high) of a tile; `level` is the logarithm of its opacity, base two.
+    """Blends one Gaussian over some pixel rows of a tile.
 
-    A pixel's light turns negative when the next Gaussian would take it below the limit: nothing more is drawn there.
+    The transmittance of a pixel becomes negative when the next Gaussian would reduce it below the limit; later
+    Gaussians do not change such a pixel.
+
+    Args:
+        buf: Pixel buffer of the tile.
+        low: First pixel row.
+        high: End of the pixel rows (exclusive).
+        x: Centre of the Gaussian in the tile, pixels.
+        y: Centre of the Gaussian in the tile, pixels.
+        A: Coefficient of dx ** 2 in the exponent of alpha (base 2).
+        B: Coefficient of dx * dy.
+        C: Coefficient of dy ** 2.
+        level: log2 of the opacity.
+        red: Colour of the Gaussian.
+        green: Colour of the Gaussian.
+        blue: Colour of the Gaussian.
     """
     dx = load(buf, COLUMN) - x
     still, slope = dx * dx * A + level, dx * B
@@ -53,9 +68,9 @@ def _blend(buf, low, high, x, y, A, B, C, level, red, green, blue):
 @njit()
 @no_type_check
 def new_buffer(columns, rows):
-    """A tile's buffer, zero but for the numbers of the columns and the light; pixels beyond the image have none.
+    """Returns the pixel buffer of a tile, initialised with column numbers and transmittance 1 (0 outside the image).
 
-    Rows begin where cache lines do.
+    Pixel rows are aligned to cache lines.
     """
     size = COLUMN + TILE
     whole = np.zeros(size + TILE, np.float32)
@@ -72,7 +87,7 @@ def new_buffer(columns, rows):
 @njit(borrows=True, fastmath=True)
 @no_type_check
 def finished(buf):
-    """Whether no pixel of a tile lets light through any more."""
+    """True if no pixel of a tile has transmittance left, so that further Gaussians are invisible."""
     live = np.float32(0)
     for i in range(LIVE, LIVE + PIXELS):
         live = max(live, buf[i])
@@ -81,8 +96,11 @@ def finished(buf):
 
 @njit(inline="always")
 @no_type_check
-def ask_for(splats, ids, k):
-    """Has a splat fetched that will be drawn soon; those of a tile lie far apart."""
+def prefetch_splat(splats, ids, k):
+    """Loads a projected Gaussian that will be drawn soon into the processor's cache.
+
+    `ids[k]` is its index; the Gaussians of a tile are scattered in memory.
+    """
     if k < ids.shape[0]:
         prefetch(splats, np.int64(ids[k]) * SPLAT)
 
@@ -90,9 +108,10 @@ def ask_for(splats, ids, k):
 @njit(inline="always")
 @no_type_check
 def splat_numbers(splats, g, left, top):
-    """Of a splat what the pixels of a tile depend on, its place relative to the tile's.
+    """Returns the values of projected Gaussian `g` for blending, with its centre relative to the tile's corner.
 
-    Without a view of the splat's row, which would be counted: that takes a seventh of all drawing.
+    Values are read directly, without an array view of the row: its reference counting would take a seventh of the
+    drawing time.
     """
     at = np.int64(g) * SPLAT
     x, y = pick(splats, at) - np.float32(left), pick(splats, at + 1) - np.float32(top)
@@ -105,13 +124,26 @@ def splat_numbers(splats, g, left, top):
 @njit(error_model="numpy")
 @no_type_check
 def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, left_over):
-    """Draws one tile into `image` and keeps what light passes through it in `left_over`."""
+    """Draws one tile of an image.
+
+    Args:
+        splats: Projected Gaussians.
+        ids: Indices of Gaussians; those from `begin` to `end` (exclusive) are in this tile, nearest first.
+        spans: Pixel rows of the tile that the Gaussian of each entry of `ids` covers.
+        begin: First entry of `ids` for this tile.
+        end: End of the entries (exclusive).
+        left: Left corner of the tile, pixels.
+        top: Top corner of the tile, pixels.
+        background: RGB of the background.
+        image: Output: RGB of the pixels.
+        left_over: Output: remaining transmittance of the pixels.
+    """
     height, width = left_over.shape
     rows, columns = min(TILE, height - top), min(TILE, width - left)
     buf = new_buffer(columns, rows)
     for k in range(begin, end):
-        ask_for(splats, ids, k + AHEAD)
-        low, high = np.int64(spans[k, 0]), np.int64(spans[k, 1])  # of unsigned ones a loop is slower
+        prefetch_splat(splats, ids, k + AHEAD)
+        low, high = np.int64(spans[k, 0]), np.int64(spans[k, 1])  # loops over unsigned integers are slower
         x, y, A, B, C, level, red, green, blue = splat_numbers(splats, ids[k], left, top)
         _blend(buf, low, high, x, y, A, B, C, level, red, green, blue)
         if (k - begin) % 16 == 15 and finished(buf):
@@ -128,7 +160,7 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
 @njit()
 @no_type_check
 def tile_order(num_tiles, grid_x):
-    """Tiles in the order to draw them in: by blocks, since neighbours draw the same Gaussians."""
+    """Returns the drawing order of tiles, in square blocks, because neighbouring tiles share Gaussians in the cache."""
     grid_y, at = num_tiles // grid_x, 0
     order = np.empty(num_tiles, np.int64)
     for first_y in range(0, grid_y, _BLOCK):
@@ -143,7 +175,19 @@ def tile_order(num_tiles, grid_x):
 @njit(nogil=True)
 @no_type_check
 def draw_tiles(splats, starts, ids, spans, grid_x, first_row, background, image, left_over):
-    """Draws the tiles whose lists `fill_tiles` made."""
+    """Draws rows of tiles of an image.
+
+    Args:
+        splats: Projected Gaussians.
+        starts: Start of each tile's list, from `fill_tiles`.
+        ids: Lists of the Gaussians of each tile, from `fill_tiles`.
+        spans: Pixel rows that the Gaussian of each list entry covers, from `fill_tiles`.
+        grid_x: Number of tile columns.
+        first_row: First row of tiles.
+        background: RGB of the background.
+        image: Output: RGB of the pixels.
+        left_over: Output: remaining transmittance of the pixels.
+    """
     for t in tile_order(starts.shape[0] - 1, grid_x):
         left, top = (t % grid_x) * TILE, (first_row + t // grid_x) * TILE
         _draw_tile(splats, ids, spans, starts[t], starts[t + 1], left, top, background, image, left_over)

@@ -1,7 +1,8 @@
-"""Compiled lists of the Gaussians that each tile draws: what is drawn is in `splatwire.render.reference`.
+"""Compiled lists of the Gaussians in each tile, with the same results as `splatwire.neural.render.reference`.
 
-A Gaussian is listed where its ellipse of alpha >= 1/255 reaches a pixel, with the rows that it reaches there. That is
-worked out per column of tiles, tighter than its bounding box: a slanted Gaussian misses many tiles of its box.
+A Gaussian is listed in the tiles that contain a pixel of its ellipse of alpha >= 1/255, with the pixel rows that the
+ellipse covers there. This is computed per column of tiles, which is tighter than the bounding box: a slanted Gaussian
+misses many tiles of its box.
 """
 
 from typing import no_type_check
@@ -15,14 +16,19 @@ from splatwire.render._cpu_project import DEPTH, HALF_HEIGHT, SPLAT, TILES
 
 AHEAD = 16
 TILE_BITS = np.int64(TILE.bit_length() - 1)
-_MARGIN = 1e-2  # of the exponent: far more than rounding can add to it in the tile kernels
-_LOWEST = -200.0  # exponents end here, however opaque a Gaussian is said to be
+_MARGIN = 1e-2  # margin of the exponent, far above rounding errors of the tile kernels
+_LOWEST = -200.0  # lower bound of exponents for any opacity
 
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def row_entries(tiles, grid_y):
-    """Number of (Gaussian, tile) pairs in each row of tiles."""
+    """Returns the number of pairs of a Gaussian and a tile that it overlaps, for each row of tiles.
+
+    Args:
+        tiles: Range of tiles of each Gaussian: left, top, right, bottom (exclusive).
+        grid_y: Number of rows of tiles.
+    """
     entries = np.zeros(grid_y + 1, np.int64)
     for g in range(tiles.shape[0]):
         columns = tiles[g, 2] - tiles[g, 0]
@@ -34,9 +40,16 @@ def row_entries(tiles, grid_y):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def depth_order(splats, tiles, first_row, last_row):
-    """Indices of the Gaussians in the tile rows [first_row, last_row), nearest first (radix sort).
+    """Sorts the Gaussians in some rows of tiles by depth, nearest first, with a stable radix sort.
 
-    Equal depths keep their own order. Also returns the number of columns of tiles that each has, all together.
+    Args:
+        splats: Projected Gaussians.
+        tiles: Range of tiles of each Gaussian: left, top, right, bottom (exclusive).
+        first_row: First row of tiles.
+        last_row: End of the rows of tiles (exclusive).
+
+    Returns:
+        Indices of the Gaussians, and the sum of the numbers of tile columns that they overlap.
     """
     room, count, columns = tiles.shape[0], 0, np.int64(0)
     order, spare = np.empty(room, np.int32), np.empty(room, np.int32)
@@ -65,10 +78,22 @@ def depth_order(splats, tiles, first_row, last_row):
 @njit(inline="always", error_model="numpy")
 @no_type_check
 def _reach(splats, g, left, columns, top, bottom, strips, strip):
-    """Writes down, for each column of tiles, which rows in [top, bottom) a splat's ellipse of alpha >= 1/255 reaches.
+    """Computes the pixel rows that a Gaussian covers, separately for each column of tiles.
 
-    The ellipse is lowest where dx = `lowest` and highest at the mirrored place, or as near to that as the column goes.
-    Within a single column it is not cut: nearly all of it lies there.
+    A Gaussian covers the pixels inside its ellipse of alpha >= 1/255. In a column of tiles that contains the top or the
+    bottom of the ellipse, the range of rows ends at that point. In other columns, it ends at the pixel of the column
+    that is nearest to that point. With a single column, the full height of the ellipse is used, because nearly all of
+    the ellipse is in that column.
+
+    Args:
+        splats: Projected Gaussians.
+        g: Index of the Gaussian.
+        left: First column of tiles that the Gaussian overlaps.
+        columns: Number of these columns.
+        top: Smallest possible pixel row.
+        bottom: End of the possible pixel rows (exclusive).
+        strips: Output: first row and end of the rows (exclusive) for each column.
+        strip: Index in `strips` of the first column.
     """
     y, first_row, end_row = np.float64(splats[g, 1]), np.float64(top), np.float64(bottom)
     if columns == 1:
@@ -77,7 +102,7 @@ def _reach(splats, g, left, columns, top, bottom, strips, strip):
         return
     A, B, C = np.float64(splats[g, 2]), np.float64(splats[g, 3]), np.float64(splats[g, 4])
     level, inside = max(MIN_LEVEL - _MARGIN - splats[g, 5], _LOWEST), B * B - 4 * A * C
-    if not (inside < 0 and A < 0):  # rounding made it something other than an ellipse
+    if not (inside < 0 and A < 0):  # not an ellipse because of rounding
         for i in range(strip, strip + columns):
             strips[i, 0], strips[i, 1] = top, bottom
         return
@@ -97,7 +122,7 @@ def _reach(splats, g, left, columns, top, bottom, strips, strip):
 @njit(inline="always")
 @no_type_check
 def _rows_between(low, high, top, bottom):
-    """The whole numbers of [low, high] in [top, bottom), as a first one and one past the last."""
+    """Returns the integer rows from `low` to `high` within `top` to `bottom`, as first row and one past the last."""
     first, last = np.ceil(min(max(low, top), bottom)), np.floor(min(max(high, top - 1.0), bottom - 1.0))
     return np.int32(first), np.int32(last) + np.int32(1)
 
@@ -105,16 +130,30 @@ def _rows_between(low, high, top, bottom):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
-    """Lists the Gaussians of each tile in the tile rows [first_row, last_row), in the given order.
+    """Lists the Gaussians of each tile, in the given order, for some rows of tiles.
 
-    Rows are shifted, not divided as if they could be negative, and there are no views of arrays, each of which is
-    counted: together that halves the time.
+    Rows are shifted instead of divided, and array views (which are reference-counted) are avoided: together this halves
+    the time.
 
-    Returns where each tile's list starts; the lists; for each entry the rows of the tile that the Gaussian reaches;
-    the places of each Gaussian's entries, Gaussian by Gaussian in the given order; where each one's places start.
+    Args:
+        splats: Projected Gaussians.
+        order: Indices of the Gaussians to list, nearest first.
+        num_columns: Sum of the numbers of tile columns that the Gaussians overlap, from `depth_order`.
+        grid_x: Number of tile columns of the image.
+        first_row: First row of tiles.
+        last_row: End of the rows of tiles (exclusive).
+
+    Returns:
+        Five arrays:
+
+        * Start of each tile's list, and the end of the last.
+        * Lists of all tiles: indices of Gaussians.
+        * Pixel rows of the tile that the Gaussian of each list entry covers.
+        * Indices of the list entries of each Gaussian, Gaussian after Gaussian in the given order.
+        * Start of each Gaussian's indices in the previous array, and the end of the last.
     """
     strips, starts = np.empty((num_columns, 2), np.int32), np.zeros((last_row - first_row) * grid_x + 1, np.int64)
-    corners = np.empty((order.shape[0], 2), np.int32)  # the tile of the first column in the first row, and the columns
+    corners = np.empty((order.shape[0], 2), np.int32)  # tile of the first column in the first row; number of columns
     place_starts, place, strip = np.zeros(order.shape[0] + 1, np.int64), 0, 0
     for k in range(order.shape[0]):
         if k + AHEAD < order.shape[0]:
@@ -143,7 +182,18 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
 @njit(inline="always", error_model="numpy")
 @no_type_check
 def _entries(order, corners, strips, starts, grid_x):
-    """The lists, their rows and their places, see `fill_tiles`."""
+    """Builds the lists of `fill_tiles` from the pixel rows of each Gaussian in each column of tiles.
+
+    Args:
+        order: Indices of the Gaussians.
+        corners: Index of the first tile, and number of tile columns, of each Gaussian.
+        strips: Pixel rows of each Gaussian in each of its tile columns.
+        starts: Start of each tile's list.
+        grid_x: Number of tile columns of the image.
+
+    Returns:
+        The lists of Gaussians, the pixel rows of each list entry, and the indices of the list entries of each Gaussian.
+    """
     num, heads, place, strip = starts[-1], starts[:-1].copy(), 0, 0
     ids, spans, places = np.empty(num, np.int32), np.empty((num, 2), np.uint8), np.empty(num, np.int32)
     for k in range(order.shape[0]):
@@ -165,6 +215,6 @@ def _entries(order, corners, strips, starts, grid_x):
 @njit(inline="always")
 @no_type_check
 def _tile_rows(top, bottom):
-    """The rows of tiles in which the rows of pixels [top, bottom) lie, none if there are none."""
+    """Returns the rows of tiles that contain the pixel rows from `top` to `bottom` (exclusive), as a range."""
     low = np.int64(top) >> TILE_BITS
     return low, (np.int64(bottom) + TILE - 1) >> TILE_BITS if bottom > top else low

@@ -1,6 +1,6 @@
-"""Compiled projection of Gaussians to the image, and its gradient. The plain twin is `splatwire.model.projection`.
+"""Compiled projection of Gaussians to the image, and its gradient; the reference is `splatwire.anchors.projection`.
 
-No fast-math here: comparisons must reject what is not a number.
+No fast-math here: comparisons must reject NaN.
 """
 
 import math
@@ -11,15 +11,14 @@ import numpy as np
 from splatwire.ops.compiled import njit
 
 SPLAT = 16
-"""Columns of a splat: x, y, three exponents, log2 of opacity, three colours, depth, four of its tiles, half its height.
-
-A splat is one cache line: those of a tile lie far apart, and fetching them is much of the work. The exponents are the
-inverse covariance times -log2(e)/2 (diagonal) and -log2(e) (off-diagonal), so that a pixel's falloff is
-2 ** ((A dx + B dy) dx + C dy dy).
-"""
+"""Number of values of a projected Gaussian (splat): x, y, three exponents, log2 of opacity, three colours, depth, the
+tile range (4 values), half the height. A splat fills one cache line, because the splats of a tile are scattered in
+memory and fetching them is much of the work. The exponents are the inverse covariance times -log2(e)/2 (diagonal) and
+-log2(e) (off-diagonal), so that a pixel's falloff is 2 ** ((A dx + B dy) dx + C dy dy)."""
 DEPTH, TILES, HALF_HEIGHT = 9, 10, 14
 CHUNK = 64
-"""Gaussians that are projected together, a flat array with a row per number: one base, or nothing turns into lanes."""
+"""Number of Gaussians projected together, in one flat array with a row for each value; vectorisation requires a single
+base pointer."""
 QUAT, SCALE, LEVEL, OUT, BOX, DRAWN, ROWS = 3 * CHUNK, 7 * CHUNK, 10 * CHUNK, 11 * CHUNK, 18 * CHUNK, 22 * CHUNK, 23
 LOG2E = 1.4426950408889634
 _MIN_LEVEL = math.log2(1.0 / 255.0)
@@ -28,7 +27,7 @@ _MIN_LEVEL = math.log2(1.0 / 255.0)
 @njit(inline="always")
 @no_type_check
 def _axes(qw, qx, qy, qz):
-    """Rows of the rotation matrix of a unit quaternion."""
+    """Returns the rotation matrix of a unit quaternion as nine numbers, row by row."""
     return (
         1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy),
         2 * (qx * qy + qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz - qw * qx),
@@ -39,7 +38,15 @@ def _axes(qw, qx, qy, qz):
 @njit(inline="always")
 @no_type_check
 def _clamped(value, focal, center, size, margin):
-    """Tangent of the viewing angle, kept near the image (1.3 times the half field of view when centred)."""
+    """Clamps the tangent of a viewing angle along one image axis to the field of view plus a margin.
+
+    Args:
+        value: The tangent.
+        focal: Focal length along the axis, pixels.
+        center: Principal point along the axis, pixels.
+        size: Image size along the axis, pixels.
+        margin: Additional range on each side, as a fraction of half the image; 0.3 in 3DGS.
+    """
     extra = margin * size / (2 * focal)
     return min(max(value, -center / focal - extra), (size - center) / focal + extra)
 
@@ -47,7 +54,11 @@ def _clamped(value, focal, center, size, margin):
 @njit(borrows=True, error_model="numpy", fastmath={"nsz", "arcp", "contract"})
 @no_type_check
 def _project_chunk(work, pose, intrinsics, width, height, constants):
-    """Works out one chunk's `OUT` from its means, quaternions, scales and levels; no branch, so that lanes do it."""
+    """Projects `CHUNK` Gaussians in place: reads their parameters from the buffer `work` and writes the results to it.
+
+    Rows of the buffer start at the offsets `QUAT`, `SCALE`, `LEVEL` (inputs), `OUT`, `BOX` and `DRAWN` (results). The
+    code is free of branches, so that the compiler can vectorise it.
+    """
     fx, fy, cx, cy = intrinsics
     near, dilation, margin, side = constants
     grid_x, grid_y, per_pixel = np.ceil(width / side), np.ceil(height / side), 1 / side  # exact: a power of two
@@ -87,10 +98,24 @@ def _project_chunk(work, pose, intrinsics, width, height, constants):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, width, height, constants, splats, tiles):
-    """Fills one row of `splats` and `tiles` (left, top, right, bottom) per Gaussian; no tiles where it is not drawn.
+    """Projects Gaussians to the image, and finds the tiles that each of them overlaps.
 
-    A Gaussian is listed in the tiles of 3DGS's square of three standard deviations, less those that its ellipse of
-    alpha >= 1/255 cannot reach (which changes no pixel). `constants`: near depth, dilation, frustum margin, tile side.
+    The range of tiles covers the square of three standard deviations, as in 3DGS, without tiles that the ellipse of
+    alpha >= 1/255 cannot reach (which changes no pixel).
+
+    Args:
+        means: Centres, world coordinates.
+        quats: Unit quaternions, (w, x, y, z).
+        scales: Standard deviations along the axes, world units.
+        opacities: Opacities.
+        colors: RGB colours.
+        pose: World-to-camera transform.
+        intrinsics: Focal lengths and principal point, pixels.
+        width: Width of the image, pixels.
+        height: Height of the image, pixels.
+        constants: Minimum depth, dilation of the projected covariance, frustum margin, side of a tile.
+        splats: Output: projected Gaussians, one row each.
+        tiles: Output: range of tiles of each Gaussian (left, top, right, bottom); empty if it is not drawn.
     """
     work, num = np.zeros(ROWS * CHUNK), means.shape[0]
     for first in range(0, num, CHUNK):
@@ -121,7 +146,10 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
 @njit(inline="always")
 @no_type_check
 def _scaled_axis(row_x, row_y, axis, scale):
-    """One axis of a Gaussian along image x and y."""
+    """Projects one principal axis of a Gaussian, scaled by its standard deviation, to the image plane.
+
+    `row_x` and `row_y` are the rows of the projection's Jacobian.
+    """
     along_x = row_x[0] * axis[0] + row_x[1] * axis[1] + row_x[2] * axis[2]
     along_y = row_y[0] * axis[0] + row_y[1] * axis[1] + row_y[2] * axis[2]
     return along_x * scale, along_y * scale
@@ -133,14 +161,18 @@ def project_back(
     means, quats, scales, opacities, pose, intrinsics, width, height, constants, splats, tiles, sums,
     d_means, d_quats, d_scales, d_opacities, d_colors, d_means2d,
 ):  # fmt: skip
-    """Turns the nine sums per Gaussian of `_cpu_kernels.draw_tiles_back` into gradients of what was projected."""
+    """Converts gradient sums of projected Gaussians to gradients of the Gaussians' parameters.
+
+    `sums` are the gradient sums of each projected Gaussian, from `draw_tiles_back` and `add_rows`. See `project_splats`
+    for the arguments up to `tiles`. The gradients are written to the arguments whose names start with `d_`.
+    """
     for g in range(means.shape[0]):
         if tiles[g, 2] <= tiles[g, 0]:
             continue
         s, something = sums[g], np.float32(0)
         for k in range(s.shape[0]):
             something += abs(s[k])
-        if something == 0:  # hidden, as most are: all gradients are as they were, zero
+        if something == 0:  # most Gaussians are hidden: all gradients stay zero
             continue
         a, b, c = -2 / LOG2E * splats[g, 2], -1 / LOG2E * splats[g, 3], -2 / LOG2E * splats[g, 4]
         d_opacities[g] = s[0] / opacities[g]
@@ -162,7 +194,26 @@ def project_back(
 def _project_back_one(
     mean, quat, scale, pose, intrinsics, width, height, margin, du, dv, dxx, dxy, dyy, d_mean, d_quat, d_scale
 ):
-    """Chain rule from the 2D mean and covariance to the 3D mean, axes and scales."""
+    """Applies the chain rule to one Gaussian: from the projected mean and covariance to mean, quaternion and scales.
+
+    Args:
+        mean: Centre, world coordinates.
+        quat: Unit quaternion, (w, x, y, z).
+        scale: Standard deviations, world units.
+        pose: World-to-camera transform.
+        intrinsics: Focal lengths and principal point, pixels.
+        width: Width of the image, pixels.
+        height: Height of the image, pixels.
+        margin: Frustum margin, see `_clamped`.
+        du: Gradient with respect to the first image coordinate of the projected mean.
+        dv: Gradient with respect to the second image coordinate.
+        dxx: Gradient with respect to entry xx of the projected covariance.
+        dxy: Gradient with respect to entry xy.
+        dyy: Gradient with respect to entry yy.
+        d_mean: Output: gradient with respect to the centre.
+        d_quat: Output: gradient with respect to the quaternion.
+        d_scale: Output: gradient with respect to the standard deviations.
+    """
     fx, fy, cx, cy = intrinsics
     m0, m1, m2 = np.float64(mean[0]), np.float64(mean[1]), np.float64(mean[2])
     z = pose[2, 0] * m0 + pose[2, 1] * m1 + pose[2, 2] * m2 + pose[2, 3]
@@ -176,7 +227,7 @@ def _project_back_one(
     a1, b1 = _column_back(row_x, row_y, (r[1], r[4], r[7]), scale, 1, dxx, dxy, dyy, d_scale)
     a2, b2 = _column_back(row_x, row_y, (r[2], r[5], r[8]), scale, 2, dxx, dxy, dyy, d_scale)
     d_x, d_y = fx * du, fy * dv
-    # What the rows of the Jacobian get: they depend on the depth and, where the angle is not clamped, on the angle.
+    # Gradient through the Jacobian: it depends on the depth and, unless clamped, on the angle.
     row_x_0, row_x_1, row_x_2 = _turned(r, a0, a1, a2)
     row_y_0, row_y_1, row_y_2 = _turned(r, b0, b1, b2)
     d_z = -(row_x_0 * row_x[0] + row_x_1 * row_x[1] + row_x_2 * row_x[2]) / z
@@ -199,7 +250,11 @@ def _project_back_one(
 @njit(inline="always")
 @no_type_check
 def _row(pose, axis, by, slope):
-    """A row of the Jacobian of the projection, along the world's axes. No arrays here: they would be allocated."""
+    """Returns the gradient of one image coordinate with respect to the centre in world axes, as three numbers.
+
+    `axis` is the image axis (0 or 1), `slope` the tangent of the viewing angle along it (x/z or y/z), and `by` the
+    focal length divided by the depth.
+    """
     return (
         by * (pose[axis, 0] - slope * pose[2, 0]),
         by * (pose[axis, 1] - slope * pose[2, 1]),
@@ -210,14 +265,26 @@ def _row(pose, axis, by, slope):
 @njit(inline="always")
 @no_type_check
 def _turned(r, a, b, c):
-    """The rotation matrix times a vector."""
+    """Multiplies the rotation matrix `r` by the vector (`a`, `b`, `c`)."""
     return r[0] * a + r[1] * b + r[2] * c, r[3] * a + r[4] * b + r[5] * c, r[6] * a + r[7] * b + r[8] * c
 
 
 @njit(inline="always")
 @no_type_check
 def _column_back(row_x, row_y, axis, scales, k, dxx, dxy, dyy, d_scale):
-    """Gradient of one scale, and of its scaled axis along image x and y, times the scale."""
+    """Returns the gradient with respect to one principal axis of a Gaussian.
+
+    Args:
+        row_x: First row of the projection's Jacobian.
+        row_y: Second row of the projection's Jacobian.
+        axis: The principal axis.
+        scales: Standard deviations along the axes.
+        k: Index of the axis.
+        dxx: Gradient with respect to entry xx of the projected covariance.
+        dxy: Gradient with respect to entry xy.
+        dyy: Gradient with respect to entry yy.
+        d_scale: Output: gradient with respect to the standard deviation; entry `k` is written.
+    """
     along_x, along_y = _scaled_axis(row_x, row_y, axis, 1.0)
     scale = np.float64(scales[k])
     d_a, d_b = (2 * dxx * along_x + dxy * along_y) * scale, (2 * dyy * along_y + dxy * along_x) * scale
@@ -228,7 +295,10 @@ def _column_back(row_x, row_y, axis, scales, k, dxx, dxy, dyy, d_scale):
 @njit()
 @no_type_check
 def _axes_back(w, x, y, z, g, out):
-    """Gradient of the rotation matrix's entries with respect to the quaternion."""
+    """Converts the gradient of a rotation matrix to the gradient of its quaternion (`w`, `x`, `y`, `z`).
+
+    `g` are the nine gradients of the matrix, row by row; the result is written to `out`.
+    """
     out[0] = 2 * (z * (g[3] - g[1]) + y * (g[2] - g[6]) + x * (g[7] - g[5]))
     out[1] = 2 * (y * (g[1] + g[3]) + z * (g[2] + g[6]) + w * (g[7] - g[5]) - 2 * x * (g[4] + g[8]))
     out[2] = 2 * (x * (g[1] + g[3]) + z * (g[5] + g[7]) + w * (g[2] - g[6]) - 2 * y * (g[0] + g[8]))

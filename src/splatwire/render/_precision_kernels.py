@@ -1,4 +1,4 @@
-"""Compiled sum of squared gradients of pictures, for each Gaussian and each attribute of its."""
+"""Compiled sums of squared image gradients, for each Gaussian and attribute."""
 
 from typing import no_type_check
 
@@ -7,7 +7,7 @@ import numpy as np
 from splatwire.ops.compiled import njit
 
 POSITION, SCALE, DIRECTION, SPIN, OPACITY, COLOUR, NUM_SUMS = 0, 1, 4, 5, 6, 7, 8
-"""Columns of the sums; those of the three scales, the longest axis first, follow each other."""
+"""Columns of the sums; the three scales are consecutive, longest axis first."""
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")
@@ -15,11 +15,24 @@ POSITION, SCALE, DIRECTION, SPIN, OPACITY, COLOUR, NUM_SUMS = 0, 1, 4, 5, 6, 7, 
 def add_squared(
     means, rotations, scales, opacities, colors, splat_scales, quats, levels, order, spun, sums, first, last
 ):
-    """Adds one picture's gradients, squared, to the `sums` (N, 8) of the Gaussians [first, last).
+    """Adds the squared gradients of one image, by Gaussian and attribute, to sums.
 
-    Gradients are those by centres (N, 3), rotations (N, 4), scales (N, 3), opacities (N) and colours (N, 3). Of the
-    Gaussians there are scales, unit quaternions (w first), opacities (`levels`), their axes with the longest first
-    (`order`), and which of these a turn about is a spin: 2 for flat ones, 0 for long ones (`spun`).
+    Rotation about one axis is counted as spin, rotation about the other two as change of direction.
+
+    Args:
+        means: Gradients with respect to the centres.
+        rotations: Gradients with respect to the quaternions.
+        scales: Gradients with respect to the standard deviations.
+        opacities: Gradients with respect to the opacities.
+        colors: Gradients with respect to the colours.
+        splat_scales: Standard deviations of the Gaussians.
+        quats: Unit quaternions of the Gaussians, (w, x, y, z).
+        levels: Opacities of the Gaussians.
+        order: Axes of each Gaussian sorted by length, longest first.
+        spun: Index in `order` of each Gaussian's spin axis: 2 for flat Gaussians, 0 for long ones.
+        sums: Sums to increase, (N, 8), with the columns `POSITION` to `COLOUR`.
+        first: Index of the first Gaussian.
+        last: End of the Gaussians (exclusive).
     """
     for i in range(first, last):
         something = abs(opacities[i])
@@ -27,13 +40,13 @@ def add_squared(
             something += abs(means[i, axis]) + abs(scales[i, axis]) + abs(colors[i, axis])
         for axis in range(4):
             something += abs(rotations[i, axis])
-        if something == 0:  # hidden, as most are
+        if something == 0:  # most Gaussians are hidden
             continue
         a, b = np.float64(rotations[i, 0]), np.float64(rotations[i, 1])
         c, d = np.float64(rotations[i, 2]), np.float64(rotations[i, 3])
         w, x, y, z = np.float64(quats[i, 0]), np.float64(quats[i, 1]), np.float64(quats[i, 2]), np.float64(quats[i, 3])
         turned = (
-            (-a * x + b * w + c * z - d * y) / 2,  # the derivative by a turn about the Gaussian's own first axis
+            (-a * x + b * w + c * z - d * y) / 2,  # derivative for a rotation about the first axis
             (-a * y - b * z + c * w + d * x) / 2,
             (-a * z + b * y - c * x + d * w) / 2,
         )

@@ -1,24 +1,24 @@
-"""Gaussians smaller than a pixel, of scenes that were trained for it (Mip-Splatting, Yu et al. 2024)."""
+"""Antialiasing of Gaussians smaller than a pixel, for scenes trained with it (Mip-Splatting, Yu et al. 2024)."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from splatwire.model.projection import DILATION, project
+from splatwire.anchors.projection import DILATION, project
 from splatwire.ops.quaternions import rotation_matrices
-from splatwire.scene import Cameras, Gaussians
+from splatwire.types import Cameras, Gaussians
 
 LEAST = 1e-3
-"""Share of its opacity that a Gaussian keeps, however thin it is."""
+"""Minimum factor on the opacity, for very thin Gaussians."""
 
 
 def compensated(gaussians: Gaussians, cameras: Cameras, view: int) -> Gaussians:
-    """Makes Gaussians as much fainter as they become larger where the picture adds 0.3 square pixels to them.
+    """Reduces opacities to compensate for the renderer's widening of Gaussians by 0.3 square pixels.
 
     Args:
         gaussians: The Gaussians of the view.
         cameras: The cameras.
-        view: Which of them.
+        view: Index of the camera.
     """
     seen = project(gaussians.means, gaussians.scales, rotation_matrices(gaussians.quats), cameras, view)
     xx, xy, yy = seen.covs2d.T

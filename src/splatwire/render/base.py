@@ -1,4 +1,4 @@
-"""What a renderer is, and the names of the ones there are."""
+"""Protocols that renderers implement."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -6,22 +6,22 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.scene import Cameras, Gaussians
+from splatwire.types import Cameras, Gaussians
 
 
 @runtime_checkable  # the test run checks annotations
 class Renderer(Protocol):
-    """Draws Gaussians; the conventions are those of 3DGS, whatever the backend."""
+    """Protocol of a renderer of Gaussians with the conventions of 3DGS."""
 
     def __call__(
         self, gaussians: Gaussians, cameras: Cameras, *, background: Float[np.ndarray, "3"]
     ) -> Float[np.ndarray, "C H W 3"]:
-        """Draws the same Gaussians in every view.
+        """Renders the Gaussians in every view.
 
         Args:
-            gaussians: What to draw.
-            cameras: Where from, one or more views.
-            background: RGB behind everything.
+            gaussians: The Gaussians.
+            cameras: Cameras of one or more views.
+            background: RGB of the background.
 
         Returns:
             RGB, not clamped, float32.
@@ -31,12 +31,12 @@ class Renderer(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """One view as training draws it.
+    """Result of rendering one view for training.
 
     Attributes:
         image: RGB, not clamped; differentiable in the Gaussians.
-        centers: A tensor whose `.grad`, after `backward`, is the gradient in the Gaussians' 2D centres, per pixel, zero
-            for those that are not drawn; None if nobody asked for it.
+        centers: Tensor whose `.grad` after `backward` is the gradient with respect to the 2D centres, per pixel; zero
+            for Gaussians that are not drawn. None if not requested.
     """
 
     image: Float[Any, "H W 3"]
@@ -44,13 +44,13 @@ class Drawing:
 
     @property
     def d_centers(self) -> Float[Any, "G 2"] | None:
-        """Gradient in the 2D centres, per pixel; None if nobody asked for it, and before `backward`."""
+        """Gradient with respect to the 2D centres, per pixel; None if not requested, or before `backward`."""
         return None if self.centers is None or self.centers.grad is None else self.centers.grad[0]
 
 
 @runtime_checkable  # the test run checks annotations
 class TrainingRenderer(Protocol):
-    """Draws one view where the Gaussians are, differentiable, and tells what pulls at their 2D centres."""
+    """Protocol of a differentiable renderer of a single view, on the device of the Gaussians."""
 
     def __call__(
         self, gaussians: Gaussians, cameras: Cameras, *, background: Float[Any, "3"], watched: bool
@@ -58,9 +58,9 @@ class TrainingRenderer(Protocol):
         """Draws the only view of `cameras`.
 
         Args:
-            gaussians: What to draw.
-            cameras: Where from, one view.
-            background: RGB behind everything.
-            watched: Whether the gradient in the 2D centres will be asked for.
+            gaussians: The Gaussians.
+            cameras: Cameras of one view.
+            background: RGB of the background.
+            watched: True if the gradient with respect to the 2D centres is needed.
         """
         ...

@@ -1,4 +1,4 @@
-"""The CPU renderer: compiled with numba on first use, results independent of the number of threads."""
+"""The CPU renderer: compiled with numba on first use; results do not depend on the number of threads."""
 
 import functools
 import itertools
@@ -8,29 +8,33 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.model.projection import DILATION, FRUSTUM_MARGIN, NEAR_DEPTH, TILE
+from splatwire.anchors.projection import DILATION, FRUSTUM_MARGIN, NEAR_DEPTH, TILE
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.threads import allowed_threads, share
-from splatwire.scene import Cameras, Gaussians
+from splatwire.render import _cpu_gradients, _cpu_kernels, _cpu_lists, _cpu_project
+from splatwire.render._cpu_project import SPLAT
+from splatwire.types import Cameras, Gaussians
 
 MAX_ENTRIES = 1 << 20
-"""Most (Gaussian, tile) pairs of a band, 14 bytes each and 36 for gradients, unless one row of tiles has more."""
+"""Maximum number of (Gaussian, tile) pairs per band of tile rows, unless a single row has more. A pair takes 14 bytes,
+and 36 for gradients."""
 KEPT_ENTRIES = 1 << 23
-"""Most pairs whose lists are kept for the gradient; those of fuller pictures are made again, band by band."""
+"""Maximum number of (Gaussian, tile) pairs whose lists are kept for the gradient; larger lists are computed again band
+by band."""
 _BANDS = 8
 _PIECE = 8192  # Gaussians
-_GLIBC_LARGEST = (32 << 20) - 8192  # bytes: no larger block changes what it keeps
+_GLIBC_LARGEST = (32 << 20) - 8192  # bytes; larger blocks do not change glibc's threshold
 
 
 def render_cpu(
     gaussians: Gaussians, cameras: Cameras, *, background: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "C H W 3"]:
-    """Draws Gaussians with the compiled rasteriser, in float32; `splatwire.render.differentiable` follows gradients.
+    """Renders Gaussians with the compiled rasteriser, in float32; see `neural.render.differentiable` for gradients.
 
     Args:
-        gaussians: What to draw.
-        cameras: Where from, one or more views.
-        background: RGB behind everything.
+        gaussians: The Gaussians.
+        cameras: Cameras of one or more views.
+        background: RGB of the background.
 
     Returns:
         RGB, not clamped, float32.
@@ -38,11 +42,11 @@ def render_cpu(
     keep_freed_memory()
     arrays, behind = float_arrays(gaussians), np.asarray(background, np.float32)
     views = [Picture(arrays, cameras, view, kept=False).draw(behind)[0] for view in range(cameras.num_views)]
-    return np.stack(views) if len(views) > 1 else views[0][None]  # large pictures take long to copy
+    return np.stack(views) if len(views) > 1 else views[0][None]  # avoids a copy of a large image
 
 
 def float_arrays(gaussians: Gaussians) -> list[np.ndarray]:
-    """Means, quats, scales, opacities and colors as contiguous arrays of float32."""
+    """Returns means, quats, scales, opacities and colors as contiguous arrays of float32."""
     return [np.ascontiguousarray(to_numpy(values), np.float32) for values in vars(gaussians).values()]
 
 
@@ -53,15 +57,16 @@ def each_gradient_cpu(
     use: Callable[..., None],
     background: np.ndarray | None = None,
 ) -> None:
-    """Draws a view and hands on gradients as they are found.
+    """Renders a view once and back-propagates one or more image gradients, by slices of Gaussians to limit memory.
 
     Args:
-        gaussians: What to draw, float32 on the CPU.
-        cameras: Where from; one view.
-        d_image: Gives gradients by the picture, of the shape that it is called with, float32, one after another.
-        use: Called with a slice of the Gaussians and the gradients of their means, quats, scales, opacities and
-            colors, by several threads.
-        background: RGB behind everything, float32 (3); None for black.
+        gaussians: The Gaussians, float32 on the CPU.
+        cameras: Camera of one view.
+        d_image: Function called with the shape of the image. Yields image gradients, float32, each of which is
+            back-propagated before the next is requested.
+        use: Function called for each image gradient and slice, from several threads: with the slice (of Gaussian
+            indices) and the gradients of means, quats, scales, opacities and colors of these Gaussians.
+        background: RGB of the background, float32 (3); None for black.
     """
     keep_freed_memory()
     arrays = float_arrays(gaussians)
@@ -73,15 +78,15 @@ def each_gradient_cpu(
 
 @functools.cache
 def keep_freed_memory() -> None:
-    """Has glibc keep twice the size of the largest block that was freed, 64 MiB at most, instead of giving it back.
+    """Sets glibc to keep up to 64 MiB of freed memory, because every image needs the same memory again.
 
-    Every picture needs as much room as the last one; as fresh pages it costs a tenth of the picture's time.
+    Requesting it from the system for each image would cost a tenth of the rendering time.
     """
     np.empty(_GLIBC_LARGEST, np.uint8)
 
 
 class _Band(NamedTuple):
-    """The lists of some rows of tiles."""
+    """Consecutive rows of tiles, with the list of Gaussians in each tile (from `fill_tiles`)."""
 
     first_row: int
     order: np.ndarray
@@ -93,20 +98,19 @@ class _Band(NamedTuple):
 
 
 class Picture:
-    """One view's projected Gaussians and, where they are kept, the lists of them per tile.
+    """Rendering of one view that can be differentiated: projected Gaussians and lists of Gaussians per tile.
 
-    Threads share the Gaussians by pieces and the picture by bands of tile rows. No pixel depends on how it is cut.
+    Threads divide the work by ranges of Gaussians and by bands of tile rows. Pixels do not depend on the division.
 
     Args:
         arrays: Means, quats, scales, opacities, colors.
         cameras: The cameras.
-        view: Which of them.
-        kept: Whether gradients may be asked for: their sums depend on the bands, so these must not depend on threads.
+        view: Index of the camera.
+        kept: True if gradients may be requested later. The gradient sums depend on the division into bands, which is
+            then independent of the number of threads.
     """
 
     def __init__(self, arrays: list[np.ndarray], cameras: Cameras, view: int, *, kept: bool) -> None:
-        from splatwire.render import _cpu_lists, _cpu_project
-
         num = arrays[0].shape[0]
         self.size = (cameras.height, cameras.width)
         self.grid_x, self.grid_y = -(-cameras.width // TILE), -(-cameras.height // TILE)
@@ -126,9 +130,7 @@ class Picture:
         self.may_keep = kept and entries.sum() <= KEPT_ENTRIES
 
     def draw(self, background: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Draws the image and what light of the background each pixel lets through."""
-        from splatwire.render import _cpu_kernels
-
+        """Renders the image and the remaining transmittance of each pixel."""
         image, left_over = np.empty((*self.size, 3), np.float32), np.empty(self.size, np.float32)
 
         def draw(number: int) -> _Band | None:
@@ -141,7 +143,13 @@ class Picture:
         return image, left_over
 
     def gradients(self, arrays: list[np.ndarray], image: np.ndarray, d_image: np.ndarray) -> list[np.ndarray]:
-        """Returns the gradients of means, quats, scales, opacities, colors, and of the 2D means."""
+        """Returns the gradients of the loss with respect to means, quats, scales, opacities, colors, and the 2D means.
+
+        Args:
+            arrays: Means, quats, scales, opacities, colors.
+            image: The rendered image.
+            d_image: Gradient of the loss with respect to the image.
+        """
         sums, results = self._sums(image, d_image), _zeros(arrays)
         share(lambda piece: self._project_back(arrays, sums, piece, [r[piece] for r in results]), _pieces(len(sums)))
         return results
@@ -149,7 +157,15 @@ class Picture:
     def each_gradient(
         self, arrays: list[np.ndarray], image: np.ndarray, d_image: np.ndarray, use: Callable[..., None]
     ) -> None:
-        """Hands the gradients of some Gaussians at a time to `use`, with where these are; see `gradients`."""
+        """Computes the gradients of means, quats, scales, opacities and colors slice by slice, to save memory.
+
+        Args:
+            arrays: Means, quats, scales, opacities, colors.
+            image: The rendered image.
+            d_image: Gradient of the loss with respect to the image.
+            use: Function called for each slice of the Gaussians, from several threads: with the slice and its five
+                gradients.
+        """
         sums = self._sums(image, d_image)
 
         def some(piece: slice) -> None:
@@ -160,9 +176,7 @@ class Picture:
         share(some, _pieces(len(sums)))
 
     def _sums(self, image: np.ndarray, d_image: np.ndarray) -> np.ndarray:
-        """What `project_back` makes gradients of, float32 (G, SUMS)."""
-        from splatwire.render import _cpu_gradients
-
+        """Returns the gradient sums of each projected Gaussian, float32 (G, SUMS), the input of `project_back`."""
         num, width, spare = self.splats.shape[0], _cpu_gradients.SUMS, _cpu_gradients.SPARE
         flat = np.zeros(num * width + spare, np.float32)
         for band in self._bands():
@@ -172,15 +186,11 @@ class Picture:
     def _project_back(
         self, arrays: list[np.ndarray], sums: np.ndarray, piece: slice, results: list[np.ndarray]
     ) -> None:
-        from splatwire.render import _cpu_project
-
         mine = [a[piece] for a in arrays[:4]]
         _cpu_project.project_back(*mine, *self.camera, self.splats[piece], self.tiles[piece], sums[piece], *results)
 
     def _add_gradients(self, band: _Band, image: np.ndarray, d_image: np.ndarray, sums: np.ndarray) -> None:
-        """Adds a band's sums to those of each Gaussian."""
-        from splatwire.render import _cpu_gradients
-
+        """Adds the gradients of the pixels in a band of tile rows to the sums of each Gaussian."""
         rows = np.zeros(band.ids.shape[0] * _cpu_gradients.SUMS + _cpu_gradients.SPARE, np.float32)
         lists = (band.starts, band.ids, band.spans, self.grid_x, band.first_row)
 
@@ -198,28 +208,24 @@ class Picture:
         )
 
     def _bands(self) -> Iterator[_Band]:
-        """Bands of tile rows that together cover the image."""
+        """Yields bands of tile rows that together cover the image."""
         return iter(self.kept) if self.kept else (self._fill(number) for number in range(len(self.cuts)))
 
     def _fill(self, number: int) -> _Band:
-        from splatwire.render import _cpu_lists
-
         first, last = self.cuts[number]
         order, columns = _cpu_lists.depth_order(self.splats, self.tiles, first, last)
         return _Band(first, order, *_cpu_lists.fill_tiles(self.splats, order, columns, self.grid_x, first, last))
 
 
 def _cache_lines(num: int) -> np.ndarray:
-    """Room for splats, each where a cache line begins."""
-    from splatwire.render._cpu_project import SPLAT
-
+    """Allocates the array of projected Gaussians, aligned to cache lines."""
     room = np.empty((num + 1) * SPLAT, np.float32)
     first = -room.ctypes.data % 64 // 4
     return room[first : first + num * SPLAT].reshape(num, SPLAT)
 
 
 def _zeros(arrays: list[np.ndarray]) -> list[np.ndarray]:
-    """Room for gradients of means, quats, scales, opacities, colors, and of the 2D means."""
+    """Allocates zeros for the gradients of means, quats, scales, opacities, colors and 2D means."""
     return [*(np.zeros_like(a) for a in arrays), np.zeros((len(arrays[0]), 2), np.float32)]
 
 
@@ -228,7 +234,10 @@ def _pieces(num: int) -> list[slice]:
 
 
 def _cuts(entries: np.ndarray, num_bands: int) -> list[int]:
-    """Tile rows at which a new band starts, and the end: each within `MAX_ENTRIES` or one row."""
+    """Divides the rows of tiles into bands of limited size; returns the first row of each band, and the end.
+
+    Each band has at most `MAX_ENTRIES` (Gaussian, tile) pairs, or is a single row of tiles.
+    """
     limit = min(MAX_ENTRIES, entries.sum() / num_bands)
     cuts, held = [0], 0.0
     for row, more in enumerate(entries):
@@ -240,7 +249,7 @@ def _cuts(entries: np.ndarray, num_bands: int) -> list[int]:
 
 
 def _camera_arguments(cameras: Cameras, view: int) -> tuple[Any, ...]:
-    """Pose, intrinsics, size and constants as the projection kernels take them."""
+    """Returns the camera arguments of the projection kernels: pose, intrinsics, image size and constants."""
     pose = np.ascontiguousarray(to_numpy(cameras.viewmats[view]), np.float64)
     K = to_numpy(cameras.Ks[view]).astype(np.float64)
     intrinsics = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))

@@ -1,32 +1,33 @@
-"""Views that frame a scene, for pictures of a scene without cameras."""
+"""Cameras from which a scene fills the image, for rendering scenes without cameras."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from splatwire.model.appearance import Scene, explicit_gaussians, origin_of
+from splatwire.anchors.appearance import Scene, explicit_gaussians, origin_of
 from splatwire.ops.arrays import lower_median
 from splatwire.render.importance import orbiting_cameras, outward_coverage, surrounding_cameras
-from splatwire.render.up import up_of
-from splatwire.scene import Cameras
-from splatwire.scene.splats import Splats
+from splatwire.render.up import estimate_up_axis
+from splatwire.types import Cameras
+from splatwire.types.splats import Splats
 
 _MOST = 100_000
 _FAINT = 0.1
-"""Opacity below which a Gaussian need not fit into the picture."""
+"""Opacity below which Gaussians are ignored when the scene is fitted into the image."""
 _EDGE = 0.005
-"""Share of the Gaussians that is left out at each end of each axis."""
+"""Share of the Gaussians that is ignored at each end of each axis."""
 _NEARLY_ALL, _REACH = 0.99, 4.0
-"""Share of the Gaussians within the framed sphere; its largest radius over their median distance from the middle."""
+"""Share of the Gaussians that must be inside the framed sphere, and the maximum radius of the sphere in multiples of
+the Gaussians' median distance from its centre."""
 _ENCLOSING = 0.5
-"""Share of outward views that show something everywhere, from which a scene encloses its cameras."""
+"""Minimum share of outward views that are fully covered for a scene to count as enclosing its cameras (a room)."""
 
 
 def framing_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
-    """Places cameras on a circle around a scene, a little from above, from where nearly all of it is in the picture.
+    """Places cameras on a circle around a scene, slightly above it, so that the scene fills the image.
 
-    Cameras of a scene that encloses them (a room), and of neural anchors, are those of `surrounding_cameras`: from
-    outside such a scene shows its unseen back.
+    Scenes that enclose their cameras (rooms) and neural anchors use `surrounding_cameras` instead: from outside,
+    surfaces without training photos would be visible.
 
     Args:
         scene: The scene.
@@ -34,7 +35,7 @@ def framing_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
         size: Width and height of the images, pixels; the field of view is 60 degrees.
 
     Raises:
-        InvalidValueError: If there is no view, no pixel or no element.
+        InvalidValueError: If the number of views, pixels or elements is 0.
     """
     splats = explicit_gaussians(scene)
     if splats is None or not splats.num_gaussians or not num_views:
@@ -43,11 +44,11 @@ def framing_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
     if float((coverage > 1).mean()) >= _ENCLOSING:
         return surrounding_cameras(scene, num_views, size)
     middle, radius = _sphere(splats)
-    return replace(orbiting_cameras(middle, radius, num_views, up_of(scene), size), origin=origin_of(scene))
+    return replace(orbiting_cameras(middle, radius, num_views, estimate_up_axis(scene), size), origin=origin_of(scene))
 
 
 def _sphere(splats: Splats) -> tuple[list[float], float]:
-    """Middle and radius, world units, of a sphere around nearly all Gaussians."""
+    """Returns centre and radius (world units) of a sphere around nearly all Gaussians."""
     seen = splats.means[splats.opacities >= _FAINT]
     places = (seen if len(seen) else splats.means).astype(np.float64)
     places = places[:: -(-len(places) // _MOST)]

@@ -1,4 +1,4 @@
-"""Footprints of elements in a set of views, and views to look from where there are no cameras."""
+"""Image area covered by each element of a scene (footprint), and default cameras for scenes without cameras."""
 
 import math
 from collections.abc import Iterable
@@ -8,25 +8,25 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from splatwire.anchors.appearance import Scene, explicit_gaussians, origin_of, spawned_gaussians
+from splatwire.anchors.projection import project
 from splatwire.errors import InvalidValueError
-from splatwire.model.appearance import Scene, explicit_gaussians, origin_of, spawned_gaussians
-from splatwire.model.projection import project
 from splatwire.ops.arrays import lower_median, to_numpy
 from splatwire.ops.quaternions import rotation_matrices
-from splatwire.scene import Cameras, Gaussians
-from splatwire.scene.importance import Importance
-from splatwire.scene.splats import Splats
+from splatwire.types import Cameras, Gaussians
+from splatwire.types.importance import Importance
+from splatwire.types.splats import Splats
 
 
 def footprint_importance(scene: Scene, cameras: Cameras) -> Importance:
-    """Computes each element's share of the pictures: opacity times projected area of its Gaussians, over all views.
+    """Computes the footprint of each element: opacity times projected area of its Gaussians, summed over all views.
 
-    The area is that of the ellipse of one standard deviation, at most that of the image. What hides behind something
-    else counts as if it were seen: a receiver that loses the thing in front would see it.
+    The area is that of the one-sigma ellipse, at most that of the image. Occlusion is ignored: if an occluding element
+    is lost, the elements behind it become visible.
 
     Args:
         scene: The complete scene.
-        cameras: Where it is looked at from; training cameras, or `surrounding_cameras`.
+        cameras: Cameras; training cameras, or `surrounding_cameras`.
     """
     cameras = cameras.relative_to(origin_of(scene))
     footprint = np.zeros(scene.num_elements)
@@ -38,7 +38,7 @@ def footprint_importance(scene: Scene, cameras: Cameras) -> Importance:
 
 
 def _footprints(gaussians: Gaussians, cameras: Cameras, view: int) -> Float[np.ndarray, "G"]:
-    """Opacity times area in square pixels; 0 for Gaussians beside the image."""
+    """Returns opacity times projected area in square pixels for each Gaussian; 0 outside the image."""
     projected = project(gaussians.means, gaussians.scales, rotation_matrices(gaussians.quats), cameras, view)
     xx, xy, yy = projected.covs2d.T
     area = math.pi * np.sqrt(np.maximum(xx * yy - xy * xy, 0))
@@ -47,10 +47,10 @@ def _footprints(gaussians: Gaussians, cameras: Cameras, view: int) -> Float[np.n
 
 
 def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> Cameras:
-    """Places cameras around a scene of which nobody says where it was seen from; see `cameras_around`.
+    """Places cameras around a scene without known cameras; see `cameras_around`.
 
-    Explicit Gaussians are looked at from two distances, so that details and far parts are both seen, and from the
-    nearer one outwards where the scene goes on all around.
+    Explicit Gaussians get two distances, so that both details and distant parts are visible. Some near cameras look
+    outwards if the scene surrounds them.
 
     Args:
         scene: The scene.
@@ -58,7 +58,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
         size: Width and height of the images, pixels; the field of view is 60 degrees.
 
     Raises:
-        InvalidValueError: If there is no view, no pixel or no element.
+        InvalidValueError: If the number of views, pixels or elements is 0.
     """
     splats = explicit_gaussians(scene)
     if splats is None:
@@ -74,7 +74,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
 
 
 def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndarray, "V"]:
-    """Measures what cameras around the middle of a scene see when they look away from it.
+    """Measures how much of the image Gaussians cover in views from the centre of a scene outwards.
 
     Args:
         splats: The Gaussians of the scene.
@@ -82,10 +82,10 @@ def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndar
         size: Width and height of the images, pixels.
 
     Returns:
-        Footprints of each view over the area of its picture; above 1 it shows something nearly everywhere.
+        Sum of the footprints of each view, divided by the image area; above 1 nearly all of the image is covered.
 
     Raises:
-        InvalidValueError: If there is no view, no pixel or no element.
+        InvalidValueError: If the number of views, pixels or elements is 0.
     """
     near = cameras_around(splats.means, num_views, size)
     outwards, step = _turned(near), -(-splats.num_gaussians // _MOST_MEASURED)
@@ -95,17 +95,19 @@ def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndar
 
 
 _MOST_MEASURED = 100_000
-"""Gaussians whose footprints are measured, spread evenly; each stands for as many."""
+"""Maximum number of Gaussians whose footprints are computed; larger scenes are sampled evenly and the sum is scaled
+up."""
 
 
 _FAR = 2.0
-"""Distance of far cameras over that of near ones: four times the median distance of the Gaussians from the middle."""
+"""Ratio of the distances of far and near cameras from the scene's centre; far cameras are at four times the median
+distance of the Gaussians."""
 _FULL = 1.0
-"""Footprints of a view, over the area of its picture, from which it shows more than nothing."""
+"""Minimum coverage of an outward view (`outward_coverage`) for the view to be used."""
 
 
 def _moved(cameras: Cameras, positions: Float[np.ndarray, "N 3"], factor: float) -> Cameras:
-    """The same cameras farther away from the middle of a scene."""
+    """Multiplies the distances of cameras from the scene's centre by `factor`."""
     middle = lower_median(positions)
     poses = cameras.viewmats.copy()
     places = middle + factor * (cameras.centers - middle)
@@ -114,24 +116,24 @@ def _moved(cameras: Cameras, positions: Float[np.ndarray, "N 3"], factor: float)
 
 
 def _turned(cameras: Cameras) -> Cameras:
-    """The same cameras looking the other way."""
+    """Rotates cameras to look in the opposite direction."""
     poses = np.array([[-1], [1], [-1], [1]], np.float32) * cameras.viewmats
     return replace(cameras, viewmats=poses)
 
 
 def cameras_around(positions: Float[Any, "N 3"], num_views: int = 16, size: int = 256) -> Cameras:
-    """Places cameras evenly on a sphere around the middle of a scene, looking inwards.
+    """Places cameras evenly on a sphere around the centre of a scene, looking inwards.
 
-    The middle is the median of the anchors, the radius twice their median distance from it: the far background of an
-    unbounded scene does not push the cameras away.
+    The centre is the median position, the radius twice the median distance from it. Distant background of an unbounded
+    scene therefore does not push the cameras away.
 
     Args:
-        positions: The anchors of the scene.
+        positions: Positions of the scene's anchors or Gaussians.
         num_views: Number of cameras.
         size: Width and height of the images, pixels; the field of view is 60 degrees.
 
     Raises:
-        InvalidValueError: If there is no view, no pixel or no anchor.
+        InvalidValueError: If the number of views, pixels or positions is 0.
     """
     _check(num_views, size, len(positions))
     places = to_numpy(positions).astype(np.float64)
@@ -149,25 +151,25 @@ _UPRIGHT = {
     "z": ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)),
     "-z": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)),
 }
-"""Rotations after which y points down, by what is up before."""
+"""Rotation matrices that make y point down, by up axis of the scene."""
 _ROOM = 1.04
-"""Room that is left around what is looked at."""
+"""Factor on the radius of the framed sphere, as margin."""
 
 
 def orbiting_cameras(
     middle: Iterable[float], radius: float, num_views: int, up: str = "-y", size: int = 512
 ) -> Cameras:
-    """Cameras of a walk around a ball, a little from above, from where all of it fits.
+    """Places cameras on a circle around a sphere, slightly above it, so that all of it is in the image.
 
     Args:
-        middle: Of the ball.
-        radius: Of the ball, world units, above 0.
-        num_views: Number of cameras; the last one is next to the first.
-        up: What is up: `y`, `-z`, ...
+        middle: Centre of the sphere.
+        radius: Radius of the sphere, world units, above 0.
+        num_views: Number of cameras, evenly spaced on the full circle.
+        up: Up axis of the scene: `y`, `-z`, ...
         size: Width and height of the images, pixels; the field of view is 60 degrees.
 
     Raises:
-        InvalidValueError: If there is no view or no pixel.
+        InvalidValueError: If the number of views or pixels is 0.
     """
     _check(num_views, size, 1)
     turn = np.array(_UPRIGHT[up])
@@ -181,7 +183,7 @@ def orbiting_cameras(
 
 
 def _check(num_views: int, size: int, count: int) -> None:
-    """Raises an error if nothing can be looked at."""
+    """Checks that the numbers of views, pixels and elements are positive."""
     if num_views < 1 or size < 1 or count < 1:
         raise InvalidValueError(f"{num_views} views of {size} pixels of {count} anchors show nothing")
 
@@ -193,7 +195,15 @@ def _around(
     turn: Float[np.ndarray, "V"],
     size: int,
 ) -> Cameras:
-    """Cameras that look inwards from these heights and angles on a sphere."""
+    """Returns cameras on a sphere that look at its centre.
+
+    Args:
+        middle: Centre of the sphere.
+        radius: Radius of the sphere.
+        height: Height of each camera as a fraction of the radius, -1 to 1.
+        turn: Angle of each camera around the vertical axis, radians.
+        size: Width and height of the images, pixels.
+    """
     num_views = len(height)
     ring = np.sqrt(1 - height * height)
     outwards = np.stack([ring * np.cos(turn), height, ring * np.sin(turn)], axis=1)

@@ -1,42 +1,50 @@
-"""How precise each of a scene's Gaussians must be: one number that explains nearly all of what pictures depend on.
+"""Precision class of each Gaussian: a number that selects the quantisation steps of all of its attributes.
 
-The squared error of pictures for a change of a Gaussian is, to first order, its squared gradient. Between Gaussians it
-differs by orders of magnitude, mostly by how much of each is seen, and alike for all of its attributes once its shape
-is taken into account; so each gets one class, an octave of step sizes.
+To first order, a small change of an attribute changes the image in proportion to the gradient of the image. The squared
+gradient is therefore the sensitivity of the image to the attribute. It varies by orders of magnitude between Gaussians,
+mainly with their visible area. After correction for the shape of a Gaussian, it is similar for all of its attributes. A
+single class per Gaussian therefore suffices; the quantisation steps of consecutive classes differ by a factor of 2.
 """
 
 import itertools
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int8
 
-from splatwire.model.appearance import Scene, explicit_gaussians, origin_of
+from splatwire.anchors.appearance import Scene, explicit_gaussians, origin_of
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.kd_order import kd_order
-from splatwire.ops.rising import rising
+from splatwire.ops.sort3 import sort3
 from splatwire.ops.threads import share
 from splatwire.ops.twister import Twister
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
-from splatwire.render.backends import gradient_source
-from splatwire.render.importance import cameras_around
-from splatwire.scene import Cameras
-from splatwire.scene.splats import Splats
+from splatwire.render.cpu import each_gradient_cpu
+from splatwire.render.importance import cameras_around, surrounding_cameras
+from splatwire.types import Cameras, SplatScene
+from splatwire.types.splats import Splats
 
 PART = 1 << 18
-"""So many Gaussians are looked at together: memory and time for each do not grow with the scene."""
+"""Maximum number of Gaussians per spatial part of a scene; parts are measured separately, which limits memory."""
 VIEWS, VIEWS_OF_PART, SIZE = 12, 6, 224
-"""Views around a scene, or around one of its parts, and their width and height in pixels."""
+"""Number of views around a scene and around one of its parts, and their width and height in pixels."""
+MEASURED_VIEWS, MEASURED_VIEWS_OF_PART = 14, 8
+"""Number of views of `measure_gaussians` around a scene and around one of its parts; `SIZE` pixels wide and high."""
+_HIDDEN_CONTRAST = 0.1
+"""Assumed difference of colour between a Gaussian and what it covers, besides the measured difference. It keeps
+Gaussians that are visible but have the colour of what is behind them. Without it, kept halves of `playbot` lose 2.4 dB.
+"""
 FINEST_SHARE = 0.98
-"""Classes count down from this quantile."""
+"""Quantile of the sensitivities that defines class 0; coarser classes have negative numbers."""
 BRIGHTEST = 4.0
-"""Colours count as no brighter than this, which is the most that a view of five real files has: one absurd colour would
-else decide how precise all Gaussians are that it shines through."""
+"""Upper limit of colours when gradients are computed, the maximum in views of five real files. Without it, one extreme
+colour would determine the precision of all Gaussians in front of it."""
 _UNSEEN = 1e-30
 _SHAPE = ("scale0", "scale1", "scale2", "direction", "spin")
 _MOST_THIN, _MOST_SMALL = 10.0, 16.0
-"""Octaves from an axis of a Gaussian to the next one, and from its size to the usual one, that slopes hold for."""
+"""Range in which `_SLOPES` are valid: maximum ratio of consecutive axes, and maximum ratio of the median size to the
+size of a Gaussian, in octaves."""
 # In the order of the kernel's columns.
 _SLOPES = {
     "position": (-0.33, -0.2, 0.0, 0.0),
@@ -48,7 +56,8 @@ _SLOPES = {
     "opacity": (0.0, -0.2, -0.1, 0.0),
     "colour": (0.0, 0.0, 0.0, 0.0),
 }
-"""Octaves of sensitivity for an octave of area, of s0 / s1, of s1 / s2 and of opacity (least squares, three scenes)."""
+"""Change of log2 of the sensitivity to an attribute per change of log2 of four properties of the Gaussian: area,
+s0 / s1, s1 / s2 and opacity. s0 >= s1 >= s2 are its standard deviations. Fitted by least squares over three scenes."""
 _BASES = {
     "position": -0.8, "scale0": 1.2, "scale1": 1.0, "scale2": 1.0, "direction": -1.0, "spin": -3.0, "opacity": -2.3,
     "colour": 0.0,
@@ -56,69 +65,130 @@ _BASES = {
 _WEIGHTS = {
     "position": 3.0, "scale0": 1.0, "scale1": 1.0, "scale2": 1.0, "direction": 2.0, "spin": 0.7, "opacity": 1.0
 }  # fmt: skip
-"""Numbers that each attribute has; colour has 3, and about 12 with harmonics."""
+"""Number of scalars of each attribute; colour has 3, and about 12 with spherical harmonics."""
 
 
-def classes_of(scene: Scene, cameras: Cameras | None = None, *, anew: bool = False) -> np.ndarray | None:
-    """Classes of precision of a scene's elements; None where it has steps: as trained anchors and decoded Gaussians do.
+def classes_of(scene: Scene, cameras: Cameras | None = None, *, recompute: bool = False) -> np.ndarray | None:
+    """Returns the precision class of each Gaussian of a scene, from which its quantisation steps follow.
+
+    Returns None for trained anchors and decoded Gaussians, which already have quantisation steps.
 
     Args:
         scene: The scene.
-        cameras: Where it is looked at from; None for views around it.
-        anew: Whether steps that the Gaussians have do not count.
+        cameras: Cameras; None for views around the scene.
+        recompute: True to ignore quantisation steps that the Gaussians already have.
     """
     splats = explicit_gaussians(scene)
     return (
         None
-        if splats is None or (getattr(scene, "coding", None) is not None and not anew)
+        if splats is None or (getattr(scene, "coding", None) is not None and not recompute)
         else precision_classes(splats, None if cameras is None else cameras.relative_to(origin_of(scene)))
     )
 
 
 def precision_classes(
-    splats: Splats, cameras: Cameras | None = None, *, probes: int = 1, seed: int = 0, renderer: str = "cpu",
-    part: int = PART,
+    splats: Splats, cameras: Cameras | None = None, *, probes: int = 1, seed: int = 0, part: int = PART,
 ) -> np.ndarray:  # fmt: skip
-    """Sorts Gaussians into classes of precision.
+    """Computes the precision class of each Gaussian from the sensitivity of images to its attributes.
+
+    The sensitivity is estimated from gradients of images with random signs (see `splatwire.render.pruning`).
 
     Args:
         splats: The Gaussians.
-        cameras: Where they are looked at from; None for 12 views around them, or, where there are several parts, 6
-            around each.
-        probes: Random sign patterns for each view.
-        seed: Of the signs.
-        renderer: Name of a differentiable renderer.
-        part: Gaussians that are looked at together at most, without cameras: a part of space alone.
+        cameras: Cameras in which the effect on images is measured; None for 12 views around the Gaussians or, with
+            several parts, 6 around each part.
+        probes: Number of random sign images per view; more give a more precise estimate.
+        seed: Seed of the signs.
+        part: Maximum number of Gaussians per spatial part of the scene, if no cameras are given.
 
     Returns:
-        int8 (N): 0 for the finest, -1 for those that may be an octave coarser, and so on; a few are above 0.
+        int8 (N). The quantisation steps double with each class below 0: -1 has twice the steps of 0. The 2 % most
+        sensitive Gaussians may have classes above 0.
     """
-    count = -(-splats.num_gaussians // part)
-    if cameras is not None or count < 2:
-        cameras = cameras if cameras is not None else cameras_around(splats.means, VIEWS, SIZE)
-        return _classes(splats, cameras, probes, seed, renderer)
-    edges = np.arange(count + 1, dtype=np.int64) * splats.num_gaussians // count
-    order, classes = kd_order(splats.means, [edges]), np.empty(splats.num_gaussians, np.int8)
+    classes = np.empty(splats.num_gaussians, np.int8)
 
-    def look(ends: tuple[int, int]) -> None:
-        members = np.sort(order[slice(*ends)])
-        some = splats.select(members)
-        around = cameras_around(some.means, VIEWS_OF_PART, SIZE)
-        classes[members] = _classes(some, around, probes, seed, renderer)
+    def look(members: slice | np.ndarray, some: Splats, *, whole: bool) -> None:
+        around = cameras_around(some.means, VIEWS if whole else VIEWS_OF_PART, SIZE) if cameras is None else cameras
+        classes[members] = _classes(some, _sensitivities(some, around, probes, seed))
 
-    share(look, list(itertools.pairwise(edges.tolist())))
+    _each_part(splats, part if cameras is None else splats.num_gaussians, look)
     return classes
 
 
-def _classes(splats: Splats, cameras: Cameras, probes: int, seed: int, renderer: str) -> np.ndarray:
-    found = _sensitivities(splats, cameras, probes, seed, renderer)
-    low, middle, high = (np.log2(scales.astype(np.float64)) for scales in rising(splats.scales))
+@dataclass(frozen=True, eq=False)
+class MeasuredGaussians:
+    """Precision class of each Gaussian, and its effect on pictures of the scene.
+
+    Attributes:
+        classes: Precision classes, as returned by `precision_classes`.
+        removal: Mean squared error of the pictures if the Gaussian is removed, to first order. The error of changing
+            its colour by `_HIDDEN_CONTRAST` is added.
+    """
+
+    classes: Int8[np.ndarray, "N"]
+    removal: Float64[np.ndarray, "N"]
+
+
+def measure_gaussians(
+    scene: SplatScene, cameras: Cameras | None = None, *, seed: int = 0, part: int = PART
+) -> MeasuredGaussians:
+    """Measures precision classes and the effect of removing each Gaussian, from the same gradients.
+
+    Without given cameras, more views are used than by `precision_classes`; some are farther away or look outwards.
+
+    Args:
+        scene: Gaussians that can be drawn.
+        cameras: Cameras in which the effect on images is measured; None for `MEASURED_VIEWS` of `surrounding_cameras`
+            or, with several parts, `MEASURED_VIEWS_OF_PART` around each part.
+        seed: Seed of the random signs of the images.
+        part: Maximum number of Gaussians per spatial part of the scene, if no cameras are given.
+    """
+    splats = scene.splats
+    measured = MeasuredGaussians(np.empty(splats.num_gaussians, np.int8), np.empty(splats.num_gaussians))
+
+    def look(members: slice | np.ndarray, some: Splats, *, whole: bool) -> None:
+        count = MEASURED_VIEWS if whole else MEASURED_VIEWS_OF_PART
+        around = surrounding_cameras(SplatScene(some), count, SIZE) if cameras is None else cameras
+        found = _sensitivities(some, around, 1, seed)
+        measured.classes[members] = _classes(some, found)
+        measured.removal[members] = found["opacity"] + _HIDDEN_CONTRAST**2 * found["colour"]
+
+    _each_part(splats, part if cameras is None else splats.num_gaussians, look)
+    return measured
+
+
+def _each_part(splats: Splats, part: int, look: Callable[..., None]) -> None:
+    """Divides Gaussians into spatial parts of similar size, and calls a function for each part.
+
+    Args:
+        splats: All Gaussians.
+        part: Maximum number of Gaussians per part.
+        look: Function that is called as `look(members, splats, whole=...)`: with the indices of the part's Gaussians,
+            these Gaussians, and True if there is only one part. Several parts are processed in parallel.
+    """
+    count = -(-splats.num_gaussians // part)
+    if count < 2:
+        look(slice(None), splats, whole=True)
+        return
+    edges = np.arange(count + 1, dtype=np.int64) * splats.num_gaussians // count
+    order = kd_order(splats.means, [edges])
+
+    def look_at(ends: tuple[int, int]) -> None:
+        members = np.sort(order[slice(*ends)])
+        look(members, splats.select(members), whole=False)
+
+    share(look_at, list(itertools.pairwise(edges.tolist())))
+
+
+def _classes(splats: Splats, found: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:
+    """Returns precision classes for the result of `_sensitivities`."""
+    low, middle, high = (np.log2(scales.astype(np.float64)) for scales in sort3(splats.scales))
     least = np.median(high) - _MOST_SMALL
     size, width = np.maximum(high, least), np.maximum(middle, np.maximum(high, least) - _MOST_THIN)
     area, long, thin = size + width, size - width, np.minimum(np.maximum(width - low, 0), _MOST_THIN)
     shape = np.stack([area, long, thin, np.log2(np.maximum(splats.opacities.astype(np.float64), 1 / 512))])
     weights = {**_WEIGHTS, "colour": 12.0 if splats.degree else 3.0}
-    # Of flat disks, needles and points only what their missing axes leave alone says how much of them is seen.
+    # For disks, needles and points, only attributes independent of the degenerate axes are meaningful.
     odd = (high < least) | (middle < size - _MOST_THIN) | (low < width - _MOST_THIN)
     octaves, total = np.zeros(splats.num_gaussians), np.full(splats.num_gaussians, sum(weights.values()))
     for name, weight in weights.items():
@@ -132,13 +202,20 @@ def _classes(splats: Splats, cameras: Cameras, probes: int, seed: int, renderer:
     return np.rint(octaves - finest).clip(-100, 100).astype(np.int8)
 
 
-def _sensitivities(
-    splats: Splats, cameras: Cameras, probes: int, seed: int, renderer: str
-) -> dict[str, Float64[np.ndarray, "G"]]:
-    """Mean squared change of pictures for each attribute, per scalar: squared gradients of random signs."""
+def _sensitivities(splats: Splats, cameras: Cameras, probes: int, seed: int) -> dict[str, Float64[np.ndarray, "G"]]:
+    """Returns the mean squared change of an image value per squared change of each attribute, for each Gaussian.
+
+    It is estimated from gradients of images with random signs (see `splatwire.render.pruning`).
+
+    Args:
+        splats: The Gaussians.
+        cameras: Cameras of the images.
+        probes: Number of random sign images per view.
+        seed: Seed of the signs.
+    """
     rng, num = Twister(seed), splats.num_gaussians
     order = np.argsort(-splats.scales, axis=1, kind="stable")
-    low, middle, high = np.log2(np.stack(rising(splats.scales)))
+    low, middle, high = np.log2(np.stack(sort3(splats.scales)))
     spun = np.where(middle - low >= high - middle, 2, 0)
     quats = splats.quats / np.maximum(np.linalg.norm(splats.quats, axis=1, keepdims=True), np.float32(1e-12))
     known = tuple(np.ascontiguousarray(t) for t in (splats.scales, quats, splats.opacities, order, spun))
@@ -152,11 +229,10 @@ def _sensitivities(
         size = len(gradients[0])
         add_squared(*gradients, *(values[some] for values in known), sums[some], 0, size)
 
-    find = gradient_source(renderer)
     for view in range(cameras.num_views):
         if view == 0 or splats.degree:  # without harmonics all views see the same colours
             seen = splats.seen_from(to_numpy(cameras.centers[view]))
             seen = replace(seen, colors=np.minimum(seen.colors, np.float32(BRIGHTEST)))
-        find(seen, cameras.select([view]), signs, add)
+        each_gradient_cpu(seen, cameras.select([view]), signs, add)
     scale = 1 / (probes * cameras.num_views * cameras.width * cameras.height * 3)
     return {name: sums[:, column] * scale for column, name in enumerate(_SLOPES)}

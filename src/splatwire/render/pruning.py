@@ -1,7 +1,9 @@
-"""Leaving out the elements that no view would miss.
+"""Pruning: removal of the elements with the least effect on images.
 
-A picture is affine in the opacity of every single Gaussian: its derivative says what happens when that one is left out.
-Sums of squares over pixels are estimated with random signs: for signs e, the mean of `(e . J) ** 2` is `J . J`.
+An image is affine in the opacity of each single Gaussian. Its derivative by the opacity therefore gives the effect of
+removing the Gaussian. Let J be the derivatives of all pixel values by one parameter. The sum of their squares, `J . J`,
+is the mean of `(e . J) ** 2` over images e of random signs, -1 or 1. One back-propagation of e gives `e . J` for all
+parameters at once.
 """
 
 import math
@@ -11,26 +13,28 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from splatwire.anchors.appearance import Scene, origin_of, spawned_gaussians
 from splatwire.errors import InvalidValueError
-from splatwire.model.appearance import Scene, origin_of, spawned_gaussians
 from splatwire.ops.twister import Twister
-from splatwire.render.backends import gradient_source
+from splatwire.render.cpu import each_gradient_cpu
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.render import iterate_views
-from splatwire.scene import Cameras
+from splatwire.types import Cameras
 
 COMPARED_VIEWS, COMPARED_SIZE = 7, 256
-"""Views in which a thinned scene is compared with the whole one; their number is one with which none is fitted."""
+"""Number of views in which a pruned scene is compared with the full scene, and their width and height in pixels. The
+number differs from that of the views used for pruning, so that the views differ too."""
 
 
 @dataclass(frozen=True, eq=False)
-class Thinned:
-    """A scene without some of its elements.
+class PrunedScene:
+    """Result of pruning a scene.
 
     Attributes:
-        scene: What is left.
-        kept: Which elements of the whole scene these are, ascending.
-        psnr: Decibels of its pictures against those of the whole scene, over views that chose nothing.
+        scene: The remaining scene.
+        kept: Indices of the remaining elements in the full scene, ascending.
+        psnr: PSNR of images of the pruned scene, with images of the full scene as references, decibels, over views that
+            were not used for pruning.
     """
 
     scene: Scene
@@ -38,19 +42,19 @@ class Thinned:
     psnr: float
 
 
-def thinned(
+def prune(
     scene: Scene, share: float, cameras: Cameras | None = None, *, progress: Callable[[float], None] | None = None
-) -> Thinned:
-    """Keeps the elements that pictures would miss most.
+) -> PrunedScene:
+    """Removes the elements of a scene with the smallest effect on images.
 
     Args:
-        scene: The whole scene.
-        share: Share of its elements that stays, above 0 and at most 1.
-        cameras: Where it is looked at from; None for views around it.
-        progress: Called with the share of the work that is done.
+        scene: The full scene.
+        share: Share of the elements to keep, above 0 and at most 1.
+        cameras: Cameras; None for views around the scene.
+        progress: Called with the finished fraction of the work, 0 to 1.
 
     Raises:
-        InvalidValueError: If the share is impossible, or leaves nothing.
+        InvalidValueError: If the share is out of range, or leaves nothing.
     """
     if not 0 < share <= 1 or round(share * scene.num_elements) < 1:
         raise InvalidValueError(f"a share of {share:g} of {scene.num_elements:,} {scene.ELEMENTS} cannot be kept")
@@ -61,7 +65,7 @@ def thinned(
     others = surrounding_cameras(scene, COMPARED_VIEWS, COMPARED_SIZE)
     pairs = zip(iterate_views(left, others), iterate_views(scene, others), strict=True)
     error = [float(((ours - whole).astype(np.float64) ** 2).mean()) for ours, whole in pairs]
-    return Thinned(left, kept, sum(-10 * math.log10(max(e, 1e-10)) for e in error) / len(error))
+    return PrunedScene(left, kept, sum(-10 * math.log10(max(e, 1e-10)) for e in error) / len(error))
 
 
 def removal_errors(
@@ -70,20 +74,18 @@ def removal_errors(
     *,
     probes: int = 2,
     seed: int = 0,
-    renderer: str = "cpu",
     progress: Callable[[float], None] | None = None,
 ) -> Float64[np.ndarray, "N"]:
-    """Estimates the mean squared error of pictures, to first order, if each element alone is left out.
+    """Estimates the mean squared image error caused by removing each element, to first order.
 
     Args:
         scene: The complete scene.
-        cameras: Where it is looked at from.
-        probes: Random sign patterns per view.
-        seed: Of the signs.
-        renderer: Name of a differentiable renderer.
-        progress: Called with the share of views that is done.
+        cameras: Cameras of the images.
+        probes: Number of random sign images per view; more give a more precise estimate.
+        seed: Seed of the signs.
+        progress: Called with the finished share of views.
     """
-    find, rng, total = gradient_source(renderer), Twister(seed), np.zeros(scene.num_elements)
+    rng, total = Twister(seed), np.zeros(scene.num_elements)
     cameras = cameras.relative_to(origin_of(scene))
     behind = np.array(scene.background, np.float32)
     for view in range(cameras.num_views):
@@ -101,7 +103,7 @@ def removal_errors(
                 yield rng.signs(shape)
                 total[:] += np.bincount(own, slopes, len(total)) ** 2
 
-        find(spawned.gaussians, cameras.select([view]), signs, add, behind)
+        each_gradient_cpu(spawned.gaussians, cameras.select([view]), signs, add, behind)
         if progress:
             progress((view + 1) / cameras.num_views)
     return total / max(probes * cameras.num_views * cameras.width * cameras.height * 3, 1)

@@ -1,31 +1,34 @@
-"""What anchors are worth in the picture, at a glance: a quarter of the time of `render_sensitivity`.
+"""Fast estimate of the sensitivity of images to anchors: a quarter of the time of `render_sensitivity`.
 
-Each Gaussian's worth comes from drawing alone; through the networks go only the anchors that were worth most in the
-first half of the views, and only what they cost together is kept: a single one's cost, from two views, is noise, and
-those that look cheap by chance would be copied too coarsely (a sketch below `grow` on the bundled scene).
+The error of removing each Gaussian is estimated from gradients of images, without the networks. The first half of the
+views selects the anchors with the largest removal error. In the second half, gradients are also back-propagated through
+the networks for these anchors, to estimate the error of changing features, scalings and offsets. Only the sum of these
+errors over the selected anchors is kept, and distributed in proportion to the removal errors (`_shared`), because few
+views give no reliable estimate for a single anchor. An anchor with a small estimate by chance would be quantised too
+coarsely in the sketch (low-quality copy of the scene).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-import torch
+import numpy as np
 from jaxtyping import Float64
-from torch import Tensor
 
-from splatwire.model import AnchorScene
-from splatwire.model.compiled_heads import SpawnedGaussians, drawn_with_anchors
-from splatwire.model.gaussian_heads import spawn_gaussians
-from splatwire.model.tensors import to_tensors
-from splatwire.render.backends import create_differentiable_renderer
-from splatwire.render.sensitivity import Sensitivity
-from splatwire.scene import Anchors, Cameras, Gaussians
+from splatwire.anchors.compiled_heads import SpawnedGaussians, drawn_with_anchors
+from splatwire.anchors.head_gradients import Spawning
+from splatwire.ops.threads import one_blas_thread
+from splatwire.ops.twister import Twister
+from splatwire.render.cpu import each_gradient_cpu
+from splatwire.render.sensitivity import GatheredGradients, Sensitivity
+from splatwire.types import Anchors, AnchorScene, Cameras
 
 _TYPICAL = 1 / 3
-"""Of what errors cost per removal on the whole, what they cost of most anchors: a few have half of the sum. Of the
-bundled scene a sketch is 0.3 dB better than with 1, and as good with 1/2 and 1/8."""
-_FIELDS = ("means", "quats", "scales", "opacities", "colors")
+"""Factor on the errors distributed to the anchors in `_shared`. The errors are known as sums, half of which is due to a
+few anchors, so that a typical anchor has less than its share. On the bundled scene the sketch (low-quality copy) is 0.3
+dB better than with factor 1, and equally good with 1/2 and 1/8."""
 
 
+@one_blas_thread()  # sums must not depend on the number of processors
 def quick_sensitivity(
     scene: AnchorScene,
     cameras: Cameras,
@@ -35,56 +38,65 @@ def quick_sensitivity(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Sensitivity:
-    """Estimates sensitivities over a set of views, of those anchors that are worth most.
+    """Estimates the sensitivity of images to the most important anchors over a set of views.
 
     Args:
-        scene: The complete scene, without hints, on the CPU.
-        cameras: Where it is looked at from; at least two views.
-        chosen: Anchors that are told apart; the removal of all others is said to cost nothing.
-        probes: Random sign patterns per view.
-        seed: Of the signs.
-        progress: Called with the share of views that is done.
+        scene: The complete scene, not a result of loss concealment (`hints` is None), on the CPU.
+        cameras: Cameras; at least two views.
+        chosen: Number of anchors with individual estimates; the removal of any other anchor is assumed to have no
+            effect.
+        probes: Number of random sign images per view (`splatwire.render.sensitivity`); more are more precise.
+        seed: Seed of the signs.
+        progress: Called with the finished share of views.
     """
-    scene = to_tensors(scene)
-    a, draw, rng = scene.anchors, create_differentiable_renderer("cpu"), torch.Generator().manual_seed(seed)
+    a, rng, behind = scene.anchors, Twister(seed), np.array(scene.background, np.float32)
     (num, count), width, first = a.mask.shape, a.features.shape[1] + a.scalings.shape[1], cameras.num_views // 2
-    removal, offsets = (torch.zeros(size, dtype=torch.float64) for size in ((num,), (num, count)))
-    rows, parts = torch.empty(0, dtype=torch.int64), list[_Through]()
+    removal, offsets = np.zeros(num), np.zeros((num, count))
+    rows, parts = np.empty(0, np.int64), list[_Through]()
     for view in range(cameras.num_views):
         if view == first:
-            rows = removal.argsort(descending=True, stable=True)[:chosen].sort().values
-        seen = to_tensors(drawn_with_anchors(scene, cameras, view))
-        leaves = [getattr(seen.gaussians, name).requires_grad_() for name in _FIELDS]
-        picture = draw(Gaussians(*leaves), cameras.select([view]), background=torch.tensor(scene.background))[0]
-        place = seen.anchor_index * count + seen.offset_index
-        for probe in range(probes):
-            signs = (torch.randint(0, 2, picture.shape, generator=rng) * 2 - 1).to(picture)
-            found = torch.autograd.grad((picture * signs).sum(), leaves, retain_graph=probe < probes - 1)
-            present = (found[3] * leaves[3].detach()).double()
-            each = torch.zeros(num * count, dtype=torch.float64).index_add_(0, place, present).view(num, count)
-            removal += each.sum(dim=1) ** 2 / probes
-            offsets += each**2 / probes
-            if len(rows) and not probe:
-                parts.append(_through(scene, cameras, view, rows, (seen, found), each[rows]))
+            rows = np.sort(np.argsort(-removal, kind="stable")[:chosen])
+        seen = drawn_with_anchors(scene, cameras, view)
+        found, place = GatheredGradients(seen.gaussians), seen.anchor_index * count + seen.offset_index
+
+        def signs(
+            shape: tuple[int, ...],
+            view: int = view,
+            rows: np.ndarray = rows,
+            seen: SpawnedGaussians = seen,
+            found: GatheredGradients = found,
+            place: np.ndarray = place,
+        ) -> Iterator[np.ndarray]:
+            for probe in range(probes):
+                yield rng.signs(shape)
+                each = np.bincount(place, found.presence, num * count).reshape(num, count)
+                removal[:] += each.sum(axis=1) ** 2 / probes
+                offsets[:] += each**2 / probes
+                if len(rows) and not probe:
+                    parts.append(_through(scene, cameras.centers[view], rows, (seen, found.fields), each[rows]))
+
+        each_gradient_cpu(seen.gaussians, cameras.select([view]), signs, found.add, behind)
         if progress:
             progress((view + 1) / cameras.num_views)
     scale = 1 / (cameras.num_views * cameras.width * cameras.height * 3)
-    kept = torch.zeros(num, dtype=torch.bool).index_fill_(0, rows, value=True)
+    kept = np.zeros(num, np.bool_)
+    kept[rows] = True
     return _shared(removal * kept * scale, offsets * scale, _relative_size(a), parts, width)
 
 
 @dataclass(frozen=True, eq=False)
 class _Through:
-    """Squared errors of a view, summed over the chosen anchors.
+    """Squared image errors of one view, summed over the selected anchors.
 
     Attributes:
-        metric: Of features and logarithms of scalings, (D, D).
-        offset: Of a coordinate of an offset, and
-        offset_share: what `_shared` expects of it, but for a factor.
-        removal: Of leaving them out.
+        metric: Error for changes of features and logarithms of scalings, as a quadratic form (D, D).
+        offset: Error per squared change of a coordinate of an offset (position of a Gaussian relative to its anchor).
+        offset_share: Squared removal errors of Gaussians, weighted by `_relative_size`. `offset` is assumed to be
+            proportional to it.
+        removal: Squared removal errors of Gaussians.
     """
 
-    metric: Float64[Tensor, "D D"]
+    metric: Float64[np.ndarray, "D D"]
     offset: float
     offset_share: float
     removal: float
@@ -92,41 +104,59 @@ class _Through:
 
 def _through(
     scene: AnchorScene,
-    cameras: Cameras,
-    view: int,
-    rows: Tensor,
-    drawn: tuple[SpawnedGaussians, tuple[Tensor, ...]],
-    each: Float64[Tensor, "R K"],
+    camera_center: np.ndarray,
+    rows: np.ndarray,
+    drawn: tuple[SpawnedGaussians, list[np.ndarray]],
+    each: Float64[np.ndarray, "R K"],
 ) -> _Through:
-    """Follows the gradients of a view's Gaussians through the networks, of the anchors `rows` alone."""
+    """Back-propagates the gradients of a view's Gaussians through the networks, for selected anchors only.
+
+    Args:
+        scene: The complete scene.
+        camera_center: Position of the camera.
+        rows: Indices of the selected anchors.
+        drawn: Gaussians of the view, and their gradients.
+        each: Effect of removing each Gaussian of the selected anchors, from one random sign image; its square is an
+            estimate of the squared error.
+    """
     a, (seen, gradients), count = scene.anchors, drawn, scene.anchors.mask.shape[1]
-    inputs = [t[rows].clone().requires_grad_() for t in (a.features, a.scalings, a.offsets)]
-    own = Anchors(a.positions[rows], inputs[0], inputs[1], inputs[2], a.mask[rows])
-    everything = torch.ones(len(rows), dtype=torch.bool)
-    again = spawn_gaussians(own, scene.heads, torch.as_tensor(cameras.centers[view]).to(a.positions), everything)
-    place = torch.full((a.num_anchors * count,), -1, dtype=torch.int64)
-    place[seen.anchor_index * count + seen.offset_index] = torch.arange(len(seen.anchor_index))
+    own = a.select(rows)
+    again = Spawning(own, scene.heads, camera_center.astype(np.float32))
+    place = np.full(a.num_anchors * count, -1)
+    place[seen.anchor_index * count + seen.offset_index] = np.arange(len(seen.anchor_index))
     place = place[rows[again.anchor_index] * count + again.offset_index]
-    there = place >= 0  # not: those out of view or too faint to be drawn
-    upstream = [torch.zeros(len(place), *g.shape[1:]).index_put((there,), g[place[there]]) for g in gradients]
-    outputs = [getattr(again.gaussians, name) for name in _FIELDS]
-    features, scalings, offsets = (g.double() for g in torch.autograd.grad(outputs, inputs, upstream))
-    channels = torch.cat([features, scalings * a.scalings[rows]], dim=1)
+    there = place >= 0  # False if out of view or too faint to be drawn
+    upstream = [np.zeros((len(place), *g.shape[1:]), np.float32) for g in gradients]
+    for values, g in zip(upstream, gradients, strict=True):
+        values[there] = g[place[there]]
+    back = again.gradients(upstream)
+    channels = np.concatenate([back.features, back.scalings * own.scalings], axis=1).astype(np.float64)
     share = float((each**2 * _relative_size(own)[:, None]).sum())
-    return _Through(channels.T @ channels, float((offsets**2).mean(dim=2).sum()), share, float((each**2).sum()))
+    offset = float((back.offsets.astype(np.float64) ** 2).mean(axis=2).sum())
+    return _Through(channels.T @ channels, offset, share, float((each**2).sum()))
 
 
-def _relative_size(anchors: Anchors) -> Float64[Tensor, "N"]:
-    """How much farther than its Gaussians are large an anchor's unit of offsets moves them, squared."""
-    scalings = anchors.scalings.detach().double().clamp(min=1e-9)
-    return (scalings[:, :3].mean(dim=1) / scalings[:, 3:].mean(dim=1)) ** 2
+def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
+    """Returns the squared ratio of each anchor's offset scaling to the size of its Gaussians."""
+    scalings = np.maximum(anchors.scalings.astype(np.float64), 1e-9)
+    return (scalings[:, :3].mean(axis=1) / scalings[:, 3:].mean(axis=1)) ** 2
 
 
 def _shared(
-    removal: Tensor, offset_removal: Tensor, relative: Tensor, parts: list[_Through], width: int
+    removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_Through], width: int
 ) -> Sensitivity:
-    """Each anchor's part of what was summed, by what its removal costs."""
-    metric = sum((part.metric for part in parts), torch.zeros(width, width, dtype=torch.float64))
+    """Distributes errors that are only known as sums over the selected anchors to the individual anchors.
+
+    They are distributed in proportion to the error of removing each anchor.
+
+    Args:
+        removal: Error of removing each anchor; 0 for anchors that were not selected, (N).
+        offset_removal: Error of removing each Gaussian, (N, K).
+        relative: Squared ratio of offset scaling to size of each anchor (`_relative_size`), (N).
+        parts: Sums of each view.
+        width: Number of features and scalings per anchor, D.
+    """
+    metric = sum((part.metric for part in parts), np.zeros((width, width)))
     removed, expected = sum(part.removal for part in parts), sum(part.offset_share for part in parts)
     per_removal = _TYPICAL * metric.diagonal() / max(removed, 1e-30)
     per_offset = _TYPICAL * sum(part.offset for part in parts) / max(expected, 1e-30)

@@ -1,4 +1,4 @@
-"""From a scene to pictures, view by view."""
+"""Rendering of scenes, view by view."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -8,60 +8,62 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from splatwire.anchors.appearance import Scene, antialiased, as_scene, gaussians_of_view, origin_of
+from splatwire.arguments import array_of, checked_except
 from splatwire.data.camera_file import load_cameras
-from splatwire.errors import InvalidValueError, check_kind
-from splatwire.model.appearance import Scene, antialiased, as_scene, gaussians_of_view, origin_of
-from splatwire.model.partial import Partial
-from splatwire.ops.arrays import to_numpy
+from splatwire.errors import InvalidValueError, check_kind, check_progress, shown
 from splatwire.render.antialiasing import compensated
 from splatwire.render.backends import create_renderer
 from splatwire.render.base import Renderer
+from splatwire.render.pictures import Pictures
 from splatwire.reprs import summarize
-from splatwire.scene import Cameras
-from splatwire.scene.splats import Splats
+from splatwire.types import Cameras
+from splatwire.types.received_scene import ReceivedScene
+from splatwire.types.splats import Splats
 
 Progress = Callable[[int, int], None]
-"""Called with the number of views done and the number of views in all."""
+"""Called with the number of finished views and the total number of views."""
 
 
+@checked_except("cameras", "renderer", "background")
 def iterate_views(
-    scene: Scene | Partial | Splats,
+    scene: Scene | ReceivedScene | Splats,
     cameras: Cameras | str | os.PathLike[str],
     *,
     renderer: str | Renderer = "cpu",
     background: Float[np.ndarray, "3"] | Sequence[float] | None = None,
 ) -> Iterator[Float[np.ndarray, "H W 3"]]:
-    """Draws one view after another, so that a caller need not hold all pictures.
+    """Renders the views one after another, so that a caller need not keep all images in memory.
 
     Args:
-        scene: What to draw: a scene, the result of a decoder if nothing was lost, or explicit Gaussians.
-        cameras: Where from; a path is read by `splatwire.data.load_cameras`.
+        scene: A scene, a decoded scene without losses, or explicit Gaussians.
+        cameras: Cameras, or the path of a file for `splatwire.data.load_cameras`.
         renderer: A renderer or its name (`splatwire.render.backends.create_renderer`).
-        background: RGB behind everything, 0 to 1; the scene's own where absent.
+        background: RGB of the background, 0 to 1; None for the background of the scene.
 
     Yields:
-        One picture per camera, RGB clamped to [0, 1]. Training calls a differentiable renderer itself.
+        One image per camera, RGB clamped to [0, 1], float32, without gradients.
 
     Raises:
-        UnknownNameError: No renderer has that name.
-        BackendUnavailableError: The renderer cannot run here.
-        InvalidValueError: An argument is something else; the message says what works.
-        DatasetError: The file of cameras is none.
+        UnknownNameError: If no renderer has that name.
+        BackendUnavailableError: If the renderer cannot run here.
+        InvalidValueError: If an argument has a wrong type or value; the message names valid ones.
+        DatasetError: If the cameras file is invalid.
     """
     drawn, seen = as_scene(scene), cameras_of(cameras)
     draw = create_renderer(renderer) if isinstance(renderer, str) else renderer
-    if not callable(draw):
-        raise InvalidValueError(f"expected a renderer or its name such as 'cpu', not {draw!r:.60}")
+    if not callable(draw) or isinstance(draw, type):
+        raise InvalidValueError(f"expected a renderer or its name such as 'cpu', not {shown(draw)}")
     behind = _color(drawn.background if background is None else background)
     return _views(drawn, seen.relative_to(origin_of(drawn)), draw, behind)
 
 
 def cameras_of(cameras: Cameras | str | os.PathLike[str]) -> Cameras:
-    """Returns cameras, or reads them from a file.
+    """Returns cameras as given, or reads them from a file.
 
     Raises:
-        InvalidValueError: If it is neither cameras nor a path.
-        DatasetError: If the file has no cameras.
+        InvalidValueError: If the argument is neither cameras nor a path.
+        DatasetError: If the file contains no cameras.
     """
     if isinstance(cameras, str | os.PathLike):
         return load_cameras(Path(cameras))
@@ -70,14 +72,12 @@ def cameras_of(cameras: Cameras | str | os.PathLike[str]) -> Cameras:
 
 
 def _color(background: Any) -> Float[np.ndarray, "3"]:
-    """Returns a colour as an array."""
+    """Converts a colour given by the caller to an array, after checking it."""
     try:
-        found = np.array(to_numpy(background), np.float32)
-    except (TypeError, ValueError):
-        found = np.empty(0, np.float32)
-    if found.shape != (3,):
-        raise InvalidValueError(f"a background is three numbers from 0 to 1, not {summarize(background)}")
-    return found
+        return array_of(background, "background", (3,), least=0, most=1).astype(np.float32)
+    except InvalidValueError as error:
+        found = summarize(background) if hasattr(background, "shape") else shown(background)
+        raise InvalidValueError(f"a background is three numbers from 0 to 1, not {found}") from error
 
 
 def _views(
@@ -91,30 +91,32 @@ def _views(
         yield np.clip(image, 0, 1, out=image)
 
 
+@checked_except("cameras", "renderer", "background", "progress")
 def render_scene(
-    scene: Scene | Partial | Splats,
+    scene: Scene | ReceivedScene | Splats,
     cameras: Cameras | str | os.PathLike[str],
     *,
     renderer: str | Renderer = "cpu",
     background: Float[np.ndarray, "3"] | Sequence[float] | None = None,
     progress: Progress | None = None,
-) -> Float[np.ndarray, "C H W 3"]:
-    """Draws every view of `cameras`; arguments and errors as in `iterate_views`.
+) -> Pictures:
+    """Renders all views of a scene; raises the same errors as `iterate_views`.
 
     Args:
-        scene: What to draw: a scene, the result of a decoder if nothing was lost, or explicit Gaussians.
-        cameras: Where from; a path is read by `splatwire.data.load_cameras`.
+        scene: A scene, a decoded scene without losses, or explicit Gaussians.
+        cameras: Cameras, or the path of a file for `splatwire.data.load_cameras`.
         renderer: A renderer or its name.
-        background: RGB behind everything; the scene's own where absent.
-        progress: Called after each view.
+        background: RGB of the background, 0 to 1; None for the background of the scene.
+        progress: Called after each view with the number of finished views and the total number.
 
     Returns:
-        RGB in [0, 1].
+        RGB in [0, 1], float32 (C, H, W, 3); notebooks show it as an image.
     """
     cameras = cameras_of(cameras)
+    check_progress(progress)
     images = np.empty((cameras.num_views, cameras.height, cameras.width, 3), np.float32)
     for view, image in enumerate(iterate_views(scene, cameras, renderer=renderer, background=background)):
         images[view] = image
         if progress is not None:
             progress(view + 1, cameras.num_views)
-    return images
+    return images.view(Pictures)

@@ -1,34 +1,34 @@
-"""What is up in a scene of which nobody says it."""
+"""Estimate of the up axis of a scene without metadata."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from splatwire.model import SplatScene
-from splatwire.model.appearance import Scene, explicit_gaussians
+from splatwire.anchors.appearance import Scene, explicit_gaussians
 from splatwire.ops.arrays import lower_median
 from splatwire.render.render import render_scene
-from splatwire.scene import Cameras
+from splatwire.types import Cameras, SplatScene
 
 SIDE = 96
-"""Width and height of the pictures, pixels."""
+"""Width and height of the rendered images, pixels."""
 MOST = 300_000
-"""Gaussians that are drawn."""
+"""Maximum number of Gaussians that are rendered for the estimate."""
 AWAY = 8.0
-"""Distance of the cameras, in radii of the scene."""
+"""Distance of the cameras from the scene's centre, in multiples of the scene's radius."""
 CERTAIN = 1.25
-"""How many times as bright the other side has to be before it is taken for the upper one."""
+"""Minimum ratio of the brightness of both sides for which the y axis is taken as up."""
 FLAT = 0.25
-"""A scene whose spread along y is less than this share of that along x and z is a ground with things on it."""
+"""Maximum ratio of the scene's extent along y to that along x and z for the scene to count as a ground plane with
+objects."""
 
 
-def up_of(scene: Scene) -> str:
-    """Tells whether the y axis points up (`y`) or down (`-y`, as in files of Gaussians and in scenes of photos).
+def estimate_up_axis(scene: Scene) -> str:
+    """Estimates whether the y axis points up (`y`) or down (`-y`, as in 3DGS files and scenes from photos).
 
-    Light falls from above, and photos are seldom taken from below: the upper side of a scene is the brighter one. Two
-    pictures along the axis, from far away, are compared where something is. A ground was never seen from below: there
-    the side counts on which more stands out of it. Of what looks different from everywhere (neural anchors) nothing
-    is told.
+    Light comes from above, and photos are seldom taken from below, so the upper side of a scene is brighter. The mean
+    brightness of two images is compared, which show the scene from far away in both directions of the y axis. This
+    fails for a flat scene, a ground with objects, because no photo shows the ground from below. There the side on which
+    Gaussians reach farther from the ground is up. Returns `-y` for neural anchors and for uncertain cases.
 
     Args:
         scene: The scene.
@@ -38,7 +38,7 @@ def up_of(scene: Scene) -> str:
         return "-y"
     step = -(-splats.num_gaussians // MOST)
     few = splats.select(np.arange(0, splats.num_gaussians, step))
-    splats = replace(few, scales=few.scales * step**0.5)  # each stands for as many
+    splats = replace(few, scales=few.scales * step**0.5)  # compensates for the reduced number
     middle = lower_median(splats.means)
     away = np.linalg.norm(splats.means - middle, axis=1)
     radius = min(float(np.sort(away)[-(-len(away) * 98 // 100) - 1]), 4 * float(lower_median(away)))
@@ -53,7 +53,14 @@ def up_of(scene: Scene) -> str:
 
 
 def _brightness(scene: Scene, middle: np.ndarray, radius: float, down: float) -> float:
-    """Mean luminance of what is seen along the y axis; 0 where nothing is."""
+    """Returns the mean luminance of a scene seen along the y axis; 0 if nothing is visible.
+
+    Args:
+        scene: The scene.
+        middle: Centre of the scene.
+        radius: Radius of the scene, world units.
+        down: Viewing direction along the y axis, 1 or -1.
+    """
     pose = np.eye(4, dtype=np.float32)
     pose[:3, :3] = [[1.0, 0.0, 0.0], [0.0, 0.0, -down], [0.0, down, 0.0]]
     pose[:3, 3] = -pose[:3, :3] @ middle

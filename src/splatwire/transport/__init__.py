@@ -1,29 +1,39 @@
-"""Transport: a stream over a network that loses datagrams. The core knows no socket and no clock; no torch here."""
+"""Transport of streams over networks that lose datagrams.
 
-from splatwire.transport.collect import ReceiverLimits
-from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, StreamLeft, Welcomed
-from splatwire.transport.program import Program, make_program
-from splatwire.transport.protection import Protection
-from splatwire.transport.receiver import Receiver
-from splatwire.transport.receiver_options import ReceiverOptions
-from splatwire.transport.sender import Server
-from splatwire.transport.server_limits import ServerLimits
-from splatwire.transport.transfer import ServerTransfer
+The protocol core uses no sockets and no clock: callers pass datagrams and the time. Nothing here imports torch.
+"""
+
+from splatwire.transport.protocol.collect import ReceiverLimits
+from splatwire.transport.protocol.events import (
+    Event,
+    Finished,
+    PacketArrived,
+    SideInfoArrived,
+    StreamReplaced,
+    Welcomed,
+)
+from splatwire.transport.protocol.protection import Protection
+from splatwire.transport.protocol.receiver import Receiver
+from splatwire.transport.protocol.receiver_options import ReceiverOptions
+from splatwire.transport.protocol.sender import Server
+from splatwire.transport.protocol.served_stream import ServedStream, make_served_stream
+from splatwire.transport.protocol.server_limits import ServerLimits
+from splatwire.transport.protocol.transfer import ServerTransfer
 
 __all__ = [
     "Event",
     "Finished",
     "PacketArrived",
-    "Program",
     "Protection",
     "Receiver",
     "ReceiverLimits",
     "ReceiverOptions",
+    "ServedStream",
     "Server",
     "ServerLimits",
     "ServerTransfer",
     "SideInfoArrived",
-    "StreamLeft",
+    "StreamReplaced",
     "Welcomed",
-    "make_program",
+    "make_served_stream",
 ]

@@ -1,4 +1,4 @@
-"""Where a server is, as a person writes it."""
+"""Server addresses: parsing of `udp://`, `quic://` and `moq://` URLs."""
 
 from dataclasses import dataclass
 from urllib.parse import urlsplit
@@ -11,14 +11,14 @@ PORTS = {"udp": DEFAULT_PORT, "quic": DEFAULT_PORT, "moq": 443}
 
 @dataclass(frozen=True)
 class Address:
-    """Where a server is.
+    """Address of a server.
 
     Attributes:
-        host: Name or number.
+        host: Host name or IP address.
         port: UDP port.
-        name: Stream that is wanted; empty for the server's first.
-        scheme: `udp` (datagrams of our own), `quic` (the same in a QUIC connection) or `moq` (a relay of Media over
-            QUIC; the last part of the name is that of the scene there).
+        name: Name of the requested stream; an empty name requests the server's first stream.
+        scheme: `udp` (splatwire datagrams), `quic` (the same datagrams in a QUIC connection) or `moq` (a relay of
+            Media over QUIC; the last part of the name is the scene's name at the relay).
     """
 
     host: str
@@ -28,15 +28,24 @@ class Address:
 
 
 def cannot_listen(kind: str, host: str, port: int, error: OSError) -> InvalidValueError:
-    """Says which port of which address cannot be listened on, and why."""
+    """Returns the exception to raise when a server cannot bind its port; the message has port, address and reason.
+
+    Args:
+        kind: Protocol of the port for the message, such as `UDP`.
+        host: Address to listen on.
+        port: Number of the port.
+        error: Error of the operating system.
+    """
     return InvalidValueError(f"cannot listen on {kind} port {port} of {host}: {error.strerror or error}")
 
 
 def parse_url(url: str) -> Address:
-    """Reads `udp://HOST[:PORT][/NAME]`, `quic://HOST[:PORT][/NAME]` or `moq://RELAY[:PORT]/NAME`.
+    """Parses a server URL: `udp://HOST[:PORT][/NAME]`, `quic://HOST[:PORT][/NAME]` or `moq://RELAY[:PORT]/NAME`.
+
+    NAME is the name of the requested stream. The default port is 4840, or 443 for `moq`.
 
     Raises:
-        InvalidValueError: If it is something else.
+        InvalidValueError: If the text is not such a URL.
     """
     wrong = InvalidValueError(f"'{url}' is not an address such as udp://localhost:{DEFAULT_PORT} or quic://localhost")
     try:

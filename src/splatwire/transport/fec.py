@@ -1,6 +1,6 @@
-"""Erasure coding: RaptorQ (RFC 6330) through the package `raptorq`, one source block of at most `MAX_SYMBOLS` symbols.
+"""Erasure coding with RaptorQ (RFC 6330, package `raptorq`): one source block of at most `MAX_SYMBOLS` symbols.
 
-Codes are systematic: symbols 0 to K-1 are the data itself, so that nothing needs the package when nothing was lost.
+The code is systematic: symbols 0 to K-1 are the data itself. Without losses, decoding does not need the package.
 """
 
 import functools
@@ -11,41 +11,41 @@ from splatwire.errors import BackendUnavailableError, InvalidValueError
 
 ALIGNMENT = 8
 MAX_SYMBOLS = 2048
-"""Symbols of one source block: decoding stays in tens of milliseconds."""
+"""Maximum number of symbols in a source block; keeps decoding within tens of milliseconds."""
 MAX_REPAIR = 4096
-"""Repair symbols that one source block can have here; the code itself knows millions."""
+"""Maximum number of repair symbols per source block. RaptorQ itself allows millions."""
 MAX_SYMBOL_BYTES = 4096
 _ID_BYTES = 4
 
 
 def check_symbol_bytes(symbol_bytes: int) -> None:
-    """Refuses symbol sizes that the code does not take.
+    """Checks that a size in bytes is valid for a symbol of the erasure code.
 
     Raises:
-        InvalidValueError: If it is not a multiple of 8 from 8 to 4096.
+        InvalidValueError: If the size is not a multiple of 8 from 8 to 4096.
     """
     if not 0 < symbol_bytes <= MAX_SYMBOL_BYTES or symbol_bytes % ALIGNMENT:
         raise InvalidValueError(
-            f"a symbol has a multiple of {ALIGNMENT} bytes up to {MAX_SYMBOL_BYTES}, {symbol_bytes} it cannot"
+            f"a symbol has a multiple of {ALIGNMENT} bytes up to {MAX_SYMBOL_BYTES}, not {symbol_bytes}"
         )
 
 
 def num_symbols(num_bytes: int, symbol_bytes: int) -> int:
-    """Source symbols of some data, K."""
+    """Returns the number of source symbols K that data of `num_bytes` bytes fill; the last symbol may be partial."""
     return -(-num_bytes // symbol_bytes)
 
 
 def repair_symbols(data: bytes, symbol_bytes: int, count: int) -> list[bytes]:
-    """Repair symbols K to K + count - 1 of some data.
+    """Encodes data of K source symbols and returns repair symbols: the symbols with numbers K to K + count - 1.
 
     Args:
-        data: At most `MAX_SYMBOLS` symbols, zero-padded to whole ones by this function.
-        symbol_bytes: Size of a symbol.
-        count: How many.
+        data: Source data, at most `MAX_SYMBOLS` symbols; a partial last symbol is padded with zeros.
+        symbol_bytes: Size of a symbol in bytes.
+        count: Number of repair symbols.
 
     Raises:
-        InvalidValueError: If the data are empty or too many, or the count is.
-        BackendUnavailableError: If the package is not installed.
+        InvalidValueError: If the data are empty or too long, or `count` is out of range.
+        BackendUnavailableError: If the package `raptorq` is not installed.
     """
     check_symbol_bytes(symbol_bytes)
     total = num_symbols(len(data), symbol_bytes)
@@ -54,7 +54,7 @@ def repair_symbols(data: bytes, symbol_bytes: int, count: int) -> list[bytes]:
     if not count:
         return []
     padded = data.ljust(total * symbol_bytes, b"\0")
-    if total == 1:  # repetition: the code itself is not defined for so little
+    if total == 1:  # repetition: RaptorQ is not defined for one source symbol
         return [padded] * count
     encoded = _raptorq().Encoder.with_defaults(padded, symbol_bytes + _ID_BYTES).get_encoded_packets(count)
     found = {int.from_bytes(packet[1:4], "big"): packet[_ID_BYTES:] for packet in encoded if packet[0] == 0}
@@ -66,23 +66,24 @@ def repair_symbols(data: bytes, symbol_bytes: int, count: int) -> list[bytes]:
 
 
 def source_symbols(data: bytes, symbol_bytes: int) -> list[bytes]:
-    """The data in symbols, the last one zero-padded."""
+    """Splits data into source symbols of `symbol_bytes` bytes; a partial last symbol is padded with zeros."""
     return [data[i : i + symbol_bytes].ljust(symbol_bytes, b"\0") for i in range(0, len(data), symbol_bytes)]
 
 
 def recover(symbols: Mapping[int, bytes], total: int, symbol_bytes: int) -> list[bytes] | None:
-    """Source symbols out of any that arrived.
+    """Recovers the source symbols from any sufficient subset of symbols.
 
     Args:
-        symbols: Symbols by number, all of the right size; 0 to K-1 are source symbols.
-        total: Source symbols, K.
-        symbol_bytes: Size of a symbol.
+        symbols: Received symbols by number, each of `symbol_bytes` bytes. Numbers 0 to K-1 are source symbols, higher
+            numbers are repair symbols.
+        total: Number of source symbols, K.
+        symbol_bytes: Size of a symbol in bytes.
 
     Returns:
-        All source symbols; None if more are needed. What was wrong with a symbol is still wrong in them.
+        All source symbols, or None if more symbols are needed. Errors in received symbols are not detected here.
 
     Raises:
-        BackendUnavailableError: If the package is needed and not installed.
+        BackendUnavailableError: If the package `raptorq` is needed and not installed.
     """
     if all(n in symbols for n in range(total)):
         return [symbols[n] for n in range(total)]
@@ -99,17 +100,17 @@ def recover(symbols: Mapping[int, bytes], total: int, symbol_bytes: int) -> list
 
 
 def framed(packets: Sequence[bytes], symbol_bytes: int) -> bytes:
-    """Packets of different sizes as source symbols: each behind its size in two bytes, zero-padded."""
+    """Returns concatenated source symbols, one per packet: size of the packet (two bytes), its bytes, zero padding."""
     return b"".join((len(p).to_bytes(2, "little") + p).ljust(symbol_bytes, b"\0") for p in packets)
 
 
 def unframed(symbol: bytes) -> bytes:
-    """A packet out of its source symbol; too large a size gives what is there."""
+    """Extracts the packet from a source symbol made by `framed`; a declared size beyond the symbol's end is clipped."""
     return symbol[2 : 2 + int.from_bytes(symbol[:2], "little")]
 
 
-def framed_bytes(packet_bytes: int) -> int:
-    """Size of the symbols that packets of at most some bytes are framed in."""
+def symbol_bytes_for(packet_bytes: int) -> int:
+    """Returns the size of a source symbol, in bytes, that can contain any packet of at most `packet_bytes` bytes."""
     return -(-(packet_bytes + 2) // ALIGNMENT) * ALIGNMENT
 
 

@@ -1,4 +1,4 @@
-"""Captures of UDP datagrams in the classic libpcap format, which tcpdump and Wireshark read."""
+"""Captures of UDP datagrams in the classic libpcap format of tcpdump and Wireshark."""
 
 import ipaddress
 import struct
@@ -7,7 +7,7 @@ from typing import Any
 
 MAGIC = 0xA1B2C3D4
 LINKTYPE_RAW = 101
-"""A record begins with an IPv4 or IPv6 header; which one, its first 4 bits say."""
+"""Link type of raw IP: a record starts with an IPv4 or IPv6 header; its first 4 bits are the version."""
 SNAP_BYTES = 65_535
 HOP_LIMIT = 64
 UDP = 17
@@ -19,14 +19,14 @@ _IPV4 = struct.Struct(">BBHHHBBH4s4s")
 _IPV6 = struct.Struct(">IHBB16s16s")
 
 Endpoint = tuple[str, int]
-"""Numeric address and port."""
+"""Numeric IP address and UDP port."""
 
 
 class Capture:
-    """Writes a capture; what happens outside of it (who sent what, when) is told to it.
+    """Writer of a pcap file with UDP datagrams; the caller supplies their addresses and times.
 
     Args:
-        write: Called with bytes for the file, one piece after another.
+        write: Called with successive pieces of the file, bytes.
     """
 
     def __init__(self, write: Callable[[bytes], Any]) -> None:
@@ -35,13 +35,13 @@ class Capture:
         write(_FILE.pack(MAGIC, 2, 4, 0, 0, SNAP_BYTES, LINKTYPE_RAW))
 
     def add(self, source: Endpoint, target: Endpoint, payload: bytes, seconds: float) -> None:
-        """Takes a UDP datagram.
+        """Appends a UDP datagram to the pcap file.
 
         Args:
-            source: Where it is from.
-            target: Where it goes.
-            payload: Its content.
-            seconds: When, seconds since 1970.
+            source: Source address and port.
+            target: Destination address and port.
+            payload: UDP payload.
+            seconds: Time of capture, seconds since 1970.
         """
         data = ip_datagram(source, target, payload)
         micros = int(seconds * 1e6)
@@ -50,12 +50,12 @@ class Capture:
 
 
 def ip_datagram(source: Endpoint, target: Endpoint, payload: bytes) -> bytes:
-    """A UDP datagram with its IP header, both checksums right.
+    """Returns a UDP datagram with its IP header and valid checksums.
 
     Args:
-        source: Where it is from; IPv4 addresses within IPv6 (`::ffff:1.2.3.4`) count as IPv4.
-        target: Where it goes.
-        payload: Its content.
+        source: Source address and port; IPv4-mapped IPv6 addresses (`::ffff:1.2.3.4`) are written as IPv4.
+        target: Destination address and port.
+        payload: UDP payload.
     """
     start, stop = _packed(source[0]), _packed(target[0])
     if len(start) != len(stop):
@@ -71,8 +71,8 @@ def ip_datagram(source: Endpoint, target: Endpoint, payload: bytes) -> bytes:
 
 
 def checksum(data: bytes) -> int:
-    """The internet checksum (RFC 1071): complement of the sum of all 16-bit words in ones' complement arithmetic."""
-    # 2**16 is 1 modulo 65535: the number that the bytes spell leaves the same rest as the sum of its 16-bit words.
+    """Returns the Internet checksum (RFC 1071): the complement of the ones' complement sum of all 16-bit words."""
+    # 2**16 is 1 modulo 65535, so the bytes as one integer leave the same remainder as the sum of the 16-bit words.
     rest = int.from_bytes(data + b"\0" * (len(data) % 2), "big") % 0xFFFF
     return 0xFFFF - (rest or (0xFFFF if any(data) else 0))
 

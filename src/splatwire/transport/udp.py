@@ -1,5 +1,6 @@
-"""UDP sockets around the core: the only place of this room that waits."""
+"""UDP sockets around the protocol core: asyncio server and client."""
 
+import abc
 import asyncio
 import os
 import socket
@@ -10,64 +11,108 @@ from typing import Any
 
 from splatwire.errors import InvalidValueError
 from splatwire.transport.address import Address, cannot_listen
-from splatwire.transport.events import Event
 from splatwire.transport.pcap import Endpoint
-from splatwire.transport.program import Program
-from splatwire.transport.receiver import Receiver
-from splatwire.transport.receiver_options import ReceiverOptions
-from splatwire.transport.sender import Server
-from splatwire.transport.server_limits import ServerLimits
+from splatwire.transport.protocol.events import Event
+from splatwire.transport.protocol.receiver import Receiver
+from splatwire.transport.protocol.receiver_options import ReceiverOptions
+from splatwire.transport.protocol.sender import Server
+from splatwire.transport.protocol.served_stream import ServedStream
+from splatwire.transport.protocol.server_limits import ServerLimits
 
 SOCKET_BUFFER = 4 << 20
 BATCH = 256
-"""Datagrams that are read or written before timers get their turn."""
+"""Maximum number of datagrams read or written in one turn of the event loop; timers run between turns."""
 LARGEST_READ = 2048
 
 Tap = Callable[[Endpoint, Endpoint, bytes], None]
-"""Told every datagram: where it is from, where it goes, its content."""
+"""Callback for every datagram sent or received, with its source, its destination and its payload."""
 
 
-class UdpServer:
-    """Serves programs on one UDP socket until it is closed; use it inside a running event loop.
+class SocketServer(abc.ABC):
+    """Protocol core with a UDP socket and the timer of the next datagram. Requires a running event loop.
 
     Args:
-        programs: Streams by name.
+        core: The protocol core.
         host: Address to listen on.
-        port: Port; 0 lets the system choose.
-        limits: What is spent on clients.
+        port: UDP port; 0 selects a free port.
+
+    Attributes:
+        bytes_sent: Bytes of all UDP datagrams that were sent.
 
     Raises:
-        InvalidValueError: If the address cannot be listened on.
+        InvalidValueError: If the address cannot be bound.
     """
 
-    def __init__(
-        self, programs: Mapping[str, Program], host: str, port: int, *, limits: ServerLimits | None = None
-    ) -> None:
-        self.core = Server(programs, secret=os.urandom(32), random=os.urandom, limits=limits)
+    def __init__(self, core: Server, host: str, port: int) -> None:
+        self.core = core
         self._socket = bound_socket(host, port)
         self._loop = asyncio.get_running_loop()
-        self._backlog: deque[tuple[Hashable, bytes]] = deque()
         self._timer: asyncio.TimerHandle | None = None
-        self._blocked = False
         self.bytes_sent = 0
-        self._loop.add_reader(self._socket, self._readable)
 
     @property
     def port(self) -> int:
-        """The port that it listens on."""
+        """UDP port that the server listens on."""
         return int(self._socket.getsockname()[1])
 
-    def renew(self, name: str, program: Program) -> None:
-        """See `Server.renew`."""
-        self.core.renew(name, program)
-        self._pump()
+    def update(self, name: str, program: ServedStream) -> None:
+        """Adds a stream, or updates a live stream and notifies the clients that receive it.
 
-    def close(self) -> None:
-        """Stops at once."""
-        self._loop.remove_reader(self._socket)
-        self._loop.remove_writer(self._socket)
+        Args:
+            name: Name of the stream.
+            program: Prepared stream, or the new state of a live stream.
+        """
+        self.core.update(name, program)
+        self.pump()
+
+    @abc.abstractmethod
+    def pump(self) -> None:
+        """Sends the datagrams that are due, and sets a timer for the next datagrams."""
+
+    def _cancel_timer(self) -> None:
         if self._timer:
             self._timer.cancel()
+            self._timer = None
+
+    def _set_timer(self, now: float) -> None:
+        """Schedules the next call of `pump`; schedules none while no transfer is running.
+
+        Args:
+            now: Time of the event loop, seconds.
+        """
+        at = self.core.next_at()
+        if at is not None:
+            self._timer = self._loop.call_at(max(at, now), self.pump)
+        elif self.core.num_transfers:
+            self._timer = self._loop.call_at(now + 0.25, self.pump)
+
+
+class UdpServer(SocketServer):
+    """Server of streams on one UDP socket; runs until `close`. Requires a running event loop.
+
+    Args:
+        programs: Prepared streams by name; a client that requests no name gets the first.
+        host: Address to listen on.
+        port: UDP port; 0 selects a free port.
+        limits: Limits on the transfers of clients.
+
+    Raises:
+        InvalidValueError: If the address cannot be bound.
+    """
+
+    def __init__(
+        self, programs: Mapping[str, ServedStream], host: str, port: int, *, limits: ServerLimits | None = None
+    ) -> None:
+        super().__init__(Server(programs, secret=os.urandom(32), random=os.urandom, limits=limits), host, port)
+        self._backlog: deque[tuple[Hashable, bytes]] = deque()
+        self._blocked = False
+        self._loop.add_reader(self._socket, self._readable)
+
+    def close(self) -> None:
+        """Stops the server and closes its socket at once; running transfers are cut off."""
+        self._loop.remove_reader(self._socket)
+        self._loop.remove_writer(self._socket)
+        self._cancel_timer()
         self._socket.close()
 
     def _readable(self) -> None:
@@ -76,18 +121,16 @@ class UdpServer:
                 data, address = self._socket.recvfrom(LARGEST_READ)
             except BlockingIOError:
                 break
-            except OSError:  # what an earlier datagram met with, e.g. a port that nobody listens on any more
+            except OSError:  # ICMP error of an earlier datagram, e.g. port unreachable
                 continue
             answer = self.core.receive(address, data, self._loop.time())
             if answer is not None:
                 self._backlog.append((address, answer))
-        self._pump()
+        self.pump()
 
-    def _pump(self) -> None:
-        """Sends what is due, as far as the system takes it, and sets the alarm for the rest."""
-        if self._timer:
-            self._timer.cancel()
-            self._timer = None
+    def pump(self) -> None:
+        """Sends all datagrams that are due, until the socket would block, and sets a timer for the next datagram."""
+        self._cancel_timer()
         now = self._loop.time()
         if not self._backlog:
             self._backlog.extend(self.core.poll(now, BATCH))
@@ -98,16 +141,12 @@ class UdpServer:
             except BlockingIOError:
                 self._wait_writable()
                 return
-            except OSError:  # this one client cannot be reached
+            except OSError:  # the client is unreachable
                 pass
             else:
                 self.bytes_sent += len(data)
             self._backlog.popleft()
-        at = self.core.next_at()
-        if at is not None:
-            self._timer = self._loop.call_at(max(at, now), self._pump)
-        elif self.core.num_transfers:
-            self._timer = self._loop.call_at(now + 0.25, self._pump)
+        self._set_timer(now)
 
     def _wait_writable(self) -> None:
         if not self._blocked:
@@ -117,14 +156,14 @@ class UdpServer:
     def _writable(self) -> None:
         self._blocked = False
         self._loop.remove_writer(self._socket)
-        self._pump()
+        self.pump()
 
 
 async def resolve(address: Address) -> tuple[socket.AddressFamily, Any]:
-    """Family and numeric address of a server.
+    """Resolves the host name of a server to its address family and numeric socket address.
 
     Raises:
-        InvalidValueError: If the host has none.
+        InvalidValueError: If the host name cannot be resolved.
     """
     try:
         found = await asyncio.get_running_loop().getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
@@ -134,7 +173,7 @@ async def resolve(address: Address) -> tuple[socket.AddressFamily, Any]:
 
 
 def connected_socket(family: socket.AddressFamily, target: Any) -> socket.socket:
-    """A UDP socket that hears one server only: the system drops what is from anywhere else."""
+    """Returns a UDP socket connected to one server; the kernel drops datagrams from other sources."""
     connection = socket.socket(family, socket.SOCK_DGRAM)
     connection.setblocking(False)
     with suppress(OSError):
@@ -147,20 +186,20 @@ async def receive_udp(
     address: Address, options: ReceiverOptions, on_event: Callable[[Event], Any] | None = None, tap: Tap | None = None,
     stop: asyncio.Future[None] | None = None,
 ) -> Receiver:  # fmt: skip
-    """Receives one stream.
+    """Receives one stream over UDP.
 
     Args:
-        address: Where from; which stream, the options say.
-        options: What is wanted.
-        on_event: Called with everything that happens, in the event loop.
-        tap: Is told every datagram.
-        stop: Ends the transfer when it is done; what arrived by then stays.
+        address: Address of the server; the stream's name is in `options`.
+        options: Options of the receiver.
+        on_event: Called in the event loop with every event of the receiver, such as an arrived packet.
+        tap: Called with the source, destination and payload of every datagram sent or received.
+        stop: Future of the caller; when it is done, the transfer ends and received data are kept.
 
     Returns:
-        The receiver, finished; what it has is up to `Receiver.finished`.
+        The finished receiver; `Receiver.finished` has the reason.
 
     Raises:
-        InvalidValueError: If the host has no address.
+        InvalidValueError: If the host name cannot be resolved.
     """
     family, target = await resolve(address)
     with connected_socket(family, target) as connection:
@@ -172,7 +211,7 @@ async def receive_udp(
 
 
 class _Client:
-    """Drives a receiver with a connected socket."""
+    """Client that passes datagrams and time between a receiver of the protocol core and a UDP socket."""
 
     def __init__(
         self, connection: socket.socket, receiver: Receiver, on_event: Callable[[Event], Any] | None, tap: Tap | None
@@ -196,7 +235,7 @@ class _Client:
         return self._receiver
 
     def stop(self) -> None:
-        """Ends the transfer here."""
+        """Ends the transfer because the caller's `stop` future is done; received data are kept."""
         self._act(*self._receiver.stop())
         self._tick()
 
@@ -217,11 +256,11 @@ class _Client:
                     self._tap(self._there, self._here, data)
                 self._act(*self._receiver.receive(data, self._loop.time()))
             self._tick()
-        except Exception as error:  # raised by the owner's callback: it belongs to whoever waits
+        except Exception as error:  # raised by the caller's callback: re-raised in `receive_udp`
             self._fail(error)
 
     def _tick(self) -> None:
-        """Polls, and sets the alarm for the next time."""
+        """Polls the receiver, sends its datagrams, and sets a timer for the next poll."""
         if self._timer:
             self._timer.cancel()
             self._timer = None
@@ -246,7 +285,7 @@ class _Client:
         for data in datagrams:
             if self._tap:
                 self._tap(self._here, self._there, data)
-            with suppress(OSError):  # lost, as any datagram may be
+            with suppress(OSError):  # a datagram that cannot be sent counts as lost
                 self._socket.send(data)
         if self._on_event:
             for event in events:
@@ -254,15 +293,15 @@ class _Client:
 
 
 def new_nonce() -> int:
-    """A random name of an attempt."""
+    """Returns a random 64-bit number that identifies a client's connection attempt."""
     return int.from_bytes(os.urandom(8), "little")
 
 
 def bound_socket(host: str, port: int) -> socket.socket:
-    """A UDP socket that listens, with large buffers.
+    """Returns a non-blocking UDP socket with large buffers, bound to an address and port.
 
     Raises:
-        InvalidValueError: If the address cannot be listened on.
+        InvalidValueError: If the address cannot be bound.
     """
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)

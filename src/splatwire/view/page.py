@@ -1,55 +1,72 @@
-"""The page of `splatwire view`: that of `serve --page`, of one stream on this machine."""
+"""Page of `splatwire view`: the page of `splatwire serve --page`, for one local stream or one running transfer."""
 
 import base64
 
-from splatwire.codec.origin import origin_of_stream
+from splatwire.arguments import checked
+from splatwire.bitstream import SceneStream, send_sequence, stream_to_bytes
+from splatwire.bitstream.origin import ORIGIN
 from splatwire.codec.viewpoint import viewpoint_section
-from splatwire.packets import SceneStream, send_sequence, stream_to_bytes
-from splatwire.scene import Cameras
-from splatwire.transport.origins import is_loopback
-from splatwire.transport.page_content import PageContent
-from splatwire.transport.scene_list import viewpoint_words
-from splatwire.view.columns import columns_of
+from splatwire.transport.http.content import PageContent
+from splatwire.transport.http.origins import is_loopback
+from splatwire.transport.http.pack import check_page_support
+from splatwire.transport.http.scene_list import viewpoint_attribute
+from splatwire.types import Cameras
 from splatwire.view.relay import Relay
 
 
+@checked
 def page_of_stream(name: str, stream: SceneStream, cameras: Cameras | None, host: str) -> PageContent:
-    """The page of a stream.
+    """Returns the content of the page server for one stream.
 
     Args:
-        name: What the page calls it.
-        stream: The stream; packets that it lacks are concealed by the page.
-        cameras: Where the page begins; None where the stream says, or outside.
-        host: The address that the page is served on.
+        name: Title of the stream on the page.
+        stream: Stream to show; packets may be missing, and the page conceals them.
+        cameras: Cameras that determine the initial viewpoint of the page. None takes the viewpoint in the stream, or if
+            the stream has none, a viewpoint outside the scene.
+        host: Address that the page server listens on. Unless it is a loopback address, pages of other web origins
+            cannot read the stream.
 
     Raises:
-        BitstreamError: If it has to be decoded here, and contradicts itself.
+        InvalidValueError: If browsers cannot decode the stream.
     """
-    shown = stream if stream.manifest.schema.page else columns_of(stream)
-    ordered = stream_to_bytes(shown.with_packets(send_sequence(shown, "tiers")))
-    cameras = None if cameras is None else cameras.relative_to(origin_of_stream(stream))
+    check_page_support(stream.manifest)
+    ordered = stream_to_bytes(stream.with_packets(send_sequence(stream, "tiers")))
+    cameras = None if cameras is None else cameras.relative_to(ORIGIN.of_stream(stream))
     return PageContent({name: ordered}, host=host, origins=_origins(host), attributes=_attributes(cameras))
 
 
+@checked
 def page_of_relay(name: str, relay: Relay, cameras: Cameras | None, host: str) -> PageContent:
-    """The page of a transfer that has begun.
+    """Returns the content of the page server for a running transfer.
 
     Args:
-        name: What the page calls it.
-        relay: The transfer.
-        cameras: Where the page begins; None where the stream says, or outside.
-        host: The address that the page is served on.
+        name: Title of the stream on the page.
+        relay: Relay of the running transfer.
+        cameras: Cameras that determine the initial viewpoint of the page. None takes the viewpoint in the stream, or if
+            the stream has none, a viewpoint outside the scene. Cameras are converted to coordinates relative to the
+            stream's origin, so its side information must have been received (`Relay.headed`).
+        host: Address that the page server listens on. Unless it is a loopback address, pages of other web origins
+            cannot read the stream.
     """
     preview = {"preview": base64.b64encode(relay.preview).decode()} if relay.preview else {}
+    cameras = None if cameras is None else cameras.relative_to(relay.origin)
     return PageContent({name: relay}, host=host, origins=_origins(host), attributes=preview | _attributes(cameras))
 
 
 def _origins(host: str) -> tuple[str, ...] | None:
-    """Pages of others that may read the stream: those of this machine, none where other machines reach the server."""
+    """Returns the web origins whose pages may read the stream (`PageContent.origins`).
+
+    Args:
+        host: Address that the page server listens on.
+
+    Returns:
+        None if `host` is a loopback address: pages of all servers on this machine may read the stream. Otherwise an
+        empty tuple: only the page of this server may read the stream.
+    """
     return None if is_loopback(host) else ()
 
 
 def _attributes(cameras: Cameras | None) -> dict[str, str]:
-    """What the page's element is told: where it begins, and that its laboratory is open."""
-    begins = {} if cameras is None else {"viewpoint": viewpoint_words(viewpoint_section(cameras))}
+    """Returns the HTML attributes of the page's viewer element: initial viewpoint, and an open settings panel."""
+    begins = {} if cameras is None else {"viewpoint": viewpoint_attribute(viewpoint_section(cameras))}
     return {"panel": "open", **begins}

@@ -1,34 +1,42 @@
-"""A transfer from a server elsewhere, handed on to the page while it arrives: a `.swz` file that grows."""
+"""Relay of a transfer from another server to the local page, as a growing `.swz` file."""
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import TypeAlias
 
-from splatwire.codec import ProgressiveDecoder
+from splatwire.arguments import checked
+from splatwire.bitstream import file_head, file_record
+from splatwire.bitstream.origin import ORIGIN
 from splatwire.errors import MissingSideInfoError
-from splatwire.packets import Manifest, Packet, file_head, file_record
-from splatwire.transport import Event, PacketArrived, Receiver, SideInfoArrived, Welcomed
-from splatwire.view.columns import columns_head, columns_packet, rows_of
+from splatwire.transport import Event, Finished, PacketArrived, Receiver, SideInfoArrived, Welcomed
+from splatwire.transport.http.pack import check_page_support
+from splatwire.types.origin import NO_ORIGIN
 
 Receive: TypeAlias = Callable[[Callable[[Event], None]], Awaitable[Receiver]]
-"""Receives one stream and calls back with everything that happens."""
+"""Function that receives one stream, calls a callback with every event, and returns the finished receiver."""
 AT_ONCE = 1 << 16
-"""Bytes that are put together for one page: all that is kept for one that reads slowly."""
+"""Maximum number of bytes joined for one write to a client; no more is buffered for a slow client."""
 
 
 class Relay:
-    """Receives a stream, and gives every page that asks all that has arrived, then what still comes.
+    """Relay that receives a stream from another server and serves it to browser pages while it arrives.
 
-    What browsers do not decode (format 1) is decoded here, packet by packet, and handed on as columns. Everything
-    happens in the event loop that `run` runs in, but for decoding. Of a live clip a page gets the running chapter as it
-    is when the page asks: a file has one head, and a live clip gets a new one with each group of frames. One chapter is
-    kept.
+    A live sequence does not continue on the page: the page gets the part of the current period that was received before
+    the page connected. The reason is that a file has one init segment, but a live sequence gets a new one with each
+    group of pictures. Only the current period is kept in memory.
 
     Args:
-        url: Where from, for messages.
-        receive: Receives it.
+        url: URL of the stream, for error messages.
+        receive: Function that receives the stream and calls back with events.
+
+    Attributes:
+        is_live: True if the stream is a live sequence.
+        preview: Preview of the scene, shown until the scene is decoded; empty before its arrival, or without a preview.
+        ending: End of the transfer, with its reason; None while it runs.
+        origin: Origin of the scene's coordinates; (0, 0, 0) until the side information is received.
     """
 
+    @checked
     def __init__(self, url: str, receive: Receive) -> None:
         self._url, self._receive = url, receive
         self._pieces: list[bytes] = []
@@ -36,16 +44,18 @@ class Relay:
         self._over = self.is_live = False
         self._stream_id: int | None = None
         self._events: asyncio.Queue[Event | None] = asyncio.Queue()
-        self._columns: tuple[ProgressiveDecoder, Manifest] | None = None
-        self._begun = asyncio.Event()
+        self._begun, self._headed = asyncio.Event(), asyncio.Event()
         self.preview = b""
+        self.ending: Finished | None = None
+        self.origin = NO_ORIGIN
 
     async def run(self) -> None:
-        """Receives until the transfer ends.
+        """Receives the stream until the transfer ends.
 
         Raises:
-            MissingSideInfoError: If it ended before there was a scene.
-            SplatwireError: If nothing can be received, or the side information cannot be read.
+            MissingSideInfoError: If the transfer ended before manifest and side information were received.
+            SplatwireError: If nothing can be received, the side information is invalid, or browsers cannot decode the
+                stream.
         """
         receiving = asyncio.ensure_future(self._receive(self._events.put_nowait))
         receiving.add_done_callback(lambda _: self._events.put_nowait(None))
@@ -53,7 +63,8 @@ class Relay:
         try:
             await asyncio.gather(*tasks)
             if not self._pieces:
-                raise MissingSideInfoError(f"{self._url}: no scene arrived")
+                why = f" ({self.ending.reason})" if self.ending else ""
+                raise MissingSideInfoError(f"{self._url}: no scene arrived{why}")
         finally:
             for task in tasks:
                 task.cancel()
@@ -62,13 +73,24 @@ class Relay:
                 self._over = True
                 self._changed.notify_all()
             self._begun.set()
+            self._headed.set()
+
+    def failure(self) -> str:
+        """Returns the reason if the transfer ended before everything was received; otherwise the empty text."""
+        end = self.ending
+        wanted = ("complete", "seen", "sent") if self.is_live else ("complete", "seen")
+        return "" if end is None or end.reason in wanted else end.reason
 
     async def begun(self) -> None:
-        """Waits until there is something to look at, a preview or the scene, or all is over."""
+        """Waits until the preview or the side information was received, or the transfer ended."""
         await self._begun.wait()
 
+    async def headed(self) -> None:
+        """Waits until the side information, and thus `origin`, was received, or the transfer ended."""
+        await self._headed.wait()
+
     async def pieces(self) -> AsyncIterator[bytes]:
-        """The file from its beginning, as far as it is there and then as it grows, until the transfer is over."""
+        """Yields the stream's `.swz` file from its start, piece by piece on reception, until the transfer ends."""
         given = 0
         while not self._pieces and not self._over:
             async with self._changed:
@@ -84,24 +106,37 @@ class Relay:
             yield b"".join(pieces[begin:given])
 
     def _grows(self, pieces: list[bytes]) -> bool:
-        """Whether more of a file will come: it is the one that is being received."""
+        """True if a file may still grow, because its stream is being received."""
         return not self._over and pieces is self._pieces
 
     async def _hand_on(self) -> None:
         while (event := await self._events.get()) is not None:
             if isinstance(event, Welcomed):
-                self.is_live = event.open or self.is_live
+                self.is_live = event.is_live or self.is_live
                 if event.preview:
                     self.preview = event.preview
                     self._begun.set()
             elif isinstance(event, SideInfoArrived):
-                await self._begin_file(event.manifest.stream_id, await asyncio.to_thread(self._head, event))
+                check_page_support(event.manifest)
+                self.origin = ORIGIN.of_side_info(event.side_info, event.manifest.codec)
+                await self._begin_file(event.manifest.stream_id, file_head(event.manifest, event.side_info))
                 self._begun.set()
+                self._headed.set()
             elif isinstance(event, PacketArrived):
-                await self._add(await asyncio.to_thread(self._record, event.packet))
+                await self._add(file_record(event.packet.data))
+            elif isinstance(event, Finished):
+                self.ending = event
 
     async def _begin_file(self, stream_id: int, head: bytes) -> None:
-        """Begins the file of another stream, or gives that of a clip that has grown its new head."""
+        """Starts the `.swz` file of a new stream, or replaces the init segment of the current file.
+
+        A live sequence consists of periods, each a stream with its own id. Within a period, a new init segment arrives
+        with each group of pictures. It has the stream id of the current file and replaces the file's init segment.
+
+        Args:
+            stream_id: Id of the stream in every packet.
+            head: Start of the file: header and init segment.
+        """
         async with self._changed:
             if stream_id == self._stream_id:
                 self._pieces[0] = head
@@ -113,19 +148,3 @@ class Relay:
         async with self._changed:
             self._pieces.append(piece)
             self._changed.notify_all()
-
-    def _head(self, arrived: SideInfoArrived) -> bytes:
-        manifest, side_info = arrived.manifest, arrived.side_info
-        if not manifest.schema.page:
-            decoder = ProgressiveDecoder(manifest, side_info)
-            manifest, side_info = columns_head(manifest, side_info, decoder.partial)
-            self._columns = decoder, manifest
-        return file_head(manifest, side_info)
-
-    def _record(self, packet: Packet) -> bytes:
-        if self._columns is not None:
-            decoder, manifest = self._columns
-            decoder.add([packet])
-            ranks = decoder.members(packet)
-            packet = columns_packet(packet, rows_of(decoder.partial.scene.anchors, ranks), manifest)
-        return file_record(packet.data)

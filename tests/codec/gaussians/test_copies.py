@@ -1,4 +1,4 @@
-"""Copies of Gaussians in the side information: what is written is read, and lies are told by name."""
+"""Copies of Gaussians in the side information round-trip, and invalid sections are refused by name."""
 
 import base64
 import json
@@ -11,17 +11,17 @@ import pytest
 from close import assert_close
 from codec.gaussians.test_gaussians import DATAGRAM, covariances, some_splats
 from explicit import encode_splats
-from splatwire.byte_io import ByteReader
+from splatwire.bitstream import stream_from_bytes
 from splatwire.codec import ProgressiveDecoder, add_concealment, decode_stream
-from splatwire.codec.schemas.gaussians.copies import SECTION, read_copies
-from splatwire.codec.schemas.gaussians.copies_encoder import write_copies
-from splatwire.codec.schemas.gaussians.decoder import open_side_info
-from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.conceal import conceal, concealer_names
+from splatwire.codec.gaussians.copies import SECTION, read_copies
+from splatwire.codec.gaussians.copies_encoder import write_copies
+from splatwire.codec.gaussians.decoder import open_side_info
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.concealment import conceal, concealer_names
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
-from splatwire.model import Copies
-from splatwire.packets import stream_from_bytes
-from splatwire.scene.splats import Splats
+from splatwire.files.byte_io import ByteReader
+from splatwire.types import Copies
+from splatwire.types.splats import Splats
 
 GROWTH = (0.25, 0.75, 0.5)
 PLACES = np.array([3, 499, 17, 255, 256, 0, 42])
@@ -43,7 +43,7 @@ def read(stream, section):
     return read_copies(replace(info, sections={SECTION: section}), stream.manifest.num_elements)
 
 
-def test_what_is_written_is_read(stream, section) -> None:
+def test_copies_round_trip(stream, section) -> None:
     whole, copies = decode_stream(stream).scene.splats, read(stream, section)
     assert sorted(copies.places.tolist()) == sorted(PLACES.tolist())
     assert copies.growth == GROWTH
@@ -57,7 +57,7 @@ def test_what_is_written_is_read(stream, section) -> None:
 
 
 def test_streams_of_version_2_take_copies_too() -> None:
-    """As the bundled scene's are: integers of another kind, the same section."""
+    """The bundled scene stores other integer types in the same section."""
     pinned = json.loads((Path(__file__).parents[2] / "golden" / "gaussians.json").read_text())["spread"]
     old = stream_from_bytes(base64.b64decode(pinned["swz"]))[0]
     info, whole = open_side_info(old.manifest, old.side_info), decode_stream(old).scene.splats
@@ -73,7 +73,7 @@ def test_streams_of_version_2_take_copies_too() -> None:
     assert np.array_equal(conceal(partial, "sketch").splats.means[copies.places[lost]], copies.splats.means[lost])
 
 
-def test_lost_ones_are_drawn_from_copies_and_what_arrived_stays(stream, section) -> None:
+def test_lost_gaussians_use_copies_and_received_ones_are_unchanged(stream, section) -> None:
     richer = add_concealment(stream, SECTION, section)
     lossy = richer.with_packets(richer.packets[::2])
     partial = decode_stream(lossy)
@@ -94,14 +94,14 @@ def test_lost_ones_are_drawn_from_copies_and_what_arrived_stays(stream, section)
     assert np.array_equal(again.drawn().means, drawn.drawn().means)
 
 
-def test_without_copies_there_is_no_sketch(stream) -> None:
+def test_sketch_requires_copies(stream) -> None:
     partial = decode_stream(stream.with_packets(stream.packets[1:]))
     assert "sketch" not in concealer_names(partial.sections, {Splats})
     with pytest.raises(InvalidValueError, match="calibrate sketch"):
         conceal(partial, "sketch")
 
 
-def test_lies_are_named(stream, section) -> None:
+def test_inconsistent_sections_are_refused(stream, section) -> None:
     with pytest.raises(UnsupportedVersionError, match="version 9"):
         read(stream, b"\x09" + section[1:])
     for count in (0, 127):

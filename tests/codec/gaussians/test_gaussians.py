@@ -2,39 +2,37 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
 from close import assert_close, unit
 from explicit import decode_splats, encode_splats
+from random_numbers import Numbers
 from reference.gaussian_packets import ReferencePacket
-from splatwire.codec.schemas.gaussians.attributes import scene_log, to_sources
-from splatwire.codec.schemas.gaussians.decoder import decode_packets, open_side_info
-from splatwire.codec.schemas.gaussians.quality import QUALITIES, Quality, quality_of
-from splatwire.codec.schemas.gaussians.side_info import read_side_info, write_side_info
+from splatwire.bitstream import HEADER_BYTES, PRESETS, Packetization, SceneStream, arrange, make_packet
+from splatwire.bitstream.limits import FREE_ELEMENTS, MAX_BLOCK_SIZE
+from splatwire.bitstream.packet import Packet
+from splatwire.codec.gaussians.attributes import scene_log, to_sources
+from splatwire.codec.gaussians.decoder import decode_packets, open_side_info
+from splatwire.codec.gaussians.quality import QUALITIES, Quality, quality_of
+from splatwire.codec.gaussians.side_info import read_side_info, write_side_info
 from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, MissingSideInfoError, UnknownNameError
 from splatwire.ops.quaternions import rotation_matrices
-from splatwire.packets import HEADER_BYTES, PRESETS, Packetization, SceneStream, arrange, make_packet
-from splatwire.packets.limits import FREE_ELEMENTS, MAX_BLOCK_SIZE
-from splatwire.packets.packet import Packet
-from splatwire.scene.splats import Splats
+from splatwire.types.splats import Splats
 
 SMALL = Packetization(block_size=200, lanes=3)
 DATAGRAM = Packetization(block_size=200, lanes=1, grouping="hashed", packet_bytes=400)
 
 
 def some_splats(count: int = 500, degree: int = 1, seed: int = 0) -> Splats:
-    rng = torch.Generator().manual_seed(seed)
-    directions = unit(torch.randn(count, 3, generator=rng).numpy())
-    means = directions * (1 + 0.02 * torch.randn(count, 1, generator=rng).numpy()) + np.array(
-        [3.0, -7.0, 0.5], np.float32
-    )
-    quats = torch.randn(count, 4, generator=rng).numpy()
-    scales = np.exp(torch.randn(count, 3, generator=rng).numpy() * 0.8 - 4)
-    opacities = torch.rand(count, generator=rng).numpy() * 0.98 + 0.01
-    sh = torch.randn(count, (degree + 1) ** 2, 3, generator=rng).numpy() * 0.15
+    rng = Numbers(seed)
+    directions = unit(rng.randn(count, 3))
+    means = directions * (1 + 0.02 * rng.randn(count, 1)) + np.array([3.0, -7.0, 0.5], np.float32)
+    quats = rng.randn(count, 4)
+    scales = np.exp(rng.randn(count, 3) * 0.8 - 4)
+    opacities = rng.rand(count) * 0.98 + 0.01
+    sh = rng.randn(count, (degree + 1) ** 2, 3) * 0.15
     sh[:, 0] += means * 0.3
     return Splats(means, unit(quats), scales, opacities, sh)
 
@@ -51,7 +49,7 @@ def integers(stream: SceneStream, block: int, packets: list[Packet | None], size
 
 
 def partners(splats: Splats, decoded: Splats) -> Splats:
-    """The Gaussian that each decoded one came from: the nearest; each is one's once."""
+    """Index of the source Gaussian nearest to each decoded one; every source is used once."""
     index = cdist(decoded.means.astype(np.float64), splats.means.astype(np.float64)).argmin(axis=1)
     assert len(np.unique(index)) == splats.num_gaussians
     return splats.select(index)
@@ -62,7 +60,7 @@ def covariances(splats: Splats) -> np.ndarray:
     return m @ m.swapaxes(1, 2)
 
 
-def test_every_gaussian_comes_back_within_its_steps(stream: SceneStream) -> None:
+def test_decoded_gaussians_are_within_quantisation_steps(stream: SceneStream) -> None:
     decoded, known = decode_splats(stream)
     source = partners(some_splats(), decoded)
     assert known.all()
@@ -78,7 +76,7 @@ def test_every_gaussian_comes_back_within_its_steps(stream: SceneStream) -> None
     assert_close(np.linalg.norm(decoded.quats, axis=1), np.ones(len(known), np.float32))
 
 
-def test_finer_quality_is_closer_and_larger() -> None:
+def test_finer_quality_has_smaller_error_and_more_bytes() -> None:
     sizes, errors = [], []
     for level in (6.0, 8.0, 10.0):
         stream = encode_splats(some_splats(degree=0), SMALL, quality=Quality(level))
@@ -90,13 +88,13 @@ def test_finer_quality_is_closer_and_larger() -> None:
     assert errors == sorted(errors, reverse=True)
 
 
-def test_lower_classes_cost_less() -> None:
+def test_coarser_precision_classes_cost_fewer_bytes() -> None:
     splats = some_splats()
     coarse = encode_splats(splats, SMALL, classes=np.full(500, -3))
     assert coarse.num_bytes < 0.8 * encode_splats(splats, SMALL, classes=np.zeros(500, int)).num_bytes
 
 
-def test_packets_decode_alone_as_they_do_together(stream: SceneStream) -> None:
+def test_packets_decode_alone_as_together(stream: SceneStream) -> None:
     groups, packets = arrange(stream.manifest.plan, stream.packets)
     sizes = np.diff(groups.starts).tolist()
     for block in range(stream.manifest.plan.num_blocks):
@@ -160,7 +158,7 @@ def test_damaged_side_information_is_an_error_or_decodes(fuzzed: SceneStream, se
         assert bool(np.isfinite(values).all())
 
 
-def test_lost_gaussians_are_where_their_neighbours_are_and_show_nothing() -> None:
+def test_lost_gaussians_are_placed_among_neighbours_and_transparent() -> None:
     stream = encode_splats(some_splats(), SMALL)
     whole = decode_splats(stream)[0]
     part, known = decode_splats(stream.with_packets(stream.packets[1:6:2]))
@@ -174,7 +172,7 @@ def test_lost_gaussians_are_where_their_neighbours_are_and_show_nothing() -> Non
     assert float(np.abs(np.log2(lost.scales).mean() - np.log2(whole.scales).mean())) < 0.5
 
 
-def test_a_stream_of_which_nothing_arrived_has_places_in_the_boxes() -> None:
+def test_stream_without_packets_has_positions_inside_block_bounds() -> None:
     stream = encode_splats(some_splats(), SMALL)
     part, known = decode_splats(stream.with_packets([]))
     whole = decode_splats(stream)[0]
@@ -184,7 +182,7 @@ def test_a_stream_of_which_nothing_arrived_has_places_in_the_boxes() -> None:
     assert len(np.unique(part.means, axis=0)) == 500
 
 
-def test_side_information_round_trip(stream: SceneStream) -> None:
+def test_side_information_round_trips(stream: SceneStream) -> None:
     num_blocks = stream.manifest.plan.num_blocks
     assert write_side_info(read_side_info(stream.side_info, num_blocks)) == stream.side_info
     with pytest.raises(BitstreamError):
@@ -207,7 +205,7 @@ def test_threads_change_nothing() -> None:
     assert one == two
 
 
-def test_datagrams_are_as_large_as_they_may_be() -> None:
+def test_datagrams_are_filled_to_their_limit() -> None:
     stream = encode_splats(some_splats(), DATAGRAM)
     sizes = [p.num_bytes for p in stream.packets]
     last = {p.id.block: p.num_bytes for p in stream.packets}
@@ -216,7 +214,7 @@ def test_datagrams_are_as_large_as_they_may_be() -> None:
     assert min(full) >= HEADER_BYTES + (400 - HEADER_BYTES) * 7 // 8
 
 
-def test_a_forged_symbol_is_noticed(stream: SceneStream) -> None:
+def test_forged_symbol_fails_the_digest(stream: SceneStream) -> None:
     first = stream.packets[0]
     payload = bytes([first.payload[0] ^ 64]) + first.payload[1:]
     forged = make_packet(first.id, first.num_elements, payload, stream.manifest.stream_id)
@@ -224,7 +222,7 @@ def test_a_forged_symbol_is_noticed(stream: SceneStream) -> None:
         decode_splats(stream.with_packets([forged, *stream.packets[1:]]))
 
 
-def test_what_cannot_be_encoded_is_refused() -> None:
+def test_unencodable_gaussians_are_refused() -> None:
     splats = some_splats(20, 0)
     with pytest.raises(InvalidValueError):
         encode_splats(splats.select(np.zeros(0, np.int64)), SMALL)
@@ -238,13 +236,13 @@ def test_what_cannot_be_encoded_is_refused() -> None:
         quality_of("best")
 
 
-def test_no_side_information_is_said(stream: SceneStream) -> None:
+def test_missing_side_information_is_reported(stream: SceneStream) -> None:
     with pytest.raises(MissingSideInfoError):
         decode_splats(replace(stream, side_info=b""))
 
 
 @pytest.mark.parametrize("count", [1, 2, 7])
-def test_few_gaussians_and_equal_places(count: int) -> None:
+def test_few_gaussians_and_equal_positions_are_encoded(count: int) -> None:
     splats = some_splats(count, 3)
     splats = replace(splats, means=np.repeat(splats.means[:1], count, axis=0))
     decoded, known = decode_splats(encode_splats(splats, PRESETS["datagram"], quality=QUALITIES["near-lossless"]))
@@ -261,8 +259,8 @@ def test_axes_are_sorted_by_scale() -> None:
     np.testing.assert_allclose(rebuilt, covariances(splats), rtol=1e-2, atol=1e-6)
 
 
-def test_few_bytes_of_side_information_announce_no_more_than_their_boxes_could_hold() -> None:
-    """The most that a manifest may say, and one more; and what it may say is refused where the boxes are not there."""
+def test_element_count_is_limited_by_side_information() -> None:
+    """Tests the largest allowed count and one more; allowed counts still need bounds in the side information."""
     stream = encode_splats(some_splats(20), SMALL)
     manifest, size = stream.manifest, len(stream.side_info)
     most = FREE_ELEMENTS + MAX_BLOCK_SIZE // 7 * size

@@ -1,46 +1,46 @@
-"""Gaussians decoded packet by packet are at every moment those that a decoder makes of the same packets."""
+"""Decoding Gaussians packet by packet equals decoding the same packets at once, at any time."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-import torch
 
 from close import unit
+from random_numbers import Numbers
+from splatwire.bitstream import PRESETS, SceneStream
 from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene
 from splatwire.errors import BitstreamError, DesyncError
-from splatwire.model import Partial, SplatScene
-from splatwire.packets import PRESETS, SceneStream
-from splatwire.scene.splats import Splats
+from splatwire.types import ReceivedScene, SplatScene
+from splatwire.types.splats import Splats
 
 COUNT = 1500
 
 
 @pytest.fixture(scope="module", params=["paper", "datagram"])
 def stream(request) -> SceneStream:
-    rng = torch.Generator().manual_seed(8)
-    quats = unit(torch.randn(COUNT, 4, generator=rng).numpy())
+    rng = Numbers(8)
+    quats = unit(rng.randn(COUNT, 4))
     splats = Splats(
-        torch.rand(COUNT, 3, generator=rng).numpy(), quats, torch.rand(COUNT, 3, generator=rng).numpy() * 0.02 + 0.005,
-        torch.rand(COUNT, generator=rng).numpy(), torch.randn(COUNT, 4, 3, generator=rng).numpy() * 0.3,
+        rng.rand(COUNT, 3), quats, rng.rand(COUNT, 3) * 0.02 + 0.005,
+        rng.rand(COUNT), rng.randn(COUNT, 4, 3) * 0.3,
     )  # fmt: skip
     packetization = dataclasses.replace(PRESETS[request.param], block_size=400)
     return encode_scene(SplatScene(splats), packetization)
 
 
-def of(stream: SceneStream, packets) -> Partial:
+def of(stream: SceneStream, packets) -> ReceivedScene:
     partial = decode_stream(SceneStream(stream.manifest, stream.side_info, tuple(sorted(packets, key=lambda p: p.id))))
-    assert isinstance(partial, Partial)
+    assert isinstance(partial, ReceivedScene)
     return partial
 
 
-def assert_same(one: Partial, other: Partial) -> None:
+def assert_same(one: ReceivedScene, other: ReceivedScene) -> None:
     assert np.array_equal(one.erasures.received, other.erasures.received)
     for name, values in vars(one.scene.splats).items():
         assert np.array_equal(values, getattr(other.scene.splats, name)), name
 
 
-def test_every_moment_is_what_a_decoder_makes_of_the_same_packets(stream):
+def test_progressive_state_equals_decoding_the_same_packets(stream):
     decoder = ProgressiveDecoder(stream.manifest, stream.side_info)
     order = np.random.default_rng(1).permutation(len(stream.packets))
     assert_same(decoder.snapshot(), of(stream, ()))
@@ -53,7 +53,7 @@ def test_every_moment_is_what_a_decoder_makes_of_the_same_packets(stream):
     assert decoder.report.num_duplicate == 3
 
 
-def test_wrong_integers_are_noticed_when_everything_is_there(stream):
+def test_wrong_integers_fail_the_digest_once_complete(stream):
     wrong = dataclasses.replace(stream.manifest, symbols_digest="0" * 64)
     decoder = ProgressiveDecoder(wrong, stream.side_info)
     with pytest.raises(DesyncError):

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from explicit import decode_splats, encode_splats
-from splatwire.formats import read_splats
-from splatwire.model import SplatScene
-from splatwire.packets import PRESETS
+from splatwire.bitstream import PRESETS
+from splatwire.io.formats import read_splats
 from splatwire.render import iterate_views
 from splatwire.render.importance import cameras_around
 from splatwire.render.precision import precision_classes
+from splatwire.types import SplatScene
 
 
 @pytest.mark.data
-def test_tiger_is_smaller_than_half_of_spz(data_dir: Path) -> None:
+def test_tiger_takes_less_than_half_of_its_spz(data_dir: Path) -> None:
     """SPZ 4 of this file has 154,791 bytes (50.5 dB), SOG 146,493 (56.5 dB)."""
     splats = read_splats(data_dir / "splats/tiger_4d/tiger_4d_model_0.ply")
     stream = encode_splats(splats, PRESETS["datagram"], classes=precision_classes(splats))

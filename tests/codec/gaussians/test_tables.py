@@ -1,16 +1,17 @@
 from decimal import Decimal, getcontext
 
 import numpy as np
+from scipy.special import ndtr
 
-from splatwire.codec.schemas.gaussians import tables
-from splatwire.codec.schemas.gaussians.layout import BITS, MAX_THIN
+from splatwire.codec.gaussians import fit, tables
+from splatwire.codec.gaussians.layout import BITS, EIGHTHS, MAX_THIN, NARROW_WEIGHT, SCALE_UNIT, WIDE
+from splatwire.entropy.tables import INVERSE_BITS, NUM_SCALES, inverse_scale_table
 
 
-def test_powers_and_logarithms_are_right() -> None:
+def test_powers_and_logarithms_equal_the_reference() -> None:
     getcontext().prec = 50
     assert int(Decimal(2).ln() * 2**tables._LN2_BITS) == tables._LN2
-    logs = np.arange(-3 << BITS, 3 << BITS, 7)
-    np.testing.assert_allclose(tables.power_of_two(logs), 2.0 ** (logs / 4096), rtol=1e-15)
+    np.testing.assert_allclose(tables.exponentials(), 2.0 ** (np.arange(1 << BITS) / 4096), rtol=1e-15)
 
 
 def test_thinness_inverts_companding() -> None:
@@ -18,3 +19,20 @@ def test_thinness_inverts_companding() -> None:
     ratio = -np.log2(1 - t / 4096 * np.log(2))
     assert np.abs(tables.thinness_table() - ratio * 4096).max() <= 1
     assert (np.diff(tables.thinness_table()) >= 0).all()
+
+
+def test_expected_magnitudes_are_those_of_the_mixtures() -> None:
+    sigmas = 2.0**INVERSE_BITS / inverse_scale_table()[np.arange(0, NUM_SCALES, SCALE_UNIT)]
+    share, ratio = NARROW_WEIGHT / 65536, 2.0 ** (WIDE / 16)
+    expected = [share * _magnitude(s) + (1 - share) * _magnitude(s * ratio) for s in sigmas.tolist()]
+    np.testing.assert_allclose(fit._EXPECTED_MAGNITUDES, expected, rtol=1e-12)
+
+
+def _magnitude(scale: float) -> float:
+    """Mean magnitude of a rounded normal variable whose mean is uniform within half a step."""
+    if scale >= 8:
+        return 0.7978845608 * scale
+    half = 1 << (int(EIGHTHS) - 1)
+    means = np.arange(-half, half, dtype=np.float64) / (2 * half)
+    edges = np.arange(64, dtype=np.float64)[:, None] + 0.5 - means
+    return 2 * float(ndtr(-edges / scale).sum(axis=0).mean())

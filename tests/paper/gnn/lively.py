@@ -1,8 +1,8 @@
-"""A network whose every head says something."""
+"""A test network: every head affects the result."""
 
 import torch
 
-from conceal.gaps import CONTEXT_DIM, LAYOUT
+from concealment.gaps import CONTEXT_DIM, LAYOUT
 from splatwire.paper import GnnSettings
 from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes
 
@@ -10,7 +10,7 @@ SMALL = GnnSettings(neighbors=6, hidden=16)
 
 
 def lively_network(settings: GnnSettings, seed: int) -> tuple[InpaintingNetwork, torch.Generator]:
-    """A network that changes every attribute (the heads' last layers are not zero), and the generator for more."""
+    """A network that changes every attribute (the last layers of its heads are not zero), and its generator."""
     network = InpaintingNetwork(InputSizes(LAYOUT, CONTEXT_DIM), settings, seed)
     rng = torch.Generator().manual_seed(seed)
     with torch.no_grad():

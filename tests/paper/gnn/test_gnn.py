@@ -4,29 +4,29 @@ from pathlib import Path
 import pytest
 import torch
 
-from conceal.gaps import CONTEXT_DIM, LAYOUT, only, permuted
+from concealment.gaps import CONTEXT_DIM, LAYOUT, only, permuted
 from paper.contexts import estimate, random_context
 from paper.gnn.lively import SMALL, lively_network
 from reference.mahalanobis import plain_nearest
-from splatwire.conceal import concealer_names, create_concealer
+from splatwire.concealment import concealer_names, create_concealer
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.model import Partial, Prior
-from splatwire.model.tensors import to_tensors
+from splatwire.neural.model.tensors import to_tensors
 from splatwire.paper import Cari, Gnn, GnnSettings, GnnWeights, Idw, PriorMean
 from splatwire.paper.gnn import GNN_PRESETS, load_weights, save_weights
 from splatwire.paper.gnn.fusion import branches, fuse
 from splatwire.paper.gnn.graph import attribute_columns, build_graph, prior_rows, query_inputs, source_inputs
 from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes, RawResiduals, strongest_edge
 from splatwire.paper.gnn.weights import scene_fingerprint
+from splatwire.types import Prior, ReceivedScene
 
 PARTS = ("features", "scalings", "offsets", "mask")
 
 
-def lively(context: Partial, settings: GnnSettings = SMALL, seed: int = 1) -> GnnWeights:
+def lively(context: ReceivedScene, settings: GnnSettings = SMALL, seed: int = 1) -> GnnWeights:
     return GnnWeights(lively_network(settings, seed)[0], scene_fingerprint(context), {})
 
 
-def test_factored_edge_conv_is_the_plain_one() -> None:
+def test_factored_edge_convolution_equals_the_plain_one() -> None:
     rng = torch.Generator().manual_seed(0)
     own, others = torch.randn(30, 8, generator=rng), torch.randn(50, 8, generator=rng)
     index = torch.randint(0, 50, (30, 5), generator=rng)
@@ -41,16 +41,17 @@ def test_factored_edge_conv_is_the_plain_one() -> None:
         torch.testing.assert_close(found[q], plain, rtol=1e-4, atol=1e-5)
 
 
-def test_the_paper_preset() -> None:
+def test_paper_preset_follows_the_paper() -> None:
     paper = GNN_PRESETS["paper"]
     assert (paper.neighbors, paper.hidden, paper.layers, paper.heads) == (24, 128, 2, 4)
     assert (paper.clip, paper.sharpness, paper.baseline) == (3.0, 0.5, "prior")
     assert (paper.feature_threshold, paper.scaling_threshold, paper.offset_threshold) == (0.10, 1.01, 1.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interpolation", ["cari", "idw"])
 @pytest.mark.parametrize("separated", [False, True])
-def test_with_thresholds_above_one_the_result_is_the_interpolation(interpolation: str, separated: bool) -> None:
+def test_thresholds_above_one_give_the_interpolation(interpolation: str, separated: bool) -> None:
     context = random_context(150, 2, separated=separated)
     never = dataclasses.replace(SMALL, interpolation=interpolation, feature_threshold=1.01)
     result = estimate(Gnn(lively(context, never)), context)
@@ -67,7 +68,7 @@ def test_by_default_only_features_differ_from_the_interpolation() -> None:
     assert all(torch.equal(getattr(result, part), getattr(expected, part)) for part in PARTS[1:])
 
 
-def test_the_equations_of_gate_blend_and_fallback() -> None:
+def test_gate_blend_and_fallback_follow_the_equations() -> None:
     context = random_context(80, 4)
     graph = build_graph(context, SMALL)
     rng, count = torch.Generator().manual_seed(3), len(graph.queries)
@@ -88,8 +89,8 @@ def test_the_equations_of_gate_blend_and_fallback() -> None:
     assert 0 < taken < count
 
 
-def test_the_papers_fallback_of_features_never_fires() -> None:
-    """Residuals are clipped at 3 standard deviations, so the confidence is exp(-0.5 * 3) = 0.22 or more, above 0.10."""
+def test_feature_fallback_of_the_paper_is_never_used() -> None:
+    """Residuals are clipped at 3 standard deviations, so confidence is at least exp(-0.5 * 3) = 0.22, above 0.10."""
     context, paper = random_context(80, 4), GNN_PRESETS["paper"]
     graph = build_graph(context, SMALL)
     rng, count = torch.Generator().manual_seed(3), len(graph.queries)
@@ -101,7 +102,7 @@ def test_the_papers_fallback_of_features_never_fires() -> None:
     assert torch.equal(with_fallback.features, always.features)
 
 
-def test_full_attributes_obey_the_mask_head_and_stay_plausible() -> None:
+def test_full_attributes_follow_the_mask_head_and_stay_in_range() -> None:
     context = random_context(150, 5)
     settings = dataclasses.replace(SMALL, scaling_threshold=0.0, offset_threshold=0.0)
     result = context.elements.kept(context.erasures, estimate(Gnn(lively(context, settings)), context))
@@ -111,7 +112,7 @@ def test_full_attributes_obey_the_mask_head_and_stay_plausible() -> None:
     assert not torch.equal(result.mask, estimate(Cari(), context).mask)
 
 
-def test_inputs_are_those_of_the_paper() -> None:
+def test_network_inputs_follow_the_paper() -> None:
     context = random_context(60, 6)
     graph, sizes = build_graph(context, SMALL), InputSizes(LAYOUT, CONTEXT_DIM)
     known = context.erasures.known.nonzero()[:, 0]
@@ -124,7 +125,7 @@ def test_inputs_are_those_of_the_paper() -> None:
     assert bool(context.erasures.known[graph.index].all())
 
 
-def test_in_preset_paper_queries_hold_idw_and_fall_back_to_cari() -> None:
+def test_paper_preset_queries_use_idw_and_fall_back_to_cari() -> None:
     context, paper = random_context(120, 6), GNN_PRESETS["paper"]
     graph = build_graph(context, paper)
     idw = estimate(Idw(neighbors=24, metric="mahalanobis"), context).select(graph.queries)
@@ -137,7 +138,7 @@ def test_in_preset_paper_queries_hold_idw_and_fall_back_to_cari() -> None:
     assert not torch.equal(idw.features, cari.features)
 
 
-def test_the_graph_has_the_24_nearest_by_mahalanobis_of_all_received_anchors() -> None:
+def test_graph_connects_the_24_nearest_received_anchors_by_mahalanobis() -> None:
     context = random_context(200, 7)
     graph = build_graph(context, GNN_PRESETS["paper"])
     known = context.erasures.known.nonzero()[:, 0]
@@ -146,8 +147,8 @@ def test_the_graph_has_the_24_nearest_by_mahalanobis_of_all_received_anchors() -
     assert torch.equal(graph.index, known[nearest])
 
 
-def test_an_untrained_network_draws_the_priors_mean() -> None:
-    """Its residual is zero, so its confidence is 1: preset `paper` then takes nothing of the interpolation."""
+def test_untrained_network_returns_the_prior_mean() -> None:
+    """A zero residual means a confidence of 1, so preset `paper` ignores the interpolation."""
     context = random_context(120, 13)
     for baseline in ("prior", "interpolation"):
         settings = dataclasses.replace(SMALL, baseline=baseline)
@@ -158,7 +159,7 @@ def test_an_untrained_network_draws_the_priors_mean() -> None:
         assert torch.equal(result.features[lost], expected[lost])
 
 
-def test_order_and_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_result_is_invariant_to_order_and_chunk_size(monkeypatch: pytest.MonkeyPatch) -> None:
     context = random_context(120, 7)
     weights = lively(context)
     whole = estimate(Gnn(weights), context).features
@@ -172,7 +173,7 @@ def test_order_and_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 @pytest.mark.parametrize("received", [0, 1, 3, 100])
-def test_hardly_anything_received(received: int) -> None:
+def test_very_few_received_anchors_are_enough(received: int) -> None:
     whole = random_context(100, 8, loss=0)
     context = to_tensors(only(whole, torch.arange(100) < received))
     result = context.elements.kept(context.erasures, estimate(Gnn(lively(context)), context))
@@ -191,7 +192,7 @@ def test_values_that_are_not_finite_are_never_used() -> None:
     assert torch.equal(estimate(Gnn(weights), context).features, estimate(Cari(), context).features)
 
 
-def test_weights_survive_a_file(tmp_path: Path) -> None:
+def test_weights_round_trip_through_a_file(tmp_path: Path) -> None:
     context = random_context(100, 10)
     weights = lively(context)
     save_weights(dataclasses.replace(weights, validation={"gain": 0.5}), tmp_path / "w.safetensors")
@@ -206,7 +207,7 @@ def test_weights_survive_a_file(tmp_path: Path) -> None:
     torch.testing.assert_close(estimate(Gnn(tmp_path / "half"), context).features, expected, rtol=0.05, atol=0.05)
 
 
-def test_bad_weights_are_refused(tmp_path: Path) -> None:
+def test_invalid_weights_are_refused(tmp_path: Path) -> None:
     context, path = random_context(100, 11), tmp_path / "w"
     with pytest.raises(BitstreamError, match="no such file"):
         load_weights(path)
@@ -226,7 +227,7 @@ def test_bad_weights_are_refused(tmp_path: Path) -> None:
         Gnn(narrow)(context)
 
 
-def test_without_weights_it_is_not_listed() -> None:
+def test_gnn_without_weights_is_not_listed() -> None:
     assert "gnn" not in concealer_names()
     assert "gnn" not in concealer_names(("hints",))
     assert "gnn" in concealer_names(("gnn",))
@@ -246,6 +247,6 @@ def test_without_weights_it_is_not_listed() -> None:
         {"query_input": "x"},
     ],
 )
-def test_senseless_settings_are_refused(options: dict) -> None:
+def test_invalid_settings_are_refused(options: dict) -> None:
     with pytest.raises(InvalidValueError):
         GnnSettings(**options)

@@ -5,13 +5,12 @@ import numpy as np
 import pytest
 import torch
 
-from conceal.gaps import CONTEXT_DIM, LAYOUT, changed
+from concealment.gaps import CONTEXT_DIM, LAYOUT, changed
 from paper.contexts import estimate, random_context
 from paper.gnn.lively import lively_network
-from splatwire.conceal import create_concealer
+from splatwire.concealment import create_concealer
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError, UnsupportedVersionError
-from splatwire.model import Partial, Prior
-from splatwire.model.tensors import to_tensors
+from splatwire.neural.model.tensors import to_tensors
 from splatwire.paper import Gnn, GnnSettings, GnnWeights, Kriging
 from splatwire.paper.gnn import load_weights, rounded_weights, save_weights, write_section
 from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes
@@ -24,29 +23,29 @@ from splatwire.paper.gnn.quantise import (
 )
 from splatwire.paper.gnn.section import read_section
 from splatwire.paper.gnn.weights import scene_fingerprint
-from splatwire.scene import Erasures
+from splatwire.types import Erasures, Prior, ReceivedScene
+
+pytestmark = pytest.mark.slow
 
 SMALL = GnnSettings(neighbors=6, hidden=16, interpolation="kriging", baseline="interpolation")
 FULL = dataclasses.replace(SMALL, scaling_threshold=0.1, offset_threshold=0.1)
 PARTS = ("features", "scalings", "offsets", "mask")
 
 
-def lively(context: Partial, settings: GnnSettings = SMALL, seed: int = 1) -> GnnWeights:
+def lively(context: ReceivedScene, settings: GnnSettings = SMALL, seed: int = 1) -> GnnWeights:
     network, rng = lively_network(settings, seed)
     with torch.no_grad():
         network.get_buffer("query_mean").copy_(torch.randn(len(network.get_buffer("query_mean")), generator=rng))
     return GnnWeights(network.requires_grad_(False), scene_fingerprint(context), {})
 
 
-def carrying(context: Partial, section: bytes) -> Partial:
+def carrying(context: ReceivedScene, section: bytes) -> ReceivedScene:
     return dataclasses.replace(context, sections={"gnn": section, "other": b"unknown"})
 
 
 @pytest.mark.parametrize("settings", [SMALL, FULL])
 @pytest.mark.parametrize("bits", [2, 4, 6])
-def test_weights_in_the_stream_do_what_the_same_weights_in_a_file_do(
-    settings: GnnSettings, bits: int, tmp_path: Path
-) -> None:
+def test_weights_section_and_weights_file_give_equal_results(settings: GnnSettings, bits: int, tmp_path: Path) -> None:
     context = random_context(150, 2)
     sent = write_section(lively(context, settings), bits)
     save_weights(rounded_weights(lively(context, settings), context, bits), tmp_path / "w")
@@ -57,7 +56,7 @@ def test_weights_in_the_stream_do_what_the_same_weights_in_a_file_do(
     assert not torch.equal(from_stream.features, estimate(Kriging(), context).features)
 
 
-def test_more_bits_are_more_bytes_and_less_error() -> None:
+def test_more_bits_give_more_bytes_and_less_error() -> None:
     context = random_context(150, 3)
     exact = estimate(Gnn(lively(context)), context).features
     sizes, errors = [], []
@@ -68,10 +67,10 @@ def test_more_bits_are_more_bytes_and_less_error() -> None:
     assert sizes == sorted(sizes)
     assert errors[0] > 4 * errors[-1]
     weights = sum(p.numel() for n, p in lively(context).network.named_parameters() if p.dim() == 2)
-    assert sizes[2] < 1.25 * 4 / 8 * weights  # heads that are never trusted cost nothing
+    assert sizes[2] < 1.25 * 4 / 8 * weights  # heads of attributes with a threshold above 1 take no bytes
 
 
-def test_rounding_is_what_arrives() -> None:
+def test_rounded_weights_equal_the_received_ones() -> None:
     context = random_context(60, 4)
     weights = lively(context, FULL)
     mean, spread = (weights.network.get_buffer(f"query_{part}") for part in ("mean", "spread"))
@@ -85,7 +84,7 @@ def test_rounding_is_what_arrives() -> None:
     assert torch.equal(weights.network.state_dict()["query.0.weight"], before)
 
 
-def test_gradients_pass_the_rounding() -> None:
+def test_gradients_pass_through_rounding() -> None:
     network = InpaintingNetwork(InputSizes(LAYOUT, CONTEXT_DIM), SMALL)
     exact = network.query[0].weight.detach().clone()
     with rounded_parameters(network, 3):
@@ -104,7 +103,7 @@ def test_short_floats_are_exact_and_near() -> None:
     assert (short_float_index(short_float(index)) == index).all()
 
 
-def test_weights_that_cannot_travel_are_refused() -> None:
+def test_weights_outside_the_coded_range_are_refused() -> None:
     context = random_context(60, 5)
     never = dataclasses.replace(SMALL, feature_threshold=1.01)
     with pytest.raises(InvalidValueError, match="not worth a byte"):
@@ -126,7 +125,7 @@ def test_weights_of_another_scene_or_version_are_refused() -> None:
     section = write_section(lively(context), 4)
     with pytest.raises(InvalidValueError, match="another scene"):
         Gnn()(carrying(random_context(60, 7), section))
-    other_layout = context.saying(dataclasses.replace(LAYOUT, feature_groups=(10,)))
+    other_layout = context.with_records(dataclasses.replace(LAYOUT, feature_groups=(10,)))
     with pytest.raises(InvalidValueError, match="another scene"):
         Gnn()(carrying(other_layout, section))
     with pytest.raises(UnsupportedVersionError):
@@ -154,8 +153,8 @@ def test_damaged_weights_are_an_error_or_other_weights_but_never_nan() -> None:
 
 
 @pytest.mark.parametrize("known", [0, 1, 3, 12, 150])
-def test_few_known_anchors_and_no_losses(known: int) -> None:
-    """1 of 150 is 99 % loss; 3 are fewer than k; with none the prior is left."""
+def test_few_received_anchors_and_no_losses_are_handled(known: int) -> None:
+    """1 of 150 is 99 % loss; 3 are fewer than k; without any the prior remains."""
     context = random_context(150, 9, loss=0)
     rows = torch.arange(150) < known
     a, keep = context.scene.anchors, rows[:, None]

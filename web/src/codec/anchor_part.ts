@@ -1,27 +1,27 @@
-// Anchors of one packet, whatever schema they were coded with: drawn by neural heads for each camera.
+// Anchors of one packet, of any schema. Neural heads derive their Gaussians for each camera.
 
 import type { Anchors } from "../model/anchors.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Heads } from "../model/heads.ts";
 import type { Packet } from "../packets/packet.ts";
-import type { Part, Seen } from "./part.ts";
+import type { Part, ViewGaussians } from "./part.ts";
 
-/** Anchors and their features, one anchor's after another's. */
-export interface Known {
+/** Anchors and their feature vectors, shape (count, featureDim). */
+export interface AnchorData {
   readonly anchors: Anchors;
   readonly features: Float32Array;
 }
 
 export class AnchorPart implements Part {
   readonly anchors: Anchors;
-  /** Features, until somebody looks; then what they say to the heads. */
+  /** Feature vectors until the first view is requested, then null. `#hidden` replaces them. */
   features: Float32Array | null;
   #hidden: Float32Array = new Float32Array();
 
   constructor(
     readonly packet: Packet | null,
     readonly ranks: Int32Array,
-    { anchors, features }: Known,
+    { anchors, features }: AnchorData,
     readonly heads: Heads,
   ) {
     this.anchors = anchors;
@@ -36,18 +36,18 @@ export class AnchorPart implements Part {
     return this.ranks;
   }
 
-  seen(camera: Camera): Seen {
-    if (this.features) this.#hidden = this.heads.prepared(this.features);
+  seen(camera: Camera): ViewGaussians {
+    if (this.features) this.#hidden = this.heads.featureActivations(this.features);
     this.features = null;
     return this.heads.spawn(this.anchors, this.#hidden, camera);
   }
 }
 
-/** All ranks: first those of the given parts, in order, then the others; and how many are given. */
-export function givenFirst(
+/** Returns all ranks, first those of the given parts in order, then the others. `end` is the number of given ones. */
+export function receivedRanksFirst(
   parts: readonly { readonly ranks: Int32Array }[],
   count: number,
-): { ranks: Int32Array; end: number } {
+): { ranks: Int32Array; numReceived: number } {
   const known = new Uint8Array(count),
     ranks = new Int32Array(count);
   let end = 0;
@@ -57,11 +57,11 @@ export function givenFirst(
   }
   for (const rank of ranks.subarray(0, end)) known[rank] = 1;
   for (let rank = 0, at = end; rank < count; rank++) if (!known[rank]) ranks[at++] = rank;
-  return { ranks, end };
+  return { ranks, numReceived: end };
 }
 
-/** Some of the sketched anchors. */
-export function chosen({ anchors, features }: Known, which: Int32Array): Known {
+/** Returns a selection of anchors. */
+export function selectAnchors({ anchors, features }: AnchorData, which: Int32Array): AnchorData {
   const some = <A extends Float32Array | Uint8Array>(values: A): A => {
     const width = values.length / Math.max(anchors.count, 1),
       found = new (values.constructor as new (size: number) => A)(width * which.length);

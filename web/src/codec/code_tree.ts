@@ -1,4 +1,4 @@
-// Sorted Morton codes as the counts of a binary space partition, down to small nodes.
+// Decoder of sorted Morton codes, stored as the counts of a binary space partition.
 
 import type { RangeDecoder } from "../entropy/decoder.ts";
 
@@ -6,15 +6,17 @@ const RUNS = 4,
   SIZES = 8,
   FIELDS = 7,
   DEEPEST = 66;
-/** Contexts of the bit that all codes of a node agree in the next bit, too. */
+/** Contexts of the flag that all codes of a node have the same next bit. */
 export const TREE_CONTEXTS = RUNS * SIZES;
 
-/** What is known of codes `begin` to `end - 1`: the coordinates' bits above `bit`. */
+/**
+ * Callback with the codes `begin` to `end - 1` of a leaf. `prefix` has the bits above `bit` of their three coordinates.
+ */
 type Found = (begin: number, end: number, bit: number, prefix: Int32Array) => void;
 
 /**
- * Bits `bits - 1` to `lowest` of codes, whose lowest bit is that of x, then come y, z and the next of x; nodes of at
- * most `leaf` codes are not split.
+ * Decodes the bits `bits - 1` down to `lowest` of Morton codes. Bit 0 belongs to x, bit 1 to y, bit 2 to z, bit 3 to x
+ * again. Nodes of at most `leaf` codes are not split.
  */
 export function decodeTree(
   coder: RangeDecoder,
@@ -61,7 +63,7 @@ export function decodeTree(
   }
 }
 
-/** A number below `count`; of more than 2^16 the lowest bits are coded as they are. */
+/** Decodes a uniform integer below `count`. The lowest bits are coded separately if `count` is above 2^16. */
 function below(coder: RangeDecoder, count: number): number {
   const shift = Math.max(32 - Math.clz32(count - 1) - 16, 0),
     high = coder.below(((count - 1) >> shift) + 1);

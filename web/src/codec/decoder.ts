@@ -1,79 +1,83 @@
-// From a stream's head and packets to elements.
+// Decoder of a stream: head and packets in, elements out.
 
 import { BitstreamError, ByteReader } from "../bytes.ts";
 import type { Head } from "../packets/container.ts";
-import { Intake, Plan } from "../packets/plan.ts";
-import type { Pause } from "../turns.ts";
+import type { Packet } from "../packets/packet.ts";
+import { Intake, type Plan, planOf } from "../packets/plan.ts";
+import { ANTIALIASED, BACKGROUND, EXTENT, METADATA, ORIGIN, UP, VIEWPOINT } from "../packets/section_names.ts";
+import type { Pause } from "../scheduler.ts";
 import { CausalSchema } from "./causal/schema.ts";
-import { ColumnsSchema } from "./columns/schema.ts";
+import type { Verification } from "./gaussians/digest.ts";
 import { GaussianSchema } from "./gaussians/schema.ts";
 import { LevelSchema } from "./levels/schema.ts";
 import { checkMemory } from "./memory.ts";
+import { type Texts, textsOf } from "./metadata.ts";
 import type { Part } from "./part.ts";
 import type { Schema } from "./schema.ts";
 import { TrackSchema } from "./tracks/schema.ts";
 
-/** Said where a stream holds anchors of format 1. */
-export const FORMAT_1 =
-  "This stream has format 1 (anchors of HAC++), which this page cannot draw: use `splatwire view`, " +
+/** Error message for anchors of format 1. */
+export const FORMAT_1_MESSAGE =
+  "This stream has format 1 (anchors of HAC++), which browsers cannot decode: use `splatwire view`, " +
   "train with --model causal, or send explicit Gaussians (`splatwire export ply`, then `splatwire encode`).";
 
-/** Where a scene is looked at first, in its own units. */
+/** Initial viewpoint of a scene, world units. */
 export interface Viewpoint {
   readonly eye: readonly [number, number, number];
   readonly target: readonly [number, number, number];
   readonly up: readonly [number, number, number];
 }
 
-/** A ball, world units. */
+/** Sphere, world units. */
 export interface Ball {
   readonly middle: readonly number[];
   readonly radius: number;
 }
 
-function schemaOf({ manifest, sideInfo }: Head, plan: Plan): Schema {
+function schemaOf({ manifest, sideInfo }: Head, plan: Plan, verify: Verification): Schema {
   const { order, packaging } = manifest.packetization;
   if (manifest.codec !== "hacpp" && packaging !== "atomic")
     throw new BitstreamError("the stream's packets do not hold whole elements");
   if (manifest.codec === "causal" && order !== "morton")
-    throw new BitstreamError("anchors of the causal model are in Morton order, and the manifest says otherwise");
-  if (manifest.codec === "gaussians") return new GaussianSchema(sideInfo, plan);
+    throw new BitstreamError("anchors of the causal model must be in Morton order, but the manifest has another one");
+  if (manifest.codec === "gaussians") return new GaussianSchema(sideInfo, plan, verify);
   if (manifest.codec === "levels") return new LevelSchema(sideInfo, plan);
   if (manifest.codec === "causal") return new CausalSchema(sideInfo, plan);
   if (manifest.codec === "tracks") return new TrackSchema(sideInfo, plan);
-  if (manifest.codec === "columns") return new ColumnsSchema(sideInfo, plan);
-  throw new BitstreamError(FORMAT_1);
+  throw new BitstreamError(FORMAT_1_MESSAGE);
 }
 
 export class StreamDecoder {
   readonly schema: Schema;
   readonly intake: Intake;
-  /** Bytes that arrived, and of memory what their elements take. */
+  /** Number of received bytes, and the memory of their elements in bytes. */
   #numBytes: number;
   #needed = 0;
 
-  constructor(public head: Head) {
-    const plan = new Plan(head.manifest);
-    this.schema = schemaOf(head, plan);
+  constructor(
+    public head: Head,
+    verify: Verification = null,
+  ) {
+    const plan = planOf(head.manifest);
+    this.schema = schemaOf(head, plan, verify);
     this.intake = new Intake(plan);
     this.#numBytes = head.sideInfo.length;
     this.#checkView();
   }
 
-  /** Goes on with the head of the same stream that has grown. Throws where it says other things of what was there. */
+  /** Continues with a longer head of the same stream. Throws `BitstreamError` if it contradicts the earlier one. */
   grow(head: Head): void {
     const { tiers } = this.head.manifest,
       longer = head.manifest.tiers;
     const same = tiers.every(({ count, lanes }, n) => longer[n]?.count === count && longer[n].lanes === lanes);
-    if (!this.schema.grow || !same)
-      throw new BitstreamError("a stream that grows says other things of what was there already");
-    const plan = new Plan(head.manifest);
+    if (!this.schema.grow || !same) throw new BitstreamError("the stream's new head contradicts its earlier one");
+    const plan = planOf(head.manifest);
     this.schema.grow(head.sideInfo, plan);
     this.intake.plan = plan;
     this.head = head;
   }
 
-  /** Refuses what no view can begin with, as Python does, before anything is shown. */
+  /** Checks the sections that define the initial view, as the Python decoder does, before anything is drawn. */
   #checkView(): void {
     void this.background;
     void this.viewpoint;
@@ -82,21 +86,21 @@ export class StreamDecoder {
     void this.origin;
   }
 
-  /** RGB behind the scene. */
+  /** Background colour, RGB, each 0 to 1. */
   get background(): [number, number, number] {
-    const section = this.schema.sections.get("background");
+    const section = this.schema.sections.get(BACKGROUND);
     if (!section) return [0, 0, 0];
     const reader = new ByteReader(section, "section 'background'"),
       color: [number, number, number] = [reader.f32(), reader.f32(), reader.f32()];
     reader.finish();
     if (!color.every((value) => value >= 0 && value <= 1))
-      throw new BitstreamError("side information: an impossible background");
+      throw new BitstreamError("section 'background': a colour is not between 0 and 1");
     return color;
   }
 
-  /** Where the scene is looked at first: eye, the point that it looks at, what is up there; null where nobody said. */
+  /** Initial viewpoint; null if the stream has none. */
   get viewpoint(): Viewpoint | null {
-    const section = this.schema.sections.get("viewpoint");
+    const section = this.schema.sections.get(VIEWPOINT);
     if (!section) return null;
     const reader = new ByteReader(section, "section 'viewpoint'"),
       three = (): [number, number, number] => [reader.f32(), reader.f32(), reader.f32()];
@@ -104,73 +108,91 @@ export class StreamDecoder {
     reader.finish();
     const apart = Math.hypot(...found.eye.map((value, axis) => value - found.target[axis]));
     if (!(apart > 0 && apart < Infinity && Math.hypot(...found.up) > 0.5 && Math.hypot(...found.up) < 2)) {
-      throw new BitstreamError("side information: an impossible viewpoint");
+      throw new BitstreamError("section 'viewpoint': the eye or the up direction is out of range");
     }
     return found;
   }
 
-  /** Where a clip goes: a ball around nearly all of each frame, world units; null where nobody said. */
+  /** Sphere around nearly all Gaussians of every frame of a clip, world units; null if the stream has none. */
   get extent(): Ball | null {
-    const section = this.schema.sections.get("extent");
+    const section = this.schema.sections.get(EXTENT);
     if (!section) return null;
     const reader = new ByteReader(section, "section 'extent'"),
       [x, y, z, radius] = [reader.f32(), reader.f32(), reader.f32(), reader.f32()];
     reader.finish();
     if (![x, y, z].every(Number.isFinite) || !(radius > 0 && radius < Infinity))
-      throw new BitstreamError("side information: an impossible extent");
+      throw new BitstreamError("section 'extent': the sphere is not finite or has no radius");
     return { middle: [x, y, z], radius };
   }
 
-  /** World coordinates that all positions are relative to, of geo-referenced scenes; else 0, 0, 0. */
+  /**
+   * World coordinates of the point that all positions are relative to. It is 0, 0, 0 unless the scene is georeferenced.
+   */
   get origin(): [number, number, number] {
-    const section = this.schema.sections.get("origin");
+    const section = this.schema.sections.get(ORIGIN);
     if (!section) return [0, 0, 0];
     const reader = new ByteReader(section, "section 'origin'"),
       origin: [number, number, number] = [reader.f64(), reader.f64(), reader.f64()];
     reader.finish();
     if (!origin.every((value) => Math.abs(value) <= 1e12))
-      throw new BitstreamError("side information: an impossible origin");
+      throw new BitstreamError("section 'origin': a coordinate is not between -1e12 and 1e12");
     return origin;
   }
 
-  /** Whether Gaussians lose opacity as they are widened to a pixel. */
-  get antialiased(): boolean {
-    return this.schema.sections.has("antialiased");
+  /** Title, author and license of the scene; each is empty if the stream does not have it. */
+  get texts(): Texts {
+    return textsOf(this.schema.sections.get(METADATA));
   }
 
-  /** Which axis is up: `y`, `-z`, ...; null where nobody said. */
+  /** True if opacity decreases for Gaussians below the size of a pixel (Mip-Splatting). */
+  get antialiased(): boolean {
+    return this.schema.sections.has(ANTIALIASED);
+  }
+
+  /** Up axis of the scene: `x`, `-x`, `y`, `-y`, `z` or `-z`; null if the stream has none. */
   get up(): string | null {
-    const section = this.schema.sections.get("up"),
+    const section = this.schema.sections.get(UP),
       up = section && new TextDecoder("utf-8", { ignoreBOM: true }).decode(section);
     if (up !== undefined && !/^-?[xyz]$/.test(up))
-      throw new BitstreamError("side information: an impossible direction that is up");
+      throw new BitstreamError("section 'up': not one of x, -x, y, -y, z, -z");
     return up ?? null;
   }
 
   /**
-   * Elements of a packet that is new and fits; null for anything else, which is counted. Throws where so many elements
-   * in so few bytes take too much memory.
+   * Decodes a packet. Returns null, and counts it, if it is invalid or a duplicate. Throws `BitstreamError` if the
+   * decoded elements need too much memory for the received bytes.
    */
-  take(bytes: Uint8Array): Part | null {
+  addPacket(bytes: Uint8Array): Part | null {
+    const packet = this.admit(bytes);
+    return packet && this.schema.read(packet);
+  }
+
+  /**
+   * Checks a packet, like `addPacket`, and returns it. The caller has it decoded and passes it to `schema.accept`.
+   */
+  admit(bytes: Uint8Array): Packet | null {
     const packet = this.intake.offer(bytes);
     if (!packet) return null;
     this.#numBytes += bytes.length;
     this.#needed += this.schema.bytesOf(packet);
-    this.#check(this.#needed, "what arrived");
-    return this.schema.read(packet);
+    this.#check(this.#needed, "decoding the received packets");
+    return packet;
   }
 
-  /** Throws where looking at all elements, lost ones, too, takes more memory than what arrived may. */
-  checkAll(): void {
+  /** Throws `BitstreamError` if concealment, which needs all elements including lost ones, takes too much memory. */
+  checkConcealmentMemory(): void {
     const { count } = this.head.manifest;
-    this.#check(count * this.schema.lookedAtBytes, `looking at ${count} elements`);
+    this.#check(count * this.schema.concealmentBytes, `concealing ${count} elements`);
   }
 
   #check(needed: number, what: string): void {
     checkMemory(needed, this.#numBytes, what);
   }
 
-  /** The digest of everything, decoded once more; equals the manifest's where nothing was lost. */
+  /**
+   * Returns the digest of all decoded integers. It equals that of the manifest if no packet is missing. Packets are
+   * decoded again unless `verify` was set.
+   */
   digest(pause: Pause = async () => true): Promise<string> {
     return this.schema.digest(
       Array.from({ length: this.intake.plan.numBlocks }, (_, block) => this.intake.blocks.get(block) ?? []),

@@ -1,20 +1,20 @@
-// Networks evaluated in integers, which doubles carry: bit-identical on any machine. The twin of
-// `splatwire.codec.integer_network`.
+// Neural networks in integer arithmetic, carried by doubles, with bit-identical results on every machine. Counterpart
+// of `splatwire.codec.integer_network`.
 
 import { BitstreamError } from "../bytes.ts";
 import { type Affine, affine, padded } from "../model/affine.ts";
 import type { QuantisedLinear, QuantisedMlp } from "./weight_bytes.ts";
 
-/** Fractional bits: inputs and hidden units, outputs, weights, biases. */
+/** Fractional bits of inputs and hidden units, outputs, weights, and biases. */
 export const ACTIVATION_BITS = 14,
   OUTPUT_BITS = 16,
   WEIGHT_BITS = 16,
   BIAS_BITS = 12;
-/** Limits of activations and outputs, 1024 units; with them every partial sum stays below `EXACT`. */
+/** Limits of hidden units and outputs, both 1024 in real units. They keep every partial sum below `EXACT`. */
 export const ACTIVATION_LIMIT = 2 ** 24,
   OUTPUT_LIMIT = 2 ** 26,
   EXACT = 2 ** 52;
-/** Slope below zero, where there is one. */
+/** Slope of the leaky rectifier below zero. */
 const LEAK = 655 / 65536;
 function layer({ inputs, outputs, symbols, rowSteps, columnShifts, bias }: QuantisedLinear): Affine {
   const weights = new Float64Array(outputs * inputs),
@@ -33,9 +33,9 @@ function layer({ inputs, outputs, symbols, rowSteps, columnShifts, bias }: Quant
   return padded({ inputs, outputs, weights, bias: biases });
 }
 
-/** Two layers with a (leaky) rectifier between them. */
+/** Network of two layers with a rectifier, leaky or not, in between. */
 export class IntegerMlp {
-  /** Outputs of a row: one more than the network has where that is an odd number. */
+  /** Number of outputs per row, rounded up to an even number. */
   readonly outputs: number;
   readonly #hidden: Affine;
   readonly #output: Affine;
@@ -44,7 +44,7 @@ export class IntegerMlp {
 
   constructor(network: QuantisedMlp) {
     this.#hidden = layer(network.hidden);
-    // Hidden units that only fill up an even number are inputs of weight 0.
+    // Hidden units added to reach an even number have weight 0.
     const { outputs, inputs, symbols, columnShifts } = network.output,
       width = this.#hidden.outputs;
     const wide = new Float64Array(outputs * width),
@@ -57,8 +57,8 @@ export class IntegerMlp {
   }
 
   /**
-   * Evaluates rows of inputs that lie `stride` apart (whole numbers, 14 fractional bits); `rows` is a multiple of
-   * `ROWS`. Outputs (16 fractional bits) lie `outputs` apart in `out`.
+   * Evaluates the network. Input rows are integers with 14 fractional bits and begin `stride` apart; `rows` is a
+   * multiple of `ROWS`. Writes outputs with 16 fractional bits to `out`, shape (rows, outputs).
    */
   run(inputs: Float64Array, stride: number, rows: number, out: Float64Array): void {
     const width = this.#hidden.outputs,

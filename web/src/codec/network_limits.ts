@@ -1,6 +1,6 @@
 // Made by web/scripts/make_tables.py; do not edit.
 
-// How large quantised networks may be: the twin of `splatwire.codec.weight_bytes`.
+// Size limits of quantised networks. Counterpart of `splatwire.codec.weight_bytes`.
 
 export const MAX_WIDTH = 4096;
 export const MAX_WEIGHTS = 1048576;

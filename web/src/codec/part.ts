@@ -4,26 +4,26 @@ import type { Camera } from "../model/camera.ts";
 import type { Packet } from "../packets/packet.ts";
 import type { Splats } from "./splats.ts";
 
-/** Gaussians, and the element of each; null where each element is one, in order. */
-export interface Seen {
+/** Gaussians of a view, and the index of each one's element. `owners` is null if Gaussian n is element n. */
+export interface ViewGaussians {
   readonly splats: Splats;
   readonly owners: Int32Array | null;
 }
 
-/** Elements of one packet, as they were received, or copies of some. */
+/** Elements of one packet, or redundant copies of elements. */
 export interface Part {
-  /** None of copies. */
+  /** The packet; null for redundant copies. */
   readonly packet: Packet | null;
   readonly count: number;
-  /** Which elements of the scene they are. */
+  /** Index of each element in the scene. */
   readonly places: Int32Array;
-  /** What a camera sees of them; where elements look the same to all, the camera does not matter. */
-  seen(camera: Camera): Seen;
+  /** Returns the Gaussians for a camera. The camera has no effect for explicit Gaussians. */
+  seen(camera: Camera): ViewGaussians;
 }
 
-/** Copies of elements that a sender left, to be drawn where those are lost. */
+/** Redundant copies from the side information, drawn in place of lost elements. */
 export interface Copies<P extends Part = Part> {
   readonly part: P;
-  /** Some of them, as `Schema.elements` takes them. */
-  chosen(which: Int32Array): P;
+  /** Returns a selection of the copies for `Schema.elements`. */
+  select(which: Int32Array): P;
 }

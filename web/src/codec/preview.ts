@@ -1,4 +1,4 @@
-// A preview: a hundred Gaussians in one datagram, to look at until the scene itself is there.
+// Previews: at most 133 Gaussians in one datagram, shown until the scene arrives.
 
 import { BitstreamError, ByteReader } from "../bytes.ts";
 import { emptySplats, type Splats } from "./splats.ts";
@@ -30,7 +30,7 @@ export function readPreview(bytes: Uint8Array): Preview {
     spread >= 2 ** -20 &&
     spread <= 2 ** 20 &&
     low.every((value, n) => value <= high[n] && value >= (n < 3 ? -8 : -12) && high[n] <= (n < 3 ? 8 : 6));
-  if (!fine) throw new BitstreamError("preview: its numbers are impossible");
+  if (!fine) throw new BitstreamError("preview: a number is out of range");
   const splats = emptySplats(count, 0);
   let bit = 0;
   const number = (bits: number): number => {

@@ -1,77 +1,94 @@
-// What a schema of elements has to know; which one a stream has is asked in `decoder.ts` and nowhere else.
+// Interface of the kinds of elements. Only `decoder.ts` chooses the kind of a stream.
 
 import type { Concealer } from "../conceal/conceal.ts";
 import type { Elements } from "../conceal/elements.ts";
 import type { Packet } from "../packets/packet.ts";
 import type { Plan } from "../packets/plan.ts";
-import type { Pause } from "../turns.ts";
+import type { Pause } from "../scheduler.ts";
+import type { Decoded } from "./gaussians/packet.ts";
 import type { Tiling } from "./levels/tiling.ts";
 import type { Copies, Part } from "./part.ts";
 import type { Splats } from "./splats.ts";
 
-/** What moves: its frames, as far as packets of them came. */
-export interface Moving {
-  /** Frames a second, how many there are, and how many a group has. */
+/** Frames of a moving scene, as far as their packets were received. */
+export interface ClipDecoder {
+  /** Frames per second, number of frames, and frames per group of pictures. */
   readonly times: { readonly rate: number; readonly numFrames: number; readonly groupFrames: number };
-  /** The names of what hides lost motion. */
+  /** Names of the concealers for lost motion packets. */
   readonly concealers: readonly string[];
-  /** A frame; packets that are not shown count as lost. */
-  frame(number: number, shown: (packet: Packet) => boolean, concealer: string): MovingFrame;
-  /** Makes ready what comes after a frame, for so many milliseconds. */
-  ahead(number: number, ms: number): void;
-  /** Packets of motion that came and were not forgotten. */
+  /** Returns a frame. A packet counts as lost if `shown` returns false. */
+  frame(number: number, shown: (packet: Packet) => boolean, concealer: string): DecodedFrame;
+  /** Decodes the frames after `number` in advance, for up to `ms` milliseconds. */
+  prefetch(number: number, ms: number): void;
+  /** Received motion packets with payloads still in memory. */
   readonly packets: readonly Packet[];
-  /** Number of the first frame, of a clip that goes on where another one ended. */
+  /** Number of the first frame; not 0 if the clip continues an earlier one. */
   readonly firstFrame: number;
-  /** Frames of groups that nothing more is awaited of: they are whole, or another one has begun. */
+  /** End of the playable frames. A group is playable once it is complete or a packet of a later group arrived. */
   readonly ready: number;
-  /** Packets of motion that came after their group was shown. */
+  /** Number of motion packets that arrived after their group was shown. */
   readonly late: number;
-  /** Forgets what packets say of groups before that of a frame, which are not shown again; their blocks. */
+  /**
+   * Releases the packets of all groups before that of a frame and returns their blocks. Those groups cannot be shown
+   * again.
+   */
   forget(number: number): number[];
 }
 
-export interface MovingFrame {
+export interface DecodedFrame {
   readonly number: number;
   readonly splats: Splats;
-  /** Of how many elements the motion is a guess. */
+  /** Number of elements with estimated motion. */
   readonly concealed: number;
 }
 
+/** Decoded packet of explicit Gaussians: its integers, and the Gaussians made of them. */
+export interface DecodedPacket {
+  readonly symbols: Decoded;
+  readonly splats: Splats;
+}
+
 export interface Schema<P extends Part = Part> {
-  /** Whether another camera sees other Gaussians. */
+  /** True if the Gaussians depend on the camera. */
   readonly viewDependent: boolean;
-  /** Degree of the Gaussians' harmonics. */
+  /** Degree of the spherical harmonics. */
   readonly degree: number;
   /** Size of the scene, world units. */
   readonly size: number;
-  /** Middle of the scene, where it is known before any element. */
+  /** Centre of the scene, world units; null if it is unknown before the first packet. */
   readonly middle: readonly number[] | null;
   readonly sections: Map<string, Uint8Array>;
-  /** What is drawn in place of the elements; null where they stand still. */
-  readonly moving: Moving | null;
-  /** What is drawn of a scene with levels, and what is to be fetched of it; null of every other. */
+  /** Frames of a moving scene; null for static scenes. */
+  readonly moving: ClipDecoder | null;
+  /** Tiles of a scene with levels; null for other scenes. */
   readonly tiling: Tiling | null;
-  /** By name, what hides losses of such elements. */
+  /** Concealers for this kind of elements, by name. */
   readonly concealers: Readonly<Record<string, Concealer>>;
-  /** Memory that an element takes where a concealer looks at all of them, lost ones, too. */
-  readonly lookedAtBytes: number;
-  /** Memory that is held of a packet's elements once they are decoded. */
+  /** Memory of concealment per element, received or lost, bytes. */
+  readonly concealmentBytes: number;
+  /** Returns the memory of a packet's decoded elements, bytes. */
   bytesOf(packet: Packet): number;
-  /** Goes on with the head of the same stream that has grown; none where streams do not grow. */
+  /** Continues with a longer head of the same stream. Absent if streams of this kind do not grow. */
   grow?(sideInfo: Uint8Array, plan: Plan): void;
-  /** Decodes a packet that fits the plan; any payload gives something. */
+  /** Decodes a packet that fits the plan. Any payload decodes to some elements. */
   read(packet: Packet): P;
-  /** Digest of all decoded integers, given the packets of each block in order. */
+  /**
+   * Decodes a packet without changing the schema, so that another thread can do it. Returns null for packets that are
+   * decoded when they are drawn, as those with motion. Absent if all packets of a stream of this kind are.
+   */
+  decode?(packet: Packet): DecodedPacket | null;
+  /** Adds a packet that `decode` decoded, here or in another thread. Replaces `read`. */
+  accept?(packet: Packet, decoded: DecodedPacket): P;
+  /** Returns the digest of all decoded integers, given the packets of each block in order. */
   digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string>;
   /**
-   * What the concealer `sketch` draws, of streams that offer it; null where nobody waits any more. Throws where it is
-   * damaged.
+   * Returns the redundant copies that the concealer `sketch` draws. Resolves to null if the stream has none or the
+   * result is no longer needed. Throws `BitstreamError` for damaged copies.
    */
   copies(pause: Pause): Promise<Copies<P> | null>;
   /**
-   * What is known of all elements: first those of the given parts, in order, then the lost ones; null where nobody
-   * waits any more.
+   * Returns the properties of all elements: those of the given parts in order, then the lost ones. Resolves to null if
+   * the result is no longer needed.
    */
   elements(parts: readonly P[], pause: Pause): Promise<Elements | null>;
 }

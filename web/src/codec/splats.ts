@@ -1,21 +1,21 @@
-// Explicit Gaussians as they are drawn.
+// Explicit Gaussians in floating point.
 
 export const DC = 0.28209479177387814;
 
 export interface Splats {
   readonly count: number;
-  /** Degree of the harmonics. */
+  /** Degree of the spherical harmonics. */
   readonly degree: number;
-  /** x, y, z of each. */
+  /** Centres x, y, z, shape (count, 3). */
   readonly means: Float32Array;
-  /** Unit quaternions w, x, y, z. */
+  /** Unit quaternions w, x, y, z, shape (count, 4). */
   readonly quats: Float32Array;
-  /** Standard deviations along the axes. */
+  /** Standard deviations along the axes, shape (count, 3). */
   readonly scales: Float32Array;
   readonly opacities: Float32Array;
-  /** Colour from everywhere, 0.5 + DC sh0. */
+  /** RGB without the view-dependent part, shape (count, 3): 0.5 + DC times the coefficient of degree 0. */
   readonly colours: Float32Array;
-  /** Harmonics but degree 0: coefficient after coefficient, three channels each. */
+  /** Coefficients of degree 1 and above, shape (count, (degree + 1)^2 - 1, 3). */
   readonly harmonics: Float32Array;
 }
 
@@ -33,13 +33,13 @@ export function emptySplats(count: number, degree: number): Splats {
   };
 }
 
-/** Memory that a Gaussian takes: once as it was decoded, and once as it is drawn. */
+/** Returns the memory of a Gaussian in bytes, once decoded and once packed for drawing. */
 export function splatBytes(degree: number): number {
   return 2 * 4 * (11 + 3 * (degree + 1) ** 2);
 }
 
-/** Some of them, in this order. */
-export function chosen(splats: Splats, which: Int32Array): Splats {
+/** Returns a selection in the order of `which`. */
+export function selectSplats(splats: Splats, which: Int32Array): Splats {
   const some = (values: Float32Array): Float32Array => {
     const width = values.length / Math.max(splats.count, 1),
       found = new Float32Array(width * which.length);
@@ -59,17 +59,19 @@ export function chosen(splats: Splats, which: Int32Array): Splats {
   };
 }
 
-/** The first of some splats; shares their memory. */
-export function firstOf(splats: Splats, count: number): Splats {
-  const { degree } = splats;
+/** Returns `count` Gaussians from index `first` on. The arrays share memory with `splats`. */
+export function subSplats(splats: Splats, first: number, count: number): Splats {
+  const { degree } = splats,
+    some = (values: Float32Array, width: number): Float32Array =>
+      values.subarray(width * first, width * (first + count));
   return {
     count,
     degree,
-    means: splats.means.subarray(0, 3 * count),
-    quats: splats.quats.subarray(0, 4 * count),
-    scales: splats.scales.subarray(0, 3 * count),
-    opacities: splats.opacities.subarray(0, count),
-    colours: splats.colours.subarray(0, 3 * count),
-    harmonics: splats.harmonics.subarray(0, 3 * ((degree + 1) ** 2 - 1) * count),
+    means: some(splats.means, 3),
+    quats: some(splats.quats, 4),
+    scales: some(splats.scales, 3),
+    opacities: some(splats.opacities, 1),
+    colours: some(splats.colours, 3),
+    harmonics: some(splats.harmonics, 3 * ((degree + 1) ** 2 - 1)),
   };
 }

@@ -1,19 +1,20 @@
-// Which element is in which tier: a named section of the side information that only streams with tiers have.
+// Importance tier of each element, stored in a named section of streams with tiers.
 
 import { BitstreamError } from "../bytes.ts";
 import { RangeDecoder } from "../entropy/decoder.ts";
 import type { Manifest } from "../packets/manifest.ts";
+import { TIER_SIZES, TIERS } from "../packets/section_names.ts";
 
 const COUNTS = 16,
   STATES = 4 * COUNTS;
-/** Quantisation steps of sizes to an octave. */
+/** Quantisation steps of tier sizes per factor of two. */
 const SIZE_STEPS = 8;
 
-/** What tiers say of a stream's elements. */
+/** Order and sizes of a stream's elements, derived from its tiers. */
 export interface TierFacts {
-  /** Rank of the element at each place of the plan; null where they are the same because there is one tier. */
+  /** Rank of the element at each place of the plan; null if there is one tier, where both are equal. */
   readonly order: Int32Array | null;
-  /** How large elements of each one's tier are, by rank; null where the sender does not say. */
+  /** Typical size of each element's tier, by rank; null if the stream does not contain it. */
   readonly sizes: Float32Array | null;
 }
 
@@ -26,17 +27,17 @@ export function tierFacts(sections: Map<string, Uint8Array>, manifest: Manifest)
   };
 }
 
-/** The tier of each element, by rank; null where there is one. */
+/** Reads the tier of each element, by rank; null if there is one tier. */
 function readTiers(sections: Map<string, Uint8Array>, { tiers: shapes, count }: Manifest): Uint8Array | null {
-  const section = sections.get("tiers");
+  const section = sections.get(TIERS);
   if ((section !== undefined) !== shapes.length > 0)
-    throw new BitstreamError("manifest and side information disagree on whether there are tiers");
+    throw new BitstreamError("only one of manifest and side information has tiers");
   return section ? decodeTiers(section, count, shapes.length) : null;
 }
 
-/** Sizes of the tiers, the largest is 1. */
+/** Reads the relative sizes of the tiers. The largest is 1. */
 function readSizes(sections: Map<string, Uint8Array>, { tiers: shapes }: Manifest): Float32Array | null {
-  const steps = sections.get("tier_sizes");
+  const steps = sections.get(TIER_SIZES);
   if (!steps) return null;
   if (steps.length !== shapes.length)
     throw new BitstreamError(`section 'tier_sizes' has ${steps.length} bytes for ${shapes.length} tiers`);
@@ -50,13 +51,14 @@ function ranksInOrder(tiers: Uint8Array, { tiers: shapes, count }: Manifest): In
   shapes.slice(0, -1).reduce((sum, shape, tier) => (next[tier + 1] = sum + shape.count), 0);
   const ends = shapes.map((shape, tier) => next[tier] + shape.count);
   tiers.forEach((tier, rank) => {
-    if (next[tier] >= ends[tier]) throw new BitstreamError("the side information has tiers that the manifest denies");
+    if (next[tier] >= ends[tier])
+      throw new BitstreamError("the side information has more elements in a tier than the manifest");
     order[next[tier]++] = rank;
   });
   return order;
 }
 
-/** A run of bits for each element: is it tier 0, and if not, is it tier 1, ... */
+/** Decodes the tiers. Each element has one bit per tier until the bit is set. */
 function decodeTiers(bytes: Uint8Array, count: number, numTiers: number): Uint8Array {
   const coder = new RangeDecoder(bytes),
     models = new Int32Array(2 * (numTiers - 1) * STATES).fill(32768),

@@ -1,10 +1,10 @@
-// Quantised networks as bytes: every array under a normal that was fitted to it. The twin of
+// Quantised neural networks. Each array is coded under a normal distribution fitted to it. Counterpart of
 // `splatwire.codec.weight_bytes`.
 
 import { BitstreamError, type ByteReader } from "../bytes.ts";
 import { RangeDecoder } from "../entropy/decoder.ts";
 import { readIntegers } from "../entropy/integers.ts";
-import { centred } from "../entropy/mixture.ts";
+import { zeroMeanNormal } from "../entropy/mixture.ts";
 import { NUM_SCALES } from "../entropy/tables.ts";
 import { MAX_SHIFT, MAX_STEP, MAX_SYMBOL, MAX_WEIGHTS, MAX_WIDTH } from "./network_limits.ts";
 
@@ -12,8 +12,8 @@ const LEAKY = 1,
   WITH_COLUMN_SCALES = 2;
 
 /**
- * An affine layer: weight (row o, column i) is `symbols[o inputs + i] * rowSteps[o] << columnShifts[i]`, out of 2^16;
- * biases out of 2^12.
+ * Affine layer. Weight (row o, column i) is `symbols[o inputs + i] * rowSteps[o] << columnShifts[i]`, out of 2^16.
+ * Biases are out of 2^12.
  */
 export interface QuantisedLinear {
   readonly inputs: number;
@@ -27,11 +27,11 @@ export interface QuantisedLinear {
 export interface QuantisedMlp {
   readonly hidden: QuantisedLinear;
   readonly output: QuantisedLinear;
-  /** Slope 0.01 below zero instead of 0. */
+  /** True for a leaky rectifier with slope 0.01 below zero, false for slope 0. */
   readonly leaky: boolean;
 }
 
-/** Reads networks that must have so many inputs and outputs; their names are for errors. */
+/** Reads networks with the given names, inputs and outputs. The names appear in error messages. */
 export function readNetworks(
   reader: ByteReader,
   shapes: readonly (readonly [string, number, number])[],
@@ -53,7 +53,7 @@ function readMlp(reader: ByteReader, what: string, inputs: number, outputs: numb
   const fail = (text: string): never => {
     throw new BitstreamError(`${what} network: ${text}`);
   };
-  if (flags > (LEAKY | WITH_COLUMN_SCALES)) fail(`flags ${flags} that this page does not know`);
+  if (flags > (LEAKY | WITH_COLUMN_SCALES)) fail(`flags ${flags} are unknown`);
   if (shape[0] !== inputs || shape[2] !== outputs || hidden < 1 || hidden > MAX_WIDTH)
     fail(`shape ${shape} where ${inputs} inputs and ${outputs} outputs are needed`);
   if ((inputs + outputs) * hidden > most) fail(`${shape} is too large`);
@@ -84,7 +84,7 @@ function readLinear(
     symbols = new Float64Array(inputs * outputs);
   for (let o = 0, at = 0; o < outputs; o++) {
     for (let i = 0; i < inputs; i++)
-      symbols[at++] = centred(Math.min(Math.max(scales[o] + further[i], 0), NUM_SCALES - 1)).decode(coder);
+      symbols[at++] = zeroMeanNormal(Math.min(Math.max(scales[o] + further[i], 0), NUM_SCALES - 1)).decode(coder);
   }
   return {
     inputs,

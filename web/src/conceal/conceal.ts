@@ -1,14 +1,16 @@
-// How gaps are concealed: what arrived is drawn with a gain on its size.
+// Concealers: gains of size and opacity for the received elements.
 
-import type { Pause } from "../turns.ts";
+import type { Pause } from "../scheduler.ts";
 import type { Elements } from "./elements.ts";
 import { grow } from "./grow.ts";
 import { sceneFree } from "./scene_free.ts";
 import { sceneFreeAnchors } from "./scene_free_anchors.ts";
 
 /**
- * Gains of size and of opacity of each received element in turn; null where nobody waits any more. What is known of all
- * elements is asked for by those that need it, received ones first.
+ * Computes gains, shape (received, 2), of size and opacity. Resolves to null if the result is no longer needed.
+ *
+ * `elements` provides the properties of all elements, received ones first. Concealers that do not call it cost no
+ * memory.
  */
 export type Concealer = (
   received: number,
@@ -16,22 +18,25 @@ export type Concealer = (
   pause: Pause,
 ) => Promise<Float32Array | null>;
 
-/** One that looks at what is known of all elements. */
-export const grown =
+/** Makes a concealer from a function of all elements' properties. */
+export const fromElements =
   (gains: (all: Elements, pause: Pause) => Promise<Float32Array | null>): Concealer =>
   async (received, elements, pause) => {
     const all = await elements();
     return all && ((await gains(all, pause))?.subarray(0, 2 * received) ?? null);
   };
 
-/** Those that work on any elements. */
+/** Concealers for any kind of elements. */
 export const CONCEALERS: Readonly<Record<string, Concealer>> = {
   drop: (received) => Promise.resolve(new Float32Array(2 * received).fill(1)),
-  grow: grown(grow),
+  grow: fromElements(grow),
 };
 
-export const SPLAT_CONCEALERS: Readonly<Record<string, Concealer>> = { ...CONCEALERS, scene_free: grown(sceneFree) };
+export const SPLAT_CONCEALERS: Readonly<Record<string, Concealer>> = {
+  ...CONCEALERS,
+  scene_free: fromElements(sceneFree),
+};
 export const ANCHOR_CONCEALERS: Readonly<Record<string, Concealer>> = {
   ...CONCEALERS,
-  scene_free: grown(sceneFreeAnchors),
+  scene_free: fromElements(sceneFreeAnchors),
 };

@@ -1,33 +1,32 @@
-// What concealers ask about elements.
+// Inputs of the concealers.
 
-/**
- * What is known of all elements of a scene, received or lost: lost ones lie and are as large as is expected of them.
- */
+/** Properties of all elements of a scene. Those of lost elements are predicted. */
 export interface Elements {
-  /** x, y, z of each. */
+  /** Positions x, y, z, shape (count, 3). */
   readonly positions: Float32Array;
-  /** Each one's size: what it counts for among its neighbours, unless that of its tier is known. */
+  /** Sizes, shape (count). They weight the elements unless `tierSizes` is present. */
   readonly sizes: Float32Array;
-  /** How large elements of each one's tier are; null where the sender does not say. */
+  /** Typical size of each element's tier, shape (count); null if the stream does not contain it. */
   readonly tierSizes: Float32Array | null;
-  /** Of those that arrived; null where an element has no opacity of its own. */
+  /** Opacities of received elements; null for elements without individual opacity. */
   readonly opacities: Float32Array | null;
   readonly known: Uint8Array;
-  /** Which elements of the scene they are: of those that are equally far from one, the first counts. */
+  /** Index of each element in the scene. It decides ties between equally distant elements. */
   readonly places: Int32Array;
-  /** Logarithms of the axes of received Gaussians, largest first; null for anchors. */
+  /** Log lengths of the received Gaussians' axes, shape (received, 3), largest first; null for anchors. */
   readonly logScales: Float32Array | null;
-  /** What there is to know of received anchors, the first elements; null for explicit Gaussians. */
+  /** Further properties of the received anchors, which are the first elements; null for explicit Gaussians. */
   readonly anchors: (() => AnchorFacts) | null;
 }
 
 export interface AnchorFacts {
-  /** Logarithms of the unit of each one's offsets and of its three sizes. */
+  /** Logarithms of the unit of the offsets and of the three sizes, shape (received, 4). */
   readonly logs: Float64Array;
-  /** How many Gaussians each has. */
-  readonly active: Uint8Array;
+  /** Number of Gaussians of each anchor. */
+  readonly numGaussians: Uint8Array;
   /**
-   * Logarithms of how far features are expected to be off, in their spreads, and lengths, in what is expected of them.
+   * Log of the features' expected error in units of their spread, and of the lengths' error in units of its prediction;
+   * shape (received, 2).
    */
-  readonly unsure: Float64Array;
+  readonly expectedErrors: Float64Array;
 }

@@ -1,16 +1,16 @@
-// A network of one hidden layer between standardised inputs and two numbers. The twin of
-// `splatwire.conceal.scene_free.network.Perceptron`.
+// Network with standardised inputs, one hidden layer and two outputs. Counterpart of
+// `splatwire.concealment.scene_free.network.Perceptron`.
 
-const MOST_UNUSUAL = 3;
+const MAX_STANDARDISED = 3;
 
-/** Its numbers as they are in `scene_free_weights.ts`. */
+/** Network weights as stored in `scene_free_weights.ts`. */
 interface Weights {
   readonly inputs: number;
   readonly hidden: number;
   readonly bytes: string;
 }
 
-/** What makes two numbers of inputs; unusual ones are cut off. */
+/** Returns a function that evaluates the network. Standardised inputs are clamped to [-3, 3]. */
 export function perceptron({ inputs, hidden, bytes }: Weights): (signature: Float64Array) => [number, number] {
   const numbers = new Float32Array(Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0)).buffer);
   let at = 0;
@@ -21,14 +21,14 @@ export function perceptron({ inputs, hidden, bytes }: Weights): (signature: Floa
     firstBias = next(hidden),
     last = next(2 * hidden),
     lastBias = next(2);
-  const usual = new Float64Array(inputs);
+  const standardised = new Float64Array(inputs);
   return (signature) => {
     const found: [number, number] = [lastBias[0], lastBias[1]];
     for (let n = 0; n < inputs; n++)
-      usual[n] = Math.min(Math.max((signature[n] - mean[n]) / spread[n], -MOST_UNUSUAL), MOST_UNUSUAL);
+      standardised[n] = Math.min(Math.max((signature[n] - mean[n]) / spread[n], -MAX_STANDARDISED), MAX_STANDARDISED);
     for (let h = 0; h < hidden; h++) {
       let sum = firstBias[h];
-      for (let n = 0; n < inputs; n++) sum += first[h * inputs + n] * usual[n];
+      for (let n = 0; n < inputs; n++) sum += first[h * inputs + n] * standardised[n];
       const active = sum / (1 + Math.exp(-sum));
       found[0] += last[h] * active;
       found[1] += last[hidden + h] * active;

@@ -1,16 +1,16 @@
-// The small network for anchors: it corrects the growth of `grow`, and says how opaque Gaussians become. The twin of
-// `splatwire.conceal.scene_free.network` and `signature`.
+// Concealer `scene_free` for anchors: a small network corrects the gains of `grow` and predicts those of opacity.
+// Counterpart of `splatwire.concealment.scene_free.network` and `signature`.
 
-import type { Pause } from "../turns.ts";
+import type { Pause } from "../scheduler.ts";
 import type { Elements } from "./elements.ts";
-import { gainsLeft, lostShare, RULE, type Rule, receivedShare } from "./grow.ts";
+import { lostShare, RULE, type Rule, receivedShare, sizeGain } from "./grow.ts";
 import { KdTree } from "./kd_tree.ts";
 import { perceptron } from "./perceptron.ts";
-import { gainFor } from "./scene_free.ts";
+import { logGain } from "./scene_free.ts";
 import { ANCHORS } from "./scene_free_weights.ts";
 
 const NEIGHBOURS = 64,
-  CLOSE = 32,
+  STATISTICS_NEIGHBOURS = 32,
   COUNTS = [4, 12, 32],
   REACHES = [1, 4, 16],
   MIDDLE_REACH = 4,
@@ -18,40 +18,40 @@ const NEIGHBOURS = 64,
 const CLASS_NEIGHBOURS = 12,
   CLASS_SHARES = [8, 64],
   MIN_CLASS = 8,
-  AT_A_TIME = 128,
-  SMALLEST = 1e-9,
-  TINY = 2 ** -126,
-  FEWEST = 0.5;
-const MOST_CHANGE = 0.3,
-  TRUST = 0.5;
-const opinion = perceptron(ANCHORS);
+  BATCH = 128,
+  MIN_LENGTH = 1e-9,
+  MIN_SUM = 2 ** -126,
+  MIN_GAUSSIANS = 0.5;
+const MAX_CORRECTION = 0.3,
+  CORRECTION_WEIGHT = 0.5;
+const network = perceptron(ANCHORS);
 
 /**
- * Gains of size and opacity in turn of all elements, anchors; those of lost ones are 1. `trust` is how much of the
- * network's correction is taken.
+ * Computes gains of size and opacity, shape (count, 2), of anchors. Those of lost elements are 1. `trust` weights the
+ * network's correction. Resolves to null if the result is no longer needed.
  */
 export async function sceneFreeAnchors(
   elements: Elements,
   pause: Pause,
   rule: Rule = RULE,
-  trust = TRUST,
+  trust = CORRECTION_WEIGHT,
 ): Promise<Float32Array | null> {
   const { positions, known, places } = elements,
     count = known.length,
     gains = new Float32Array(2 * count).fill(1);
   const received = known.reduce((sum, there) => sum + there, 0);
   if (received === 0 || received === count) return gains;
-  const look = new Surroundings(elements, received),
+  const look = new NeighbourhoodFeatures(elements, received),
     there = receivedShare(elements),
     tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), places),
     signature = new Float64Array(ANCHORS.inputs);
   for (let i = 0; i < received; i++) {
-    if (i % AT_A_TIME === 0 && !(await pause())) return null;
+    if (i % BATCH === 0 && !(await pause())) return null;
     const near = tree.nearestFirst(i),
-      grown = gainsLeft(1 - lostShare(elements, near), there, rule);
+      grown = sizeGain(1 - lostShare(elements, near), there, rule);
     look.describe(i, near, tree.distances, signature);
-    const [size, opacity] = opinion(signature).map((change) =>
-      Math.exp(trust * Math.min(Math.max(change, -MOST_CHANGE), MOST_CHANGE)),
+    const [size, opacity] = network(signature).map((change) =>
+      Math.exp(trust * Math.min(Math.max(change, -MAX_CORRECTION), MAX_CORRECTION)),
     );
     gains[2 * i] = grown * size;
     gains[2 * i + 1] = opacity;
@@ -60,8 +60,8 @@ export async function sceneFreeAnchors(
 }
 
 /**
- * The largest anchors: what covers a hole that one of them left is the others, of which the nearest neighbours say
- * nothing.
+ * The largest anchors of a scene. A hole left by one of them is covered by others of this class, which are often not
+ * among the nearest neighbours.
  */
 class SizeClass {
   readonly #tree: KdTree;
@@ -81,22 +81,22 @@ class SizeClass {
     );
   }
 
-  /** The nearest members of where an element lies, itself if it is one; squares of their distances. */
-  near(i: number): { who: Int32Array; far: Float64Array } {
+  /** Returns the class members nearest to element `i`, including itself, and their squared distances. */
+  near(i: number): { indices: Int32Array; far: Float64Array } {
     const { positions } = this.elements,
       found = this.#tree.nearest(positions[3 * i], positions[3 * i + 1], positions[3 * i + 2]);
-    return { who: found.map((member) => this.members[member]), far: this.#tree.distances };
+    return { indices: found.map((member) => this.members[member]), far: this.#tree.distances };
   }
 }
 
-/** What is seen of a received anchor, the first so many elements: ratios only, no unit of length. */
-class Surroundings {
+/** Network inputs of received anchors. All are ratios and therefore independent of the unit of length. */
+class NeighbourhoodFeatures {
   readonly #logs: Float64Array;
   readonly #areas: Float64Array;
   readonly #classes: readonly SizeClass[];
-  readonly #overall: number;
-  readonly #typical: number;
-  readonly #least: number;
+  readonly #sceneLogGain: number;
+  readonly #medianLogSize: number;
+  readonly #minLogSize: number;
 
   constructor(
     readonly elements: Elements,
@@ -104,11 +104,11 @@ class Surroundings {
   ) {
     const { sizes, places } = elements,
       count = sizes.length;
-    this.#logs = Float64Array.from(sizes, (size) => Math.log(Math.max(size, SMALLEST)));
+    this.#logs = Float64Array.from(sizes, (size) => Math.log(Math.max(size, MIN_LENGTH)));
     this.#areas = this.#logs.map((log) => Math.exp(2 * log));
-    this.#overall = gainFor(1 - received / count);
-    this.#typical = this.#logs.slice().sort()[(count - 1) >> 1];
-    this.#least = this.#logs.reduce((least, log) => Math.min(least, log), Infinity);
+    this.#sceneLogGain = logGain(1 - received / count);
+    this.#medianLogSize = this.#logs.slice().sort()[(count - 1) >> 1];
+    this.#minLogSize = this.#logs.reduce((least, log) => Math.min(least, log), Infinity);
     const bySize = Int32Array.from({ length: count }, (_, i) => i).sort(
       (a, b) => sizes[b] - sizes[a] || places[a] - places[b],
     );
@@ -117,23 +117,23 @@ class Surroundings {
     );
   }
 
-  /** Fills `out`, given the nearest others and the squares of their distances. */
+  /** Writes the inputs of element `i` to `out`, given its nearest neighbours and their squared distances. */
   describe(i: number, near: Int32Array, far: Float64Array, out: Float64Array): void {
     const { known } = this.elements,
-      { logs, active, unsure } = this.elements.anchors!(),
+      { logs, numGaussians, expectedErrors } = this.elements.anchors!(),
       areas = this.#areas,
       expected = this.#logs[i];
-    const lengths = [0, 1, 2, 3].map((n) => Math.max(logs[4 * i + n], this.#least)),
+    const lengths = [0, 1, 2, 3].map((n) => Math.max(logs[4 * i + n], this.#minLogSize)),
       own = (lengths[1] + lengths[2] + lengths[3]) / 3;
-    const close = near.subarray(0, CLOSE),
+    const close = near.subarray(0, STATISTICS_NEIGHBOURS),
       end = close.length,
       own2 = Math.exp(2 * own);
-    out[0] = this.#overall;
-    COUNTS.forEach((count, n) => (out[1 + n] = gainFor(share(known, close.subarray(0, count)))));
+    out[0] = this.#sceneLogGain;
+    COUNTS.forEach((count, n) => (out[1 + n] = logGain(lostShareByNumber(known, close.subarray(0, count)))));
     let at = 4;
     for (const reach of REACHES) {
-      const { gone, whole } = this.#covered(i, close, far, reach);
-      out[at++] = gainFor(gone / Math.max(whole, TINY));
+      const { gone, whole } = this.#lostArea(i, close, far, reach);
+      out[at++] = logGain(gone / Math.max(whole, MIN_SUM));
       if (reach === MIDDLE_REACH) out[at++] = Math.log1p(gone / own2);
     }
     let all = 0,
@@ -143,38 +143,38 @@ class Surroundings {
     for (const j of close) {
       all += areas[j];
       if (known[j]) {
-        actives += active[j];
+        actives += numGaussians[j];
         there++;
       } else lost += areas[j];
     }
-    out[at++] = gainFor(lost / Math.max(all, TINY));
+    out[at++] = logGain(lost / Math.max(all, MIN_SUM));
     for (const members of this.#classes) {
-      const { who, far } = members.near(i),
-        { gone, whole } = this.#covered(i, who, far, MIDDLE_REACH);
-      out[at++] = gainFor(share(known, who));
-      out[at++] = gainFor(gone / Math.max(whole, TINY));
+      const { indices, far } = members.near(i),
+        { gone, whole } = this.#lostArea(i, indices, far, MIDDLE_REACH);
+      out[at++] = logGain(lostShareByNumber(known, indices));
+      out[at++] = logGain(gone / Math.max(whole, MIN_SUM));
       out[at++] = Math.log1p(gone / own2);
     }
-    const spacing = end ? distance(far[Math.min(SPACING_RANK, end - 1)]) : expected,
-      farthest = end ? distance(far[end - 1]) : expected;
+    const spacing = end ? logDistance(far[Math.min(SPACING_RANK, end - 1)]) : expected,
+      farthest = end ? logDistance(far[end - 1]) : expected;
     out[at++] = own - spacing;
     out[at++] = lengths[0] - spacing;
     out[at++] = Math.max(lengths[1], lengths[2], lengths[3]) - own;
     out[at++] = expected - spacing;
-    out[at++] = expected - this.#typical;
+    out[at++] = expected - this.#medianLogSize;
     out[at++] = farthest - spacing;
-    out[at++] = Math.log(Math.max(active[i], FEWEST));
-    out[at++] = Math.log(Math.max(actives / Math.max(there, 1), FEWEST));
+    out[at++] = Math.log(Math.max(numGaussians[i], MIN_GAUSSIANS));
+    out[at++] = Math.log(Math.max(actives / Math.max(there, 1), MIN_GAUSSIANS));
     out[at++] = own - expected;
-    out[at++] = unsure[2 * i];
-    out[at++] = unsure[2 * i + 1];
+    out[at++] = expectedErrors[2 * i];
+    out[at++] = expectedErrors[2 * i + 1];
   }
 
   /**
-   * Areas of neighbours, less where they are far away for the sizes of both: of lost ones, and of all and the anchor
-   * itself.
+   * Sums the areas of the neighbours, attenuated by distance in relation to the sizes. `gone` is the sum over lost
+   * ones, `whole` that over all including element `i`.
    */
-  #covered(i: number, near: Int32Array, far: Float64Array, reach: number): { gone: number; whole: number } {
+  #lostArea(i: number, near: Int32Array, far: Float64Array, reach: number): { gone: number; whole: number } {
     const { known } = this.elements,
       areas = this.#areas;
     let gone = 0,
@@ -189,10 +189,10 @@ class Surroundings {
   }
 }
 
-const distance = (square: number): number => Math.log(Math.max(Math.sqrt(square), SMALLEST));
+const logDistance = (square: number): number => Math.log(Math.max(Math.sqrt(square), MIN_LENGTH));
 
-/** Share that is lost, counting heads. */
-function share(known: Uint8Array, near: Int32Array): number {
+/** Returns the lost share by number. */
+function lostShareByNumber(known: Uint8Array, near: Int32Array): number {
   let lost = 0;
   for (const j of near) lost += known[j] ? 0 : 1;
   return lost / Math.max(near.length, 1);

@@ -1,6 +1,6 @@
 // Made by web/scripts/make_weights.py; do not edit.
 
-/** Floats of 32 bits, little-endian: mean, spread, first layer (row by row) and its bias, last layer and its bias. */
+/** Little-endian 32-bit floats: mean, spread, weights (row by row) and biases of the first, then of the last layer. */
 export const GAUSSIANS = { inputs: 12, hidden: 24, bytes:
   "JIVhPn52bj4bLF0+pk/lv00xKzzGM049FeGRP29mwj+XRjY+0q4ePvQlED/1LXY+VI4xPousPT5bLcs90MCRP5DJcT+nyUQ/cUKA" +
   "PxVlyT+ULxdA4EKzP8/8Mz/zrvg+Bks+ve45YT4tFhm+ak9+vliRwb0QYis9qP6FvXnIOz7dI+Q8PyENPvZJp73q7pW9g3vDvozj" +

@@ -1,16 +1,22 @@
-// Integers under a normal or a mixture of two of one mean: intervals out of 2^24 are computed where a symbol is looked
-// for.
+// Integers under a normal distribution or a mixture of two with a common mean. Interval bounds, out of 2^24, are
+// computed on demand.
 
 import type { RangeDecoder } from "./decoder.ts";
 import { HALF_WIDTHS, INVERSE_SCALES, MEAN_BITS, NORMAL, TOTAL_BITS, Z_CELL_BITS, Z_LIMIT } from "./tables.ts";
 
 const TOTAL = 2 ** TOTAL_BITS,
-  ESCAPE = 16;
+  ESCAPE_SIZE = 16;
 const STEP = 2 ** MEAN_BITS,
   HALF_STEP = STEP / 2,
   CELL = 2 ** Z_CELL_BITS;
 
-/** Distribution function, out of 2^24, at a distance from the mean (in steps, 12 fractional bits). */
+/** Uses after which all intervals of a window of at most `MOST` symbols are computed. */
+const USES = 16,
+  MOST = 2048,
+  GUESSES = 256,
+  GUESS_SHIFT = TOTAL_BITS - 8;
+
+/** Normal distribution function, out of 2^24, at a distance from the mean in steps (12 fractional bits). */
 function normalCdf(distance: number, inverse: number): number {
   const z = Math.floor((distance * inverse) / 65536);
   if (z <= -Z_LIMIT) return 0;
@@ -23,11 +29,15 @@ function normalCdf(distance: number, inverse: number): number {
 export class Mixture {
   readonly #low: number;
   readonly #high: number;
-  /** Starts of intervals that were asked for before, -1 where none was; of all symbols of the window. */
+  /** Cached lower bounds of the symbols' intervals, one per symbol of the window; -1 if not computed yet. */
   readonly #starts: Int32Array;
+  /** Symbol that each `GUESS`-th position of the code is in. Null until it pays off to compute all intervals. */
+  #guesses: Uint16Array | null = null;
+  #uses = 0;
 
   /**
-   * `mean` has 12 fractional bits, scales are entries of the table; `weight` of the first out of 2^16 (all: no second).
+   * Creates a distribution. `mean` has 12 fractional bits; `scale` and `wide` index the scale table. `weight` is that
+   * of the first component, out of 2^16; 65536 means a single normal.
    */
   constructor(
     readonly mean: number,
@@ -46,12 +56,27 @@ export class Mixture {
   decode(coder: RangeDecoder): number {
     const target = coder.target(TOTAL),
       most = this.#starts.length - 1;
-    if (target >= TOTAL - ESCAPE) {
-      coder.advance(TOTAL - ESCAPE, ESCAPE, TOTAL);
+    if (target >= TOTAL - ESCAPE_SIZE) {
+      coder.advance(TOTAL - ESCAPE_SIZE, ESCAPE_SIZE, TOTAL);
       const above = coder.raw(1),
         excess = coder.gamma();
       return above ? this.#high + 1 + excess : this.#low - 1 - excess;
     }
+    const guesses = this.#guesses;
+    if (guesses) {
+      const starts = this.#starts;
+      let at = guesses[target >> GUESS_SHIFT],
+        start = starts[at],
+        next = starts[at + 1];
+      while (next <= target) {
+        at++;
+        start = next;
+        next = starts[at + 1];
+      }
+      coder.advance(start, next - start, TOTAL);
+      return this.#low + at;
+    }
+    if (++this.#uses > USES && most <= MOST) this.#tabulate();
     let left = most >> 1,
       right = left + 1,
       jump = 1;
@@ -80,6 +105,17 @@ export class Mixture {
     return this.#low + left;
   }
 
+  /** Computes all intervals, and the symbols from which the search for an interval begins. */
+  #tabulate(): void {
+    const guesses = new Uint16Array(GUESSES);
+    for (let guess = 0, at = 0; guess < GUESSES; guess++) {
+      while (at < this.#starts.length - 2 && this.#start(at + 1) <= guess << GUESS_SHIFT) at++;
+      guesses[guess] = at;
+    }
+    for (let at = 0; at < this.#starts.length; at++) this.#start(at);
+    this.#guesses = guesses;
+  }
+
   #start(place: number): number {
     const known = this.#starts[place];
     return known >= 0 ? known : (this.#starts[place] = this.#compute(place));
@@ -88,7 +124,7 @@ export class Mixture {
   #compute(place: number): number {
     const count = this.#starts.length - 1;
     if (place <= 0) return 0;
-    if (place >= count) return TOTAL - ESCAPE;
+    if (place >= count) return TOTAL - ESCAPE_SIZE;
     const distance = (this.#low + place) * STEP - HALF_STEP - this.mean;
     let below = normalCdf(distance, INVERSE_SCALES[this.scale]);
     if (this.weight < 65536) {
@@ -96,11 +132,13 @@ export class Mixture {
         (below * this.weight + normalCdf(distance, INVERSE_SCALES[this.wide]) * (65536 - this.weight)) / 65536,
       );
     }
-    return Math.floor((below * (TOTAL - ESCAPE - count)) / TOTAL) + place;
+    return Math.floor((below * (TOTAL - ESCAPE_SIZE - count)) / TOTAL) + place;
   }
 }
 
-const CENTRED: (Mixture | undefined)[] = [];
+const ZERO_MEAN: (Mixture | undefined)[] = [];
 
-/** The normal of mean 0 of this entry of the scale table; what it computed once it knows. */
-export const centred = (scale: number): Mixture => (CENTRED[scale] ??= new Mixture(0, scale));
+/**
+ * Returns the normal of mean 0 for an entry of the scale table. Instances are shared because each caches its bounds.
+ */
+export const zeroMeanNormal = (scale: number): Mixture => (ZERO_MEAN[scale] ??= new Mixture(0, scale));

@@ -1,4 +1,4 @@
-// Integer tables behind the range coder: the twin of `splatwire.entropy.tables`.
+// Integer tables of the range coder. Counterpart of `splatwire.entropy.tables`.
 
 export const TOTAL_BITS = 24,
   MEAN_BITS = 12,
@@ -9,13 +9,15 @@ export const Z_CELL_BITS = 9,
 const INVERSE_BITS = 20;
 
 const ROOT_2_PI = 2.5066282746310002,
-  /** So many make the sums as exact as doubles are, up to 6. */
+  /** Terms of the series; enough for double precision up to z = 6. */
   TERMS = 100;
 
 /**
- * Normal distribution function at multiples of 1/128 from -6 to 6, out of 2^24: 1/2 + phi(z) (z + z^3/3 + z^5/15 ...),
- * with phi(z) = 1 / (sqrt(2 pi) (1 + z^2/2 + z^4/8 + ...)). Doubles are added, multiplied and divided, which gives the
- * same everywhere: within 2e-8 of the exact values, of which none is nearer than 4e-6 to where it rounds otherwise.
+ * Normal distribution function at multiples of 1/128 from -6 to 6, out of 2^24.
+ *
+ * It is 1/2 + phi(z) (z + z^3/3 + z^5/15 ...) with phi(z) = 1 / (sqrt(2 pi) (1 + z^2/2 + z^4/8 + ...)). Additions,
+ * multiplications and divisions of doubles give the same result on every machine. The error is below 2e-8. No exact
+ * value is within 4e-6 of a rounding boundary.
  */
 export const NORMAL: Int32Array = (() => {
   const half = Z_LIMIT >> Z_CELL_BITS,
@@ -39,14 +41,14 @@ export const NORMAL: Int32Array = (() => {
   return table;
 })();
 
-/** Reciprocals of the scales with 20 fractional bits: entry 16 e + m stands for 2^(e - 6) (1 + (m + 1/2) / 16). */
+/** Reciprocals of the scales with 20 fractional bits. Entry 16 e + m is the scale 2^(e - 6) (1 + (m + 1/2) / 16). */
 export const INVERSE_SCALES: Int32Array = Int32Array.from({ length: NUM_SCALES }, (_, index) => {
   const numerator = 2 * SCALE_STEPS * 2 ** (INVERSE_BITS + 6);
   const denominator = (2 * SCALE_STEPS + 2 * (index % SCALE_STEPS) + 1) * 2 ** Math.floor(index / SCALE_STEPS);
   return Math.floor((2 * numerator + denominator) / (2 * denominator));
 });
 
-/** Half width, in symbols, of the window in which symbols have an interval of their own. */
+/** Half width of the window of symbols with their own interval, in symbols. Symbols outside use an escape code. */
 export const HALF_WIDTHS: Int32Array = INVERSE_SCALES.map((inverse) =>
   Math.min(8191, Math.floor((10 * 2 ** INVERSE_BITS) / inverse) + 16),
 );

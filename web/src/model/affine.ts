@@ -1,10 +1,10 @@
-// Affine layers of networks.
+// Affine layers of neural networks.
 
-/** Rows and outputs that are worked out together: their sums stay in registers. */
+/** Rows and outputs per block. The sums of a block fit into registers. */
 export const ROWS = 4;
 const COLUMNS = 2;
 
-/** A matrix, one output after another, and biases. */
+/** Affine layer: weights, shape (outputs, inputs), and biases, shape (outputs). */
 export interface Affine {
   readonly inputs: number;
   readonly outputs: number;
@@ -12,7 +12,7 @@ export interface Affine {
   readonly bias: Float64Array;
 }
 
-/** The same layer with an even number of outputs; one that was not there is 0. */
+/** Returns the layer with an even number of outputs. An added output is 0. */
 export function padded({ inputs, outputs, weights, bias }: Affine): Affine {
   const even = Math.ceil(outputs / COLUMNS) * COLUMNS,
     all = new Float64Array(even * inputs),
@@ -22,7 +22,10 @@ export function padded({ inputs, outputs, weights, bias }: Affine): Affine {
   return { inputs, outputs: even, weights: all, bias: biases };
 }
 
-/** Outputs, an even number, of rows of inputs that lie `stride` apart; `rows` is a multiple of `ROWS`. */
+/**
+ * Evaluates a layer with an even number of outputs. Input rows begin `stride` apart; `rows` is a multiple of `ROWS`.
+ * Results go to `out`, shape (rows, outputs).
+ */
 export function affine(
   { inputs, outputs, weights, bias }: Affine,
   x: Float64Array,

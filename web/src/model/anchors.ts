@@ -1,17 +1,20 @@
-// Anchors as heads draw them.
+// Anchors as inputs of the neural heads.
 
 import type { Camera } from "./camera.ts";
 
 export interface Anchors {
   readonly count: number;
   readonly numOffsets: number;
-  /** x, y, z of each, world units. */
+  /** Positions x, y, z, shape (count, 3), world units. */
   readonly positions: Float32Array;
-  /** Unit of each one's offsets. */
+  /** Length of one unit of `offsets`, shape (count), world units. */
   readonly scales: Float32Array;
-  /** Largest standard deviations of its Gaussians along their axes, three each. */
+  /** Upper bounds of the Gaussians' standard deviations along their axes, shape (count, 3), world units. */
   readonly sizes: Float32Array;
-  /** Which offsets exist, and the offsets in units of the scale, three each. */
+  /**
+   * Existing offsets (1) per anchor, shape (count, numOffsets), and the offsets in units of `scales`, shape (count,
+   * numOffsets, 3).
+   */
   readonly masks: Uint8Array;
   readonly offsets: Float32Array;
 }
@@ -22,8 +25,8 @@ const NEAR_DEPTH = 0.2,
   TILE = 16;
 
 /**
- * Tells whether a camera may see an anchor, as `splatwire.model` does: projected as a Gaussian of its scale, it meets a
- * tile of the picture.
+ * Returns true if the camera may see an anchor: projected as a Gaussian of size `scale`, it overlaps a tile of the
+ * picture. Same test as in `splatwire.anchors`.
  */
 export function inView(
   { viewmat: [right, down, ahead], focal, width, height, margin }: Camera,

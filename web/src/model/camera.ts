@@ -1,29 +1,30 @@
-// A camera: where Gaussians of a view are seen from.
+// Cameras.
 
 export interface Camera {
-  /** World to camera, three or four rows of four; x to the right, y down, z ahead. */
+  /** World-to-camera matrix, three or four rows of four. Axes: x right, y down, z forward (OpenCV). */
   readonly viewmat: readonly (readonly number[])[];
   /** Focal length, pixels. */
   readonly focal: number;
   readonly width: number;
   readonly height: number;
-  /** Pixels around the picture in which Gaussians are wanted, too. */
+  /** Width of the border around the picture that also gets Gaussians, pixels. */
   readonly margin: number;
 }
 
-/** Where it stands. */
-export function eyeOf({ viewmat: [x, y, z] }: Pick<Camera, "viewmat">): [number, number, number] {
+/** Returns the camera's position, world units. */
+export function cameraPosition({ viewmat: [x, y, z] }: Pick<Camera, "viewmat">): [number, number, number] {
   const along = (a: number): number => -(x[a] * x[3] + y[a] * y[3] + z[a] * z[3]);
   return [along(0), along(1), along(2)];
 }
 
 /**
- * A camera as `splatwire` writes it: world to camera, OpenCV axes; focal length in pixels of a picture of this height.
+ * Camera as `splatwire` writes it: a world-to-camera matrix with OpenCV axes. The focal length is in pixels of a
+ * picture of this height.
  */
 export interface FixedCamera {
   readonly viewmat: readonly (readonly number[])[];
   readonly focal: number;
   readonly height: number;
-  /** That of the element's shape where absent. */
+  /** Picture width, pixels. The default follows the element's aspect ratio. */
   readonly width?: number;
 }

@@ -1,43 +1,46 @@
-// Neural heads: anchors become the Gaussians that a camera sees. The twin of `splatwire.model.gaussian_heads`.
+// Neural heads, which derive the Gaussians of a view from anchors. Counterpart of
+// `splatwire.neural.model.gaussian_heads`.
 
-import { emptySplats, firstOf, type Splats, splatBytes } from "../codec/splats.ts";
+import { emptySplats, type Splats, splatBytes, subSplats } from "../codec/splats.ts";
 import { type Affine, affine, padded, ROWS } from "./affine.ts";
 import { type Anchors, inView } from "./anchors.ts";
-import { type Camera, eyeOf } from "./camera.ts";
+import { type Camera, cameraPosition } from "./camera.ts";
 
-/** What gives an opacity of 1/255. */
-const LEAST_LOGIT = Math.atanh(1 / 255),
-  LEAST_NORM = 1e-12;
-/** Inputs behind the feature: direction from the camera, distance. */
+/** Network output for an opacity of 1/255, the least that is drawn. */
+const MIN_LOGIT = Math.atanh(1 / 255),
+  MIN_NORM = 1e-12;
+/** Inputs after the feature vector: direction from the camera (3) and distance. */
 const VIEW_INPUTS = 4;
 
-/** Two layers with a rectifier between them, of this slope below zero. */
+/** Network of two layers with a leaky rectifier in between. `slope` applies below zero. */
 export interface Mlp {
   readonly hidden: Affine;
   readonly output: Affine;
   readonly slope: number;
 }
 
-/** The Gaussians of some anchors, and the anchor of each. */
+/** Gaussians and the index of each one's anchor. */
 export interface Spawned {
   readonly splats: Splats;
   readonly owners: Int32Array;
 }
 
 /**
- * The networks of opacity, covariance and colour. What features say to their hidden layers is the same in every view:
- * it is worked out once, and takes the features' place.
+ * Networks for opacity, covariance and colour.
+ *
+ * The features' contribution to the hidden layers is the same in every view. It is computed once by
+ * `featureActivations` and then replaces the features.
  */
 export class Heads {
   readonly #networks: readonly Mlp[];
-  /** The hidden layers of all three as far as they read features, and as far as they read direction and distance. */
+  /** Hidden layers of all three networks, split by input: feature vector; direction and distance. */
   readonly #featureLayer: Affine;
   readonly #viewWeights: Float64Array;
-  /** Where the hidden numbers of each network begin among those of all; the end. */
-  readonly #firsts: number[];
-  /** How many there are, even. */
+  /** Index of each network's first hidden unit among all, and the total. */
+  readonly #offsets: number[];
+  /** Number of hidden units of all networks, rounded up to an even number. */
   readonly #width: number;
-  readonly #active: Float64Array;
+  readonly #hidden: Float64Array;
   readonly #shape = new Float64Array(7);
   readonly #color = new Float64Array(3);
 
@@ -57,19 +60,19 @@ export class Heads {
       weights: join(rows.map((row) => row.subarray(0, features))),
       bias: join(hidden.map(({ bias }) => bias)),
     });
-    this.#firsts = [0];
-    for (const { outputs } of hidden) this.#firsts.push(this.#firsts[this.#firsts.length - 1] + outputs);
+    this.#offsets = [0];
+    for (const { outputs } of hidden) this.#offsets.push(this.#offsets[this.#offsets.length - 1] + outputs);
     this.#width = this.#featureLayer.outputs;
-    this.#active = new Float64Array(this.#width);
+    this.#hidden = new Float64Array(this.#width);
   }
 
-  /** Memory that an anchor of so many offsets takes, with the Gaussians that a camera sees. */
+  /** Returns the memory of an anchor including the Gaussians of a view, bytes. */
   anchorBytes(numOffsets: number): number {
     return 4 * (7 + this.#width) + numOffsets * (13 + splatBytes(0));
   }
 
-  /** What features, one anchor's after another's, say to the hidden layers. */
-  prepared(features: Float32Array): Float32Array {
+  /** Computes the contribution of features, shape (count, inputs), to the hidden layers, shape (count, width). */
+  featureActivations(features: Float32Array): Float32Array {
     const inputs = this.#featureLayer.inputs,
       count = features.length / inputs,
       rows = Math.ceil(count / ROWS) * ROWS;
@@ -81,15 +84,15 @@ export class Heads {
   }
 
   /**
-   * The Gaussians of all anchors that the camera may see whose opacity is at least 1/255, anchor by anchor; `hidden` is
-   * what their features say.
+   * Returns the Gaussians of all anchors in the camera's view with an opacity of at least 1/255, in anchor order.
+   * `hidden` is the result of `featureActivations`.
    */
   spawn(anchors: Anchors, hidden: Float32Array, camera: Camera): Spawned {
     const { count, numOffsets, positions, scales, masks } = anchors,
       most = masks.reduce((sum, there) => sum + there, 0);
     const splats = emptySplats(most, 0),
       owners = new Int32Array(most),
-      eye = eyeOf(camera);
+      eye = cameraPosition(camera);
     let found = 0;
     for (let n = 0; n < count; n++) {
       const x = positions[3 * n],
@@ -105,7 +108,7 @@ export class Heads {
       for (let k = 0; k < numOffsets; k++) {
         if (!masks[n * numOffsets + k]) continue;
         const logit = this.#output(0, k);
-        if (!(logit >= LEAST_LOGIT)) continue;
+        if (!(logit >= MIN_LOGIT)) continue;
         if (first === found) {
           for (const network of [1, 2])
             this.#activate(network, hidden, n, dx / distance, dy / distance, dz / distance, distance);
@@ -115,10 +118,10 @@ export class Heads {
         this.#write(anchors, n, k, splats, found++);
       }
     }
-    return { splats: firstOf(splats, found), owners: owners.subarray(0, found) };
+    return { splats: subSplats(splats, 0, found), owners: owners.subarray(0, found) };
   }
 
-  /** The hidden layer of a network. */
+  /** Computes a network's hidden layer for one anchor. */
   #activate(
     network: number,
     prepared: Float32Array,
@@ -130,10 +133,10 @@ export class Heads {
   ): void {
     const { slope } = this.#networks[network],
       weights = this.#viewWeights,
-      active = this.#active,
-      end = this.#firsts[network + 1];
+      active = this.#hidden,
+      end = this.#offsets[network + 1];
     for (
-      let o = this.#firsts[network], from = anchor * this.#width + o, at = o * VIEW_INPUTS;
+      let o = this.#offsets[network], from = anchor * this.#width + o, at = o * VIEW_INPUTS;
       o < end;
       o++, from++, at += VIEW_INPUTS
     ) {
@@ -144,13 +147,13 @@ export class Heads {
   }
 
   /**
-   * Outputs of a network from the n-th on, as many as `out` has (one, three or seven): sums that do not wait for one
-   * another.
+   * Computes `out.length` outputs (one, three or seven) of a network, beginning with output `n`. Independent sums let
+   * the processor overlap them.
    */
   #outputs(network: number, n: number, out: Float64Array): void {
     const { inputs, weights, bias } = this.#networks[network].output,
-      first = this.#firsts[network],
-      active = this.#active;
+      first = this.#offsets[network],
+      active = this.#hidden;
     let o = 0;
     for (; o + 1 < out.length; o += 2) {
       let a = bias[n + o],
@@ -180,8 +183,8 @@ export class Heads {
 
   #output(network: number, n: number): number {
     const { inputs, weights, bias } = this.#networks[network].output,
-      first = this.#firsts[network],
-      active = this.#active,
+      first = this.#offsets[network],
+      active = this.#hidden,
       at = n * inputs;
     let a = bias[n],
       b = 0,
@@ -198,7 +201,7 @@ export class Heads {
     return a + b + (c + d);
   }
 
-  /** Mean, quaternion, scale and colour of a Gaussian. */
+  /** Writes mean, quaternion, scale and colour of one Gaussian. */
   #write(
     { numOffsets, positions, scales, sizes, offsets }: Anchors,
     n: number,
@@ -212,7 +215,7 @@ export class Heads {
     this.#outputs(2, 3 * k, color);
     const norm = Math.max(
       Math.sqrt(shape[3] * shape[3] + shape[4] * shape[4] + shape[5] * shape[5] + shape[6] * shape[6]),
-      LEAST_NORM,
+      MIN_NORM,
     );
     for (let a = 0; a < 3; a++) {
       splats.means[3 * at + a] = positions[3 * n + a] + offsets[3 * (n * numOffsets + k) + a] * scales[n];

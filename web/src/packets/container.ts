@@ -1,10 +1,11 @@
-// The one-file layout (.swz), read while it comes: manifest and side information first, then packets one by one.
+// One-file layout (.swz), read incrementally: manifest, side information, then packets.
 
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { BitstreamError, hex } from "../bytes.ts";
 import { MAX_MANIFEST_BYTES, MAX_PACKET_BYTES } from "./limits.ts";
 import { type Manifest, readManifest } from "./manifest.ts";
+import { HEADER_BYTES } from "./packet.ts";
 
 const MAGIC = [0x93, 0x53, 0x57, 0x5a, 1],
   PREFIX = 9;
@@ -14,7 +15,7 @@ export interface Head {
   readonly sideInfo: Uint8Array;
 }
 
-/** Checks side information against its manifest. */
+/** Returns the head. Throws `BitstreamError` if the side information does not match the manifest. */
 export function checkHead(manifest: Manifest, sideInfo: Uint8Array): Head {
   if (sideInfo.length !== manifest.sideInfoBytes || hex(sha256(sideInfo)) !== manifest.sideInfoDigest) {
     throw new BitstreamError("the side information is damaged");
@@ -22,12 +23,12 @@ export function checkHead(manifest: Manifest, sideInfo: Uint8Array): Head {
   return { manifest, sideInfo };
 }
 
-/** Returns True if bytes begin as every stream's file does. */
+/** Returns true if the bytes begin with the magic number of a stream. */
 export function isStream(bytes: Uint8Array): boolean {
   return MAGIC.every((byte, n) => byte === bytes[n]);
 }
 
-/** A file up to its first packet. */
+/** Returns the bytes of a file before its first packet. */
 export function fileHead(manifest: Uint8Array, sideInfo: Uint8Array): Uint8Array {
   const bytes = new Uint8Array(PREFIX + manifest.length + sideInfo.length);
   bytes.set(MAGIC);
@@ -37,45 +38,30 @@ export function fileHead(manifest: Uint8Array, sideInfo: Uint8Array): Uint8Array
   return bytes;
 }
 
-/** Cuts a file that comes in pieces. After a packet whose size cannot be true the rest is left. */
-export class ContainerReader {
-  head: Head | null;
-  /** The file up to its first packet, once that is there. */
+/** Incremental reader for the head of a file: everything before its first packet. */
+export class HeadReader {
+  head: Head | null = null;
+  /** Bytes of the file before its first packet; empty until they are complete. */
   headBytes: Uint8Array = new Uint8Array();
-  /** Whether the rest cannot be read. */
-  broken = false;
   #manifest: Manifest | null = null;
-  #rest = new Uint8Array();
+  #bytes: Uint8Array = new Uint8Array();
 
-  /** `head`: where what comes begins with a packet. */
-  constructor(head: Head | null = null) {
-    this.head = head;
+  /**
+   * Adds bytes. Returns the bytes after the head once it is complete, otherwise null. Throws `BitstreamError` for an
+   * invalid head.
+   */
+  feed(piece: Uint8Array): Uint8Array | null {
+    const bytes = joined(this.#bytes, piece),
+      end = this.#read(bytes);
+    this.#bytes = end ? new Uint8Array() : bytes;
+    return end ? bytes.subarray(end) : null;
   }
 
-  /** Packets (their bytes, unchecked) that are complete now. */
-  feed(piece: Uint8Array): Uint8Array[] {
-    const bytes = new Uint8Array(this.#rest.length + piece.length),
-      packets: Uint8Array[] = [];
-    bytes.set(this.#rest);
-    bytes.set(piece, this.#rest.length);
-    const view = new DataView(bytes.buffer);
-    let at = this.head ? 0 : this.#readHead(bytes, view);
-    while (this.head && !this.broken && bytes.length - at >= 4) {
-      const size = view.getUint32(at, true);
-      if (size < 16 || size > MAX_PACKET_BYTES) this.broken = true;
-      if (this.broken || bytes.length - at < 4 + size) break;
-      packets.push(bytes.slice(at + 4, at + 4 + size));
-      at += 4 + size;
-    }
-    this.#rest = this.broken ? new Uint8Array() : bytes.slice(at);
-    return packets;
-  }
-
-  #readHead(bytes: Uint8Array, view: DataView): number {
+  #read(bytes: Uint8Array): number {
     if (MAGIC.some((byte, i) => i < bytes.length && bytes[i] !== byte))
       throw new BitstreamError("this is not a splatwire stream");
     if (bytes.length < PREFIX) return 0;
-    const size = view.getUint32(5, true);
+    const size = new DataView(bytes.buffer, bytes.byteOffset).getUint32(5, true);
     if (size > MAX_MANIFEST_BYTES) throw new BitstreamError(`a manifest cannot have ${size} bytes`);
     if (bytes.length < PREFIX + size) return 0;
     this.#manifest ??= readManifest(bytes.subarray(PREFIX, PREFIX + size));
@@ -85,4 +71,48 @@ export class ContainerReader {
     this.headBytes = bytes.slice(0, end);
     return end;
   }
+}
+
+/** Splits a file that arrives in pieces into packets. Data after a packet with an invalid size is discarded. */
+export class ContainerReader {
+  /** True after a packet with an invalid size. */
+  broken = false;
+  readonly #begin = new HeadReader();
+  #rest: Uint8Array = new Uint8Array();
+
+  get head(): Head | null {
+    return this.#begin.head;
+  }
+
+  /** Bytes of the file before its first packet; empty until they are complete. */
+  get headBytes(): Uint8Array {
+    return this.#begin.headBytes;
+  }
+
+  /** Adds the next bytes and returns the packets that are now complete, unchecked. */
+  feed(piece: Uint8Array): Uint8Array[] {
+    const behind = this.head ? piece : this.#begin.feed(piece);
+    if (!behind || this.broken) return [];
+    const bytes = joined(this.#rest, behind),
+      view = new DataView(bytes.buffer, bytes.byteOffset),
+      packets: Uint8Array[] = [];
+    let at = 0;
+    while (bytes.length - at >= 4) {
+      const size = view.getUint32(at, true);
+      if (size < HEADER_BYTES || size > MAX_PACKET_BYTES) this.broken = true;
+      if (this.broken || bytes.length - at < 4 + size) break;
+      packets.push(bytes.slice(at + 4, at + 4 + size));
+      at += 4 + size;
+    }
+    this.#rest = this.broken ? new Uint8Array() : bytes.slice(at);
+    return packets;
+  }
+}
+
+/** Returns the concatenation of two arrays. */
+export function joined(first: Uint8Array, second: Uint8Array): Uint8Array {
+  const bytes = new Uint8Array(first.length + second.length);
+  bytes.set(first);
+  bytes.set(second, first.length);
+  return bytes;
 }

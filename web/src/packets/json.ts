@@ -1,18 +1,18 @@
-// JSON as manifests have it: integers of any size and no other numbers, no key twice. Accepts what Python's reader
-// accepts.
+// JSON subset of manifests: integers of any size, no other numbers, no duplicate keys. Accepts the same texts as the
+// Python reader.
 
 import { BitstreamError } from "../bytes.ts";
 
 export type Json = bigint | string | boolean | null | Json[] | Fields;
 export type Fields = Map<string, Json>;
 
-const DEEPEST = 100;
+const MAX_DEPTH = 100;
 const BLANKS = /[ \t\n\r]*/y,
   INTEGER = /-?(?:0|[1-9][0-9]*)(?![.eE])/y,
-  WORD = /true|false|null/y;
+  LITERAL = /true|false|null/y;
 const STRING = /"(?:[^"\\\u0000-\u001f]|\\["\\/bfnrt]|\\u[0-9a-fA-F]{4})*"/y;
 
-/** Reads a text that is one value and nothing else. */
+/** Parses a text that consists of a single value. Throws `BitstreamError` otherwise. */
 export function parseJson(text: string): Json {
   let at = 0;
   const fail = (): never => {
@@ -50,19 +50,19 @@ export function parseJson(text: string): Json {
     return is("]") ? found : fail();
   };
   const value = (depth: number): Json => {
-    if (depth > DEEPEST) fail();
+    if (depth > MAX_DEPTH) fail();
     if (is("{")) return fields(depth + 1);
     if (is("[")) return list(depth + 1);
     if (text[at] === '"') return string();
     const integer = next(INTEGER);
-    return integer === null ? (JSON.parse(next(WORD) ?? fail()) as boolean | null) : BigInt(integer);
+    return integer === null ? (JSON.parse(next(LITERAL) ?? fail()) as boolean | null) : BigInt(integer);
   };
   const found = value(0);
   next(BLANKS);
   return at < text.length ? fail() : found;
 }
 
-/** A value as Python writes it with sorted keys and without blanks: what digests are taken over. */
+/** Serialises a value as Python does with sorted keys and no spaces. Digests are computed over this text. */
 export function writeJson(value: Json): string {
   if (typeof value === "bigint") return value.toString();
   if (Array.isArray(value)) return `[${value.map(writeJson).join(",")}]`;

@@ -1,6 +1,6 @@
 // Made by web/scripts/make_tables.py; do not edit.
 
-// What a stream may be: the twin of `splatwire.packets.limits`.
+// Limits of the stream format. Counterpart of `splatwire.bitstream.limits`.
 
 export const SCHEMA = "splatwire/stream";
 export const FORMAT_VERSION = 4;
@@ -86,14 +86,6 @@ export const SCHEMAS = {
     elements: "Gaussians",
     sections: ["header", "blocks", "contexts"],
     elementsPerByte: 9362,
-    maxTiers: 8,
-    timed: false,
-  },
-  columns: {
-    formatVersion: 2,
-    elements: "anchors",
-    sections: ["header", "render_networks", "expected"],
-    elementsPerByte: 1,
     maxTiers: 8,
     timed: false,
   },

@@ -1,5 +1,4 @@
-// The manifest: what must be known of a stream before its first byte is decoded. Accepts exactly what
-// `splatwire.packets.manifest` accepts.
+// Manifest of a stream. Accepts the same manifests as `splatwire.bitstream.manifest`.
 
 import { sha256 } from "@noble/hashes/sha2.js";
 
@@ -10,7 +9,7 @@ import * as limits from "./limits.ts";
 export interface Packetization {
   readonly blockSize: number;
   readonly lanes: number;
-  /** Low and high half. */
+  /** Low and high 32 bits. */
   readonly seed: readonly [number, number];
   readonly order: string;
   readonly grouping: string;
@@ -54,26 +53,30 @@ const FIELDS = [
 const LAYOUT = ["feature_dim", "feature_groups", "num_offsets"];
 const PACKETIZATION = ["block_size", "grouping", "lanes", "order", "packaging", "seed"];
 
-/** Reads a manifest and checks every field, alone and against the others. */
+/** Reads a manifest and checks every field by itself and against the others. Throws `BitstreamError`. */
 export function readManifest(bytes: Uint8Array): Manifest {
   if (bytes.length > limits.MAX_MANIFEST_BYTES)
     throw new BitstreamError(`a manifest cannot have ${bytes.length} bytes`);
   const fields = parseJson(decoded(bytes));
   if (!(fields instanceof Map) || fields.get("schema") !== limits.SCHEMA)
-    throw new BitstreamError("this is not a splatwire stream");
+    throw new BitstreamError("not a splatwire stream");
   const version = integer(fields, "format_version", 1, Number.MAX_SAFE_INTEGER);
   if (version > limits.FORMAT_VERSION) {
     throw new BitstreamError(
-      `the stream has format version ${version}, this page reads up to ${limits.FORMAT_VERSION}`,
+      `the stream has format version ${version}, this version reads up to ${limits.FORMAT_VERSION}`,
     );
   }
-  exactly(fields, [...FIELDS, ...(version === 1 ? LAYOUT : ["codec"]), ...(fields.has("tiers") ? ["tiers"] : [])]);
+  checkFieldNames(fields, [
+    ...FIELDS,
+    ...(version === 1 ? LAYOUT : ["codec"]),
+    ...(fields.has("tiers") ? ["tiers"] : []),
+  ]);
   const content = new Map(fields);
   content.delete("digest");
   if (hex(sha256(new TextEncoder().encode(writeJson(content)))).slice(0, 16) !== fields.get("digest")) {
     throw new BitstreamError("the manifest is damaged: its digest does not match");
   }
-  const codec = version === 1 ? "hacpp" : (words(fields, "codec", Object.keys(limits.SCHEMAS)) as Manifest["codec"]);
+  const codec = version === 1 ? "hacpp" : (choice(fields, "codec", Object.keys(limits.SCHEMAS)) as Manifest["codec"]);
   const { formatVersion, elementsPerByte, maxTiers, timed } = limits.SCHEMAS[codec],
     sideInfoBytes = integer(fields, "side_info_bytes", 0, limits.MAX_SIDE_INFO_BYTES);
   if (formatVersion !== version) throw new BitstreamError(`format version ${version} has no codec ${codec}`);
@@ -109,19 +112,19 @@ function decoded(bytes: Uint8Array): string {
 
 function readPacketization(fields: Json | undefined): Packetization {
   if (!(fields instanceof Map)) throw new BitstreamError("the manifest has no packetization");
-  const grouping = words(fields, "grouping", limits.GROUPINGS),
-    packaging = words(fields, "packaging", limits.PACKAGINGS),
+  const grouping = choice(fields, "grouping", limits.GROUPINGS),
+    packaging = choice(fields, "packaging", limits.PACKAGINGS),
     hashed = grouping === "hashed";
-  exactly(fields, [...PACKETIZATION, ...(hashed ? ["packet_bytes"] : [])]);
+  checkFieldNames(fields, [...PACKETIZATION, ...(hashed ? ["packet_bytes"] : [])]);
   const seed = fields.get("seed");
   if (typeof seed !== "bigint" || seed < 0n || seed >= 1n << 64n)
-    throw new BitstreamError("the manifest's seed is impossible");
-  if (hashed && packaging !== "atomic") throw new BitstreamError("hashed grouping knows atomic packaging only");
+    throw new BitstreamError("the manifest's seed is missing or out of range");
+  if (hashed && packaging !== "atomic") throw new BitstreamError("hashed grouping needs atomic packaging");
   return {
     blockSize: integer(fields, "block_size", 1, hashed ? limits.MAX_HASHED_BLOCK : limits.MAX_BLOCK_SIZE),
     lanes: integer(fields, "lanes", 1, hashed ? 1 : limits.MAX_LANES),
     seed: [Number(seed & 0xffffffffn), Number((seed >> 32n) & 0xffffffffn)],
-    order: words(fields, "order", limits.ORDERS),
+    order: choice(fields, "order", limits.ORDERS),
     grouping,
     packaging,
     packetBytes: hashed
@@ -130,10 +133,10 @@ function readPacketization(fields: Json | undefined): Packetization {
   };
 }
 
-/** Groups of frames come in pairs, either of which may be empty. */
+/** Reads the tiers. Streams with frames have two tiers per group of frames; either may be empty. */
 function readTiers(value: Json | undefined, most: number, timed: boolean): TierShape[] {
   if (!Array.isArray(value) || value.length < 2 || value.length > most || (timed && value.length % 2))
-    throw new BitstreamError("the manifest's tiers are impossible");
+    throw new BitstreamError("the manifest's tiers are invalid");
   return value.map((pair) => {
     const [count, lanes] = Array.isArray(pair) && pair.length === 2 ? pair : [];
     const fields: Fields = new Map([
@@ -147,19 +150,19 @@ function readTiers(value: Json | undefined, most: number, timed: boolean): TierS
   });
 }
 
-/** Sizes of the groups that an anchor's feature is coded in. */
+/** Reads the sizes of the feature groups of an anchor. */
 function readGroups(fields: Fields): number[] {
   const features = integer(fields, "feature_dim", 1, limits.MAX_FEATURE_DIM),
     groups = fields.get("feature_groups");
   integer(fields, "num_offsets", 1, limits.MAX_OFFSETS);
-  if (!Array.isArray(groups)) throw new BitstreamError("the manifest's feature_groups are impossible");
+  if (!Array.isArray(groups)) throw new BitstreamError("the manifest's feature_groups are not a list");
   const sizes = groups.map((size) => integer(new Map([["feature_groups", size]]), "feature_groups", 1, features));
   if (sizes.reduce((sum, size) => sum + size, 0) !== features)
     throw new BitstreamError("the manifest's feature_groups do not add up");
   return sizes;
 }
 
-/** Bounds blocks and packets by arithmetic alone. */
+/** Checks the numbers of blocks and packets for consistency. */
 function checkPlan({ packetization, count, numPackets, tiers }: Manifest, groups: number[]): void {
   const { blockSize, lanes, grouping, packaging } = packetization,
     separated = packaging === "separated",
@@ -174,8 +177,11 @@ function checkPlan({ packetization, count, numPackets, tiers }: Manifest, groups
       !separated || (groups.length >= 1 && groups.length <= limits.MAX_FEATURE_GROUPS),
       "separated packets need feature groups",
     ],
-    [inTiers === count && shapes.every((shape) => shape.lanes <= lanes), "the manifest's tiers contradict it"],
-    [!tiers.length || !separated, "separated packaging knows no tiers"],
+    [
+      inTiers === count && shapes.every((shape) => shape.lanes <= lanes),
+      "the manifest's tiers do not add up to its elements or lanes",
+    ],
+    [!tiers.length || !separated, "separated packaging does not support tiers"],
     [numBlocks <= limits.MAX_BLOCKS && numBlocks * lanes <= limits.MAX_GROUPS, "the stream has too many blocks"],
     [
       numPackets >= numBlocks * parts &&
@@ -187,27 +193,27 @@ function checkPlan({ packetization, count, numPackets, tiers }: Manifest, groups
   for (const [fine, wrong] of checks) if (!fine) throw new BitstreamError(wrong);
 }
 
-function exactly(fields: Fields, names: readonly string[]): void {
+function checkFieldNames(fields: Fields, names: readonly string[]): void {
   if (fields.size !== names.length || !names.every((name) => fields.has(name)))
-    throw new BitstreamError("the manifest lacks fields, or has unknown ones");
+    throw new BitstreamError("the manifest has missing or unknown fields");
 }
 
 function integer(fields: Fields, name: string, low: number, high: number): number {
   const value = fields.get(name);
   if (typeof value !== "bigint" || value < BigInt(low) || value > BigInt(high))
-    throw new BitstreamError(`the manifest's ${name} is impossible`);
+    throw new BitstreamError(`the manifest's ${name} is missing or out of range`);
   return Number(value);
 }
 
 function pattern(fields: Fields, name: string, expected: RegExp): string {
   const value = fields.get(name);
   if (typeof value !== "string" || !expected.test(value))
-    throw new BitstreamError(`the manifest's ${name} is impossible`);
+    throw new BitstreamError(`the manifest's ${name} is missing or out of range`);
   return value;
 }
 
-function words(fields: Fields, name: string, known: readonly string[]): string {
+function choice(fields: Fields, name: string, known: readonly string[]): string {
   const found = known.find((word) => word === fields.get(name));
-  if (found === undefined) throw new BitstreamError(`the manifest's ${name} is none that this page knows`);
+  if (found === undefined) throw new BitstreamError(`the manifest's ${name} is unknown to this version`);
   return found;
 }

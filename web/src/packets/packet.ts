@@ -1,4 +1,4 @@
-// The packet: a header of 16 bytes and a payload that decodes alone.
+// Packets: a header of 16 bytes and a payload that decodes independently.
 
 import { crc32 } from "./crc32.ts";
 
@@ -7,16 +7,24 @@ const VERSION = 1;
 
 export interface Packet {
   readonly block: number;
-  /** With hashed grouping the position of its first element in the block. */
+  /** Lane within the block. With hashed grouping: the position of the first element in the block. */
   readonly lane: number;
   readonly count: number;
   readonly bytes: Uint8Array;
   readonly payload: Uint8Array;
 }
 
+/** Lanes of a block that a header can name. */
+const MAX_LANES = 1 << 14;
+
+/** Number that names a packet within its stream: no two packets of a stream have the same block and lane. */
+export function identityOf({ block, lane }: Pick<Packet, "block" | "lane">): number {
+  return block * MAX_LANES + lane;
+}
+
 /**
- * A packet of this stream, or null: damaged, foreign, of a newer version, or one that holds only a part of its
- * elements.
+ * Reads a packet of this stream. Returns null if it is damaged, of another stream, of a newer version, or contains only
+ * some attributes of its elements.
  */
 export function readPacket(bytes: Uint8Array, streamId: number): Packet | null {
   if (bytes.length < HEADER_BYTES) return null;

@@ -1,4 +1,4 @@
-// Which packets a stream has, and what is done with bytes that claim to be one of them.
+// Packet plan of a stream, and the received packets.
 
 import { BitstreamError } from "../bytes.ts";
 import type { Manifest } from "./manifest.ts";
@@ -16,7 +16,7 @@ interface Span {
   readonly numBlocks: number;
 }
 
-/** Arithmetic on a manifest: blocks, and how many Gaussians a packet may hold. */
+/** Blocks and packets of a stream, derived from its manifest. */
 export class Plan {
   readonly numBlocks: number;
   readonly #spans: Span[] = [];
@@ -38,7 +38,7 @@ export class Plan {
     this.numBlocks = firstBlock;
   }
 
-  /** Blocks of each tier. */
+  /** First block and number of blocks of each tier. */
   get levels(): readonly Pick<Span, "firstBlock" | "numBlocks">[] {
     return this.#spans;
   }
@@ -49,7 +49,8 @@ export class Plan {
   }
 
   /**
-   * The most Gaussians that the packet of this name can hold; with fixed grouping exactly these, 0 if there is none.
+   * Returns the largest number of elements in a packet, 0 if the packet does not exist. With fixed grouping it is the
+   * exact number.
    */
   capacity(block: number, lane: number): number {
     if (block >= this.numBlocks) return 0;
@@ -57,7 +58,14 @@ export class Plan {
     return lane < this.#span(block).lanes ? this.#laneCounts(block)[lane] : 0;
   }
 
-  /** Places of the elements of a packet that fits: ascending, or in the order of their hashes. */
+  /** Returns True if a packet has the size and the number of elements that its block and lane allow. */
+  fits({ block, lane, count, bytes }: Packet): boolean {
+    const { grouping, packetBytes } = this.manifest.packetization,
+      room = this.capacity(block, lane);
+    return (grouping === "hashed" ? count <= room : count === room) && bytes.length <= packetBytes;
+  }
+
+  /** Returns the places of a packet's elements, in ascending order or in the order of their hashes. */
   members({ block, lane, count }: Pick<Packet, "block" | "lane" | "count">): Int32Array {
     const { grouping } = this.manifest.packetization,
       span = this.#span(block),
@@ -78,7 +86,7 @@ export class Plan {
     return found;
   }
 
-  /** Places of a block, packet by packet. */
+  /** Returns the places of a block's elements, packet by packet. */
   order(block: number): Int32Array {
     const count = this.blockCount(block);
     if (this.manifest.packetization.grouping === "hashed") return this.members({ block, lane: 0, count });
@@ -87,7 +95,7 @@ export class Plan {
     );
   }
 
-  /** Places of a block by their hashes: any run of them is spread over the whole block. */
+  /** Returns the places of a block in the order of their hashes, so that any run of them is spread over the block. */
   #hashOrder(block: number, start: number): Int32Array {
     const known = this.#orders.get(block);
     if (known) return known;
@@ -103,9 +111,9 @@ export class Plan {
     return order;
   }
 
-  /** Tier of a block, by bisection: clips have thousands. */
+  /** Returns the tier of a block. Uses bisection because clips have thousands of tiers. */
   tierOf(block: number): number {
-    if (!(block >= 0 && block < this.numBlocks)) throw new BitstreamError(`there is no block ${block}`);
+    if (!(block >= 0 && block < this.numBlocks)) throw new BitstreamError(`block ${block} does not exist`);
     let low = 0,
       high = this.#spans.length;
     while (high - low > 1) {
@@ -141,16 +149,25 @@ export class Plan {
   }
 }
 
-/** Keeps the good packets of one stream; whatever else comes is counted. */
+const plans = new WeakMap<Manifest, Plan>();
+
+/** Returns the shared plan of a manifest. */
+export function planOf(manifest: Manifest): Plan {
+  let plan = plans.get(manifest);
+  if (!plan) plans.set(manifest, (plan = new Plan(manifest)));
+  return plan;
+}
+
+/** Valid packets of one stream. Invalid and duplicate packets are only counted. */
 export class Intake {
   readonly counts = { corrupt: 0, duplicate: 0 };
-  /** Packets of each block, by lane. */
+  /** Packets of each block, sorted by lane. */
   readonly blocks = new Map<number, Packet[]>();
   size = 0;
 
   constructor(public plan: Plan) {}
 
-  /** Keeps of the packets of some blocks no more than that they came. */
+  /** Releases the payloads of some blocks' packets but remembers that the packets were received. */
   forget(blocks: Iterable<number>): void {
     for (const block of blocks)
       for (const [n, packet] of (this.blocks.get(block) ?? []).entries())
@@ -161,14 +178,22 @@ export class Intake {
     return this.size === this.plan.manifest.numPackets;
   }
 
-  /** The packet if it is new and fits the plan. */
+  /** Adds a packet and returns it. Returns null if it is invalid or a duplicate. */
   offer(bytes: Uint8Array): Packet | null {
-    const { manifest } = this.plan,
-      packet = readPacket(bytes, manifest.streamId);
-    if (!packet || !this.#fits(packet)) {
+    const packet = readPacket(bytes, this.plan.manifest.streamId);
+    if (!packet || !this.plan.fits(packet)) {
       this.counts.corrupt++;
       return null;
     }
+    return this.admit(packet);
+  }
+
+  /**
+   * Adds an intact packet that fits the plan and returns it. Returns null if it is a duplicate or contradicts another
+   * one.
+   */
+  admit(packet: Packet): Packet | null {
+    const { manifest } = this.plan;
     let list = this.blocks.get(packet.block);
     if (!list) this.blocks.set(packet.block, (list = []));
     let at = list.length;
@@ -188,11 +213,5 @@ export class Intake {
     list.splice(at, 0, packet);
     this.size++;
     return packet;
-  }
-
-  #fits(packet: Packet): boolean {
-    const { grouping, packetBytes } = this.plan.manifest.packetization,
-      room = this.plan.capacity(packet.block, packet.lane);
-    return (grouping === "hashed" ? packet.count <= room : packet.count === room) && packet.bytes.length <= packetBytes;
   }
 }

@@ -1,11 +1,11 @@
-// Named sections behind the fixed part of side information.
+// Named sections after the fixed part of the side information.
 
 import { BitstreamError, ByteReader } from "../bytes.ts";
 import { MAX_SECTION_BYTES, MAX_SECTION_NAME, MAX_SECTIONS, RESERVED_SECTIONS } from "./limits.ts";
 
 const NAME = new RegExp(`^[a-z][a-z0-9_]{0,${MAX_SECTION_NAME - 1}}$`);
 
-/** Content by name; sections that nobody here knows are kept. */
+/** Returns the sections' contents by name, including unknown sections. */
 export function readSections(bytes: Uint8Array): Map<string, Uint8Array> {
   const reader = new ByteReader(bytes, "side information sections"),
     sections = new Map<string, Uint8Array>();
@@ -13,7 +13,7 @@ export function readSections(bytes: Uint8Array): Map<string, Uint8Array> {
   while (reader.left) {
     const name = String.fromCharCode(...reader.take(Math.min(reader.unsigned(), MAX_SECTION_NAME + 1)));
     if (!NAME.test(name) || name <= last || RESERVED_SECTIONS.includes(name))
-      throw new BitstreamError("side information: a section's name is impossible");
+      throw new BitstreamError("side information: a section's name is invalid, reserved, repeated or out of order");
     const content = reader.blob();
     sections.set(name, content);
     last = name;

@@ -1,17 +1,28 @@
-// From the address of a stream to the ways to it.
+// Resolves the element's attributes to a stream's sources.
 
-import { type Source, sourceOf } from "../transport/attempts.ts";
+import { type Source, sourceOf } from "../transport/failover.ts";
 
 /**
- * `https://host/streams/NAME.swz`, whose server may say beside it (`../streams.json`) where it sends datagrams. A
- * session `:PORT/PATH` is at the host of the stream: a server behind a proxy does not know its own name.
+ * Returns the sources of `https://host/streams/NAME.swz`. The server may publish its WebTransport session in
+ * `../streams.json`.
+ *
+ * A session `:PORT/PATH` is on the host of the stream, because a server behind a proxy does not know its public name.
  */
 export function resolveSource(file: URL, session: string | null, fingerprint: string | null): Promise<Source> {
   const url = session?.startsWith(":") ? `https://${file.hostname}${session}` : session;
   return sourceOf(file, url ? { url, ...(fingerprint ? { fingerprint } : {}) } : null);
 }
 
-/** What a scene is called: by the page, else as its file is, else as the page is. */
+/** Returns the absolute address of `src`; null if it is not a valid URL. */
+export function addressOf(src: string, base: string): URL | null {
+  try {
+    return new URL(src, base);
+  } catch {
+    return null;
+  }
+}
+
+/** Returns the scene's title: the element's `aria-label`, the file name, or the title of the page. */
 export function titleOf(host: HTMLElement): string {
   const file = (host.getAttribute("src") ?? "")
     .split(/[?#]/)[0]
@@ -25,6 +36,6 @@ function decoded(name: string): string {
   try {
     return decodeURIComponent(name);
   } catch {
-    return name; // a percent sign that is meant as one
+    return name; // the file name contains a literal percent sign
   }
 }

@@ -1,101 +1,140 @@
-// What an element does with a stream, from its first packet until it is released: the worker receives, the stage draws,
-// the panel tells.
+// Controls an element's stream from start to release: connects the worker, the stage and the panel.
 
 import startReceiver from "worker:receiver";
-
+import type { Viewpoint } from "../codec/decoder.ts";
 import { readPreview } from "../codec/preview.ts";
 import type { FixedCamera } from "../model/camera.ts";
 import { pack } from "../render/packed.ts";
 import type { View } from "../render/view.ts";
-import { Watch } from "../render/watch.ts";
+import { ViewUpdates } from "../render/view_updates.ts";
+import { delay } from "../scheduler.ts";
 import type { Choice } from "../transport/losses.ts";
 import type { Facts, FromWorker, ToWorker } from "../transport/messages.ts";
-import { pause } from "../turns.ts";
-import { resolveSource, titleOf } from "./address.ts";
-import { Comparison } from "./difference.ts";
-import { newStatus, type Status, type Tell } from "./events.ts";
-import { tellCounts } from "./figures.ts";
-import { embedCode, readLink, viewpointOf, writeLink } from "./links.ts";
-import { Moments } from "./moments.ts";
-import { Motion } from "./motion.ts";
-import { Outcome } from "./outcome.ts";
+import { addressOf, resolveSource, titleOf } from "./address.ts";
+import { AutoRotation } from "./auto_rotation.ts";
+import { ClipPlayback } from "./clip_playback.ts";
+import { Comparison } from "./comparison.ts";
+import { createElement } from "./elements.ts";
+import { type Dispatch, newStatus, type Status } from "./events.ts";
+import { Hotspots } from "./hotspots.ts";
+import { EMBEDDED, embedCode, readLink, viewpointOf, writeLink } from "./links.ts";
+import { Milestones } from "./milestones.ts";
+import { showMetadata, showPacketStatistics } from "./packet_statistics.ts";
 import { Panel } from "./panel.ts";
-import { type Shown, Stage } from "./stage.ts";
-import { stillPicture } from "./still.ts";
+import { screenshot } from "./screenshot.ts";
+import { SessionStatus } from "./session_status.ts";
+import { type PictureContent, Stage } from "./stage.ts";
 
-const AGAIN_MS = 400;
+/**
+ * While packets arrive: least time before new gains are requested, milliseconds, and in multiples of the time that the
+ * last ones took.
+ */
+const GAINS_INTERVAL_MS = 1000,
+  GAINS_MULTIPLE = 4;
+/** Time without input after which the controls fade, milliseconds. */
+const IDLE_MS = 4000;
 
 export class Controller {
   readonly status: Status = newStatus();
   readonly stage: Stage;
   readonly panel: Panel;
-  readonly #motion = new Motion(
+  readonly #playback = new ClipPlayback(
     () => this.panel,
     (number) => this.#send({ kind: "frame", number, choice: this.#choice }),
   );
-  readonly #moments: Moments;
-  readonly #outcome: Outcome;
+  readonly #milestones: Milestones;
+  readonly #session: SessionStatus;
   readonly #worker: Worker;
   readonly #comparison: Comparison;
-  /** Ends what this listens to. */
-  readonly #over = new AbortController();
-  /** Elements of the whole scene. */
+  readonly #rotation: AutoRotation;
+  readonly #hotspots = new Hotspots(() => this.#cameraMoved());
+  readonly #whole = createElement("div", { class: "whole" });
+  #poster: HTMLImageElement | null = null;
+  #idleTimer = 0;
+  #cameraFrame = 0;
+  #reportedViewpoint = "";
+  /** Aborts the listeners when the element is released. */
+  readonly #released = new AbortController();
+  /** Aborts the listeners for the window of the element's document. */
+  #windowLeft = new AbortController();
+  /** Number of elements in the whole scene. */
   #gaussians = 0;
   #size = 1;
-  /** Redundant Gaussians among those that are drawn. */
+  /** Number of redundant Gaussians among the drawn ones. */
   #copies = 0;
-  /** Whether Gaussians of the scene, not of a preview, are there. */
-  #begun = false;
-  #watch: Watch | null = null;
-  #asked = 0;
-  #gained = 0;
+  /** True once Gaussians of the scene, not of a preview, are drawn. */
+  #started = false;
+  #viewUpdates: ViewUpdates | null = null;
+  #requestedGains = 0;
+  #receivedGains = 0;
+  /** Time of the last request for gains, and the time that its answer took, milliseconds. */
+  #requestedAt = 0;
+  #gainsMs = 0;
   #timer = 0;
 
+  /** `closed` is called when the window of the element's document is closed. Its elements stay connected. */
   constructor(
     readonly host: HTMLElement,
     root: ShadowRoot,
-    readonly tell: Tell,
+    readonly dispatch: Dispatch,
+    readonly closed: () => void,
+    retry: () => void,
   ) {
-    this.#worker = startReceiver(); // first of all: a thread takes a while to begin
-    this.#worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#heard(data));
-    const fail = (error: Error): void => this.#outcome.fail(error.message);
+    this.#worker = startReceiver(); // first, because starting a thread takes time
+    this.#worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#onMessage(data));
+    const fail = (error: Error): void => {
+      if (!this.#released.signal.aborted) this.#session.fail(error.message);
+    };
     this.#worker.addEventListener("error", ({ message }) =>
       fail(new Error(message || "the worker could not be started")),
     );
     const title = titleOf(host);
     this.stage = new Stage(() => this.#conceal(), fail, title);
-    const link = (): string => writeLink(this.panel.settings, this.stage.orbit.turned),
-      src = host.getAttribute("src"),
-      embed = src && embedCode(new URL(src, host.baseURI), import.meta.url),
-      copies = { "copy link": link, ...(embed ? { "copy embed code": () => embed } : {}) };
+    this.#rotation = new AutoRotation(this.stage.orbit);
+    const src = host.getAttribute("src"),
+      address = src && addressOf(src, host.baseURI),
+      embed = (): string | null => address && embedCode(address, import.meta.url, attributesOf(host, EMBEDDED)),
+      copies = { "copy link": () => this.link, ...(embed() ? { "copy embed code": () => embed()! } : {}) };
     this.panel = new Panel(
-      () => this.#settingsChanged(),
-      () => this.#flip(),
-      copies,
+      {
+        changed: () => this.#settingsChanged(),
+        flip: () => this.stage.orbit.flip(),
+        reset: () => this.stage.orbit.reset(),
+        rotate: () => host.toggleAttribute("autorotate"),
+        retry,
+        fullScreen: host.ownerDocument.fullscreenEnabled ? () => this.#toggleFullScreen() : null,
+        copies,
+      },
       title,
-      host.ownerDocument.fullscreenEnabled ? () => this.#fullScreen() : null,
     );
-    this.#outcome = new Outcome(this.status, this.panel, tell);
-    this.#moments = new Moments(this.status, tell, this.#over.signal);
+    this.#session = new SessionStatus(this.status, this.panel, dispatch);
+    this.#milestones = new Milestones(this.status, dispatch, this.#released.signal);
     this.#comparison = new Comparison(
       this.stage,
       () => this.panel.settings.show,
-      (psnr) => this.panel.tell("PSNR", psnr === null ? this.#without() : psnr),
+      (psnr) => this.panel.setRow("PSNR", psnr === null ? this.#psnrPlaceholder() : psnr),
     );
-    const whole = document.createElement("div");
-    whole.className = "whole";
-    whole.append(this.stage.surface, this.#comparison.canvas, this.panel.element);
-    root.replaceChildren(whole);
-    // First of all packets come, in a thread of their own: making ready to draw takes longer than the first of them.
+    const hotspots = createElement("div", { class: "hotspots" }, this.#hotspots.slot);
+    this.#whole.append(this.stage.surface, this.#comparison.canvas, hotspots, this.panel.element);
+    root.replaceChildren(this.#whole);
+    this.stage.onChange = () => {
+      this.#comparison.pictureChanged();
+      this.#cameraMoved();
+    };
+    // Connects before anything is set up for drawing, which takes longer than the first packets.
     this.#open().catch(fail);
-    this.#begin();
+    this.#setUp();
     void this.stage.open();
   }
 
-  /** Gives everything back. */
+  /** Releases all resources. */
   destroy(): void {
-    this.#over.abort();
-    this.#motion.destroy();
+    this.#released.abort();
+    this.#windowLeft.abort();
+    this.#rotation.destroy();
+    clearTimeout(this.#idleTimer);
+    cancelAnimationFrame(this.#cameraFrame);
+    this.#playback.destroy();
     this.#worker.terminate();
     clearTimeout(this.#timer);
     this.panel.destroy();
@@ -103,22 +142,40 @@ export class Controller {
     this.stage.destroy();
   }
 
-  /** An attribute changed that concerns what is there. */
-  follow(name: string): void {
+  /** Applies a changed attribute that does not affect the stream. */
+  applyAttribute(name: string): void {
     const value = this.host.getAttribute(name);
     if (name === "panel") {
       this.panel.element.hidden = value === "none";
       this.panel.open = value === "open";
     }
-    if (name === "concealer") this.panel.offer(this.panel.concealers, value);
-    if (name === "gestures") this.stage.cooperate(value === "cooperative" && !this.#fillsScreen);
-    if (name === "up") this.stage.upIs(value ?? "");
+    if (name === "concealer") this.panel.setConcealers(this.panel.concealers, value);
+    if (name === "gestures") this.stage.setCooperative(value === "cooperative" && !this.#isFullScreen);
+    if (name === "up") this.stage.setUp(value ?? "");
     if (name === "viewpoint") this.#viewpoint(true);
+    if (name === "poster") this.#showPoster(value);
+    if (name === "autorotate") {
+      this.#rotation.set(value);
+      this.panel.rotating = this.#rotation.running;
+    }
     this.stage.touch();
   }
 
+  /** Link to this page with the current view and settings. */
+  get link(): string {
+    return writeLink(this.panel.settings, this.viewpoint);
+  }
+
+  get viewpoint(): Viewpoint {
+    return this.stage.viewpoint;
+  }
+
+  get playback(): ClipPlayback {
+    return this.#playback;
+  }
+
   verify(): Promise<boolean> {
-    return this.#outcome.verify(() => this.#send({ kind: "digest" }));
+    return this.#session.verify(() => this.#send({ kind: "digest" }));
   }
 
   async picture(camera: FixedCamera): Promise<string> {
@@ -127,22 +184,26 @@ export class Controller {
       width = Math.round((camera.height * clientWidth) / Math.max(clientHeight, 1));
     view.fix({ width, ...camera });
     await view.frame();
-    while (this.#gained !== this.#asked || this.#watch?.settled === false) await pause(50);
-    return this.#comparison.alone(() => stillPicture(view));
+    while (this.#receivedGains !== this.#requestedGains || this.#viewUpdates?.settled === false) await delay(50);
+    return this.#comparison.withoutComparison(() => screenshot(view));
   }
 
-  #begin(): void {
+  #setUp(): void {
     const { host, stage } = this,
-      { signal } = this.#over,
+      { signal } = this.#released,
       preview = host.getAttribute("preview"),
       concealer = host.getAttribute("concealer"),
       link = readLink();
-    this.follow("panel");
-    stage.upIs(host.getAttribute("up") ?? "");
+    this.applyAttribute("panel");
+    stage.setUp(host.getAttribute("up") ?? "");
     stage.orbit.turned = link.turned;
     this.panel.set({ ...(concealer ? { concealer } : {}), ...link.settings });
-    this.follow("gestures");
+    this.applyAttribute("gestures");
+    this.applyAttribute("poster");
+    if (link.viewpoint) stage.setViewpoint(link.viewpoint);
     this.#viewpoint(false);
+    this.applyAttribute("autorotate");
+    this.panel.showNotice("loading", "Connecting ...");
     if (preview)
       this.#preview(() => {
         const { splats, background } = readPreview(Uint8Array.from(atob(preview), (c) => c.charCodeAt(0)));
@@ -150,10 +211,11 @@ export class Controller {
       });
     const sizes = new ResizeObserver(() => stage.resize()),
       sight = new IntersectionObserver((entries) => {
-        stage.sight(entries[entries.length - 1].isIntersecting);
-        this.#motion.sight(stage.inSight);
+        stage.setVisible(entries[entries.length - 1].isIntersecting);
+        this.#playback.setVisible(stage.isVisible);
+        this.#rotation.setVisible(stage.isVisible);
       });
-    this.#followDensity();
+    this.onAdopted();
     sizes.observe(stage.surface);
     sight.observe(host);
     signal.addEventListener("abort", () => {
@@ -161,143 +223,204 @@ export class Controller {
       sight.disconnect();
     });
     host.addEventListener("keydown", (event) => this.#key(event), { signal });
-    host.addEventListener("fullscreenchange", () => this.follow("gestures"), { signal });
-    stage.surface.addEventListener("pointermove", () => this.#comparison.moved());
-    stage.surface.addEventListener("wheel", () => this.#comparison.moved(), { passive: true });
+    host.addEventListener("fullscreenchange", () => this.#fullScreenChanged(), { signal });
+    for (const name of ["pointerdown", "pointermove", "wheel", "keydown", "focusin"] as const)
+      host.addEventListener(name, () => this.#onInput(name), { signal, passive: true });
+    this.#onInput("");
   }
 
-  /** Draws as many pixels as the screen has where its density changes: another screen, or zoom. */
-  #followDensity(): void {
+  /** Shows the controls, which fade after some seconds without input. Input also pauses the rotation. */
+  #onInput(name: string): void {
+    if (name && name !== "pointermove") this.#rotation.onInput();
+    clearTimeout(this.#idleTimer);
+    this.#whole.classList.remove("idle");
+    this.#idleTimer = window.setTimeout(() => this.#fade(), IDLE_MS);
+  }
+
+  /** Fades the controls, unless there is something to read. */
+  #fade(): void {
+    const { status, panel } = this,
+      isRead = panel.open || panel.helpOpen || !status.gaussians || status.lost !== null || status.failed !== null;
+    this.#whole.classList.toggle("idle", !isRead);
+  }
+
+  #showPoster(url: string | null): void {
+    this.#poster?.remove();
+    this.#poster = null;
+    if (!url || this.#started) return;
+    this.#poster = createElement("img", { class: "poster", alt: "", src: url });
+    this.stage.surface.prepend(this.#poster);
+  }
+
+  /** Removes the notice and the poster, because a picture is on the screen. */
+  #onPicture(): void {
+    this.panel.hideNotice();
+    this.#poster?.remove();
+    this.#poster = null;
+  }
+
+  /** Moves the hotspots and reports the camera, at most once per animation frame. */
+  #cameraMoved(): void {
+    this.#cameraFrame ||= requestAnimationFrame(() => {
+      this.#cameraFrame = 0;
+      const { stage, viewpoint } = this,
+        text = JSON.stringify(viewpoint);
+      if (!this.#hotspots.isEmpty) this.#hotspots.place(stage.camera, stage.size);
+      if (text === this.#reportedViewpoint) return;
+      this.#reportedViewpoint = text;
+      this.dispatch("camerachange", viewpoint);
+    });
+  }
+
+  #fullScreenChanged(): void {
+    this.applyAttribute("gestures");
+    this.panel.fullScreen = this.#isFullScreen;
+  }
+
+  /** Follows the window of the element's document, which has its own pixel density and may be closed. */
+  onAdopted(): void {
+    this.#windowLeft.abort();
+    this.#windowLeft = new AbortController();
     const window = this.host.ownerDocument.defaultView,
-      density = window?.matchMedia(`(resolution: ${window.devicePixelRatio}dppx)`);
+      { signal } = this.#windowLeft;
+    this.#followDensity(window, signal);
+    window?.addEventListener("pagehide", ({ persisted }) => persisted || this.closed(), { signal });
+  }
+
+  /** Adapts the canvas resolution to the pixel density, which changes with the screen and with zoom. */
+  #followDensity(window: Window | null, signal: AbortSignal): void {
+    const density = window?.matchMedia(`(resolution: ${window.devicePixelRatio}dppx)`);
     const changed = (): void => {
       this.stage.resize();
-      this.#followDensity();
+      this.#followDensity(window, signal);
     };
-    density?.addEventListener("change", changed, { once: true, signal: this.#over.signal });
+    density?.addEventListener("change", changed, { once: true, signal });
   }
 
-  /** Begins where the page says; `anew` wherever somebody has moved to. */
+  /** Applies the page's viewpoint. `anew` applies it even if the visitor has moved the camera. */
   #viewpoint(anew: boolean): void {
     const viewpoint = viewpointOf(this.host.getAttribute("viewpoint"));
     if (!viewpoint) return;
     if (anew) this.stage.orbit.placed = this.stage.orbit.touched = false;
-    this.stage.start(viewpoint);
+    this.stage.setViewpoint(viewpoint);
   }
 
   async #open(): Promise<void> {
+    this.panel.setMessage("Connecting ...");
+    await null; // the page may set attributes after it has inserted the element
     const { host } = this,
       inside = host.ownerDocument.getElementById(host.getAttribute("data") ?? "");
-    this.panel.say("Connecting ...");
     if (inside) {
       const bytes = Uint8Array.from(atob(inside.textContent!.trim()), (c) => c.charCodeAt(0));
       return this.#send({ kind: "open", session: null, name: "", file: "", bytes });
     }
     const src = host.getAttribute("src");
     if (!src) throw new Error("<splat-wire> has no src");
-    const source = await resolveSource(
-      new URL(src, host.baseURI),
-      host.getAttribute("session"),
-      host.getAttribute("fingerprint"),
-    );
+    const address = addressOf(src, host.baseURI);
+    if (!address) throw new Error(`the src of <splat-wire> is not a valid URL: ${src}`);
+    const source = await resolveSource(address, host.getAttribute("session"), host.getAttribute("fingerprint"));
     this.#send({ kind: "open", ...source, bytes: null });
   }
 
-  #heard(message: FromWorker): void {
+  #onMessage(message: FromWorker): void {
     const { panel } = this;
     switch (message.kind) {
       case "preview":
         if (!this.#gaussians) this.#preview(() => message);
         return;
       case "facts":
-        return this.#learn(message.facts);
+        return this.#onFacts(message.facts);
       case "splats":
         return this.#add(message);
       case "tiles":
-        return this.#recut(message);
+        return this.#replaceTiles(message);
       case "frame":
         return this.#frame(message);
       case "playable":
-        return this.#motion.playable(message);
+        return this.#playback.playable(message);
       case "counts":
-        return this.#count(message);
+        return this.#onCounts(message);
       case "gains":
-        if (message.ask !== this.#asked) return;
-        this.#gained = message.ask;
-        panel.tell("dropped on purpose", `${this.status.packets - message.shownPackets} packets`);
+        if (message.ask !== this.#requestedGains) return;
+        this.#receivedGains = message.ask;
+        this.#gainsMs = performance.now() - this.#requestedAt;
+        panel.setRow("dropped on purpose", `${this.status.packets - message.shownPackets} packets`);
         return this.#comparison.show(message.gains, message.lossless);
       case "note":
-        return panel.say(message.text);
+        return panel.setMessage(message.text);
       case "lost":
-        return this.#outcome.lost(message.reason, message.retryMs);
+        return this.#session.lost(message.reason, message.retryMs);
       case "finished":
         return this.#finished(message.text, message.complete);
       case "failed":
-        return this.#outcome.fail(message.text);
+        return this.#session.fail(message.text);
       case "digest":
-        return this.#outcome.verified(message.same);
+        return this.#session.verified(message.same);
     }
   }
 
   #finished(text: string, complete: boolean): void {
-    this.stage.settle();
+    this.status.complete = complete;
+    this.stage.end();
     if (this.stage.view) this.#conceal();
-    this.#motion.end();
-    this.#outcome.finished(text, complete, this.#motion.live);
+    this.#playback.end();
+    this.#session.finished(text, complete, this.#playback.live);
   }
 
-  /** What there is to see until the scene comes; one that is no preview is nothing to fail for. */
-  #preview(read: () => Shown): void {
+  /** Shows a preview until the scene arrives. An invalid preview is reported but is no failure. */
+  #preview(read: () => PictureContent): void {
     try {
-      this.stage.preview(read()).then(() => this.#moments.seen("preview"));
-      this.panel.say("A preview; the scene is on its way.");
+      this.stage.preview(read()).then(() => this.#milestones.record("preview"));
+      this.#onPicture();
+      this.panel.setMessage("A preview; the scene is on its way.");
     } catch (error) {
-      this.panel.say((error as Error).message);
+      this.panel.setMessage((error as Error).message);
     }
   }
 
-  #learn(facts: Facts): void {
+  #onFacts(facts: Facts): void {
     const { gaussians, size, middle, viewpoint, extent, up, viewDependent, concealers, moving } = facts,
       { stage } = this;
-    this.#motion.begin(moving, stage.inSight);
-    this.panel.offer(concealers);
+    this.#playback.begin(moving, stage.isVisible);
+    this.panel.setConcealers(concealers);
+    showMetadata(this.panel, facts, this.host.hasAttribute("aria-label"));
     this.#gaussians = gaussians;
     this.#size = size;
-    this.#begun = false;
+    this.#started = false;
     this.#copies = 0;
     stage.background(facts.background);
     stage.antialias(facts.antialiased);
-    if (up && !this.host.hasAttribute("up")) stage.upIs(up);
-    if (viewpoint) stage.start(viewpoint);
-    if (middle) stage.face(middle, size);
+    if (up && !this.host.hasAttribute("up")) stage.setUp(up);
+    if (viewpoint) stage.setViewpoint(viewpoint);
+    if (middle) stage.pointCameraAt(middle, size);
     stage.extent = extent;
-    this.#watch = null;
-    stage.watcher = null;
+    this.#viewUpdates = null;
+    stage.onCamera = null;
     if (!viewDependent) return;
-    const watch = new Watch(size, (camera, ask) => this.#send({ kind: "look", camera, ask }));
-    this.#watch = watch;
-    stage.watcher = (camera) => watch.see(camera);
-    stage.watch();
+    const watch = new ViewUpdates(size, (camera, ask) => this.#send({ kind: "look", camera, ask }));
+    this.#viewUpdates = watch;
+    stage.onCamera = (camera) => watch.onCamera(camera);
+    stage.reportCamera();
   }
 
   #add({ packed, instead, fresh, elements, copies, gains, lossless, ask }: FromWorker & { kind: "splats" }): void {
     this.#start();
     this.#copies = copies;
     this.stage.add(packed, instead);
-    this.#watch?.answered(ask);
+    this.#viewUpdates?.onAnswer(ask);
     if (gains) this.#comparison.show(gains, lossless);
-    this.#grown(elements, fresh);
+    this.#gaussiansChanged(elements, fresh);
   }
 
-  /** Tiles take the place of others. */
-  #recut({ gone, come, fresh, ask }: FromWorker & { kind: "tiles" }): void {
+  /** Replaces tiles. */
+  #replaceTiles({ gone, come, fresh, ask }: FromWorker & { kind: "tiles" }): void {
     this.#start();
-    if (gone.length || come.length) this.stage.recut(gone, come);
-    this.#watch?.answered(ask);
-    this.#grown(this.stage.count, fresh);
+    if (gone.length || come.length) this.stage.replaceTiles(gone, come);
+    this.#viewUpdates?.onAnswer(ask);
+    this.#gaussiansChanged(this.stage.count, fresh || (gone.length > 0 && this.#dropsPackets));
   }
 
-  /** A frame is there: the next one is asked for when it is on the screen. */
+  /** Draws a frame, then requests the next one once it is on the screen. */
   #frame(message: FromWorker & { kind: "frame" }): void {
     const { number, packed } = message,
       { stage } = this;
@@ -305,96 +428,117 @@ export class Controller {
       this.#start();
       stage.add(packed, true);
     }
-    this.#motion.tell(message);
-    this.#grown(packed.count ? this.#gaussians : 0, false);
-    const done = (): void => this.#motion.shown(number);
+    this.#playback.showStatistics(message);
+    this.#gaussiansChanged(packed.count ? this.#gaussians : 0, false);
+    const done = (): void => this.#playback.shown(number);
     if (stage.view) void stage.view.steady().then(done);
     else setTimeout(done);
   }
 
-  /** Gaussians of the scene come: a preview goes. */
+  /** Replaces the preview when the first Gaussians of the scene arrive. */
   #start(): void {
-    if (!this.#begun) this.stage.begin(this.#size);
-    this.#begun = true;
+    if (!this.#started) this.stage.begin(this.#size, this.#viewUpdates ? 0 : this.#gaussians);
+    this.#started = true;
   }
 
-  /** There are Gaussians of so many elements now; of `fresh` ones nobody has told which are concealed. */
-  #grown(elements: number, fresh: boolean): void {
+  /** True if packets are dropped on purpose, so that each tile needs its own gains. */
+  get #dropsPackets(): boolean {
+    const { dropped, sent } = this.panel.settings;
+    return dropped > 0 || sent < 1;
+  }
+
+  /** Updates the status after Gaussians of `elements` elements are drawn. `fresh` ones are not concealed yet. */
+  #gaussiansChanged(elements: number, fresh: boolean): void {
     const { stage } = this;
     this.status.gaussians = stage.count - this.#copies;
-    this.panel.tell("Gaussians", this.status.gaussians.toLocaleString());
+    this.panel.setRow("Gaussians", this.status.gaussians.toLocaleString());
     const shown = (): Promise<void> => stage.shown();
-    if (elements || !this.#gaussians) this.#moments.soon("first", shown);
+    if (elements || !this.#gaussians) {
+      this.#onPicture();
+      this.#milestones.recordWhen("first", shown);
+    }
     if (elements >= this.#gaussians / 2) {
-      this.#moments.soon("half", shown);
-      stage.enough();
+      this.#milestones.recordWhen("half", shown);
+      stage.startWebGL();
     }
     if (fresh && stage.view) this.#concealSoon();
   }
 
-  #count(message: FromWorker & { kind: "counts" }): void {
+  #onCounts(message: FromWorker & { kind: "counts" }): void {
     const { packets, expected, bytes, way } = message.counts;
     Object.assign(this.status, { packets, expected, way, decodeMs: message.decodeMs });
-    tellCounts(this.panel, message);
-    this.#outcome.progress(this.#motion.live);
-    this.tell("progress", { packets, expected, bytes, gaussians: this.status.gaussians });
+    showPacketStatistics(this.panel, message);
+    this.#session.progress(this.#playback.live);
+    this.dispatch("progress", { packets, expected, bytes, gaussians: this.status.gaussians });
   }
 
-  /** What the PSNR is of where nothing was dropped on purpose. */
-  #without(): string {
+  /** Text in place of the PSNR if no packets are dropped on purpose. */
+  #psnrPlaceholder(): string {
     return this.status.complete ? "no loss" : "of what arrived: nothing dropped";
   }
 
   #settingsChanged(): void {
-    if (this.#motion.any) return this.#motion.again();
-    if (this.stage.view) this.#conceal(); // what is painted before has no gains
+    if (this.#playback.isClip) return this.#playback.redraw();
+    if (this.stage.view) this.#conceal(); // painted pictures have no gains
   }
 
-  /** Asks for new gains, not too often while packets come. */
+  /** Requests new gains after a while, because packets arrived. */
   #concealSoon(): void {
-    this.#timer ||= window.setTimeout(() => this.#conceal(), AGAIN_MS);
+    const delay = Math.max(GAINS_INTERVAL_MS, GAINS_MULTIPLE * this.#gainsMs);
+    this.#timer ||= window.setTimeout(() => this.#conceal(), delay);
   }
 
   #conceal(): void {
-    if (this.#motion.any) return this.#motion.again();
+    if (this.#playback.isClip) return this.#playback.redraw();
     clearTimeout(this.#timer);
     this.#timer = 0;
-    this.#send({ kind: "conceal", choice: this.#choice, ask: ++this.#asked });
+    this.#requestedAt = performance.now();
+    const choice = this.#choice,
+      ask = ++this.#requestedGains;
+    const isWhole = this.status.complete && !choice.dropped && choice.sent === 1 && !this.#copies;
+    if (!isWhole) return this.#send({ kind: "conceal", choice, ask });
+    this.#receivedGains = ask; // nothing is missing; a late answer to an earlier request is ignored
+    this.panel.setRow("dropped on purpose", "0 packets");
+    this.#comparison.show(null, null);
   }
 
-  /** What is dropped on purpose, and how that is concealed. */
+  /** Simulated losses and concealer chosen in the panel. */
   get #choice(): Choice {
     const { show: _, ...choice } = this.panel.settings;
     return choice;
   }
 
-  #flip(): void {
-    this.stage.orbit.flip();
-    this.#comparison.moved();
-  }
-
-  /** True if this element fills the screen, not one around it. */
-  get #fillsScreen(): boolean {
+  /** True if this element, and not an ancestor, is full screen. */
+  get #isFullScreen(): boolean {
     return (this.host.getRootNode() as Document | ShadowRoot).fullscreenElement === this.host;
   }
 
-  #fullScreen(): void {
-    const done = this.#fillsScreen ? this.host.ownerDocument.exitFullscreen() : this.host.requestFullscreen();
-    done.catch((error: Error) => this.panel.say(`The screen cannot be filled: ${error.message}`));
+  #toggleFullScreen(): void {
+    const done = this.#isFullScreen ? this.host.ownerDocument.exitFullscreen() : this.host.requestFullscreen();
+    done.catch((error: Error) => this.panel.setMessage(`Full screen failed: ${error.message}`));
   }
 
   #key(event: KeyboardEvent): void {
     const origin = event.composedPath()[0];
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     if (origin instanceof HTMLInputElement || origin instanceof HTMLSelectElement) return;
-    if (event.key === "f") this.#flip();
+    if (event.key === "f") this.stage.orbit.flip();
     else if (event.key === "h") this.panel.element.hidden = !this.panel.element.hidden;
-    else if (!this.stage.hands.key(event.key, event.shiftKey)) return;
-    this.#comparison.moved();
+    else if (event.key === "?") this.panel.showHelp(!this.panel.helpOpen);
+    else if (event.key === " " && this.#playback.isClip && !(origin instanceof HTMLButtonElement))
+      this.#playback.play(this.#playback.paused);
+    else if (!this.stage.controls.key(event.key, event.shiftKey)) return;
     event.preventDefault();
   }
 
   #send(message: ToWorker): void {
     this.#worker.postMessage(message);
   }
+}
+
+/** Returns those of some attributes that an element has. */
+function attributesOf(element: Element, names: readonly string[]): Record<string, string> {
+  return Object.fromEntries(
+    names.flatMap((name) => (element.hasAttribute(name) ? [[name, element.getAttribute(name)!]] : [])),
+  );
 }

@@ -1,34 +1,43 @@
-// <splat-wire src="https://host/streams/scene.swz">: a stream, received and drawn. What it does is in `controller.ts`.
+// Element <splat-wire src="https://host/streams/scene.swz">, which receives and draws a stream. `controller.ts`
+// implements it.
 
 import type { FixedCamera } from "../model/camera.ts";
 import type { View } from "../render/view.ts";
+import { applyStyles } from "./apply_styles.ts";
+import { Base } from "./base.ts";
 import { Controller } from "./controller.ts";
-import { dress } from "./dress.ts";
 import { newStatus, type SplatWireEventMap, type Status } from "./events.ts";
 import type { Panel } from "./panel.ts";
 
-/** Attributes that say which stream it is; of the others each is followed at once. */
+/** Attributes that identify the stream. Other attributes are applied without restarting it. */
 const SOURCES: readonly string[] = ["src", "session", "fingerprint", "data"];
 
-/** Stands for `HTMLElement` where there is no document: a server that renders pages can import the module. */
-const Base: typeof HTMLElement = globalThis.HTMLElement ?? class {};
-
 export class SplatWire extends Base {
-  static readonly observedAttributes = [...SOURCES, "concealer", "viewpoint", "up", "panel", "gestures"];
+  static readonly observedAttributes = [
+    ...SOURCES,
+    "concealer",
+    "viewpoint",
+    "up",
+    "panel",
+    "gestures",
+    "autorotate",
+    "poster",
+  ];
   #controller: Controller | null = null;
   #status = newStatus();
-  #stale = false;
+  #restartPending = false;
 
   connectedCallback(): void {
-    if (!this.#controller) this.#begin();
+    if (!this.#controller) this.#start();
   }
 
-  /** Style sheets belong to a document: a move to another one takes them away. */
+  /** Applies the styles again, because style sheets belong to one document, and follows its window. */
   adoptedCallback(): void {
-    if (this.shadowRoot) dress(this.shadowRoot);
+    if (this.shadowRoot) applyStyles(this.shadowRoot);
+    this.#controller?.onAdopted();
   }
 
-  /** An element that is moved is connected again in the same task. */
+  /** Releases the element, unless it is only moved and therefore connected again within the same task. */
   disconnectedCallback(): void {
     setTimeout(() => {
       if (!this.isConnected) this.#release();
@@ -37,23 +46,25 @@ export class SplatWire extends Base {
 
   attributeChangedCallback(name: string, before: string | null, after: string | null): void {
     if (before === after || !this.#controller) return;
-    if (!SOURCES.includes(name)) return this.#controller.follow(name);
-    if (this.#stale) return;
-    this.#stale = true;
+    if (!SOURCES.includes(name)) return this.#controller.applyAttribute(name);
+    if (this.#restartPending) return;
+    this.#restartPending = true;
     queueMicrotask(() => {
-      // once for all that changed with it
-      this.#stale = false;
-      if (!this.#controller) return;
-      this.#release();
-      this.#begin();
+      // one restart for all attributes changed in the same task
+      this.#restartPending = false;
+      if (this.#controller) this.retry();
     });
   }
 
-  #begin(): void {
+  #start(): void {
     const root = this.shadowRoot ?? this.attachShadow({ mode: "open" });
-    dress(root);
-    this.#controller = new Controller(this, root, (name, detail) =>
-      this.dispatchEvent(new CustomEvent(name, { detail })),
+    applyStyles(root);
+    this.#controller = new Controller(
+      this,
+      root,
+      (name, detail) => this.dispatchEvent(new CustomEvent(name, { detail })),
+      () => this.#release(),
+      () => this.retry(),
     );
     this.#status = this.#controller.status;
   }
@@ -63,7 +74,7 @@ export class SplatWire extends Base {
     this.#controller = null;
   }
 
-  /** Address of the stream. */
+  /** URL of the stream. */
   get src(): string {
     return this.getAttribute("src") ?? "";
   }
@@ -72,7 +83,7 @@ export class SplatWire extends Base {
     this.setAttribute("src", value);
   }
 
-  /** Address of WebTransport sessions. */
+  /** URL of the WebTransport session. */
   get session(): string {
     return this.getAttribute("session") ?? "";
   }
@@ -81,7 +92,7 @@ export class SplatWire extends Base {
     this.setAttribute("session", value);
   }
 
-  /** Hash of the certificate of `session`. */
+  /** SHA-256 of the certificate of `session`. */
   get fingerprint(): string {
     return this.getAttribute("fingerprint") ?? "";
   }
@@ -90,7 +101,7 @@ export class SplatWire extends Base {
     this.setAttribute("fingerprint", value);
   }
 
-  /** What hides losses: `drop`, `grow`, `scene_free`, `sketch`; "" for `sketch` if there is one, else `grow`. */
+  /** Concealer: `drop`, `grow`, `scene_free` or `sketch`. The empty string means `sketch` if available, else `grow`. */
   get concealer(): string {
     return this.getAttribute("concealer") ?? "";
   }
@@ -99,7 +110,7 @@ export class SplatWire extends Base {
     this.setAttribute("concealer", value);
   }
 
-  /** Where it is looked from first: nine numbers (eye, target, up). */
+  /** Initial viewpoint, nine numbers: eye, target, up. */
   get viewpoint(): string {
     return this.getAttribute("viewpoint") ?? "";
   }
@@ -108,13 +119,78 @@ export class SplatWire extends Base {
     this.setAttribute("viewpoint", value);
   }
 
-  /** `cooperative` leaves the wheel and one finger to the page; "" takes them for the scene. */
+  /** `cooperative` leaves the wheel and one-finger gestures to the page. The empty string lets the scene take them. */
   get gestures(): string {
     return this.getAttribute("gestures") ?? "";
   }
 
   set gestures(value: string) {
     this.setAttribute("gestures", value);
+  }
+
+  /** Speed of the automatic rotation in degrees per second; the empty string means 12, null means none. */
+  get autorotate(): string | null {
+    return this.getAttribute("autorotate");
+  }
+
+  set autorotate(value: string | null) {
+    if (value === null) this.removeAttribute("autorotate");
+    else this.setAttribute("autorotate", value);
+  }
+
+  /** URL of a picture that is visible until the first Gaussians are. */
+  get poster(): string {
+    return this.getAttribute("poster") ?? "";
+  }
+
+  set poster(value: string) {
+    this.setAttribute("poster", value);
+  }
+
+  /** Starts the stream again. */
+  retry(): void {
+    this.#release();
+    if (this.isConnected) this.#start();
+  }
+
+  /** Plays a clip. */
+  play(): void {
+    this.#controller?.playback.play(true);
+  }
+
+  /** Pauses a clip. */
+  pause(): void {
+    this.#controller?.playback.play(false);
+  }
+
+  /** True if no clip plays. */
+  get paused(): boolean {
+    return this.#controller?.playback.paused ?? true;
+  }
+
+  /** Time of a clip's frame on the screen, seconds. Setting it shows that frame and pauses. */
+  get currentTime(): number {
+    return this.#controller?.playback.currentTime ?? 0;
+  }
+
+  set currentTime(seconds: number) {
+    this.#controller?.playback.seek(seconds);
+  }
+
+  /** Duration of a clip, seconds; 0 for a still, infinite for a live clip. */
+  get duration(): number {
+    return this.#controller?.playback.duration ?? 0;
+  }
+
+  /** Returns the current view as a value of the attribute `viewpoint`: eye, target and up direction. */
+  saveView(): string {
+    const { eye, target, up } = this.#running.viewpoint;
+    return [...eye, ...target, ...up].join(" ");
+  }
+
+  /** Returns a link to this page with the current view. */
+  link(): string {
+    return this.#running.link;
   }
 
   get status(): Readonly<Status> {
@@ -126,17 +202,17 @@ export class SplatWire extends Base {
     return this.#controller?.stage.view ?? null;
   }
 
-  /** @internal Throws where the element is not in a document. */
+  /** @internal Throws if the element is not in a document. */
   get panel(): Panel {
     return this.#running.panel;
   }
 
-  /** Whether all integers that were decoded are those that were encoded. */
+  /** Resolves to true if all decoded integers equal the encoded ones. */
   verify(): Promise<boolean> {
     return this.#running.verify();
   }
 
-  /** A PNG of the scene as a camera of splatwire sees it, in the camera's size. */
+  /** Resolves to a PNG data URL of the scene as seen by a camera of splatwire, in that camera's size. */
   picture(camera: FixedCamera): Promise<string> {
     return this.#running.picture(camera);
   }

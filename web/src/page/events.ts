@@ -1,26 +1,28 @@
-// What an element tells the page around it.
+// Status and events of the element.
 
-/** What arrived, and how it ended. Times are milliseconds since the element began with its stream. */
+import type { Viewpoint } from "../codec/decoder.ts";
+
+/** State of a transfer. Times are milliseconds since the element started its stream. */
 export interface Status {
-  /** When it began, milliseconds since navigation. */
+  /** Start time, milliseconds since navigation. */
   readonly began: number;
-  /** The words for how it ended; null as long as it goes on. */
+  /** Description of how the transfer ended; null while it continues. */
   finished: string | null;
-  /** Why it cannot go on; null where it can. */
+  /** Error message; null without an error. */
   failed: string | null;
-  /** Why the link dropped; null while there is one. */
+  /** Reason of a disconnect; null while connected. */
   lost: string | null;
-  /** Whether every packet is there. */
+  /** True if every packet was received. */
   complete: boolean;
-  /** Whether all decoded integers are those that were encoded; null as long as that is not known. */
+  /** True if all decoded integers equal the encoded ones; null until it is known. */
   verified: boolean | null;
   gaussians: number;
   packets: number;
   expected: number;
   way: string;
-  /** Time that the worker spent on decoding. */
+  /** Decoding time in the worker, milliseconds. */
   decodeMs: number;
-  /** Preview, first Gaussians and half of them on the screen. */
+  /** Times until the preview, the first Gaussians and half of them were on the screen. */
   times: Record<string, number>;
 }
 
@@ -40,22 +42,24 @@ export const newStatus = (): Status => ({
 });
 
 export interface Details {
-  /** Packets and bytes so far, packets of the whole stream, and Gaussians that are drawn. */
+  /** Received packets and bytes, packets of the whole stream, and drawn Gaussians. */
   progress: { packets: number; expected: number; bytes: number; gaussians: number };
-  /** There is something to see: milliseconds since the element began, and whether it is a preview. */
+  /** First picture: milliseconds since the start, and whether it is a preview. */
   firstpicture: { ms: number; preview: boolean };
-  /** The transfer has ended: whether everything is there, and is what was encoded. */
+  /** End of the transfer: whether it is complete, and whether its digest was verified. */
   load: { complete: boolean; verified: boolean };
-  /** It cannot go on. */
+  /** Fatal error. */
   error: { message: string };
-  /** The link dropped; it is tried again after so many milliseconds. */
+  /** The camera moved; at most once per animation frame. World units. */
+  camerachange: Viewpoint;
+  /** Disconnect: its reason, and the time until the next attempt in milliseconds. */
   lost: { reason: string; retryMs: number };
 }
 
-/** The events of the element by name. */
+/** Events of the element by name. */
 export type SplatWireEvents = { [Name in keyof Details]: CustomEvent<Details[Name]> };
 
-/** Those and the standard events of an element; `load`, `error` and `progress` have the details above. */
+/** These and the standard events of an element. `load`, `error` and `progress` have the details above. */
 export type SplatWireEventMap = Omit<HTMLElementEventMap, keyof SplatWireEvents> & SplatWireEvents;
 
-export type Tell = <Name extends keyof Details>(name: Name, detail: Details[Name]) => void;
+export type Dispatch = <Name extends keyof Details>(name: Name, detail: Details[Name]) => void;

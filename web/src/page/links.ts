@@ -1,12 +1,14 @@
-// What a link says behind its #, and code for other pages.
+// Links to a view of the scene, and embed code for other pages.
 
 import type { Viewpoint } from "../codec/decoder.ts";
 import type { Settings } from "./panel.ts";
 
 export interface Linked {
   readonly settings: Partial<Settings>;
-  /** Whether the scene was turned upside down. */
+  /** True if the scene is turned upside down. */
   readonly turned: boolean;
+  /** Viewpoint of the link; null if it has none. */
+  readonly viewpoint: Viewpoint | null;
 }
 
 export function readLink(): Linked {
@@ -14,35 +16,52 @@ export function readLink(): Linked {
     dropped = Number(fields.get("drop") ?? 0),
     concealer = fields.get("concealer");
   const settings = { dropped: dropped > 0 && dropped < 1 ? dropped : 0, ...(concealer ? { concealer } : {}) };
-  return { settings, turned: fields.get("turned") === "1" };
+  const viewpoint = viewpointOf((fields.get("view") ?? "").replaceAll(",", " "));
+  return { settings, turned: fields.get("turned") === "1", viewpoint };
 }
 
-export function writeLink({ concealer, dropped }: Settings, turned: boolean): string {
-  const address = new URL(location.href);
-  address.hash = new URLSearchParams({
-    concealer,
-    drop: String(dropped),
-    ...(turned ? { turned: "1" } : {}),
-  }).toString();
+/** Significant digits of a viewpoint's numbers in a link. */
+const DIGITS = 6;
+
+/** Returns a link to this page with the current view and settings. Other fields of the fragment stay. */
+export function writeLink({ concealer, dropped }: Settings, viewpoint: Viewpoint): string {
+  const address = new URL(location.href),
+    fields = new URLSearchParams(address.hash.slice(1)),
+    { eye, target, up } = viewpoint;
+  fields.delete("turned"); // the up axis of the viewpoint says so
+  fields.set("concealer", concealer);
+  fields.set("drop", String(dropped));
+  fields.set("view", [...eye, ...target, ...up].map((value) => Number(value.toPrecision(DIGITS))).join());
+  address.hash = fields.toString();
   return address.href;
 }
 
-/** The file that defines the element for pages without a bundler. */
+/** File that defines the element for pages without a bundler. */
 const SCRIPT = "/splatwire.js";
 
+/** Query of a stream's URL on the servers of splatwire. It pins the current version, which caches keep for a year. */
+const VERSION = /^\?[0-9a-f]{16}$/;
+
+/** Attributes of the element that embed code repeats, because they change the picture. */
+export const EMBEDDED = ["up", "viewpoint", "concealer", "autorotate"] as const;
+
 /**
- * Code for another page that shows a stream; null where this script, at the address `own`, is not that file but a part
- * of an application's bundle or of a packed page.
+ * Returns embed code for another page. `attributes` are those of the element. Returns null if this script, loaded from
+ * `own`, is part of an application's bundle or of a packed page.
  */
-export function embedCode(stream: URL, own: string): string | null {
+export function embedCode(stream: URL, own: string, attributes: Readonly<Record<string, string>> = {}): string | null {
   const { protocol, origin, pathname } = new URL(own),
-    quoted = (address: string): string => address.replaceAll("&", "&amp;").replaceAll('"', "&quot;");
+    quoted = (text: string): string => text.replaceAll("&", "&amp;").replaceAll('"', "&quot;"),
+    address = new URL(stream);
   if (!/^https?:$/.test(protocol) || !pathname.endsWith(SCRIPT)) return null;
-  const element = `<splat-wire src="${quoted(stream.href)}" style="height: 30rem"></splat-wire>`;
-  return `<script type="module" src="${quoted(origin + pathname)}"></script>\n${element}`;
+  if (VERSION.test(address.search)) address.search = "";
+  const all = { src: address.href, ...attributes, style: "height: 30rem" },
+    words = Object.entries(all).map(([name, value]) => ` ${name}="${quoted(value)}"`),
+    script = `<script type="module" src="${quoted(origin + pathname)}"></script>`;
+  return `${script}\n<splat-wire${words.join("")}></splat-wire>`;
 }
 
-/** Nine numbers: eye, the point that it looks at, what is up there; null where it is something else. */
+/** Parses nine numbers: eye, target, up. Returns null for anything else. */
 export function viewpointOf(words: string | null): Viewpoint | null {
   const numbers = words?.trim().split(/\s+/).map(Number);
   if (numbers?.length !== 9 || !numbers.every(Number.isFinite)) return null;

@@ -1,159 +1,161 @@
-// The player of a live clip: a clock that runs behind what comes, by as much as its groups of late varied (a jitter
-// buffer). What is not there when it is due is waited for while the last frame stays; what is late is left out.
+// Player of live clips with a jitter buffer: the delay follows the recent variation of arrival times. A missing frame
+// stalls playback; late frames are skipped.
 
-import { AnyPlayer, type Asked } from "./player.ts";
+import { PlayerBase, type RequestFrame } from "./player.ts";
 
-/** Groups whose arrival the buffer goes by. */
-const LOOKED_AT = 24;
-/** Kept beyond the latest of those, seconds. */
+/** Number of recent groups that determine the delay. */
+const WINDOW_GROUPS = 24;
+/** Margin added to the latest of them, seconds. */
 const MARGIN_S = 0.03;
-/** Share by which the clock runs faster where the buffer has more than it needs, and where it has much more. */
+/** Relative increase of the clock's speed while the delay is larger than needed, and while it is much larger. */
 const CATCH_UP = 0.04,
   CATCH_UP_FAST = 0.15;
-/** Surplus of the buffer from which the clock runs much faster, and from which it jumps, seconds. */
-const MUCH_S = 0.5,
-  JUMP_S = 1;
+/** Surplus delay above which the clock runs much faster, and above which it jumps, seconds. */
+const FAST_SURPLUS_S = 0.5,
+  JUMP_SURPLUS_S = 1;
 /**
- * Groups that have to come one after another at their rate before the clock jumps: an outage is over then. Each jump
- * doubles the number, so that a path that is late again and again is waited for.
+ * Number of consecutive groups at the nominal rate that end an outage, after which the clock may jump. Each jump
+ * doubles it, so that a path with repeated delays is not followed at once.
  */
-const CALM = 3;
+const OUTAGE_END_GROUPS = 3;
 
-/** When frames are shown, seconds in and out. */
+/** Jitter buffer: maps times in seconds to frames. */
 export class JitterBuffer {
-  /** When frame 0 would have been shown. */
-  #zero = -Infinity;
+  /** Time at which frame 0 is due, seconds. */
+  #frameZeroAt = -Infinity;
   #end = -1;
-  readonly #zeros: number[] = [];
+  readonly #frameZeroCandidates: number[] = [];
   #at = 0;
-  #cameAt = -Infinity;
-  /** Groups that came at their rate, one after another. */
-  #calm = 0;
-  #calmNeeded = CALM;
-  /** Frames that were due and not there. */
-  held = 0;
-  /** Whether no more will come. */
-  over = false;
+  #arrivedAt = -Infinity;
+  /** Number of consecutive groups that arrived at the nominal rate. */
+  #steadyGroups = 0;
+  #steadyGroupsNeeded = OUTAGE_END_GROUPS;
+  /** Number of frames that were due but missing. */
+  stalledFrames = 0;
+  /** True if no more frames will arrive. */
+  ended = false;
 
   constructor(readonly rate: number) {}
 
-  /** Frames up to an end can be shown from now on. */
+  /** Records the arrival, at time `now`, of frames `begin` to `end - 1`. */
   add(begin: number, end: number, now: number): void {
     const first = Math.max(this.#end, begin);
     if (end <= first) return;
-    this.#zeros.push(now - first / this.rate);
-    if (this.#zeros.length > LOOKED_AT) this.#zeros.shift();
+    this.#frameZeroCandidates.push(now - first / this.rate);
+    if (this.#frameZeroCandidates.length > WINDOW_GROUPS) this.#frameZeroCandidates.shift();
     this.#end = end;
     this.#jump((end - first) / this.rate, now);
-    if (this.#zero === -Infinity) {
-      this.#zero = this.#wanted;
+    if (this.#frameZeroAt === -Infinity) {
+      this.#frameZeroAt = this.#wantedFrameZero;
       this.#at = now;
     }
   }
 
-  /** Skips what an outage has delayed, once groups come at their rate and long before they are due. */
-  #jump(seconds: number, now: number): void {
-    this.#calm = now - this.#cameAt > seconds / 2 ? this.#calm + 1 : 0;
-    this.#cameAt = now;
-    if (this.#calm < this.#calmNeeded) return;
-    const last = this.#zeros.slice(-this.#calm),
+  /** Skips the delay of an outage once groups arrive at the nominal rate and well before their due time. */
+  #jump(delaySeconds: number, now: number): void {
+    this.#steadyGroups = now - this.#arrivedAt > delaySeconds / 2 ? this.#steadyGroups + 1 : 0;
+    this.#arrivedAt = now;
+    if (this.#steadyGroups < this.#steadyGroupsNeeded) return;
+    const last = this.#frameZeroCandidates.slice(-this.#steadyGroups),
       wanted = Math.max(...last) + MARGIN_S;
-    if (this.#zero - wanted < JUMP_S) return;
-    this.#zeros.splice(0, this.#zeros.length - last.length);
-    this.#zero = wanted;
-    this.#calmNeeded = Math.min(2 * this.#calmNeeded, LOOKED_AT);
+    if (this.#frameZeroAt - wanted < JUMP_SURPLUS_S) return;
+    this.#frameZeroCandidates.splice(0, this.#frameZeroCandidates.length - last.length);
+    this.#frameZeroAt = wanted;
+    this.#steadyGroupsNeeded = Math.min(2 * this.#steadyGroupsNeeded, WINDOW_GROUPS);
   }
 
-  /** The last frame that can be shown. */
+  /** Last playable frame. */
   get last(): number {
     return this.#end - 1;
   }
 
-  get #wanted(): number {
-    return Math.max(...this.#zeros) + MARGIN_S;
+  get #wantedFrameZero(): number {
+    return Math.max(...this.#frameZeroCandidates) + MARGIN_S;
   }
 
-  /** How long what comes waits, seconds. */
+  /** Current delay of the newest group, seconds. */
   get seconds(): number {
-    return this.#zeros.length ? this.#zero - this.#zeros[this.#zeros.length - 1] : 0;
+    return this.#frameZeroCandidates.length
+      ? this.#frameZeroAt - this.#frameZeroCandidates[this.#frameZeroCandidates.length - 1]
+      : 0;
   }
 
-  /** The frame to be shown now; null before the first. */
+  /** Returns the frame to show at time `now`; null before the first frame. */
   due(now: number): number | null {
-    if (this.#zero === -Infinity) return null;
+    if (this.#frameZeroAt === -Infinity) return null;
     const passed = now - this.#at,
-      wanted = this.#wanted;
+      wanted = this.#wantedFrameZero;
     this.#at = now;
-    if (wanted > this.#zero) this.#zero = wanted;
+    if (wanted > this.#frameZeroAt) this.#frameZeroAt = wanted;
     else {
-      const share = this.#zero - wanted > MUCH_S ? CATCH_UP_FAST : CATCH_UP;
-      this.#zero = Math.max(wanted, this.#zero - share * passed);
+      const share = this.#frameZeroAt - wanted > FAST_SURPLUS_S ? CATCH_UP_FAST : CATCH_UP;
+      this.#frameZeroAt = Math.max(wanted, this.#frameZeroAt - share * passed);
     }
-    const due = Math.floor((now - this.#zero) * this.rate);
+    const due = Math.floor((now - this.#frameZeroAt) * this.rate);
     if (due < this.#end) return due < 0 ? null : due;
-    if (!this.over) this.held += Math.min(passed * this.rate, due + 1 - this.#end);
+    if (!this.ended) this.stalledFrames += Math.min(passed * this.rate, due + 1 - this.#end);
     return this.last;
   }
 }
 
-export class LivePlayer extends AnyPlayer {
+export class LivePlayer extends PlayerBase {
   readonly #buffer: JitterBuffer;
   #begin = 0;
-  /** Whether it played when it last looked: what passes while it is paused is not late. */
-  #goesOn = false;
+  /** True if playing at the last tick. Frames that pass during a pause are not counted as late. */
+  #wasPlaying = false;
 
-  constructor(rate: number, ask: Asked) {
+  constructor(rate: number, ask: RequestFrame) {
     super(rate, ask);
     this.number = -1;
     this.#buffer = new JitterBuffer(rate);
     this.begin();
   }
 
-  /** What the panel says of it. */
+  /** Statistics for the panel: late frames, stalled frames, delay in seconds. */
   get facts(): { late: number; held: number; buffer: number } {
-    return { late: this.skipped, held: Math.round(this.#buffer.held), buffer: this.#buffer.seconds };
+    return { late: this.skipped, held: Math.round(this.#buffer.stalledFrames), buffer: this.#buffer.seconds };
   }
 
   override get over(): boolean {
-    return this.#buffer.over && this.number === this.#buffer.last;
+    return this.#buffer.ended && this.number === this.#buffer.last;
   }
 
-  /** Holds the picture, or goes on with what is live then. */
+  /** Pauses, or continues at the live position. */
   override play(playing: boolean): void {
     super.play(playing);
-    this.#tell();
+    this.#showStatus();
   }
 
-  /** Frames that can be shown. */
+  /** Announces playable frames. */
   playable(begin: number, end: number): void {
     this.#begin = begin;
     this.#buffer.add(begin, end, performance.now() / 1000);
     this.tick();
   }
 
-  /** No more will come. */
+  /** Announces the end of the clip. */
   end(): void {
-    this.#buffer.over = true;
+    this.#buffer.ended = true;
     this.tick();
-    this.#tell();
+    this.#showStatus();
   }
 
   override shown(number: number): void {
     super.shown(number);
-    this.#tell();
+    this.#showStatus();
   }
 
-  #tell(): void {
+  #showStatus(): void {
     this.button.hidden = this.over;
     const how = this.over ? "ended" : this.playing ? "live" : "paused";
-    this.told.textContent = how + (this.number < 0 ? "" : `, frame ${this.number + 1}`);
+    this.label.textContent = how + (this.number < 0 ? "" : `, frame ${this.number + 1}`);
   }
 
   protected override next(): number | null {
     const due = this.playing || this.number < 0 ? this.#buffer.due(performance.now() / 1000) : this.number;
     if (due === null || due < this.#begin) return null;
-    if (this.#goesOn) this.skipped += Math.max(due - this.number - 1, 0);
-    this.#goesOn = this.playing;
-    return Math.max(due, this.number); // the clock may go back a little
+    if (this.#wasPlaying) this.skipped += Math.max(due - this.number - 1, 0);
+    this.#wasPlaying = this.playing;
+    return Math.max(due, this.number); // the clock may go back slightly
   }
 }

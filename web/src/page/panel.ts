@@ -1,74 +1,87 @@
-// The panel: a bar for visitors, and behind its switch the laboratory: what arrived, and what can be changed.
+// Panel: controls over the lower edge of the scene, and a "laboratory" with statistics and settings.
 
 import type { Choice } from "../transport/losses.ts";
+import { createElement, iconButton, setIcon } from "./elements.ts";
+import { Help } from "./help.ts";
+import { Notice, type NoticeKind } from "./notice.ts";
 
-export type Show = "received" | "lossless" | "difference";
+export type PictureMode = "received" | "lossless" | "difference";
 
 export interface Settings extends Choice {
-  readonly show: Show;
+  readonly show: PictureMode;
 }
 
-/** How what is said is meant; what is `done` is for those who look closely. */
-export type Tone = "plain" | "bad" | "done";
+/** Style of a status message. `done` is visible only while the laboratory is open. */
+export type MessageStyle = "plain" | "bad" | "done";
 
 type Slider = "dropped" | "burst" | "sent";
-type Child = Node | string;
 
-function make<K extends keyof HTMLElementTagNameMap>(
-  tag: K,
-  fields: Record<string, string> = {},
-  ...children: Child[]
-): HTMLElementTagNameMap[K] {
-  const element = document.createElement(tag);
-  for (const [name, value] of Object.entries(fields)) element.setAttribute(name, value);
-  element.append(...children);
-  return element;
+/** Actions of the buttons. */
+export interface PanelActions {
+  /** Called after every change of the settings. */
+  readonly changed: () => void;
+  /** Turns the scene upside down. */
+  readonly flip: () => void;
+  /** Returns to the first view. */
+  readonly reset: () => void;
+  /** Starts or stops the automatic rotation. */
+  readonly rotate: () => void;
+  /** Starts the stream again. */
+  readonly retry: () => void;
+  /** Toggles full screen; null if the browser does not support it. */
+  readonly fullScreen: (() => void) | null;
+  /** Texts for the clipboard by the label of their button. */
+  readonly copies: Record<string, () => string>;
 }
 
-const PLAY_MS = 10_000;
-const HELP =
-  "Drag turns, right button or two fingers move, wheel or pinch zooms; arrows, + and - do, too. " +
-  "Home goes back to where it began, F turns the scene upside down, H hides this.";
+const REPLAY_MS = 10_000;
 
 export class Panel {
-  readonly element = make("div", { class: "panel" });
+  readonly element = createElement("div", { class: "panel" });
   settings: Settings = { concealer: "grow", dropped: 0, burst: 1, seed: 0, sent: 1, show: "received" };
-  readonly #state = make("p", { class: "state", role: "status" });
-  readonly #show = this.#shows();
-  readonly #line = make("progress", { max: "1", value: "0", "aria-label": "what has arrived" });
-  readonly #bar = make("div", { class: "bar" });
-  readonly #laboratory = make("section", { class: "laboratory", id: "laboratory", "aria-label": "laboratory" });
-  readonly #switch = make("button", { type: "button", "aria-controls": "laboratory" }, "laboratory");
+  readonly #state = createElement("p", { class: "state", part: "status", role: "status" });
+  readonly #show = this.#pictureModes();
+  readonly #title = createElement("p", { class: "title", part: "title" });
+  readonly #progressBar = createElement("progress", {
+    part: "progress",
+    max: "1",
+    value: "0",
+    "aria-label": "received",
+  });
+  readonly #bar = createElement("div", { class: "bar", part: "controls" });
+  readonly #laboratory = createElement("section", {
+    class: "laboratory",
+    part: "laboratory",
+    id: "laboratory",
+    "aria-label": "laboratory",
+  });
+  readonly #switch = iconButton("laboratory", "settings", { "aria-controls": "laboratory" });
+  readonly #rotation = iconButton("rotate automatically", "rotate", { "aria-pressed": "false" });
+  readonly #screen = iconButton("full screen", "expand");
+  readonly #help = new Help(() => this.showHelp(false));
+  readonly #helpSwitch = iconButton("help", "help", { "aria-expanded": "false" });
+  readonly #notice: Notice;
   readonly #values = new Map<string, HTMLElement>();
-  readonly #facts = make("dl");
-  readonly #choice = make("select", { "aria-label": "concealer" });
-  readonly #sliders = new Map<Slider, { slider: HTMLInputElement; told: HTMLElement }>();
-  #playing = 0;
+  readonly #facts = createElement("dl");
+  readonly #concealerSelect = createElement("select", { "aria-label": "concealer" });
+  readonly #sliders = new Map<Slider, { slider: HTMLInputElement; output: HTMLElement }>();
+  #replayTimer = 0;
   #chosen: string | null = null;
 
-  /**
-   * `changed` is called with every change of the settings; `copies` gives texts for the clipboard by the words on their
-   * button. `fullScreen` fills the screen or ends that; null where the browser cannot.
-   */
   constructor(
-    readonly changed: () => void,
-    readonly flip: () => void,
-    readonly copies: Record<string, () => string>,
+    readonly actions: PanelActions,
     title: string,
-    fullScreen: (() => void) | null,
   ) {
+    const { flip, reset, rotate, retry, fullScreen, copies } = actions;
+    this.title = title;
     this.#list(["grow"]);
-    this.#choice.addEventListener("change", () => this.set({ concealer: this.#choice.value }));
-    const again = make("button", { type: "button", title: "loses other packets" }, "others");
+    this.#concealerSelect.addEventListener("change", () => this.set({ concealer: this.#concealerSelect.value }));
+    const again = createElement("button", { type: "button", title: "drop other packets" }, "other packets");
     again.addEventListener("click", () => this.set({ seed: this.settings.seed + 1 }));
-    const turn = make("button", { type: "button" }, "upside down");
+    const turn = createElement("button", { type: "button" }, "upside down");
     turn.addEventListener("click", flip);
-    const play = make(
-      "button",
-      { type: "button", title: "shows the packets in the order in which they are sent" },
-      "play",
-    );
-    play.addEventListener("click", () => this.#play());
+    const play = createElement("button", { type: "button", title: "replay the packets in sending order" }, "play");
+    play.addEventListener("click", () => this.#replay());
     const losses = [
       this.#slider("dropped", "Drop packets on purpose: ", 0, 0.95, 0.01),
       this.#slider("burst", "In bursts of ", 1, 50, 1),
@@ -79,34 +92,79 @@ export class Panel {
     ];
     this.#laboratory.append(
       this.#facts,
-      make("label", {}, "Concealer ", this.#choice),
+      createElement("label", {}, "Concealer ", this.#concealerSelect),
       ...losses,
       turn,
-      ...Object.entries(copies).map(([words, text]) => this.#copier(words, text)),
-      make("p", { class: "help" }, HELP),
+      ...Object.entries(copies).map(([words, text]) => this.#copyButton(words, text)),
     );
     this.#switch.addEventListener("click", () => (this.open = !this.open));
-    const screen = make("button", { type: "button" }, "full screen");
-    screen.addEventListener("click", () => fullScreen?.());
-    this.#bar.append(make("p", { class: "title" }, title), this.#state, ...(fullScreen ? [screen] : []), this.#switch);
-    this.element.append(this.#laboratory, make("div", { class: "foot" }, this.#line, this.#bar));
+    this.#helpSwitch.addEventListener("click", () => this.showHelp(!this.#help.open));
+    this.#rotation.addEventListener("click", rotate);
+    this.#screen.addEventListener("click", () => fullScreen?.());
+    const first = iconButton("first view", "reset");
+    first.addEventListener("click", reset);
+    this.#bar.append(
+      createElement("div", { class: "texts" }, this.#title, this.#state),
+      first,
+      this.#rotation,
+      this.#helpSwitch,
+      this.#switch,
+      ...(fullScreen ? [this.#screen] : []),
+    );
+    this.#notice = new Notice(retry);
+    this.element.append(
+      this.#laboratory,
+      this.#notice.element,
+      createElement("div", { class: "foot" }, this.#progressBar, this.#bar),
+      this.#help.element,
+    );
     this.open = false;
     this.set({});
   }
 
-  /**
-   * Lists the concealers that there are for a stream, and says which it lacks. Where nobody chose, or chose none of
-   * these, it is `sketch`, on which the sender spent bytes, or `grow`.
-   */
-  offer(names: readonly string[], chosen = this.#chosen): void {
+  /** Shows a notice over the scene, which has no picture yet. */
+  showNotice(kind: NoticeKind, text: string): void {
+    this.#notice.show(kind, text);
+  }
+
+  hideNotice(): void {
+    this.#notice.hide();
+  }
+
+  /** Opens or closes the help. Returns the focus to its button. */
+  showHelp(open: boolean): void {
+    const had = this.#help.open;
+    this.#help.open = open;
+    this.#helpSwitch.setAttribute("aria-expanded", String(open));
+    if (had && !open) this.#helpSwitch.focus();
+  }
+
+  get helpOpen(): boolean {
+    return this.#help.open;
+  }
+
+  /** Shows whether the camera rotates automatically. */
+  set rotating(rotating: boolean) {
+    this.#rotation.setAttribute("aria-pressed", String(rotating));
+  }
+
+  /** Shows whether the element fills the screen. */
+  set fullScreen(isFull: boolean) {
+    setIcon(this.#screen, isFull ? "exit full screen" : "full screen", isFull ? "shrink" : "expand");
+  }
+
+  /** Lists the stream's concealers. The default is `sketch` if the stream has redundant copies, else `grow`. */
+  setConcealers(names: readonly string[], chosen = this.#chosen): void {
     this.#list(names);
     if (names.includes("grow") && !names.includes("sketch"))
-      this.#choice.append(make("option", { value: "sketch", disabled: "" }, "sketch (the stream has none)"));
+      this.#concealerSelect.append(
+        createElement("option", { value: "sketch", disabled: "" }, "sketch (not in this stream)"),
+      );
     this.set({ concealer: [chosen, "sketch", "grow"].find((name) => name && names.includes(name)) ?? names[0] });
     this.#chosen = chosen;
   }
 
-  /** Whether the laboratory is open. */
+  /** True if the laboratory is open. */
   get open(): boolean {
     return !this.#laboratory.hidden;
   }
@@ -116,105 +174,120 @@ export class Panel {
     this.#switch.setAttribute("aria-expanded", String(open));
   }
 
-  /** What can be chosen. */
+  /** Selectable concealers. */
   get concealers(): string[] {
-    return Array.from(this.#choice.options).flatMap(({ value, disabled }) => (disabled ? [] : [value]));
+    return Array.from(this.#concealerSelect.options).flatMap(({ value, disabled }) => (disabled ? [] : [value]));
   }
 
   #list(names: readonly string[]): void {
-    this.#choice.replaceChildren(...names.map((name) => make("option", { value: name }, name)));
+    this.#concealerSelect.replaceChildren(...names.map((name) => createElement("option", { value: name }, name)));
   }
 
   set(some: Partial<Settings>): void {
     this.settings = { ...this.settings, ...some };
     this.#chosen = some.concealer ?? this.#chosen;
-    this.#choice.value = this.settings.concealer;
-    for (const [name, { slider, told }] of this.#sliders) {
+    this.#concealerSelect.value = this.settings.concealer;
+    for (const [name, { slider, output }] of this.#sliders) {
       const value = this.settings[name];
       slider.value = String(value);
-      told.textContent = name === "burst" ? `${value} packet${value === 1 ? "" : "s"}` : `${Math.round(100 * value)} %`;
+      output.textContent =
+        name === "burst" ? `${value} packet${value === 1 ? "" : "s"}` : `${Math.round(100 * value)} %`;
     }
     for (const input of this.element.querySelectorAll<HTMLInputElement>("input[type=radio]"))
       input.checked = input.value === this.settings.show;
-    this.changed();
+    this.actions.changed();
   }
 
-  /** Puts a player into the bar; frames that pass are not compared with those that nothing was dropped of. */
+  /** Adds a player to the bar. Removes the comparison, which needs a static scene. */
   add(player: HTMLElement): void {
     this.#bar.prepend(player);
     this.#show.remove();
   }
 
   destroy(): void {
-    clearInterval(this.#playing);
+    clearInterval(this.#replayTimer);
   }
 
-  say(text: string, tone: Tone = "plain"): void {
+  setMessage(text: string, tone: MessageStyle = "plain"): void {
     this.#state.textContent = text;
     this.#state.className = `state ${tone}`;
   }
 
-  progress(share: number): void {
-    this.#line.value = share;
-    this.#line.classList.toggle("full", share >= 1);
+  /** Title of the scene in the bar; long ones are cut there and complete in the tooltip. */
+  set title(text: string) {
+    this.#title.textContent = this.#title.title = text;
   }
 
-  tell(row: string, text: string): void {
+  progress(share: number): void {
+    this.#progressBar.value = share;
+    this.#progressBar.classList.toggle("full", share >= 1);
+  }
+
+  /** Sets a row of the statistics. An optional row is absent while its text is empty. */
+  setRow(row: string, text: string, isOptional = false): void {
+    if (isOptional && !text) return this.#removeRow(row);
     (this.#values.get(row) ?? this.#row(row)).textContent = text;
   }
 
+  #removeRow(row: string): void {
+    const value = this.#values.get(row);
+    value?.previousElementSibling?.remove();
+    value?.remove();
+    this.#values.delete(row);
+  }
+
   #row(row: string): HTMLElement {
-    const value = make("dd", {}, "-");
-    this.#facts.append(make("dt", {}, row), value);
+    const value = createElement("dd", {}, "-");
+    this.#facts.append(createElement("dt", {}, row), value);
     this.#values.set(row, value);
     return value;
   }
 
   #slider(name: Slider, words: string, min: number, max: number, step: number): HTMLElement {
-    const slider = make("input", {
+    const slider = createElement("input", {
         type: "range",
         "aria-label": words.trim(),
         min: String(min),
         max: String(max),
         step: String(step),
       }),
-      told = make("output");
+      output = createElement("output");
     slider.addEventListener("input", () => this.set({ [name]: Number(slider.value) }));
-    this.#sliders.set(name, { slider, told });
-    return make("label", {}, words, told, " ", slider);
+    this.#sliders.set(name, { slider, output });
+    return createElement("label", {}, words, output, " ", slider);
   }
 
-  /** Lets the packets come again. */
-  #play(): void {
+  /** Replays the arrival of the packets. */
+  #replay(): void {
     const began = performance.now();
-    clearInterval(this.#playing);
-    this.#playing = window.setInterval(() => {
-      const sent = Math.min((performance.now() - began) / PLAY_MS, 1);
-      if (sent === 1) clearInterval(this.#playing);
+    clearInterval(this.#replayTimer);
+    this.#replayTimer = window.setInterval(() => {
+      const sent = Math.min((performance.now() - began) / REPLAY_MS, 1);
+      if (sent === 1) clearInterval(this.#replayTimer);
       this.set({ sent });
     }, 250);
   }
 
-  #shows(): HTMLElement {
-    const group = make("fieldset", { "aria-label": "what is shown" });
+  #pictureModes(): HTMLElement {
+    const group = createElement("fieldset", { "aria-label": "displayed picture" });
     for (const show of ["received", "lossless", "difference"] as const) {
-      const input = make("input", { type: "radio", name: "show", value: show });
+      const input = createElement("input", { type: "radio", name: "show", value: show });
       input.addEventListener("change", () => this.set({ show }));
-      group.append(make("label", {}, input, show));
+      group.append(createElement("label", {}, input, show));
     }
     return group;
   }
 
-  #copier(words: string, text: () => string): HTMLElement {
-    const button = make("button", { type: "button" }, words);
+  #copyButton(words: string, text: () => string): HTMLElement {
+    const button = createElement("button", { type: "button" }, words);
     button.addEventListener("click", () => {
-      const told = (said: string): void => void (button.textContent = said);
+      const output = (said: string): void => void (button.textContent = said);
       if (!navigator.clipboard) return void window.prompt(words, text());
       navigator.clipboard.writeText(text()).then(
-        () => told("copied"),
+        () => output("copied"),
         () => window.prompt(words, text()),
       );
-      setTimeout(() => told(words), 1500);
+      setTimeout(() => output(words), 1500);
     });
     return button;
   }

@@ -1,56 +1,65 @@
-// Players of what moves: a clock that asks the worker for the frame that is due. What comes late is left out: nothing
-// is asked for before the frame before is on the screen.
+// Players of clips: a clock requests the frame that is due. The next frame is requested only once the last one is on
+// the screen, so late frames are skipped.
 
-export type Asked = (number: number) => void;
+import { createElement, iconButton, setIcon } from "./elements.ts";
 
-/** When frames of a clip are shown. */
-export interface Times {
+export type RequestFrame = (frame: number) => void;
+
+/** Timing of a clip. */
+export interface ClipTiming {
   readonly rate: number;
   readonly numFrames: number;
 }
 
-/** What every player has: a button, and a frame that is asked for. */
-export abstract class AnyPlayer {
-  readonly element = document.createElement("fieldset");
-  protected readonly button = document.createElement("button");
-  protected readonly told = document.createElement("output");
-  /** The frame that was asked for last. */
+/** Base class of players: a button and the requested frame. */
+export abstract class PlayerBase {
+  readonly element = createElement("fieldset", { class: "player", part: "player", "aria-label": "player" });
+  protected readonly button = iconButton("play", "play");
+  protected readonly label = createElement("output");
+  /** Frame requested last. */
   protected number = 0;
-  #wanted = false;
-  #seen = true;
+  #isPlaying = false;
+  #isVisible = true;
   #waiting = false;
   #stale = true;
   #ticking = 0;
-  /** Frames that were due while it played, and not shown. */
+  /** Number of frames that were due during playback but not shown. */
   skipped = 0;
 
   constructor(
     readonly rate: number,
-    readonly ask: Asked,
+    readonly requestFrame: RequestFrame,
   ) {
-    this.element.className = "player";
-    this.element.setAttribute("aria-label", "player");
-    this.button.type = "button";
-    this.button.addEventListener("click", () => this.play(!this.#wanted));
-    this.element.append(this.button, this.told);
+    this.button.addEventListener("click", () => this.play(!this.#isPlaying));
+    this.element.append(this.button, this.label);
   }
 
-  /** The frame that should be on the screen; null where there is none. */
+  /** Returns the frame to show; null if none is available. */
   protected abstract next(): number | null;
 
-  /** Whether time passes: what nobody sees waits. */
+  /** True after `play(true)`, also while the element is invisible. */
+  get started(): boolean {
+    return this.#isPlaying;
+  }
+
+  /** Time of the frame on the screen, seconds. */
+  get time(): number {
+    return Math.max(this.number, 0) / this.rate;
+  }
+
+  /** True while the clock runs. It stops while the element is invisible. */
   get playing(): boolean {
-    return this.#wanted && this.#seen;
+    return this.#isPlaying && this.#isVisible;
   }
 
-  /** Whether somebody can see it. */
-  sight(seen: boolean): void {
-    if (seen === this.#seen) return;
-    this.#seen = seen;
-    this.play(this.#wanted);
+  /** Sets whether the element is visible. */
+  setVisible(seen: boolean): void {
+    if (seen === this.#isVisible) return;
+    this.#isVisible = seen;
+    this.play(this.#isPlaying);
   }
 
-  /** Whether nothing is due any more. */
+  /** True after the last frame. */
   get over(): boolean {
     return false;
   }
@@ -60,24 +69,24 @@ export abstract class AnyPlayer {
     this.element.remove();
   }
 
-  /** Begins as somebody wants who may not like motion. */
+  /** Starts playing, or pauses if the visitor prefers reduced motion. */
   protected begin(): void {
     this.play(!matchMedia("(prefers-reduced-motion: reduce)").matches);
   }
 
   play(playing: boolean): void {
-    this.#wanted = playing;
-    this.button.textContent = playing ? "pause" : "play";
+    this.#isPlaying = playing;
+    setIcon(this.button, playing ? "pause" : "play", playing ? "pause" : "play");
     this.tick();
   }
 
-  /** The frame looks different now: packets came, or others are dropped. */
-  again(): void {
+  /** Requests the current frame again, because packets arrived or the simulated losses changed. */
+  redraw(): void {
     this.#stale = true;
     this.tick();
   }
 
-  /** A frame is on the screen. */
+  /** Announces that a frame is on the screen. */
   shown(_: number): void {
     this.#waiting = false;
     this.tick();
@@ -93,25 +102,23 @@ export abstract class AnyPlayer {
     this.number = next;
     this.#stale = false;
     this.#waiting = true;
-    this.ask(next);
+    this.requestFrame(next);
   }
 }
 
-export class Player extends AnyPlayer {
-  readonly #seek = document.createElement("input");
+export class Player extends PlayerBase {
+  readonly #seek = createElement("input", { type: "range", "aria-label": "frame" });
   /** Time of the first frame, milliseconds. */
   #began = 0;
 
   constructor(
-    readonly times: Times,
-    ask: Asked,
+    readonly times: ClipTiming,
+    ask: RequestFrame,
   ) {
     super(times.rate, ask);
-    this.#seek.type = "range";
-    this.#seek.setAttribute("aria-label", "frame");
     this.#seek.max = String(times.numFrames - 1);
     this.#seek.addEventListener("input", () => this.seek(Number(this.#seek.value)));
-    this.told.before(this.#seek);
+    this.label.before(this.#seek);
     this.begin();
   }
 
@@ -120,16 +127,16 @@ export class Player extends AnyPlayer {
     super.play(playing);
   }
 
-  /** Goes to a frame; it pauses there. */
+  /** Shows a frame and pauses. */
   seek(number: number): void {
     this.number = Math.min(Math.max(Math.round(number), 0), this.times.numFrames - 1);
     this.play(false);
-    this.again();
+    this.redraw();
   }
 
   override shown(number: number): void {
     this.#seek.value = String(number);
-    this.told.textContent = `frame ${number + 1} of ${this.times.numFrames}`;
+    this.label.textContent = `frame ${number + 1} of ${this.times.numFrames}`;
     super.shown(number);
   }
 

@@ -1,74 +1,80 @@
-// What is on the screen: the first pictures painted at once, and the scene as soon as the code that draws it is there.
+// Drawing area: paints the first pictures in software, then switches to the WebGL renderer.
 
 import { Vec3 } from "playcanvas";
 
 import type { Ball, Viewpoint } from "../codec/decoder.ts";
 import type { Camera } from "../model/camera.ts";
-import { acquire, giveBack, type Holder, offer } from "../render/contexts.ts";
-import type { Core } from "../render/core.ts";
-import { coreOf, frameScene } from "../render/framing.ts";
-import { Hands } from "../render/hands.ts";
-import { cameraOf, tangentOf } from "../render/lens.ts";
+import { Controls } from "../render/controls.ts";
+import { frameScene, sceneCore } from "../render/framing.ts";
+import { FreeSpace } from "../render/free_space.ts";
 import { loadView } from "../render/load.ts";
-import { Orbit, type Place } from "../render/orbit.ts";
+import { Orbit, type WindowPosition } from "../render/orbit.ts";
 import type { Packed, Tile } from "../render/packed.ts";
-import { paint } from "../render/painter.ts";
-import { pointAt } from "../render/pick.ts";
-import { Space } from "../render/space.ts";
+import { pickPoint } from "../render/pick.ts";
+import { cameraFromPose, halfHeight } from "../render/projection.ts";
+import type { SceneCore } from "../render/scene_core.ts";
+import { paint } from "../render/software_renderer.ts";
 import type { View } from "../render/view.ts";
-import { pause } from "../turns.ts";
+import { acquireContext, type ContextOwner, offerContext, releaseContext } from "../render/webgl_contexts.ts";
+import { delay, periodicPause } from "../scheduler.ts";
 
 /**
- * Setting up WebGL holds up the page, for a second where the processor does it: not before so much has come, or so long
- * has passed.
+ * Thresholds that start WebGL after the first picture: number of Gaussians, arrived or expected, or time in
+ * milliseconds. Setting it up blocks the page, for a second with software rendering.
  */
-const ENOUGH_GAUSSIANS = 50_000,
-  ENOUGH_MS = 3000;
-/** A page that is not visible draws no frames: what should come after one comes then all the same. */
-const PATIENCE_MS = 100;
-/** A context that the browser took is asked for again after a while. */
-const LOST_MS = 1000;
+const WEBGL_GAUSSIANS = 50_000,
+  WEBGL_DELAY_MS = 3000;
+/** Time limit for an animation frame, milliseconds. An invisible page has none, but its promises must resolve. */
+const FRAME_TIMEOUT_MS = 100;
+/** Delay before a lost WebGL context is requested again, milliseconds. */
+const CONTEXT_RETRY_MS = 1000;
 
-/** How long a hint is shown, milliseconds. */
+/** Display time of a hint, milliseconds. */
 const HINT_MS = 2000;
 
-/** Gaussians in front of a background. */
-export interface Shown {
+/** Gaussians in front of a background colour. */
+export interface PictureContent {
   readonly packed: Packed;
   readonly background: readonly number[];
 }
 
-export class Stage implements Holder {
-  /** What hands are on; holds the canvases. */
+export class Stage implements ContextOwner {
+  /** Element that receives gestures and contains the canvases. */
   readonly surface = document.createElement("div");
-  /** Where the first pictures are painted, above the other one until that has something to show. */
-  readonly first = document.createElement("canvas");
+  /** Canvas of the software-painted pictures, in front of the WebGL canvas until that has a picture. */
+  readonly paintedCanvas = document.createElement("canvas");
   readonly orbit = new Orbit(
     () => this.touch(),
-    () => this.#room(),
-    (at) => this.#seen(at),
+    () => this.#freeSpace(),
+    (at) => this.#pick(at),
   );
-  readonly hands = new Hands(this.surface, this.orbit, (text) => this.#showHint(text));
+  readonly controls = new Controls(this.surface, this.orbit, (text) => this.#showHint(text));
   readonly #hint = document.createElement("p");
-  #hinting = 0;
+  #hintTimer = 0;
   view: View | null = null;
-  inSight = true;
-  /** Where a clip goes, world units, if the stream says it. */
+  isVisible = true;
+  /** Sphere around all frames of a clip, world units; null if the stream has none. */
   extent: Ball | null = null;
-  /** Told of the camera of each picture. */
-  watcher: ((camera: Camera) => void) | null = null;
+  /** Callback with the camera of each picture. */
+  onCamera: ((camera: Camera) => void) | null = null;
+  /** Callback after each change of the picture. */
+  onChange: (() => void) | null = null;
   #parts: Packed[] = [];
-  /** What they are of, of a scene with levels. */
+  /** Drawn tiles of a scene with levels. */
   readonly #tiles = new Map<number, Packed>();
   #size = 1;
   #count = 0;
-  /** Middle and size of a scene, as far as they are known before its Gaussians. */
+  /** Number of Gaussians of the whole scene, 0 if unknown. */
+  #expected = 0;
+  /** True if no more Gaussians will arrive. */
+  #ended = false;
+  /** Centre and size of a scene, as far as known before its Gaussians. */
   #facing: { readonly middle: readonly number[]; readonly size: number } | null = null;
-  /** How many Gaussians there were when the camera was pointed at them. */
-  #framed = 0;
-  /** Where the camera may be, as of so many Gaussians. */
-  #space: Space | null = null;
-  #spaced = 0;
+  /** Number of Gaussians when the camera was last framed. */
+  #framedCount = 0;
+  /** Free space for the camera, and the number of Gaussians that it was computed from. */
+  #space: FreeSpace | null = null;
+  #spaceCount = 0;
   #background: readonly number[] = [0, 0, 0];
   #antialiased = false;
   #waiting: ((view: View) => void)[] = [];
@@ -77,10 +83,10 @@ export class Stage implements Holder {
   #shown: (() => void)[] = [];
   #opening = false;
   #destroyed = false;
-  #enough: () => void = () => undefined;
-  readonly #isEnough = new Promise<void>((resolve) => (this.#enough = resolve));
+  #startWebGL: () => void = () => undefined;
+  readonly #webGLWanted = new Promise<void>((resolve) => (this.#startWebGL = resolve));
 
-  /** `opened` is told of each view, `failed` why there is none. */
+  /** `opened` is called with each new view, `failed` if none can be created. */
   constructor(
     readonly opened: (view: View) => void,
     readonly failed: (error: Error) => void,
@@ -90,52 +96,52 @@ export class Stage implements Holder {
     this.surface.tabIndex = 0;
     this.surface.setAttribute("role", "application");
     this.surface.setAttribute("aria-roledescription", "three-dimensional scene");
-    this.surface.setAttribute("aria-label", `${title}: arrow keys turn it, plus and minus zoom, Home goes back`);
-    this.first.className = "first";
-    describe(this.first, title);
+    this.surface.setAttribute("aria-label", `${title}: arrow keys rotate, plus and minus zoom, Home resets the camera`);
+    this.paintedCanvas.className = "first";
+    describe(this.paintedCanvas, title);
     this.#hint.className = "hint";
-    this.surface.append(this.first, this.#hint);
+    this.surface.append(this.paintedCanvas, this.#hint);
   }
 
-  /** Leaves the wheel alone and one finger to the page, or takes them for the scene. */
-  cooperate(cooperative: boolean): void {
-    this.hands.cooperative = cooperative;
+  /** Sets whether the wheel and one-finger gestures are left to the page. */
+  setCooperative(cooperative: boolean): void {
+    this.controls.cooperative = cooperative;
     this.surface.classList.toggle("cooperative", cooperative);
   }
 
   #showHint(text: string): void {
     this.#hint.textContent = text;
     this.#hint.classList.add("shown");
-    clearTimeout(this.#hinting);
-    this.#hinting = window.setTimeout(() => this.#hint.classList.remove("shown"), HINT_MS);
+    clearTimeout(this.#hintTimer);
+    this.#hintTimer = window.setTimeout(() => this.#hint.classList.remove("shown"), HINT_MS);
   }
 
-  /** Where there is room for the camera; null as long as there is nothing else. */
-  #room(): Space | null {
-    if (this.#count && this.#count >= 1.5 * this.#spaced) {
-      this.#space = new Space(coreOf(this.#parts), this.#parts);
-      this.#spaced = this.#count;
+  /** Returns the free space for the camera; null before the first Gaussians. */
+  #freeSpace(): FreeSpace | null {
+    if (this.#count && this.#count >= 1.5 * this.#spaceCount) {
+      this.#space = new FreeSpace(sceneCore(this.#parts), this.#parts);
+      this.#spaceCount = this.#count;
     }
     return this.#space;
   }
 
-  /** What is at a place of the window, or next to it. */
-  #seen(at: Place | null): Vec3 | null {
+  /** Returns the point of the scene at a window position, or next to it. */
+  #pick(at: WindowPosition | null): Vec3 | null {
     const { clientWidth: width, clientHeight: height } = this.surface,
-      camera = cameraOf(this.orbit.pose(), 1, width, height),
+      camera = cameraFromPose(this.orbit.pose(), 1, width, height),
       { x, y } = at ?? { x: width / 2, y: height / 2 },
-      point = pointAt(this.#parts, camera, x, y);
+      point = pickPoint(this.#parts, camera, x, y);
     return point && new Vec3(...point);
   }
 
-  /** Loads what draws and begins to draw, if it may. */
+  /** Loads the renderer and starts drawing, if the element is visible and a WebGL context is free. */
   async open(): Promise<void> {
     if (this.#opening || this.view || this.#destroyed) return;
     this.#opening = true;
     try {
       await this.#open();
     } catch (error) {
-      giveBack(this);
+      releaseContext(this);
       this.failed(error as Error);
     } finally {
       this.#opening = false;
@@ -145,12 +151,12 @@ export class Stage implements Holder {
   async #open(): Promise<void> {
     if (this.#count) await this.shown();
     const Drawing = await loadView().catch(() =>
-      Promise.reject(new Error("The part of this page that draws could not be loaded; load the page again.")),
+      Promise.reject(new Error("The renderer could not be loaded; reload the page.")),
     );
-    setTimeout(this.#enough, ENOUGH_MS);
-    await this.#isEnough;
+    setTimeout(this.#startWebGL, WEBGL_DELAY_MS);
+    await this.#webGLWanted;
     if (this.#count) await this.shown();
-    if (this.#destroyed || !this.inSight || !acquire(this)) return;
+    if (this.#destroyed || !this.isVisible || !acquireContext(this)) return;
     const canvas = document.createElement("canvas");
     describe(canvas, this.title);
     this.surface.prepend(canvas);
@@ -162,35 +168,36 @@ export class Stage implements Holder {
     }
     const view = this.view;
     canvas.addEventListener("webglcontextlost", () => this.#contextLost(view));
-    view.watcher = (camera) => this.#watched(camera);
+    view.watcher = (camera) => this.#reportCamera(camera);
     view.background(this.#background);
     view.antialias(this.#antialiased);
-    view.begin(this.#size);
+    view.begin(this.#size, this.#expected);
+    if (this.#ended) view.end();
     if (this.#tiles.size)
-      view.recut(
+      view.replaceTiles(
         [],
         Array.from(this.#tiles, ([tile, packed]) => ({ tile, packed })),
       );
     else for (const part of this.#parts) view.add(part);
     do
-      await view.sorted(); // not for ever: what is painted stays until there is something else to see
+      await view.sorted(); // gives up after the limit of `sorted`; the painted picture stays until the view has one
     while (this.view === view && this.#count && !view.shows);
     if (this.view !== view) return;
     for (const work of this.#waiting.splice(0)) work(view);
     this.opened(view);
-    this.first.classList.remove("shown");
+    this.paintedCanvas.classList.remove("shown");
     for (const resolve of this.#shown.splice(0)) resolve();
   }
 
-  /** The browser took the context away: the picture is painted until there is another one. */
+  /** Handles the loss of the WebGL context: paints in software until there is another one. */
   #contextLost(view: View): void {
     if (this.view !== view) return;
     this.release();
-    giveBack(this);
-    setTimeout(() => void this.open(), LOST_MS);
+    releaseContext(this);
+    setTimeout(() => void this.open(), CONTEXT_RETRY_MS);
   }
 
-  /** Gives the context back; the picture is painted. */
+  /** Releases the WebGL context and paints in software. */
   release(): void {
     const view = this.view;
     this.view = null;
@@ -198,46 +205,46 @@ export class Stage implements Holder {
     this.touch();
   }
 
-  offered(): void {
+  onContextAvailable(): void {
     void this.open();
   }
 
-  /** Whether somebody can see it: a context is for those. */
-  sight(inSight: boolean): void {
-    if (this.inSight === inSight) return;
-    this.inSight = inSight;
-    if (!inSight) return offer();
+  /** Sets whether the element is visible. Invisible elements may lose their WebGL context. */
+  setVisible(inSight: boolean): void {
+    if (this.isVisible === inSight) return;
+    this.isVisible = inSight;
+    if (!inSight) return offerContext();
     this.touch();
     void this.open();
   }
 
-  /** Gives everything back. */
+  /** Releases all resources. */
   destroy(): void {
     this.#destroyed = true;
-    clearTimeout(this.#hinting);
+    clearTimeout(this.#hintTimer);
     this.#parts = [];
     this.#count = 0;
     this.release();
-    giveBack(this);
-    this.#enough();
+    releaseContext(this);
+    this.#startWebGL();
     for (const resolve of this.#shown.splice(0)) resolve();
   }
 
-  /** Does something with the view: now, or once there is one. */
+  /** Calls `work` with the view, now or once it exists. */
   draw(work: (view: View) => void): void {
     if (this.view) work(this.view);
     else this.#waiting.push(work);
   }
 
-  /** Shows a preview, if nothing is shown yet; resolves when it is on the screen. */
-  async preview({ packed, background }: Shown): Promise<void> {
+  /** Shows a preview if nothing is shown yet. Resolves when it is on the screen. */
+  async preview({ packed, background }: PictureContent): Promise<void> {
     if (this.#count) return;
     this.background(background);
     this.add(packed);
     await this.shown();
   }
 
-  /** Has Gaussians lose opacity as they are widened to a pixel, or not. */
+  /** Sets whether opacity decreases for Gaussians below the size of a pixel. */
   antialias(antialiased: boolean): void {
     this.#antialiased = antialiased;
     this.view?.antialias(antialiased);
@@ -248,19 +255,19 @@ export class Stage implements Holder {
     this.view?.background(colour);
   }
 
-  /** Begins where the page or the stream says, unless somebody moved before; who says it first is heard. */
-  start({ eye, target, up }: Viewpoint): void {
+  /** Sets the initial viewpoint, unless the visitor has moved the camera or a viewpoint was set before. */
+  setViewpoint({ eye, target, up }: Viewpoint): void {
     if (this.orbit.touched || this.orbit.placed) return;
     const scaled = (point: readonly number[]): Vec3 => new Vec3(...point.map((value) => value / this.#size));
     this.orbit.place(scaled(eye), scaled(target), new Vec3(...up));
     this.touch();
   }
 
-  /** Looks at a scene of which only the middle and the size are known, unless somebody moved before. */
-  face(middle: readonly number[], size: number): void {
+  /** Points the camera at a scene with known centre and size but no Gaussians yet, unless it was moved or placed. */
+  pointCameraAt(middle: readonly number[], size: number): void {
     this.#facing = { middle, size };
-    if (this.orbit.touched || this.orbit.placed || this.#framed || !this.#hasRoom) return;
-    const lens = this.#lens(),
+    if (this.orbit.touched || this.orbit.placed || this.#framedCount || !this.#hasSize) return;
+    const lens = this.#frustum(),
       radius = size / this.#size,
       half = Math.atan(Math.min(lens.across, lens.down));
     this.orbit.begin(
@@ -270,96 +277,105 @@ export class Stage implements Holder {
     this.touch();
   }
 
-  /** True if the element takes room on the page; it does not while it is hidden or has no height yet. */
-  get #hasRoom(): boolean {
+  /** True if the element has a size. It has none while hidden or before layout. */
+  get #hasSize(): boolean {
     return this.surface.clientWidth > 0 && this.surface.clientHeight > 0;
   }
 
-  /** Half of what the window shows at distance 1. */
-  #lens(): { across: number; down: number } {
+  /** Returns half the width and height of the window at distance 1. */
+  #frustum(): { across: number; down: number } {
     const { clientWidth: width, clientHeight: height } = this.surface,
-      down = tangentOf(width, height);
+      down = halfHeight(width, height);
     return { across: (down * width) / Math.max(height, 1), down };
   }
 
-  /** Where it goes, in units of the view: around what is there now, unless the stream says it. */
-  #extent(core: Core): Ball {
+  /** Returns the sphere to frame, in units of the view: that of the stream, else the current scene. */
+  #extent(core: SceneCore): Ball {
     if (!this.extent) return core;
     const { middle, radius } = this.extent;
     return { middle: middle.map((value) => value / this.#size), radius: radius / this.#size };
   }
 
-  /** Has what is there fit the window, unless somebody said where to look from, or moved. */
+  /** Frames the current scene, unless the camera was moved or placed. */
   #frame(): void {
     if (this.orbit.touched || this.orbit.placed || !this.#count) return;
-    const { across, down } = this.#lens(),
-      core = coreOf(this.#parts);
-    if (!this.#hasRoom) return;
-    frameScene(this.orbit, core, new Space(core, this.#parts), across, down, this.#extent(core));
-    this.#framed = this.#count;
+    const { across, down } = this.#frustum(),
+      core = sceneCore(this.#parts);
+    if (!this.#hasSize) return;
+    frameScene(this.orbit, core, new FreeSpace(core, this.#parts), across, down, this.#extent(core));
+    this.#framedCount = this.#count;
   }
 
-  /** Hears that no more will come. */
-  settle(): void {
-    if (this.#count > this.#framed) this.#frame();
+  /** Announces that no more Gaussians will arrive. */
+  end(): void {
+    this.#ended = true;
+    this.view?.end();
+    if (this.#count > this.#framedCount) this.#frame();
     this.touch();
   }
 
-  /** What is up in the scene, as the page or the stream says. */
-  upIs(up: string): void {
+  /** Sets the up axis of the scene. */
+  setUp(up: string): void {
     if (this.orbit.placed) return;
-    this.orbit.upIs(up);
+    this.orbit.setUp(up);
     this.#frame();
     this.touch();
   }
 
-  /** Hands on the camera of a picture; one without pixels asks for nothing. A fixed camera brings its own pixels. */
-  #watched(camera: Camera): void {
-    if (this.#hasRoom || this.view?.isFixed) this.watcher?.(camera);
+  /** Reports a camera unless its picture has no pixels. A fixed camera has a size independent of the element. */
+  #reportCamera(camera: Camera): void {
+    if (this.#hasSize || this.view?.isFixed) this.onCamera?.(camera);
   }
 
-  /** Hands on the camera as it is. */
-  watch(): void {
-    this.#watched(this.camera);
+  /** Reports the current camera. */
+  reportCamera(): void {
+    this.#reportCamera(this.camera);
   }
 
-  /** Where it is seen from, world units. */
+  /** Current camera, world units. */
   get camera(): Camera {
     return (
-      this.view?.camera ?? cameraOf(this.orbit.pose(), this.#size, this.surface.clientWidth, this.surface.clientHeight)
+      this.view?.camera ??
+      cameraFromPose(this.orbit.pose(), this.#size, this.surface.clientWidth, this.surface.clientHeight)
     );
   }
 
-  /** Begins anew with Gaussians of a scene of this size (world units); the camera stays where it is. */
-  begin(size: number): void {
+  /**
+   * Starts a new scene of this size, world units, and with this number of Gaussians, 0 if unknown. The camera stays in
+   * place.
+   */
+  begin(size: number, expected = 0): void {
     this.orbit.rescale(this.#size / size);
     this.#parts = [];
     this.#tiles.clear();
     this.#size = size;
-    this.#count = this.#framed = this.#spaced = 0;
+    this.#count = this.#framedCount = this.#spaceCount = 0;
     this.#space = null;
-    this.view?.begin(size);
+    this.#expected = expected;
+    if (expected > WEBGL_GAUSSIANS) this.startWebGL();
+    this.#ended = false;
+    this.view?.begin(size, expected);
   }
 
-  /** Has tiles take the place of others. */
-  recut(gone: readonly number[], come: readonly Tile[]): void {
+  /** Replaces tiles. */
+  replaceTiles(gone: readonly number[], come: readonly Tile[]): void {
     for (const tile of gone) this.#tiles.delete(tile);
     for (const { tile, packed } of come) this.#tiles.set(tile, packed);
     this.#parts = [...this.#tiles.values()];
     this.#count = this.#parts.reduce((sum, { count }) => sum + count, 0);
-    if (this.#count >= 1.5 * this.#framed) this.#frame();
-    this.view?.recut(gone, come);
-    if (this.#count > ENOUGH_GAUSSIANS) this.enough();
+    if (this.#count >= 1.5 * this.#framedCount) this.#frame();
+    this.view?.replaceTiles(gone, come);
+    if (this.#count > WEBGL_GAUSSIANS) this.startWebGL();
     this.touch();
   }
 
-  /** Takes Gaussians in addition to those that are there, or instead of them. */
+  /** Adds Gaussians, or replaces all with `instead`. */
   add(packed: Packed, instead = false): void {
     this.#parts = instead ? [packed] : [...this.#parts, packed];
     this.#count = instead ? packed.count : this.#count + packed.count;
-    if (this.#count >= 1.5 * this.#framed) this.#frame();
+    if (this.#count >= 1.5 * this.#framedCount) this.#frame();
     this.view?.add(packed, instead);
-    if (this.#count > ENOUGH_GAUSSIANS) this.enough();
+    if (this.#count > WEBGL_GAUSSIANS) this.startWebGL();
     this.touch();
   }
 
@@ -367,63 +383,81 @@ export class Stage implements Holder {
     return this.#count;
   }
 
-  /** Says that so much is there that it is time for WebGL. */
-  enough(): void {
-    this.#enough();
+  /** Starts WebGL, because enough Gaussians arrived. */
+  startWebGL(): void {
+    this.#startWebGL();
   }
 
-  /** Resolves when what was added is on the screen. */
+  /** Resolves when the added Gaussians are on the screen. */
   shown(): Promise<void> {
     if (this.view) return this.view.sorted();
     this.touch();
     return new Promise((resolve) => this.#shown.push(resolve));
   }
 
-  /** Follows the size of the element. One that takes no room keeps the size and the picture that it had. */
+  /** Adapts to the size of the element. Without a size the last picture stays. */
   resize(): void {
-    if (!this.#hasRoom) return;
-    if (this.#facing) this.face(this.#facing.middle, this.#facing.size);
+    if (!this.#hasSize) return;
+    if (this.#facing) this.pointCameraAt(this.#facing.middle, this.#facing.size);
     this.#frame();
     this.view?.resize();
     this.touch();
   }
 
-  touch(): void {
-    this.#stale = true;
-    if (this.view) this.view.touch();
-    else if (this.#count && this.inSight) this.#painting ??= this.#paint();
+  /** Current viewpoint, world units. */
+  get viewpoint(): Viewpoint {
+    const { eye, target, up } = this.orbit.viewpoint(),
+      numbers = ({ x, y, z }: Vec3, unit: number): [number, number, number] => [unit * x, unit * y, unit * z];
+    return { eye: numbers(eye, this.#size), target: numbers(target, this.#size), up: numbers(up, 1) };
   }
 
-  /** Paints as long as something changes and there is no view. */
+  /** Size of the scene, world units. */
+  get size(): number {
+    return this.#size;
+  }
+
+  touch(): void {
+    this.onChange?.();
+    this.#stale = true;
+    if (this.view) this.view.touch();
+    else if (this.#count && this.isVisible) this.#painting ??= this.#paint();
+  }
+
+  /** Paints in software until nothing changes or there is a view. */
   async #paint(): Promise<void> {
-    this.first.classList.add("shown");
-    await null; // what else changes in this task is painted with it
+    this.paintedCanvas.classList.add("shown");
+    await null; // batches all changes of this task
     while (this.#stale && !this.view && !this.#destroyed) {
       const shown = this.#shown.splice(0),
         began = performance.now();
       this.#stale = false;
-      this.#watched(this.camera);
-      const antialiased = this.#antialiased;
-      paint(this.first, { parts: this.#parts, background: this.#background, pose: this.orbit.pose(), antialiased });
+      this.#reportCamera(this.camera);
+      const painted = {
+        parts: this.#parts,
+        background: this.#background,
+        pose: this.orbit.pose(),
+        antialiased: this.#antialiased,
+      };
+      await paint(this.paintedCanvas, painted, periodicPause());
       const took = performance.now() - began;
-      await painted();
+      await nextPaint();
       for (const resolve of shown) resolve();
-      await Promise.race([this.#isEnough, pause(4 * took)]); // most of the time is left to the packets
+      await Promise.race([this.#webGLWanted, delay(4 * took)]); // leaves most of the time for decoding packets
     }
     this.#painting = null;
   }
 }
 
-/** A canvas is a picture, for those who cannot see it, too. */
+/** Describes a canvas as a picture for screen readers. */
 function describe(canvas: HTMLCanvasElement, title: string): void {
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", `Picture of ${title}`);
 }
 
-/** Resolves when what was painted is on the screen. */
-function painted(): Promise<void> {
+/** Resolves when the painted picture is on the screen. */
+function nextPaint(): Promise<void> {
   return new Promise((resolve) => {
     requestAnimationFrame(() => setTimeout(resolve));
-    setTimeout(resolve, PATIENCE_MS);
+    setTimeout(resolve, FRAME_TIMEOUT_MS);
   });
 }

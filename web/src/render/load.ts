@@ -1,14 +1,33 @@
-// The drawing is a bundle of its own, beside the page's: a preview does not wait for it.
+// Loads the renderer, a bundle separate from the page's so that a preview does not wait for it.
 
+import { waitOrOnline } from "../transport/backoff.ts";
 import type { View } from "./view.ts";
 
 declare global {
-  /** Set by the drawing's bundle, whether it was loaded or is a part of the same file. */
+  /** Set by the renderer's bundle, in a separate or the same file. */
   var splatwireView: typeof View | undefined;
 }
 
-/** What draws with WebGL. Throws where it cannot be loaded. */
+/** Delays before the bundle is requested again, milliseconds, as for a server that is busy or restarting. */
+const RETRIES_MS = [500, 1000, 2000, 4000, 8000];
+
+let loading: Promise<void> | null = null;
+
+/** Returns the WebGL renderer. Throws if it cannot be loaded. */
 export async function loadView(): Promise<typeof View> {
-  if (!globalThis.splatwireView) await import(new URL("splatwire-view.js", import.meta.url).href);
+  if (!globalThis.splatwireView) await (loading ??= load().finally(() => (loading = null)));
   return globalThis.splatwireView!;
+}
+
+async function load(): Promise<void> {
+  const url = new URL("splatwire-view.js", import.meta.url);
+  for (let n = 0; ; n++) {
+    try {
+      return void (await import(url.href));
+    } catch (error) {
+      if (n === RETRIES_MS.length) throw error;
+      await waitOrOnline(RETRIES_MS[n]);
+      url.searchParams.set("retry", String(n + 1)); // browsers remember a failed import
+    }
+  }
 }

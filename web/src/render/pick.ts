@@ -1,63 +1,63 @@
-// What somebody points at.
+// Picking: the point of the scene at a pixel.
 
 import type { Camera } from "../model/camera.ts";
-import { FLOATS, type Packed } from "./packed.ts";
+import { HALF_FLOAT_VALUES, type Packed } from "./packed.ts";
 
 const OPAQUE = 1 / 255,
   BLUR = 0.3,
   NEAREST = 0.01;
-/** Radii squared beyond which a Gaussian stops no light. */
-const END = 2 * Math.log(1 / OPAQUE);
-/** About where that is, and not nearer. */
+/** Squared radii at which an opaque Gaussian fades to 1/255. */
+const MAX_SQUARED_RADII = 2 * Math.log(1 / OPAQUE);
+/** Upper approximation of its square root. */
 const RADII = 4;
-/** So much of the light has to stop before something is there. */
-const SOMETHING = 0.2;
-/** How far apart two things are of which the more opaque one is pointed at, over the picture's height. */
-const REACH = 1 / 8;
+/** Least absorbed share of light that counts as a hit. */
+const MIN_HIT_SHARE = 0.2;
+/** Distance at which opacity counts as much as proximity, relative to the picture's height. */
+const NEARBY = 1 / 8;
 
 type Point = [number, number, number];
 
-/** A ball around a part: x, y, z, radius. */
-const balls = new WeakMap<Packed, readonly number[]>();
+/** Bounding sphere of each part: x, y, z, radius. */
+const boundingSpheres = new WeakMap<Packed, readonly number[]>();
 
 /**
- * Where half of the light of a pixel comes from; where next to nothing is there, the middle of the Gaussian next to it;
- * null where the picture is empty. Lengths of the camera and of the point are those of `parts`.
+ * Returns the point at the median depth of a pixel's light. Without a hit returns the centre of a nearby Gaussian, or
+ * null in an empty picture. Lengths are in the units of `parts`.
  */
-export function pointAt(parts: readonly Packed[], camera: Camera, px: number, py: number): Point | null {
-  const depth = depthAt(parts, camera, px, py);
-  return depth === null ? nextTo(parts, camera, px, py) : onRay(camera, px, py, depth);
+export function pickPoint(parts: readonly Packed[], camera: Camera, px: number, py: number): Point | null {
+  const depth = pickDepth(parts, camera, px, py);
+  return depth === null ? nearestCentre(parts, camera, px, py) : pointOnRay(camera, px, py, depth);
 }
 
-/** Depth at which half of the light of a pixel has come, null where next to nothing is there. */
-export function depthAt(parts: readonly Packed[], camera: Camera, px: number, py: number): number | null {
+/** Returns the median depth of a pixel's light; null without a hit. */
+export function pickDepth(parts: readonly Packed[], camera: Camera, px: number, py: number): number | null {
   const met: [number, number][] = [];
-  const some = parts.filter((part) => meets(part, camera, px, py));
+  const some = parts.filter((part) => rayIntersects(part, camera, px, py));
   project(some, camera, ({ scales, opacities }, i, u, v, depth) => {
     const away = (u - px) ** 2 + (v - py) ** 2,
       scale = (camera.focal / depth) ** 2,
       a = scales[4 * i],
       b = scales[4 * i + 1],
       c = scales[4 * i + 2],
-      largest = Math.max(a, b, c), // bits of halves are in their order
-      most = FLOATS[largest];
-    if (away > END * (scale * most * most + BLUR)) return;
-    const middle = FLOATS[a + b + c - largest - Math.min(a, b, c)],
+      largest = Math.max(a, b, c), // the bits of positive half floats sort like their values
+      most = HALF_FLOAT_VALUES[largest];
+    if (away > MAX_SQUARED_RADII * (scale * most * most + BLUR)) return;
+    const middle = HALF_FLOAT_VALUES[a + b + c - largest - Math.min(a, b, c)],
       alpha = opacities[i] * Math.exp((-0.5 * away) / (scale * middle * most + BLUR));
     if (alpha >= OPAQUE) met.push([depth, alpha]);
   });
   met.sort(([one], [other]) => one - other);
   const passed = met.reduce((left, [, alpha]) => left * (1 - alpha), 1),
     half = 1 - (1 - passed) / 2;
-  if (1 - passed < SOMETHING) return null;
+  if (1 - passed < MIN_HIT_SHARE) return null;
   let left = 1;
   for (const [depth, alpha] of met) if ((left *= 1 - alpha) <= half) return depth;
   return null;
 }
 
-/** Whether a pixel's ray can meet one of a part; less than a pixel wider, by which each is blurred. */
-function meets(part: Packed, { viewmat, focal, width, height }: Camera, px: number, py: number): boolean {
-  const [x, y, z, radius] = balls.get(part) ?? ballOf(part),
+/** Returns true if a pixel's ray can hit a part, including the blur of less than a pixel. */
+function rayIntersects(part: Packed, { viewmat, focal, width, height }: Camera, px: number, py: number): boolean {
+  const [x, y, z, radius] = boundingSpheres.get(part) ?? boundingSphere(part),
     [u, v, depth] = viewmat.map((row) => row[0] * x + row[1] * y + row[2] * z + row[3]),
     across = (px - width / 2) / focal,
     down = (py - height / 2) / focal,
@@ -65,24 +65,24 @@ function meets(part: Packed, { viewmat, focal, width, height }: Camera, px: numb
   return Math.hypot(u - across * depth, v - down * depth) <= reach;
 }
 
-function ballOf(part: Packed): readonly number[] {
+function boundingSphere(part: Packed): readonly number[] {
   const { centers, scales, count } = part,
     middle = 4 * (count >> 1),
     [x, y, z] = centers.subarray(middle, middle + 3);
   let radius = 0;
   for (let n = 0; n < 4 * count; n += 4) {
-    const size = FLOATS[Math.max(scales[n], scales[n + 1], scales[n + 2])];
+    const size = HALF_FLOAT_VALUES[Math.max(scales[n], scales[n + 1], scales[n + 2])];
     radius = Math.max(radius, Math.hypot(centers[n] - x, centers[n + 1] - y, centers[n + 2] - z) + RADII * size);
   }
   const ball = [x, y, z, radius];
-  balls.set(part, ball);
+  boundingSpheres.set(part, ball);
   return ball;
 }
 
-/** The middle of the Gaussian of a picture that is nearest to a pixel, or more opaque and not much farther. */
-function nextTo(parts: readonly Packed[], camera: Camera, px: number, py: number): Point | null {
+/** Returns the centre of the visible Gaussian nearest to a pixel, weighted by opacity. */
+function nearestCentre(parts: readonly Packed[], camera: Camera, px: number, py: number): Point | null {
   const { width, height } = camera,
-    blur = (REACH * height) ** 2;
+    blur = (NEARBY * height) ** 2;
   let best = 0,
     found: Point | null = null;
   project(parts, camera, ({ centers, opacities }, i, u, v) => {
@@ -95,7 +95,7 @@ function nextTo(parts: readonly Packed[], camera: Camera, px: number, py: number
   return found;
 }
 
-/** Tells where the middles of the Gaussians before a camera are in its picture, and how deep. */
+/** Projects the centres in front of a camera and calls `take` with their pixel position and depth. */
 function project(
   parts: readonly Packed[],
   { viewmat, focal, width, height }: Camera,
@@ -117,8 +117,8 @@ function project(
   }
 }
 
-/** Where a pixel's ray is at a depth. */
-function onRay({ viewmat, focal, width, height }: Camera, px: number, py: number, depth: number): Point {
+/** Returns the point of a pixel's ray at a depth. */
+function pointOnRay({ viewmat, focal, width, height }: Camera, px: number, py: number, depth: number): Point {
   const seen = [((px - width / 2) * depth) / focal, ((py - height / 2) * depth) / focal, depth],
     away = viewmat.map((row, a) => seen[a] - row[3]);
   return [0, 1, 2].map((axis) => viewmat.reduce((sum, row, a) => sum + row[axis] * away[a], 0)) as Point;

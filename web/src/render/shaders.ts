@@ -1,5 +1,5 @@
-// What of PlayCanvas's splat shader is replaced: the footprint and falloff of 3DGS as `splatwire.render` draws them,
-// cut where alpha falls below 1/255 and not at a fixed distance (its own cut and faded edge are 15 dB away).
+// Replacements for PlayCanvas's splat shader: footprint and falloff of 3DGS as in `splatwire.render`, cut where alpha
+// falls below 1/255. PlayCanvas's own fixed cut and faded edge cost 15 dB.
 
 import { numShTextures } from "./packed.ts";
 
@@ -59,8 +59,8 @@ void main(void) {
 }`;
 
 /**
- * Harmonics of each Gaussian lie as halves, eight to a texel of `dataSh0`, `dataSh1`, ...: coefficient after
- * coefficient, r g b.
+ * Returns the shader code that reads Gaussians of a degree. Harmonics are half floats, eight per texel of `dataSh0`,
+ * `dataSh1`, ..., RGB per coefficient.
  */
 export function readCode(degree: number): string {
   const number = (degree + 1) ** 2 - 1,

@@ -1,4 +1,4 @@
-// The drawing: a canvas, a camera and Gaussians, drawn when something changed and not otherwise.
+// WebGL renderer: a canvas, a camera and Gaussians. Draws frames only after changes.
 
 import {
   AppBase,
@@ -18,31 +18,43 @@ import {
 } from "playcanvas";
 
 import type { Camera, FixedCamera } from "../model/camera.ts";
-import { Card } from "./card.ts";
-import { cameraOf, tangentOf } from "./lens.ts";
+import { delay } from "../scheduler.ts";
+import { cssZoomOf } from "./css_zoom.ts";
+import { GpuFence, UploadSlices } from "./gpu_limits.ts";
+import { HalfFloatTarget } from "./half_float_target.ts";
 import type { Orbit } from "./orbit.ts";
 import type { Packed, Tile } from "./packed.ts";
-import { Precise } from "./precise.ts";
+import { cameraFromPose, halfHeight } from "./projection.ts";
 import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
-import { TiledGaussians } from "./tiled.ts";
-import { WholeGaussians } from "./whole.ts";
+import { SingleMesh } from "./single_mesh.ts";
+import { TiledMeshes } from "./tiled_meshes.ts";
 
-/** Depths are sorted in a worker; a picture that has waited for it so long is taken as it is. */
+/** Time limit for depth sorting in the worker, milliseconds. The picture is then used as it is. */
 const SORT_MS = 5000;
-/** So long after the last picture nothing can change unasked: frames end until somebody asks for one. */
+/** Time after the last frame without changes at which the frame loop stops, milliseconds. */
 const IDLE_MS = SORT_MS;
 
-/** Pixels of a picture per CSS pixel, at most. */
-const MOST_DENSITY = 2;
+/**
+ * While Gaussians arrive: bounds of the time between two uploads, milliseconds, and that time in multiples of the time
+ * that the GPU needs for a picture. Each upload requires another depth sort and another picture.
+ */
+const MIN_INTERVAL_MS = 500,
+  MAX_INTERVAL_MS = 4000,
+  GPU_MULTIPLE = 4;
+/** Interval at which a waiting upload checks whether it may begin, milliseconds. */
+const POLL_MS = 10;
 
-/** How PlayCanvas comes to its next frame. */
-interface Loop {
+/** Largest number of canvas pixels per CSS pixel. */
+const MAX_PIXEL_RATIO = 2;
+
+/** Internals of PlayCanvas's frame loop. */
+interface FrameLoop {
   readonly frameRequestId: number;
   requestAnimationFrame(): void;
 }
 
-/** Where PlayCanvas keeps who sorts, of each layer of each camera. */
-interface Sorting {
+/** Internals of PlayCanvas: the sorter of each layer of each camera. */
+interface SorterInternals {
   readonly gsplatDirector: { readonly camerasMap: Map<unknown, { readonly layersMap: Map<unknown, Layer> }> };
 }
 interface Layer {
@@ -52,36 +64,41 @@ interface Layer {
 export class View {
   readonly #app: AppBase;
   readonly #camera: Entity;
-  readonly #precise: Precise;
-  readonly #card: Card;
-  /** Whether a frame waits until the card has drawn the one before: it then shows what is there by then. */
-  #late = false;
-  readonly #whole: WholeGaussians;
-  /** Of a scene with levels, in place of those. */
-  #tiles: TiledGaussians | null = null;
+  readonly #target: HalfFloatTarget;
+  readonly #gpu: GpuFence;
+  /** True if the next frame waits for the GPU to finish the last one. */
+  #waitsForGpu = false;
+  readonly #mesh: SingleMesh;
+  /** Tiles of a scene with levels; null for other scenes. */
+  #tiles: TiledMeshes | null = null;
+  readonly #slices: UploadSlices;
+  /** Gaussians that are not uploaded yet, the running upload, and the time of the last one. */
+  #pending: Packed[] = [];
+  #uploading: Promise<void> | null = null;
+  #uploadedAt = performance.now();
+  /** True until all Gaussians have arrived. */
+  #isArriving = true;
   #size = 1;
   #fixed: FixedCamera | null = null;
-  /** The size of the next picture and half its height at distance 1, if it is another one than before. */
-  #wanted: { readonly width: number; readonly height: number; readonly tangent: number } | null = null;
+  /** Pending picture size and half height at distance 1; null if unchanged. */
+  #pendingSize: { readonly width: number; readonly height: number; readonly tangent: number } | null = null;
   #frame: (() => void)[] = [];
   #sorted: (() => void)[] = [];
   #steady: (() => void)[] = [];
   #isSorted = false;
   readonly #pose = new Mat4();
-  /** Whether the camera moved since it last rested: the engine does not sort for who moves while it sorts. */
+  /** True if the camera moved since it last rested. PlayCanvas skips sorting for a movement during a sort. */
   #moved = false;
-  /**
-   * Whether Gaussians took the place of others and are not sorted by depth yet: until then those stay on the screen.
-   */
+  /** True if the Gaussians were replaced but not sorted yet. The old ones stay on the screen until then. */
   #replaced = false;
-  /** Whether all that was added is sorted, as of the last frame. */
+  /** True if everything added was sorted in the last frame. */
   #ready = false;
-  /** Whether Gaussians are on the screen. */
+  /** True once Gaussians are on the screen. */
   shows = false;
   #destroyed = false;
   #drawnAt = 0;
-  #asleep = false;
-  /** Told of the camera of each frame, world units. */
+  #loopStopped = false;
+  /** Callback with the camera of each frame, world units. */
   watcher: ((camera: Camera) => void) | null = null;
 
   constructor(
@@ -115,10 +132,11 @@ export class View {
       toneMapping: TONEMAP_NONE,
       gammaCorrection: GAMMA_SRGB,
     });
-    this.#card = new Card(device);
-    this.#precise = new Precise(device, this.#camera.camera!);
+    this.#gpu = new GpuFence(device);
+    this.#slices = new UploadSlices(this.#gpu, () => this.#destroyed);
+    this.#target = new HalfFloatTarget(device, this.#camera.camera!);
     this.#app.root.addChild(this.#camera);
-    this.#whole = new WholeGaussians(this.#app);
+    this.#mesh = new SingleMesh(this.#app);
     this.#app.on("update", () => this.#beforeFrame());
     this.#app.systems.gsplat!.on("frame:request", () => this.touch());
     this.#app.scene.on("gsplat:sorted", () => {
@@ -126,79 +144,81 @@ export class View {
       if (this.#moved) this.touch();
     });
     this.#app.systems.gsplat!.on("frame:ready", (_camera: unknown, _layer: unknown, ready: boolean) =>
-      this.#isReady(ready),
+      this.#onSortReport(ready),
     );
     this.#app.on("postrender", () => this.#afterFrame());
-    this.#app.on("frameend", () => this.#rest());
+    this.#app.on("frameend", () => this.#stopIdleLoop());
     this.resize();
-    this.#fit();
+    this.#applySize();
     this.#app.start();
   }
 
   get count(): number {
-    return this.#tiles?.count ?? this.#whole.count;
+    return this.#tiles?.count ?? this.#mesh.count;
   }
 
-  /** Gives everything back: the context, too, for a browser has few and waits long before it collects one. */
+  /** Releases all resources. Loses the WebGL context explicitly, because browsers have few and collect them late. */
   destroy(): void {
     if (this.#destroyed) return;
     this.#destroyed = true;
     const { gl } = this.#app.graphicsDevice as WebglGraphicsDevice;
-    this.#whole.clear();
+    this.#pending = [];
+    this.#mesh.clear();
     this.#tiles?.destroy();
-    this.#precise.destroy();
+    this.#target.destroy();
     this.#app.destroy();
     gl.getExtension("WEBGL_lose_context")?.loseContext();
     this.canvas.remove();
     for (const waiting of [this.#frame, this.#sorted, this.#steady]) for (const resolve of waiting.splice(0)) resolve();
   }
 
-  /** Draws a frame soon. */
+  /** Requests a frame. */
   touch(): void {
     if (this.#destroyed) return;
     this.#app.renderNextFrame = true;
     this.#drawnAt = performance.now();
-    if (!this.#asleep) return;
-    this.#asleep = false;
-    (this.#app as unknown as Loop).requestAnimationFrame();
+    if (!this.#loopStopped) return;
+    this.#loopStopped = false;
+    (this.#app as unknown as FrameLoop).requestAnimationFrame();
   }
 
-  /** Ends frames where nobody has asked for one in a while. */
-  #rest(): void {
-    const loop = this.#app as unknown as Loop;
-    this.#app.renderNextFrame ||= this.#late;
+  /** Stops the frame loop if no frame was requested for a while. */
+  #stopIdleLoop(): void {
+    const loop = this.#app as unknown as FrameLoop;
+    this.#app.renderNextFrame ||= this.#waitsForGpu;
     if (performance.now() - this.#drawnAt < IDLE_MS || this.#app.renderNextFrame) return;
     cancelAnimationFrame(loop.frameRequestId);
-    this.#asleep = true;
-    if (!this.#replaced) this.#whole.rest();
+    this.#loopStopped = true;
+    if (!this.#replaced) this.#mesh.releaseSpare();
   }
 
-  /** Takes the size of the element on the page. */
+  /** Adapts to the size of the element. */
   resize(): void {
     if (this.#destroyed) return;
     const { canvas } = this,
-      ratio = Math.min(canvas.ownerDocument.defaultView?.devicePixelRatio ?? 1, MOST_DENSITY),
+      density = (canvas.ownerDocument.defaultView?.devicePixelRatio ?? 1) * cssZoomOf(canvas),
+      ratio = Math.min(density, MAX_PIXEL_RATIO),
       fixed = this.#fixed,
       across = Math.max(canvas.clientWidth, 1),
       down = Math.max(canvas.clientHeight, 1),
       height = fixed ? fixed.height : Math.max(Math.round(down * ratio), 1),
       width = Math.max(Math.round(fixed ? (fixed.width ?? (height * across) / down) : across * ratio), 1),
-      tangent = fixed ? height / 2 / fixed.focal : tangentOf(width, height);
-    this.#wanted = { width, height, tangent };
+      tangent = fixed ? height / 2 / fixed.focal : halfHeight(width, height);
+    this.#pendingSize = { width, height, tangent };
     this.touch();
   }
 
   /**
-   * Gives the canvas its size, which empties it and waits for the card: right before a frame, and not while the one
-   * before is drawn, which until then is shown in another size.
+   * Resizes the canvas, which clears it and waits for the GPU. Called right before a frame, after the last one is
+   * drawn.
    */
-  #fit(): void {
-    if (!this.#wanted) return;
-    const { width, height, tangent } = this.#wanted;
-    this.#wanted = null;
+  #applySize(): void {
+    if (!this.#pendingSize) return;
+    const { width, height, tangent } = this.#pendingSize;
+    this.#pendingSize = null;
     this.#camera.camera!.fov = (2 * Math.atan(tangent) * 180) / Math.PI;
     this.#app.setCanvasResolution(RESOLUTION_FIXED, width, height);
-    this.#precise.resize(width, height);
+    this.#target.resize(width, height);
   }
 
   background([red, green, blue]: readonly number[]): void {
@@ -206,88 +226,124 @@ export class View {
     this.touch();
   }
 
-  /** Has Gaussians lose opacity as they are widened to a pixel, or not. */
+  /** Sets whether opacity decreases for Gaussians below the size of a pixel. */
   antialias(antialiased: boolean): void {
     this.#app.scene.gsplat.antiAlias = antialiased;
     this.#changed();
   }
 
-  /** Begins anew with Gaussians of a scene of this size (world units), which lengths are in units of. */
-  begin(size: number): void {
+  /**
+   * Starts a new scene. `size` is its unit of length, world units, `expected` the number of its Gaussians, 0 if it is
+   * unknown.
+   */
+  begin(size: number, expected = 0): void {
+    this.#pending = [];
+    this.#isArriving = true;
+    this.#mesh.expected = expected;
     this.#tiles?.destroy();
     this.#tiles = null;
     this.#size = size;
-    this.#whole.clear();
+    this.#mesh.clear();
   }
 
-  /** Takes Gaussians in addition to those that are there, or instead of them. */
+  /** Adds Gaussians, or replaces all with `instead`. */
   add(packed: Packed, instead = false): void {
-    if (instead) {
-      this.#whole.replace(!this.#replaced);
-      this.#replaced = this.#whole.any;
+    if (!instead) {
+      this.#pending.push(packed);
+      this.#uploading ??= this.#upload().finally(() => (this.#uploading = null));
+      return;
     }
-    this.#whole.add(packed);
+    this.#pending = [];
+    this.#mesh.replace(!this.#replaced);
+    this.#replaced = this.#mesh.hasGaussians;
+    this.#mesh.add(packed);
+    this.#mesh.show();
     this.#changed();
   }
 
-  /** Has tiles of a scene with levels take the place of others, as soon as they are uploaded. */
-  recut(gone: readonly number[], come: readonly Tile[]): void {
-    this.#tiles ??= new TiledGaussians(this.#app, this.#card, () => this.touch());
+  /** Announces that no more Gaussians will arrive, so that the last ones are drawn at once. */
+  end(): void {
+    this.#isArriving = false;
+  }
+
+  /** Uploads the pending Gaussians, all that have arrived at once, and draws them. */
+  async #upload(): Promise<void> {
+    while (this.#pending.length && !this.#destroyed) {
+      while (this.#isArriving && performance.now() < this.#nextUpload && !this.#destroyed) await delay(POLL_MS);
+      await this.#gpu.wait(() => this.#destroyed);
+      this.#slices.begin();
+      while (this.#pending.length && !this.#destroyed) await this.#slices.after(this.#mesh.add(this.#pending.shift()!));
+      this.#uploadedAt = performance.now();
+      if (this.#destroyed) return;
+      this.#mesh.show();
+      this.#isSorted = this.#ready = false; // reports about the Gaussians before
+      this.#changed();
+    }
+  }
+
+  get #nextUpload(): number {
+    const wanted = GPU_MULTIPLE * this.#gpu.busyMs;
+    return this.#uploadedAt + Math.min(Math.max(wanted, MIN_INTERVAL_MS), MAX_INTERVAL_MS);
+  }
+
+  /** Replaces tiles of a scene with levels once the new ones are uploaded. */
+  replaceTiles(gone: readonly number[], come: readonly Tile[]): void {
+    this.#tiles ??= new TiledMeshes(this.#app, this.#gpu, () => this.touch());
     this.#replaced = true;
-    this.#tiles.recut(gone, come);
+    this.#tiles.replaceTiles(gone, come);
   }
 
   /**
-   * Gains of size and opacity in turn, by order of arrival or ascending tile; size 0 hides, and those that came later
-   * are shown as they are. Resolves when they are on the card.
+   * Applies gains of size and opacity, shape (count, 2), by order of arrival or ascending tile. A size of 0 hides a
+   * Gaussian; later Gaussians keep gain 1. Resolves after the upload.
    */
   async setGains(gains: Float32Array | null): Promise<void> {
     if (this.#tiles) {
       this.#replaced = true;
       return this.#tiles.setGains(gains);
     }
-    this.#whole.setGains(gains);
+    this.#mesh.setGains(gains);
     this.#changed();
   }
 
-  /** Where it looks from, world units. */
+  /** Current camera, world units. */
   get camera(): Camera {
     const { width, height } = this.canvas,
       fixed = this.#fixed;
     if (fixed)
       return { viewmat: fixed.viewmat, focal: (fixed.focal * height) / fixed.height, width, height, margin: 0 };
-    return cameraOf(this.orbit.pose(), this.#size, width, height);
+    return cameraFromPose(this.orbit.pose(), this.#size, width, height);
   }
 
-  /** Looks through a camera of `splatwire`; null gives it back to the hand. */
+  /** Uses a camera of `splatwire`; null returns to the orbit camera. */
   fix(camera: FixedCamera | null): void {
     this.#fixed = camera;
     this.resize();
-    this.#changed(); // colours are those of the camera before until it moves again
+    this.#changed(); // view-dependent colours are otherwise updated only after a movement
   }
 
-  /** True while a camera of `splatwire` is looked through, which has a size of its own. */
+  /** True while a camera of `splatwire` is used. It has its own picture size. */
   get isFixed(): boolean {
     return this.#fixed !== null;
   }
 
-  /** Resolves in the task of the next frame, in which the canvas can be read. */
-  frame(): Promise<void> {
+  /** Resolves in the task of the next frame, while the canvas can be read. */
+  async frame(): Promise<void> {
+    await this.#uploading;
     this.touch();
-    if (this.#destroyed) return Promise.resolve();
-    return new Promise((resolve) => this.#frame.push(resolve));
+    if (!this.#destroyed) await new Promise<void>((resolve) => this.#frame.push(resolve));
   }
 
-  /** Resolves in the task of the next frame whose depths were sorted anew, or do not have to be. */
+  /** Resolves in the task of the next frame with sorted depths that shows everything added. */
   sorted(): Promise<void> {
-    this.touch();
+    if (!this.#uploading) this.touch();
     return new Promise((resolve) => {
       this.#sorted.push(resolve);
       setTimeout(resolve, SORT_MS);
     });
   }
 
-  /** Resolves when what was added last is what is drawn. */
+  /** Resolves once the Gaussians added last are drawn. */
   steady(): Promise<void> {
     if (!this.#replaced) return Promise.resolve();
     this.touch();
@@ -297,10 +353,10 @@ export class View {
     });
   }
 
-  /** Whether depths are sorted, or have to be. */
-  get #sorts(): boolean {
+  /** True if a depth sort is pending or running. */
+  get #isSorting(): boolean {
     if (!this.#ready || this.#moved || this.#replaced) return true;
-    const { gsplatDirector } = this.#app.renderer as unknown as Sorting;
+    const { gsplatDirector } = this.#app.renderer as unknown as SorterInternals;
     return [...gsplatDirector.camerasMap.values()].some(({ layersMap }) =>
       [...layersMap.values()].some(
         ({ gsplatManager: manager }) => manager?.cpuSorter?.jobsInFlight || manager?.cpuSorter?.pendingSorted,
@@ -308,20 +364,20 @@ export class View {
     );
   }
 
-  /** Told in each frame whether all that was added is sorted. */
-  #isReady(ready: boolean): void {
+  /** Handles PlayCanvas's report whether everything added is sorted. */
+  #onSortReport(ready: boolean): void {
     this.#ready = ready;
     if (!ready || !this.#replaced || this.#tiles?.settled === false) return;
     this.#replaced = false;
     this.#tiles?.sorted();
     if (this.#tiles) this.#changed();
-    else this.touch(); // what took turns was copied as it was sorted: once more would take as long again
+    else this.touch(); // replaced Gaussians were copied while sorting, so no second copy is needed
     for (const resolve of this.#steady.splice(0)) resolve();
   }
 
   #changed(): void {
-    if (!this.#replaced) this.#whole.again();
-    this.#tiles?.again();
+    if (!this.#replaced) this.#mesh.resort();
+    this.#tiles?.resort();
     this.touch();
   }
 
@@ -331,14 +387,14 @@ export class View {
       this.#camera.setPosition(position.x, position.y, position.z);
       this.#camera.setRotation(rotation.x, rotation.y, rotation.z, rotation.w);
     } else placeFixed(this.#camera, this.#fixed.viewmat, this.#size);
-    this.#sortAtRest();
-    this.#late = this.#app.renderNextFrame && !this.#card.idle;
-    if (this.#late) this.#app.renderNextFrame = false;
-    else if (this.#app.renderNextFrame) this.#fit();
+    this.#sortWhenAtRest();
+    this.#waitsForGpu = this.#app.renderNextFrame && !this.#gpu.idle;
+    if (this.#waitsForGpu) this.#app.renderNextFrame = false;
+    else if (this.#app.renderNextFrame) this.#applySize();
     this.watcher?.(this.camera);
   }
 
-  #sortAtRest(): void {
+  #sortWhenAtRest(): void {
     const pose = this.#camera.getWorldTransform();
     if (!pose.equals(this.#pose)) {
       this.#pose.copy(pose);
@@ -351,13 +407,13 @@ export class View {
 
   #afterFrame(): void {
     this.#drawnAt = performance.now();
-    this.#precise.show();
-    this.#card.mark();
+    this.#target.show();
+    this.#gpu.mark();
     for (const resolve of this.#frame.splice(0)) resolve();
     if (this.#isSorted) this.shows ||= this.count > 0;
-    else if (!this.shows || this.#sorts) return;
+    else if (!this.shows || this.#isSorting) return;
     this.#isSorted = false;
-    for (const resolve of this.#sorted.splice(0)) resolve();
+    if (!this.#uploading) for (const resolve of this.#sorted.splice(0)) resolve();
   }
 }
 

@@ -1,58 +1,66 @@
-// What a way to a stream tells whoever opened it.
+// Interface between the sources of a stream and its receiver.
 
 import type { Look } from "../codec/levels/cut.ts";
 import type { Tiles } from "../codec/levels/tiles.ts";
 import type { Head } from "../packets/container.ts";
 
 export interface Counts {
-  /** How it travels, in words for people. */
+  /** Description of the source for the panel. */
   readonly way: string;
   readonly bytes: number;
   readonly packets: number;
   readonly expected: number;
-  /** Datagrams that the path lost; 0 where it cannot. */
+  /** Datagrams lost on the path; 0 for reliable transports. */
   readonly lost: number;
   readonly rejected: number;
   readonly seconds: number;
 }
 
-/** A packet and its place in the sending order, which is that of the file. */
+/** Source of packets read from the stream's file. The source of a session is its `Welcome.order`. */
+export const FILE = "file";
+
+/** Source of packets with an uncertain position. */
+export const NO_SOURCE = "";
+
+/** A packet and its position. Block and lane in its header identify it; the position is specific to the source. */
 export interface Arrived {
-  readonly place: number;
+  readonly source: string;
+  /** In a file: offset of the size field, bytes. In a session: index in the sending order. */
+  readonly position: number;
   readonly bytes: Uint8Array;
 }
 
-/** What a view wants of a scene with levels. */
+/** Tiles requested by the view of a scene with levels. */
 export interface Fetching {
   readonly head: Head;
-  readonly tiles: Pick<Tiles, "offsets" | "firstPackets">;
-  /** Tiles that are not there, the most useful first. */
+  readonly tiles: Pick<Tiles, "offsets">;
+  /** Missing tiles, most useful first. */
   readonly wanted: readonly number[];
-  /** Packets that are there. */
+  /** Number of received packets. */
   readonly packets: number;
-  /** Number of packets of a tile that are missing. */
+  /** Returns the number of missing packets of a tile. */
   missing(tile: number): number;
-  /** Resolves when the view wants tiles that are not given up. */
+  /** Resolves when the view needs tiles that are not given up. */
   moved(isGivenUp: (tile: number) => boolean): Promise<void>;
-  /** Resolves when all that came is decoded. */
+  /** Resolves when all received packets are decoded. */
   taken(): Promise<void>;
 }
 
 export interface Listener {
-  /** What the view wants of a stream whose head came; none of one without levels, or where there is no view. */
+  /** Tiles requested by the view; null for streams without levels or before the first view. */
   readonly fetching?: Fetching | null;
-  /** Where somebody looks from, a new object for each place; null before it is known, none where nobody looks. */
+  /** Camera of the view, a new object for each change. Null before the first one, absent without a view. */
   readonly looking?: Look | null;
-  /** All that they look at was sent. */
+  /** Called when all tiles of the view were sent. */
   sawAll?(): void;
-  /** Held packets are of the stream as it is now. */
+  /** Called when the server confirmed that the stored packets belong to the current stream. */
   confirmed?(): void;
-  /** The stream was replaced: all held packets have to be forgotten. */
+  /** Called when the stream was replaced, so that all stored packets are obsolete. */
   changed?(): void;
   preview(bytes: Uint8Array): void;
   /**
-   * `file` has the bytes of the stream's file up to its first packet; `keep`: whether the file will be the same later;
-   * `live`: whether the stream grows, and another one may follow.
+   * Processes a head. `file` is the stream's file up to its first packet. `keep` is true if the file is final and can
+   * be cached. `live` is true if the stream grows and further periods may follow.
    */
   head(head: Head, file: Uint8Array, keep: boolean, live?: boolean): void;
   packets(packets: readonly Arrived[]): void;

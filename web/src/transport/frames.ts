@@ -1,47 +1,53 @@
-// Datagrams of the wire protocol, version 3 (docs/transport.md): those that a browser writes and reads.
+// Messages of the wire protocol, version 4 (docs/transport.md), as far as browsers write and read them.
 
+import { sha256 } from "@noble/hashes/sha2.js";
+
+import { hex } from "../bytes.ts";
 import type { Look } from "../codec/levels/cut.ts";
 import { crc32 } from "../packets/crc32.ts";
+import {
+  BYE,
+  DATA,
+  FEEDBACK,
+  HAVE,
+  MAX_DATAGRAM,
+  MAX_DECLARED,
+  MAX_HEAD_BYTES,
+  MAX_HELD_BYTES,
+  MAX_PACKETS,
+  MAX_PREVIEW,
+  MAX_TIERS,
+  OPEN,
+  REQUEST,
+  VERSION,
+  VIEW,
+  VIEWABLE,
+} from "./wire.ts";
 
-const VERSION = 3;
-export const REQUEST = 3,
-  WELCOME = 4,
-  SIDE = 5,
-  DATA = 6,
-  FEEDBACK = 8,
-  BYE = 9,
-  REFUSE = 10,
-  END = 11,
-  HAVE = 12,
-  VIEW = 13;
-/** Added to the number of a datagram that is asked for again by it, not by the place of its packet. */
-export const BY_SEQUENCE = 2 ** 31;
-export const MAX_DATAGRAM = 1200,
-  MAX_HEAD_BYTES = 2 ** 28,
-  MAX_PACKETS = 2 ** 21;
-const MAX_TIERS = 130,
-  MAX_DECLARED = 1104,
-  MAX_PREVIEW = 1024,
-  MAX_HELD_BYTES = 1100;
+/** Bytes of `Welcome.order`. */
+const ORDER_BYTES = 16;
 
-export const viewOf = (bytes: Uint8Array): DataView => new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+export const dataView = (bytes: Uint8Array): DataView => new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
 
-/** A frame: byte 0, what `fill` writes behind it, and a CRC-32 of all that. */
+/** Builds a message: byte 0, the fields that `fill` writes, and a CRC-32 of both. */
 function frame(kind: number, size: number, fill: (numbers: DataView, bytes: Uint8Array) => void): Uint8Array {
   const bytes = new Uint8Array(1 + size + 4),
-    numbers = viewOf(bytes);
+    numbers = dataView(bytes);
   bytes[0] = (VERSION << 4) | kind;
   fill(numbers, bytes);
   numbers.setUint32(1 + size, crc32(bytes.subarray(0, 1 + size)), true);
   return bytes;
 }
 
-/** Kind of a datagram whose checksum holds (that of a packet in `DATA` is its own); 0 for anything else. */
-export function kindOf(bytes: Uint8Array): number {
+/**
+ * Returns the type of a message with a correct checksum, 0 for anything else. Packets in `DATA` have their own
+ * checksum.
+ */
+export function messageType(bytes: Uint8Array): number {
   if (bytes.length < 6 || bytes[0] >> 4 !== VERSION) return 0;
   const kind = bytes[0] & 15,
     end = bytes.length - 4;
-  return kind === DATA || crc32(bytes.subarray(0, end)) === viewOf(bytes).getUint32(end, true) ? kind : 0;
+  return kind === DATA || crc32(bytes.subarray(0, end)) === dataView(bytes).getUint32(end, true) ? kind : 0;
 }
 
 export interface Welcome {
@@ -52,22 +58,25 @@ export interface Welcome {
   readonly symbolBytes: number;
   readonly packets: number;
   readonly packetBytes: number;
-  /** Packets that travel in the head. */
+  /** Number of packets bundled with the init segment. */
   readonly carried: number;
-  /** Whether what is looked at comes first, once the server is told: a last tier of 0 packets, 0 groups, 2 symbols. */
+  /** True if the server sends the tiles of a view first. */
   readonly viewable: boolean;
-  /** Whether the stream grows, and others follow it: a last tier of 0 packets, 0 groups, 1 symbol. */
+  /** True if the stream grows and further periods follow. */
   readonly open: boolean;
   readonly preview: Uint8Array;
+  /** Digest of everything that determines the packets' positions: the init segment and the layout, hexadecimal. */
+  readonly order: string;
 }
 
-/** What a server declares; null if it is impossible or answers another request. */
+/** Reads a welcome message. Returns null if it is implausible or answers another request. */
 export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
-  if (bytes.length < 76) return null;
-  const numbers = viewOf(bytes),
-    tiers = bytes[69],
-    at = 70 + 8 * tiers;
-  if (!(tiers >= 1 && tiers <= MAX_TIERS) || at + 2 > bytes.length - 4) return null;
+  if (bytes.length < 77) return null;
+  const numbers = dataView(bytes),
+    flags = bytes[69],
+    tiers = bytes[70],
+    at = 71 + 8 * tiers;
+  if (flags > (OPEN | VIEWABLE) || !(tiers >= 1 && tiers <= MAX_TIERS) || at + 2 > bytes.length - 4) return null;
   const size = numbers.getUint16(at, true),
     headBytes = Number(numbers.getBigUint64(17, true));
   if (size > MAX_PREVIEW || size + 8 * tiers > MAX_DECLARED || at + 2 + size !== bytes.length - 4) return null;
@@ -80,9 +89,10 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
     packets: numbers.getUint32(59, true),
     packetBytes: numbers.getUint16(63, true),
     carried: numbers.getUint32(65, true),
-    viewable: numbers.getBigUint64(at - 8, true) === 2n << 48n,
-    open: numbers.getBigUint64(at - 8, true) === 1n << 48n,
+    viewable: (flags & VIEWABLE) > 0,
+    open: (flags & OPEN) > 0,
     preview: bytes.slice(at + 2, at + 2 + size),
+    order: hex(sha256(bytes.subarray(13, at))).slice(0, 2 * ORDER_BYTES),
   };
   const fine =
     numbers.getBigUint64(1, true) === nonce &&
@@ -107,24 +117,29 @@ export interface Report {
   readonly session: number;
   readonly largest: number;
   readonly received: number;
-  /** The receiver's clock when the largest came, microseconds. */
+  /** Receiver's clock at the arrival of the largest sequence number, microseconds. */
   readonly clock: number;
   readonly symbolsMissing: number;
+  /** Indices of missing packets to send again. */
   readonly lost: readonly number[];
+  /** Sequence numbers of lost datagrams whose packets are to be sent again. */
+  readonly lostSequences: readonly number[];
 }
 
 export function writeFeedback(report: Report): Uint8Array {
-  return frame(FEEDBACK, 22 + 4 * report.lost.length, (numbers) => {
-    const { session, largest, received, clock, symbolsMissing, lost } = report;
+  const { session, largest, received, clock, symbolsMissing, lost, lostSequences } = report,
+    asked = [...lost, ...lostSequences];
+  return frame(FEEDBACK, 24 + 4 * asked.length, (numbers) => {
     [session, largest, received, clock % 2 ** 32, symbolsMissing].forEach((value, n) =>
       numbers.setUint32(1 + 4 * n, value, true),
     );
     numbers.setUint16(21, lost.length, true);
-    lost.forEach((place, n) => numbers.setUint32(23 + 4 * n, place, true));
+    numbers.setUint16(23, lostSequences.length, true);
+    asked.forEach((number, n) => numbers.setUint32(25 + 4 * n, number, true));
   });
 }
 
-/** What there is of a stream from before: its head, and the packets of which `held` has a bit; as many as it takes. */
+/** Builds messages that announce stored packets of a stream. `held` has one bit per packet. */
 export function writeHave(nonce: bigint, streamId: number, held: Uint8Array): Uint8Array[] {
   return Array.from({ length: Math.ceil(held.length / MAX_HELD_BYTES) || 1 }, (_, n) => {
     const first = MAX_HELD_BYTES * n,
@@ -139,7 +154,7 @@ export function writeHave(nonce: bigint, streamId: number, held: Uint8Array): Ui
   });
 }
 
-/** Where somebody looks from: `number` counts what is said of it. */
+/** Builds a view update. `number` counts the updates. */
 export function writeView(session: number, number: number, look: Look, budget: number): Uint8Array {
   return frame(VIEW, 68, (numbers) => {
     const { viewmat, focal, width, height } = look;
@@ -154,7 +169,7 @@ export function writeBye(session: number): Uint8Array {
   return frame(BYE, 4, (numbers) => numbers.setUint32(1, session, true));
 }
 
-/** Cuts a reliable stream into frames: each behind its size, u16. */
+/** Splits a reliable stream into messages, each preceded by its size as u16. */
 export class FrameReader {
   #rest = new Uint8Array();
 

@@ -1,71 +1,82 @@
-// A file on an HTTP server: requests for parts of it, with limits for silence and checks of each answer.
+// A file on an HTTP server, read by range requests with timeouts and validation of responses.
 
-import { pause } from "../turns.ts";
-import { Refused } from "./refused.ts";
+import { delay } from "../scheduler.ts";
+import { HttpError } from "./http_error.ts";
 
 export interface Limits {
-  /** Longest silence of a connection at first, milliseconds; each one that is silent for longer raises it. */
+  /** Initial idle timeout, milliseconds. Each timeout raises it. */
   readonly idleMs: number;
-  /** Wait before damaged bytes are requested again, milliseconds; four times as long the next time. */
+  /** Delay before damaged bytes are requested again, milliseconds. It grows by a factor of four. */
   readonly repeatMs: number;
-  /**
-   * Bytes of the first request. Of a scene with levels they hold the coarsest ones; its view then requests what it
-   * needs.
-   */
+  /** Size of the first request, bytes. It covers the coarsest tiles of a scene with levels. */
   readonly firstBytes: number;
-  /** Bytes of later requests: enough that the way there and back costs little, and a view that turns is soon served. */
+  /** Size of later requests, bytes. A compromise between round trips and fast view changes. */
   readonly tilesBytes: number;
+  /** Time after which a replacement of the file is no longer counted, milliseconds. */
+  readonly changeMs: number;
 }
 
-const LIMITS: Limits = { idleMs: 8000, repeatMs: 250, firstBytes: 1 << 18, tilesBytes: 1 << 16 };
-/** Longest silence of a connection however often others were silent, milliseconds. */
+const LIMITS: Limits = { idleMs: 8000, repeatMs: 250, firstBytes: 1 << 18, tilesBytes: 1 << 16, changeMs: 60_000 };
+/** Upper bound of the idle timeout, milliseconds. */
 const MAX_IDLE_MS = 32_000;
-/** Factor of the limit for silence after a connection that was silent for longer: some servers are slow. */
+/** Growth of the idle timeout after each timeout, for slow servers. */
 const GROWTH = 1.5;
-/** Parts in a row that bring nothing, after which the whole file is requested. */
+/** Number of consecutive useless range responses after which the whole file is requested. */
 const MAX_USELESS = 3;
-/** Error statuses that say the same about the whole file as about a part of it. */
-const ABOUT_THE_FILE = [401, 404, 408, 410, 425, 429];
+/** Number of consecutive failed range requests without packets after which the whole file is requested once. */
+const MAX_FAILURES = 3;
+/** Temporary error statuses, of a server that is busy or restarting. */
+const PASSING = [408, 425, 429, 500];
 const CONTENT_RANGE = /^bytes (\d+)-(\d+)\/(\d+|\*)$/;
 
-/** The server does not answer requests for parts of a file correctly: the whole file has to be read. */
+/** Error for incorrect range responses. The whole file must be read. */
 export class RangeUnsupported extends Error {}
 
-/** A requested part begins behind the end of the file. */
+/** Error for a range after the end of the file. */
 export class PastEnd extends Error {}
 
-/** No byte came for longer than the limit. */
+/** Error for a connection without data for longer than the idle timeout. */
 export class Stalled extends Error {}
 
-/** An answer whose bytes begin at `offset` in the file. */
+/** A response with the bytes of the file from `offset`. */
 export interface Answer {
   readonly offset: number;
-  /** True if it has everything from `offset` to the end of the file. */
+  /** True if it contains everything from `offset` to the end of the file. */
   readonly whole: boolean;
-  /** Size of the file, bytes; null if it is unknown. */
+  /** Size of the file, bytes; null if unknown. */
   readonly total: number | null;
-  /** True if the file has its final size, so that it can be kept. */
+  /** True if the file has its final size and can be cached. */
   readonly keep: boolean;
-  /** Next bytes; null at the end. Throws where the connection breaks or falls silent. */
+  /** Returns the next bytes; null at the end. Throws if the connection breaks or times out. */
   read(): Promise<Uint8Array | null>;
   cancel(): void;
 }
 
-/** What is known of the server after some requests. One object serves all attempts of a visit. */
+/** A file and what earlier requests revealed about its server. One object serves all attempts of a visit. */
 export class HttpFile {
-  /** Answers to requests for parts of the file: not known yet, correct, or not. */
+  /** Support for range requests. */
   ranges: "unknown" | "usable" | "unusable" = "unknown";
-  /** True once the file was compared with the packets that are held. */
+  /** True once the file was revalidated against the stored packets. */
   compared = false;
-  /** How often the file became another one, its bytes were damaged, and parts of it were useless in a row. */
+  /** Numbers of recent replacements of the file, damaged responses, and consecutive useless responses. */
   changes = 0;
   damages = 0;
   useless = 0;
-  /** True once the server has given bytes of the file, and how often it refused it later. */
+  /** Number of times that the file's packets had another order than assumed. */
+  reordered = 0;
+  /** True if tiles are not where the stream's index has them. */
+  isLinear = false;
+  /** True once the server has delivered bytes of the file, and the number of later refusals without packets between. */
   given = false;
   refusals = 0;
-  /** How often each tile came damaged. */
+  /** Number of damaged responses for each tile. */
   readonly damagedTiles = new Map<number, number>();
+  /** True while the whole file is requested because range requests failed repeatedly. */
+  isTryingWhole = false;
+  #failures = 0;
+  #changedAt = -Infinity;
+  /** Message of the last failed range request. */
+  #reason = "";
   #idleMs: number;
   /** True once the server has answered with a part of the file. */
   #partial = false;
@@ -77,19 +88,44 @@ export class HttpFile {
     this.#idleMs = limits.idleMs;
   }
 
-  /** Cache mode of requests: caches that have given damaged or outdated bytes are passed by. */
+  /** Cache mode of requests. HTTP caches that returned damaged or outdated bytes are bypassed. */
   get cache(): RequestCache {
     return this.damages || this.changes ? "reload" : "default";
   }
 
-  /** Counts parts of the file that were of no use. Throws `RangeUnsupported` where there are too many in a row. */
+  /**
+   * Counts consecutive failed requests, because some servers answer only requests for the whole file. `isProgress` is
+   * true if packets arrived before the failure.
+   */
+  noteFailure(error: Error, isProgress: boolean): void {
+    if (isProgress) this.refusals = 0;
+    if (this.isTryingWhole) {
+      if (this.#reason && this.#reason !== error.message) error.message += `; for parts of it: ${this.#reason}`;
+      this.isTryingWhole = isProgress;
+      this.#failures = 0;
+    } else {
+      this.#failures = isProgress ? 0 : this.#failures + 1;
+      this.#reason = error.message;
+      this.isTryingWhole = this.#failures >= MAX_FAILURES;
+    }
+  }
+
+  /** Counts replacements of the file. A page that is open for days may see many. */
+  noteChange(): void {
+    const now = performance.now();
+    this.changes = now - this.#changedAt < this.limits.changeMs ? this.changes + 1 : 1;
+    this.#changedAt = now;
+  }
+
+  /** Counts useless range responses. Throws `RangeUnsupported` after `MAX_USELESS` in a row. */
   noteUseless(reason: string): void {
     if (this.ranges === "unknown" && ++this.useless >= MAX_USELESS) throw new RangeUnsupported(reason);
   }
 
   /**
-   * Requests bytes `first` to `end` (exclusive; null for the end of the file). Without a first byte the whole file is
-   * requested. Throws `Refused`, `Stalled`, `PastEnd`, `RangeUnsupported`, or the error of a broken connection.
+   * Requests the bytes `first` to `end - 1`, where null means the end of the file. If `first` is null, the whole file
+   * is requested without a range. Throws `HttpError`, `Stalled`, `PastEnd`, `RangeUnsupported`, or the error of a
+   * broken connection.
    */
   async request(
     first: number | null,
@@ -108,7 +144,7 @@ export class HttpFile {
       return this.#answer(response, first, end, cancel);
     } catch (error) {
       cancel();
-      // Without an answer, a preflight may have been refused: it is sent for parts of a file only.
+      // Without a response, the server may have rejected the CORS preflight, which only range requests need.
       if (error instanceof TypeError && first !== null && this.ranges === "unknown" && !this.#partial)
         throw new RangeUnsupported(error.message);
       throw error;
@@ -123,9 +159,9 @@ export class HttpFile {
       total: number | null = null,
       most = Infinity;
     if (status === 416 && offset > 0) throw new PastEnd(`${this.url} has no byte ${offset}`);
-    if (first !== null && status >= 400 && status < 502 && status !== 500 && !ABOUT_THE_FILE.includes(status))
+    if (first !== null && status >= 400 && status < 502 && !PASSING.includes(status) && !this.#isMissing(status))
       throw new RangeUnsupported(`${this.url} answers ${status} to a request for a part of it`);
-    if (!response.ok || !body || status === 204) throw new Refused(this.url, response);
+    if (!response.ok || !body || status === 204) throw new HttpError(this.url, response);
     if (first === null || status !== 206) {
       if (offset > 0) throw new RangeUnsupported(`${this.url} ignores the range of a request`);
       if (first !== null) this.ranges = "unusable";
@@ -150,7 +186,7 @@ export class HttpFile {
     const read = async (): Promise<Uint8Array | null> => {
       const { value } = await this.#timely(reader.read()).catch((error: unknown) => {
         cancel();
-        // a content coding makes parts unreadable, and pages of other sites are not told of it
+        // a content coding makes parts unreadable, and CORS hides its header
         if (error instanceof TypeError && first !== null) this.noteUseless(error.message);
         throw error;
       });
@@ -164,7 +200,12 @@ export class HttpFile {
     return { offset, whole, total, keep, read, cancel };
   }
 
-  /** Result of a promise. Throws `Stalled` if that takes longer than the limit, which then grows. */
+  /** Returns true for the status of a removed file, which may be in the middle of its replacement. */
+  #isMissing(status: number): boolean {
+    return this.#partial && (status === 404 || status === 410);
+  }
+
+  /** Awaits a promise. Throws `Stalled` after the idle timeout, which then grows. */
   #timely<T>(work: Promise<T>): Promise<T> {
     let timer: ReturnType<typeof setTimeout>;
     const idleMs = this.#idleMs,
@@ -178,13 +219,13 @@ export class HttpFile {
     return Promise.race([work, late]).finally(() => clearTimeout(timer));
   }
 
-  /** Waits before bytes that were damaged are requested again, longer each time. */
+  /** Waits before damaged bytes are requested again, longer each time. */
   async wait(times: number): Promise<void> {
-    await pause(this.limits.repeatMs * 4 ** (times - 1));
+    await delay(this.limits.repeatMs * 4 ** (times - 1));
   }
 }
 
-/** All bytes of an answer, at most `size`. */
+/** Returns all bytes of a response, at most `size`. */
 export async function readBytes(answer: Answer, size: number): Promise<Uint8Array> {
   const bytes = new Uint8Array(size);
   let count = 0;

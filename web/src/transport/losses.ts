@@ -1,17 +1,17 @@
-// Which packets are shown where some are dropped on purpose.
+// Simulated packet losses.
 
-/** What a person chose. */
+/** Settings of the simulated losses and the concealer. */
 export interface Choice {
   readonly concealer: string;
-  /** Share of the packets that is dropped, in bursts of this mean length; 1 drops each on its own. */
+  /** Loss rate, and mean burst length in packets. A burst length of 1 means independent losses. */
   readonly dropped: number;
   readonly burst: number;
   readonly seed: number;
-  /** Share of the packets that were sent by then, in the order in which they came. */
+  /** Share of the packets that were sent so far, in order of arrival. */
   readonly sent: number;
 }
 
-/** Whether each packet is shown. Without bursts a larger share drops more packets, and never another one instead. */
+/** Returns a mask of the packets that are not lost. Without bursts, a larger loss rate loses a superset. */
 export function shownPackets(
   packets: readonly { readonly block: number; readonly lane: number }[],
   { dropped, burst, seed, sent }: Choice,
@@ -22,13 +22,13 @@ export function shownPackets(
   let lost = false;
   return packets.map(({ block, lane }, n) => {
     const chance = random(block, lane, seed);
-    // Gilbert's model, in order of arrival
+    // Gilbert model, in order of arrival
     lost = burst > 1 ? chance < (lost ? 1 - leave : n ? enter : dropped) : chance < dropped;
     return n < end && !lost;
   });
 }
 
-/** A number from 0 to 1 of a packet. */
+/** Returns a pseudo-random number in [0, 1) for a packet. */
 function random(block: number, lane: number, seed: number): number {
   let hash = Math.imul(block + 1, 0x9e3779b1) ^ Math.imul(lane + 1, 0x85ebca6b) ^ Math.imul(seed + 1, 0xc2b2ae35);
   hash = Math.imul(hash ^ (hash >>> 15), 0x2c1b3c6d);

@@ -1,6 +1,7 @@
-// What the page and its worker say to one another.
+// Messages between the page and its worker.
 
 import type { Ball, Viewpoint } from "../codec/decoder.ts";
+import type { Texts } from "../codec/metadata.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Packed, Tile } from "../render/packed.ts";
 import type { Counts } from "./events.ts";
@@ -11,32 +12,36 @@ export type ToWorker =
   | { kind: "open"; session: Session | null; name: string; file: string; bytes: Uint8Array<ArrayBuffer> | null }
   | { kind: "conceal"; choice: Choice; ask: number }
   | { kind: "look"; camera: Camera; ask: number }
-  /** A frame of what moves; answered by `frame`. */
+  /** Requests a frame of a clip. Answered by `frame`. */
   | { kind: "frame"; number: number; choice: Choice }
   | { kind: "digest" };
 
-/** Facts of a stream that the panel shows. */
+/** Properties of a stream. */
 export interface Facts {
   readonly gaussians: number;
   readonly packets: number;
   readonly degree: number;
-  /** Whether the page has to say where it looks from, and hears of other Gaussians then. */
+  /** True if the Gaussians depend on the camera, which the page must then report. */
   readonly viewDependent: boolean;
-  /** Size of the scene, and its middle where it is known so early; world units. */
+  /** Size of the scene and its centre, world units; `middle` is null if unknown before the first packet. */
   readonly size: number;
   readonly middle: readonly number[] | null;
   readonly background: readonly [number, number, number];
   readonly viewpoint: Viewpoint | null;
-  /** Where a clip goes; null where the stream does not say it. */
+  /** Sphere around all frames of a clip, world units; null if the stream has none. */
   readonly extent: Ball | null;
-  /** Whether Gaussians lose opacity as they are widened to a pixel. */
+  /** True if opacity decreases for Gaussians below the size of a pixel. */
   readonly antialiased: boolean;
-  /** Which axis is up; null where the stream does not say it. */
+  /** Up axis of the scene; null if the stream has none. */
   readonly up: string | null;
+  /** Title, author and license; each is empty if the stream does not have it. */
+  readonly texts: Texts;
+  /** World coordinates that positions are relative to; 0, 0, 0 unless the scene is georeferenced. */
+  readonly origin: readonly [number, number, number];
   readonly sideInfoBytes: number;
-  /** Concealers that work on its elements. */
+  /** Names of the available concealers. */
   readonly concealers: readonly string[];
-  /** Frames a second and how many, of what moves, and whether it is live; null where all stands still. */
+  /** Frame rate, number of frames, and true for live clips; null for static scenes. */
   readonly moving: { readonly rate: number; readonly numFrames: number; readonly live: boolean } | null;
 }
 
@@ -44,10 +49,9 @@ export type FromWorker =
   | { kind: "preview"; packed: Packed; background: readonly [number, number, number] }
   | { kind: "facts"; facts: Facts }
   /**
-   * Gaussians in addition to those that are there or, with their gains, instead of them; whether some of packets that
-   * were not shown are among them; of how many elements there are some now; how many redundant Gaussians are among all
-   * that were handed over; `lossless`: gains that hide those, null where there are none; `ask` is that of the look that
-   * they are for.
+   * Gaussians for the page. `instead`: replaces all earlier ones. `fresh`: some are from packets that were not shown
+   * before. `elements`: number of elements shown so far. `copies`: number of redundant Gaussians sent so far.
+   * `lossless`: gains that hide the redundant Gaussians, or null. `ask`: number of the view request.
    */
   | {
       kind: "splats";
@@ -60,18 +64,21 @@ export type FromWorker =
       lossless: Float32Array | null;
       ask: number;
     }
-  /** Tiles of a scene with levels, in place of others; the rest as of `splats`. */
+  /** Tile replacements of a scene with levels. Other fields as in `splats`. */
   | { kind: "tiles"; gone: readonly number[]; come: readonly Tile[]; fresh: boolean; ask: number }
-  /** A frame of what moves, in place of what is there; how many elements are guesses, packets of motion are shown. */
+  /**
+   * A frame, which replaces the one before. `concealed` is the number of tracks with estimated motion, `shownPackets`
+   * the number of motion packets that were not lost.
+   */
   | { kind: "frame"; number: number; packed: Packed; concealed: number; shownPackets: number; drawMs: number }
-  /** Which frames of a live clip can be shown by now, and how many packets came when their group had been shown. */
+  /** Playable frames of a live clip. `late` is the number of packets that arrived after their group was shown. */
   | { kind: "playable"; begin: number; end: number; late: number }
   | { kind: "counts"; counts: Counts; decodeMs: number; corrupt: number }
   | { kind: "gains"; gains: Float32Array; lossless: Float32Array | null; ask: number; shownPackets: number }
   | { kind: "note"; text: string }
   | { kind: "finished"; text: string; complete: boolean }
   | { kind: "failed"; text: string }
-  /** The link dropped, why, and when it is tried again. */
+  /** Disconnect: its reason, and the time until the next attempt in milliseconds. */
   | { kind: "lost"; reason: string; retryMs: number }
-  /** Whether all integers that were decoded are those that were encoded; of a whole stream it is told unasked. */
+  /** Result of the digest check. Sent without a request once the stream is complete. */
   | { kind: "digest"; same: boolean };

@@ -1,86 +1,168 @@
-// Packets out of the bytes of a file as they come: verified ones are handed on, damaged ones are counted and left out.
+// Parser for the packets of a file that arrives in pieces. Intact packets are delivered, damaged bytes skipped.
 
 import { BitstreamError } from "../bytes.ts";
-import { ContainerReader, type Head } from "../packets/container.ts";
-import { readPacket } from "../packets/packet.ts";
-import type { Arrived, Listener } from "./events.ts";
-import type { Held } from "./held.ts";
+import { type Head, HeadReader, joined } from "../packets/container.ts";
+import { MAX_PACKET_BYTES } from "../packets/limits.ts";
+import { HEADER_BYTES } from "../packets/packet.ts";
+import { type Arrived, FILE, type Listener } from "./events.ts";
+import { dataView } from "./frames.ts";
+import { isIntact, type PacketStore, SIZE_BYTES } from "./packet_store.ts";
 
-/** Bytes that are parsed at once: a browser hands over everything that waited for a busy thread. */
+/** Bytes parsed at once, because a browser delivers all data that waited for a busy thread. */
 const PIECE = 1 << 16;
-/** Damaged packets in a row after which the sizes of packets cannot be right either. */
+/** Number of consecutive damaged packets after which the rest is skipped. */
 const MAX_DAMAGED_IN_A_ROW = 8;
+/** Number of consecutive bytes without the beginning of a packet after which the rest is skipped. */
+const MAX_SKIPPED = 1 << 22;
+/** First byte of every packet: its version. */
+const PACKET_VERSION = 1;
 
-/** Bytes that are not those of the stream: damaged on the way or on the server, or of a file that was replaced. */
+/** Error for bytes that do not belong to the stream: damaged, or of a replaced file. */
 export class Damaged extends Error {}
 
-/** Returns True if the checksum of a packet holds and it belongs to the stream. */
-export function isIntact(packet: Uint8Array, head: Head): boolean {
-  return readPacket(packet, head.manifest.streamId) !== null;
+/**
+ * Finds the intact packets after the head of a file. Size fields have no checksum. After damaged bytes, the version and
+ * the stream id identify the next packet.
+ */
+export class PacketScanner {
+  /** True once too many consecutive bytes were damaged. */
+  broken = false;
+  readonly #pattern = new Uint8Array(5);
+  readonly #maxSize: number;
+  #rest: Uint8Array = new Uint8Array();
+  #damaged = 0;
+  #skipped = 0;
+  /** True while the beginning of the next packet is searched. */
+  #isSearching = false;
+
+  /** `offset` is that of the first byte in the file. */
+  constructor(
+    readonly head: Head,
+    private offset: number,
+  ) {
+    this.#pattern[0] = PACKET_VERSION;
+    dataView(this.#pattern).setUint32(1, head.manifest.streamId, true);
+    this.#maxSize = Math.min(head.manifest.packetization.packetBytes, MAX_PACKET_BYTES);
+  }
+
+  /** Adds bytes and returns the packets that are now complete. `last` is true at the end of the data. */
+  feed(piece: Uint8Array, last = false): Arrived[] {
+    const bytes = joined(this.#rest, piece),
+      found: Arrived[] = [];
+    let at = 0;
+    while (!this.broken) {
+      if (this.#isSearching) {
+        const next = this.#search(bytes, at);
+        this.#skipped += next.at - at;
+        at = next.at;
+        this.#isSearching = !next.found;
+        this.broken = this.#skipped > MAX_SKIPPED;
+        if (!next.found) break;
+      }
+      const state = this.#at(bytes, at);
+      if (typeof state === "object") {
+        found.push({ source: FILE, position: this.offset + at, bytes: state });
+        this.#damaged = this.#skipped = 0;
+        at += SIZE_BYTES + state.length;
+      } else if ((state === "cut" && !last) || bytes.length - at < SIZE_BYTES + HEADER_BYTES) break;
+      else {
+        this.#isSearching = true;
+        this.broken = ++this.#damaged >= MAX_DAMAGED_IN_A_ROW;
+        at++;
+        this.#skipped++;
+      }
+    }
+    this.#rest = this.broken ? new Uint8Array() : bytes.slice(at);
+    this.offset += at;
+    return found;
+  }
+
+  /** Returns the intact packet at an index, or why there is none: incomplete or damaged. */
+  #at(bytes: Uint8Array, at: number): Uint8Array | "cut" | "damaged" {
+    const left = bytes.length - at;
+    if (left < SIZE_BYTES) return "cut";
+    const size = dataView(bytes).getUint32(at, true);
+    if (size < HEADER_BYTES || size > this.#maxSize) return "damaged";
+    const begins = this.#pattern.every((byte, n) => (bytes[at + SIZE_BYTES + n] ?? byte) === byte);
+    if (!begins) return "damaged";
+    if (left < SIZE_BYTES + size) return "cut";
+    const packet = bytes.slice(at + SIZE_BYTES, at + SIZE_BYTES + size);
+    return isIntact(packet, this.head) ? packet : "damaged";
+  }
+
+  /** Returns the index of the next size field before a possible packet, or of the last bytes that may belong to one. */
+  #search(bytes: Uint8Array, from: number): { at: number; found: boolean } {
+    const pattern = this.#pattern,
+      end = bytes.length - pattern.length;
+    for (
+      let n = bytes.indexOf(PACKET_VERSION, from + SIZE_BYTES);
+      n >= 0 && n <= end;
+      n = bytes.indexOf(PACKET_VERSION, n + 1)
+    )
+      if (pattern.every((byte, k) => bytes[n + k] === byte)) return { at: n - SIZE_BYTES, found: true };
+    return { at: Math.max(from, end + 1 - SIZE_BYTES), found: false };
+  }
 }
 
 export class PacketReader {
-  readonly #container: ContainerReader;
-  /** Damaged packets since the last intact one. */
-  #suspects: Arrived[] = [];
-  #told: boolean;
+  readonly #begin = new HeadReader();
+  #scanner: PacketScanner | null;
   /** Number of intact packets. */
   intact = 0;
+  /** The first intact packet. */
+  first: Arrived | null = null;
 
   /**
-   * Reads from the file's beginning or, where the `head` is known, from the packet at `place` on. `keep`: the file will
-   * be the same later.
+   * Reads from the beginning of the file or, if `head` is given, from the packet at `offset`. `keep` is true if the
+   * file can be cached.
    */
   constructor(
     readonly listener: Listener,
-    readonly held: Held,
+    readonly held: PacketStore,
     readonly keep: boolean,
     head: Head | null = null,
-    private place = 0,
+    offset = 0,
   ) {
-    this.#container = new ContainerReader(head);
-    this.#told = head !== null;
+    this.#scanner = head && new PacketScanner(head, offset);
   }
 
   get head(): Head | null {
-    return this.#container.head;
+    return this.#scanner?.head ?? null;
   }
 
-  /** Takes bytes. Throws `Damaged` where nothing behind them can be read. */
+  /** Adds bytes. Throws `Damaged` if the rest is unreadable. */
   feed(chunk: Uint8Array): void {
     for (let at = 0; at < chunk.length; at += PIECE) this.#feed(chunk.subarray(at, at + PIECE));
   }
 
-  #feed(piece: Uint8Array): void {
-    const container = this.#container,
-      found = parsed(container, piece),
-      { head } = container,
-      intact: Arrived[] = [];
-    if (!head) return;
-    if (!this.#told) this.#begin(head);
-    for (const bytes of found) {
-      const packet = { place: this.place++, bytes };
-      if (packet.place >= head.manifest.numPackets) break;
-      if (!isIntact(bytes, head)) {
-        this.#suspects.push(packet);
-        if (this.#suspects.length >= MAX_DAMAGED_IN_A_ROW) break;
-        continue;
-      }
-      for (const suspect of this.#suspects.splice(0)) this.held.noteSize(suspect.place, suspect.bytes.length);
-      intact.push(packet);
-    }
-    this.intact += intact.length;
-    if (intact.length) this.listener.packets(intact);
-    if (this.held.complete) return; // whatever is behind the last packet
-    if (container.broken || this.#suspects.length >= MAX_DAMAGED_IN_A_ROW)
-      throw new Damaged("the rest of the file is damaged");
+  /** Ends the data. Throws `Damaged` like `feed`. */
+  finish(): void {
+    if (this.#scanner) this.#take(this.#scanner.feed(new Uint8Array(), true));
   }
 
-  #begin(head: Head): void {
-    const { held, listener } = this,
-      file = this.#container.headBytes;
-    this.#told = true;
-    if (held.begun && !held.isSame(file)) {
+  #feed(piece: Uint8Array): void {
+    let packets: Uint8Array | null = piece;
+    if (!this.#scanner) {
+      packets = behindHead(this.#begin, piece);
+      const { head, headBytes } = this.#begin;
+      if (!packets || !head) return;
+      this.#scanner = new PacketScanner(head, headBytes.length);
+      this.#tell(head, headBytes);
+    }
+    this.#take(this.#scanner.feed(packets));
+  }
+
+  #take(packets: Arrived[]): void {
+    this.intact += packets.length;
+    this.first ??= packets[0] ?? null;
+    if (packets.length) this.listener.packets(packets);
+    if (this.held.complete) return; // bytes after the last packet are ignored
+    if (this.#scanner!.broken) throw new Damaged("the rest of the file is damaged");
+  }
+
+  #tell(head: Head, file: Uint8Array): void {
+    const { held, listener } = this;
+    if (held.hasHead && !held.isSame(file)) {
       held.clear();
       listener.changed?.();
     }
@@ -89,10 +171,12 @@ export class PacketReader {
   }
 }
 
-/** Packets that are complete now. Throws `Damaged`, with the reason as its cause, where the file's head is none. */
-function parsed(container: ContainerReader, piece: Uint8Array): Uint8Array[] {
+/**
+ * Returns the bytes after the head of a file. Throws `Damaged`, with the reason as its cause, if the head is invalid.
+ */
+function behindHead(begin: HeadReader, piece: Uint8Array): Uint8Array | null {
   try {
-    return container.feed(piece);
+    return begin.feed(piece);
   } catch (error) {
     if (!(error instanceof BitstreamError)) throw error;
     throw new Damaged(error.message, { cause: error });

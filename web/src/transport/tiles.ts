@@ -1,27 +1,36 @@
-// Tiles of a scene with levels, fetched from any file server by ranges of bytes, in the order in which a view wants
-// them.
+// Tiles of a scene with levels, fetched by range requests in the order of the view.
 
-import { ContainerReader } from "../packets/container.ts";
+import { readPacket } from "../packets/packet.ts";
 import type { Arrived, Fetching, Listener } from "./events.ts";
-import type { Held } from "./held.ts";
 import { type HttpFile, readBytes } from "./http_file.ts";
-import { isIntact } from "./packet_reader.ts";
+import { PacketScanner } from "./packet_reader.ts";
+import type { PacketStore } from "./packet_store.ts";
 
-/** Requests at a time: one is answered while the next one is on its way. */
+/** Largest number of concurrent requests. */
 const AT_ONCE = 2;
-/** How often a tile that comes damaged is requested. */
+/** Largest number of requests for a tile that arrives damaged. */
 const MAX_TRIES = 3;
 const WAY = "HTTP, by ranges";
 
-/** Tiles came damaged, or the file was replaced. */
+/** Error for damaged tiles or a replaced file. */
 export class DamagedTiles extends Error {}
 
+/** Error for a file with another order of tiles than the stream's index. */
+export class OtherOrder extends Error {}
+
 /**
- * Fetches what the view wants, whatever it turns to, until everything is there; returns the words for how it ended.
- * A tile that stays damaged is left out. Throws where the connection breaks, or the server refuses or gives no ranges,
- * and `DamagedTiles` before a tile is requested again.
+ * Receives the tiles of the view, through all its changes, until the stream is complete. Returns how it ended.
+ *
+ * A tile that arrives damaged repeatedly is postponed to the end. Throws if the connection breaks, the server refuses
+ * or has no range requests. Throws `DamagedTiles` before a tile is requested again, and `OtherOrder` if packets must be
+ * searched in the whole file.
  */
-export async function receiveTiles(file: HttpFile, listener: Listener, held: Held, view: Fetching): Promise<string> {
+export async function receiveTiles(
+  file: HttpFile,
+  listener: Listener,
+  held: PacketStore,
+  view: Fetching,
+): Promise<string> {
   const { head } = view,
     aborted = new AbortController(),
     requested = new Set<number>(),
@@ -44,22 +53,24 @@ export async function receiveTiles(file: HttpFile, listener: Listener, held: Hel
   const busy = new Set<Promise<void>>();
   const start = (run: Run): void => {
     const work = fetchRun(run).finally(() => busy.delete(work));
-    work.catch(() => undefined); // whoever waits for it gets the error
+    work.catch(() => undefined); // the awaiting code handles the error
     busy.add(work);
   };
   const fetchRun = async (run: Run): Promise<void> => {
     const tiles = Array.from({ length: run.end - run.first }, (_, n) => run.first + n),
       { offsets } = view.tiles;
-    let end = 0;
+    let end = 0,
+      hasForeign = false;
     for (const tile of tiles) requested.add(tile);
     try {
       const size = offsets[run.end] - offsets[run.first],
         from = begin + offsets[run.first],
         cache = tiles.some(triesOf) ? "reload" : file.cache,
         piece = await readBytes(await file.request(from, from + size, cache, aborted.signal), size),
-        packets = tiles.flatMap((tile) => intactPackets(piece, tile, run, view));
+        packets = tiles.flatMap((tile) => intactPackets(piece, tile, run, begin, view));
       bytes += piece.length;
       end = offsets[run.first] + piece.length;
+      hasForeign = packets.some(({ bytes: one }) => !isOfTiles(one, run, view));
       if (packets.length) {
         [file.ranges, file.useless] = ["usable", 0];
         listener.packets(packets);
@@ -70,7 +81,8 @@ export async function receiveTiles(file: HttpFile, listener: Listener, held: Hel
     } finally {
       for (const tile of tiles) requested.delete(tile);
     }
-    // tiles behind the end of a short answer are requested once more, like all that the view wants
+    // tiles after the end of a short response are requested again with the other missing tiles
+    if (hasForeign) throw new OtherOrder(`${file.url} has other tiles than were requested`);
     const damaged = tiles.filter((tile) => view.missing(tile) && (tile === run.first || offsets[tile + 1] <= end));
     for (const tile of damaged) file.damagedTiles.set(tile, triesOf(tile) + 1);
     if (damaged.length) throw new DamagedTiles(`${damaged.length} tiles came damaged`);
@@ -97,7 +109,8 @@ export async function receiveTiles(file: HttpFile, listener: Listener, held: Hel
   }
   tell();
   if (view.packets >= expected) return "complete";
-  return listener.stopped() ? "stopped" : `${expected - view.packets} packets are damaged on the server`;
+  if (listener.stopped()) return "stopped";
+  throw new OtherOrder(`${expected - view.packets} packets are not where the index of the stream has them`);
 }
 
 interface Run {
@@ -105,7 +118,7 @@ interface Run {
   readonly end: number;
 }
 
-/** Tiles next to one another that are wanted, the most useful and what lies behind it in the file. */
+/** Returns a run of adjacent missing tiles, beginning with the most useful one. */
 function nextRun({ tiles, wanted }: Fetching, isFree: (tile: number) => boolean, most: number): Run | null {
   const free = wanted.filter(isFree);
   if (!free.length) return null;
@@ -116,15 +129,19 @@ function nextRun({ tiles, wanted }: Fetching, isFree: (tile: number) => boolean,
   return { first, end };
 }
 
-/** Intact packets of a tile, out of the bytes of its run. */
-function intactPackets(piece: Uint8Array, tile: number, run: Run, { tiles, head }: Fetching): Arrived[] {
-  const { offsets, firstPackets } = tiles,
-    begin = offsets[run.first],
-    bytes = piece.subarray(offsets[tile] - begin, offsets[tile + 1] - begin),
-    count = firstPackets[tile + 1] - firstPackets[tile];
-  return new ContainerReader(head)
-    .feed(bytes)
-    .slice(0, count)
-    .map((packet, n) => ({ place: firstPackets[tile] + n, bytes: packet }))
-    .filter((packet) => isIntact(packet.bytes, head));
+/**
+ * Returns the intact packets of a tile, given the bytes of its run. `begin` is the offset of the first tile in the
+ * file.
+ */
+function intactPackets(piece: Uint8Array, tile: number, run: Run, begin: number, view: Fetching): Arrived[] {
+  const { offsets } = view.tiles,
+    first = offsets[run.first],
+    bytes = piece.subarray(offsets[tile] - first, offsets[tile + 1] - first);
+  return new PacketScanner(view.head, begin + offsets[tile]).feed(bytes, true);
+}
+
+/** Returns true if a packet belongs to one of the tiles of a run. */
+function isOfTiles(bytes: Uint8Array, run: Run, { head }: Fetching): boolean {
+  const { block } = readPacket(bytes, head.manifest.streamId)!;
+  return run.first <= block && block < run.end;
 }

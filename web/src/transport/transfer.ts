@@ -1,20 +1,17 @@
-// The receiving side of one transfer: bytes and time (milliseconds) in, bytes out; no socket, no clock.
+// Receiver state machine of one WebTransport session. Maps received bytes and times (milliseconds) to bytes to send. It
+// has no socket and no clock.
+
+import { sha256 } from "@noble/hashes/sha2.js";
 
 import { hex } from "../bytes.ts";
 import type { Look } from "../codec/levels/cut.ts";
 import type { Head } from "../packets/container.ts";
-import { readPacket } from "../packets/packet.ts";
-import type { Arrived } from "./events.ts";
+import { identityOf, readPacket } from "../packets/packet.ts";
+import { type Arrived, NO_SOURCE } from "./events.ts";
 import {
-  BY_SEQUENCE,
-  DATA,
-  END,
-  kindOf,
-  REFUSE,
+  dataView,
+  messageType,
   readWelcome,
-  SIDE,
-  viewOf,
-  WELCOME,
   type Welcome,
   writeBye,
   writeFeedback,
@@ -22,69 +19,82 @@ import {
   writeRequest,
   writeView,
 } from "./frames.ts";
-import { HeadObject } from "./head_object.ts";
+import { InitSegment } from "./init_segment.ts";
+import { DATA, END, MAX_NACKS, NOT_YET, OTHER_VERSION, REFUSALS, REFUSE, SIDE, WELCOME } from "./wire.ts";
 
-const REFUSALS = [
-  "",
-  "no such stream",
-  "the server is full",
-  "the server stopped",
-  "too many transfers from this network",
-];
 const IMPOSSIBLE = "the server announces something impossible";
-/** Reasons of a server that no further attempt changes. */
-export const FINAL_REFUSALS: readonly string[] = [REFUSALS[1], IMPOSSIBLE];
-/** The one reason after which it is asked again: a live clip that has not begun. */
-const NOT_YET = 5;
-const AGAIN_MS = 120,
+/** Refusals that a retry cannot resolve. */
+export const FINAL_REFUSALS: readonly string[] = [REFUSALS[1], REFUSALS[OTHER_VERSION], IMPOSSIBLE];
+const NACK_INTERVAL_MS = 120,
   REORDER = 48,
   MOST_EARLY = 64,
   MOST_NEWER = 512,
-  MOST_NACKS = 250,
   MOST_AHEAD = 2 ** 17,
-  ENDS_IN_VAIN = 25,
+  MAX_IDLE_ENDS = 25,
   MOST_GAPS = 4096,
-  TRIES = 8;
+  MAX_ATTEMPTS = 8;
 
-/** What there is of a stream from before. */
+/** Number of contradicting packets after which the transfer ends. */
+const MAX_CONTRADICTIONS = 64;
+
+/** A stream with some stored packets. */
 export interface Before {
   readonly head: Head;
-  /** A bit for each packet by its place, the lowest of a byte first. */
-  readonly held: Uint8Array;
+  /** Init segment without bundled packets. */
+  readonly object: Uint8Array;
+  /**
+   * Returns one bit per stored packet in an order (`Welcome.order`), the lowest bit of a byte first; null for unknown
+   * orders.
+   */
+  bitsOf(order: string): Uint8Array | null;
 }
 
 export class Transfer {
   welcome: Welcome | null = null;
   head: Head | null = null;
-  /** Packets that were not taken away yet. */
+  /** Received packets that the caller has not taken yet. */
   fresh: Arrived[] = [];
-  /** Why it is over. */
+  /** How the transfer ended; null while it continues. */
   finished: string | null = null;
   headMs: number | null = null;
-  /** How many heads came: a stream that grows has one for each group of frames. */
+  /** Number of received heads. A growing stream has one per group of frames. */
   heads = 0;
   readonly counts = { bytes: 0, datagrams: 0, rejected: 0, duplicates: 0, packets: 0, packetBytes: 0 };
   readonly #request: Uint8Array;
-  #object: HeadObject | null = null;
-  /** Whether each packet is there: 1, or 2 for one that nobody asks for any more. */
-  #there = new Uint8Array();
-  readonly #asked = new Map<number, number>();
-  readonly #tries = new Map<number, number>();
+  #object: InitSegment | null = null;
+  /** State of each packet: 0 missing, 1 received, 2 given up. */
+  #packetStates = new Uint8Array();
+  /** Times of requests by packet index, and by sequence number of a lost datagram. */
+  readonly #nackedAt = new Map<number, number>();
+  readonly #sequenceNackedAt = new Map<number, number>();
+  readonly #nackCounts = new Map<number, number>();
   #streamBefore: number | null = null;
   #largest = -1;
   #largestAt: number;
   #highest = -1;
   #lowest = 0;
-  /** Whether everything was sent, or all that somebody looks at, as far as the server knows where. */
+  /** True once the server has sent everything, or all tiles of the view. */
   ended = false;
-  /** Where somebody looks from was said: what comes is what they see, and asked for again by its number. */
+  /**
+   * True once a view was sent. The server then sends its tiles, and lost datagrams are requested by sequence number.
+   */
   viewing = false;
   readonly #gaps = new Map<number, number>();
-  #said = 0;
-  #endsInVain = 0;
-  /** What overtook the welcome, and packets that overtook one that says more. */
+  #numViewUpdates = 0;
+  #idleEnds = 0;
+  /**
+   * Datagrams that arrived before the welcome message, and packets that arrived before the message that announces them.
+   */
   #early: Uint8Array[] = [];
-  #ahead: Arrived[] = [];
+  #ahead: { readonly place: number; readonly bytes: Uint8Array }[] = [];
+  /** True if the stream is that of the stored packets, false if not, null as long as unknown. */
+  isSame: boolean | null = null;
+  /** Messages that announce the stored packets; empty once sent. */
+  #have: Uint8Array[] = [];
+  /** Position of each packet by its identity, and the reverse. */
+  readonly #positions = new Map<number, number>();
+  readonly #identities = new Map<number, number>();
+  #contradictions = 0;
 
   constructor(
     readonly name: string,
@@ -100,70 +110,65 @@ export class Transfer {
     return this.#request;
   }
 
-  /** What is said behind the request: what need not be sent. */
-  have(): Uint8Array[] {
-    return this.before ? writeHave(this.nonce, this.before.head.manifest.streamId, this.before.held) : [];
+  /** Returns the messages that announce stored packets, once, after a welcome message with their order. */
+  takeHave(): Uint8Array[] {
+    return this.#have.splice(0);
   }
 
-  /** Whether it goes on with what there was; known once there is a welcome. */
-  get goesOn(): boolean {
-    return this.welcome !== null && this.welcome.streamId === this.before?.head.manifest.streamId;
-  }
-
-  /** Datagrams that the server sent and that never came, as far as their numbers tell. */
+  /** Number of datagrams lost on the path, according to their sequence numbers. */
   get datagramsLost(): number {
     return Math.max(this.#largest + 1 - this.counts.datagrams, 0);
   }
 
-  /** The stream's file up to its first packet; once the head came. */
+  /** Stream's file up to its first packet. Valid once the head arrived. */
   get fileHead(): Uint8Array {
     return this.#object!.file(this.head!);
   }
 
-  /** SHA-256 of the head object, hexadecimal; empty as long as it is not there. */
+  /** SHA-256 of the init segment, hexadecimal. */
   get headDigest(): string {
     return this.head && this.#object ? this.#object.digest : "";
   }
 
   receive(bytes: Uint8Array, now: number): void {
     if (this.finished) return;
-    const kind = kindOf(bytes);
+    const kind = messageType(bytes);
     this.counts.bytes += bytes.length;
-    if (kind === WELCOME && !this.welcome) return this.#welcomed(bytes, now);
-    if (kind === WELCOME) return this.#told(bytes, now);
+    if (kind === WELCOME && !this.welcome) return this.#onWelcome(bytes, now);
+    if (kind === WELCOME) return this.#onLaterWelcome(bytes, now);
     if (kind === REFUSE && bytes[9] === NOT_YET) return;
     if (kind === REFUSE && !this.welcome) return void (this.finished = REFUSALS[bytes[9]] || "the server refused");
     const known =
       kind === SIDE ? bytes.length > 19 : kind === DATA ? bytes.length > 13 : kind === END && bytes.length > 9;
     if (!this.welcome && known && this.#early.length < MOST_EARLY) return void this.#early.push(bytes);
-    if (!this.welcome || !known || viewOf(bytes).getUint32(1, true) !== this.welcome.session)
+    if (!this.welcome || !known || dataView(bytes).getUint32(1, true) !== this.welcome.session)
       return void this.counts.rejected++;
-    if (kind === SIDE) return this.#side(bytes, now);
-    const sequence = viewOf(bytes).getUint32(5, true);
+    if (kind === SIDE) return this.#onSideInfo(bytes, now);
+    const sequence = dataView(bytes).getUint32(5, true);
     if (sequence > this.#largest + MOST_AHEAD) return void this.counts.rejected++;
     this.counts.datagrams++;
     if (this.welcome.viewable) this.#count(sequence);
     if (sequence > this.#largest) [this.#largest, this.#largestAt] = [sequence, now];
     if (kind === END) {
       this.ended = true;
-      this.#endsInVain++;
+      this.#idleEnds++;
     } else {
-      this.#endsInVain = 0;
+      this.#idleEnds = 0;
       if (this.viewing) this.ended = false;
-      const place = viewOf(bytes).getUint32(9, true);
-      this.#take(place, bytes.slice(13), true);
-      if (this.#there[place]) this.#highest = Math.max(this.#highest, place);
+      const place = dataView(bytes).getUint32(9, true);
+      this.#acceptPacket(place, bytes.slice(13), true);
+      if (this.#packetStates[place]) this.#highest = Math.max(this.#highest, place);
     }
-    this.#look();
+    this.#checkFinished();
   }
 
-  /** Tells where somebody looks from. */
+  /** Builds a view update. */
   view(look: Look, budget: number): Uint8Array {
     this.viewing = true;
-    return writeView(this.welcome!.session, ++this.#said, look, budget);
+    return writeView(this.welcome!.session, ++this.#numViewUpdates, look, budget);
   }
 
-  /** Notes which numbers before this one did not come. */
+  /** Records the missing sequence numbers before a datagram. */
   #count(sequence: number): void {
     this.#gaps.delete(sequence);
     for (let n = Math.max(this.#largest + 1, sequence - MOST_GAPS); n < sequence; n++) this.#gaps.set(n, 0);
@@ -173,46 +178,48 @@ export class Transfer {
     }
   }
 
-  /** Numbers that did not come; each is asked for a few times, since nobody hears whether a question came. */
+  /**
+   * Returns the missing sequence numbers to request. Each is requested a limited number of times, because requests may
+   * be lost.
+   */
   #lostNumbers(now: number): number[] {
     const before = this.ended ? this.#largest : this.#largest - REORDER,
       lost: number[] = [];
     for (const [number, times] of this.#gaps) {
-      if (number > before || lost.length === MOST_NACKS) break;
-      const asked = BY_SEQUENCE + number;
-      if (now - (this.#asked.get(asked) ?? -1e9) < AGAIN_MS) continue;
-      if (times === TRIES) {
+      if (number > before || lost.length === MAX_NACKS) break;
+      if (now - (this.#sequenceNackedAt.get(number) ?? -1e9) < NACK_INTERVAL_MS) continue;
+      if (times === MAX_ATTEMPTS) {
         this.#gaps.delete(number);
-        this.#asked.delete(asked);
+        this.#sequenceNackedAt.delete(number);
         continue;
       }
       this.#gaps.set(number, times + 1);
-      this.#asked.set(asked, now);
-      lost.push(asked);
+      this.#sequenceNackedAt.set(number, now);
+      lost.push(number);
     }
     return lost;
   }
 
-  /** Places of packets that should have come. */
+  /** Returns the indices of overdue packets. */
   #lostPlaces(now: number): number[] {
     const { packets, carried } = this.welcome!,
       lost: number[] = [];
     const stop = this.ended ? packets : this.#highest + 1 - REORDER;
     const { open } = this.welcome!;
-    while (this.#lowest < packets && this.#there[this.#lowest]) this.#lowest++;
+    while (this.#lowest < packets && this.#packetStates[this.#lowest]) this.#lowest++;
     for (
       let place = this.head ? this.#lowest : Math.max(carried, this.#lowest);
-      place < stop && lost.length < MOST_NACKS;
+      place < stop && lost.length < MAX_NACKS;
       place++
     ) {
-      if (this.#there[place] || now - (this.#asked.get(place) ?? -1e9) < AGAIN_MS) continue;
-      const tries = this.#tries.get(place) ?? 0;
-      if (open && tries === TRIES) {
-        this.#there[place] = 2; // what moves is worth nothing once its time has passed
+      if (this.#packetStates[place] || now - (this.#nackedAt.get(place) ?? -1e9) < NACK_INTERVAL_MS) continue;
+      const tries = this.#nackCounts.get(place) ?? 0;
+      if (open && tries === MAX_ATTEMPTS) {
+        this.#packetStates[place] = 2; // a late motion packet is useless
         continue;
       }
-      this.#tries.set(place, tries + 1);
-      this.#asked.set(place, now);
+      this.#nackCounts.set(place, tries + 1);
+      this.#nackedAt.set(place, now);
       lost.push(place);
     }
     return lost;
@@ -225,7 +232,8 @@ export class Transfer {
       received: Math.min(this.counts.datagrams, this.#largest + 1),
       clock: Math.round(this.#largestAt * 1000),
       symbolsMissing: this.head ? 0 : (this.#object?.missing ?? 0),
-      lost: this.viewing ? this.#lostNumbers(now) : this.#lostPlaces(now),
+      lost: this.viewing ? [] : this.#lostPlaces(now),
+      lostSequences: this.viewing ? this.#lostNumbers(now) : [],
     });
   }
 
@@ -233,25 +241,35 @@ export class Transfer {
     return writeBye(this.welcome!.session);
   }
 
-  #welcomed(bytes: Uint8Array, now: number): void {
+  #onWelcome(bytes: Uint8Array, now: number): void {
     const welcome = readWelcome(bytes, this.nonce);
     if (!welcome) return void (this.finished = IMPOSSIBLE);
     this.welcome = welcome;
-    this.#object = new HeadObject(welcome);
-    this.#there = new Uint8Array(welcome.packets);
-    if (this.before && this.goesOn) {
-      const { head, held } = this.before;
-      if (head.manifest.numPackets !== welcome.packets) return void (this.finished = "the stream has grown");
-      this.head = head;
-      for (let place = 0; place < welcome.packets; place++) this.#there[place] = (held[place >> 3] >> (place & 7)) & 1;
-      this.counts.packets = this.#there.reduce((sum, one) => sum + one, 0);
-      this.#look();
-    }
-    this.#again(now);
+    this.#object = new InitSegment(welcome);
+    this.#packetStates = new Uint8Array(welcome.packets);
+    if (this.before) this.#goOn(this.before, welcome);
+    this.#processEarly(now);
   }
 
-  /** What there is by now of a stream that grows, or the one that follows it; anything else came twice. */
-  #told(bytes: Uint8Array, now: number): void {
+  /**
+   * Continues with stored packets. Only those with the same order have known positions. If the head may have changed,
+   * it is received again and compared.
+   */
+  #goOn(before: Before, welcome: Welcome): void {
+    if (welcome.streamId !== before.head.manifest.streamId || welcome.open) return void (this.isSame = false);
+    const bits = before.bitsOf(welcome.order);
+    if (!bits && (welcome.carried || hex(sha256(before.object)) !== hex(welcome.digest))) return;
+    this.isSame = true;
+    this.head = before.head;
+    for (let place = 0; bits && place < Math.min(welcome.packets, 8 * bits.length); place++)
+      this.#packetStates[place] = (bits[place >> 3] >> (place & 7)) & 1;
+    this.counts.packets = this.#packetStates.reduce((sum, one) => sum + one, 0);
+    this.#have = writeHave(this.nonce, welcome.streamId, bits ?? new Uint8Array());
+    this.#checkFinished();
+  }
+
+  /** Processes a later welcome message: a longer stream, the next period, or a duplicate. */
+  #onLaterWelcome(bytes: Uint8Array, now: number): void {
     const before = this.welcome!,
       next = readWelcome(bytes, this.nonce);
     if (!next || !before.open || next.session !== before.session) return;
@@ -259,38 +277,41 @@ export class Transfer {
     if (same ? next.packets < before.packets : next.streamId === this.#streamBefore) return;
     if (same && next.open === before.open && hex(next.digest) === hex(before.digest)) return;
     this.welcome = next;
-    this.#object = new HeadObject(next);
+    this.#object = new InitSegment(next);
     this.head = null;
     this.ended = false;
-    this.#endsInVain = 0;
+    this.#idleEnds = 0;
     const there = new Uint8Array(next.packets);
-    if (same) there.set(this.#there);
-    else this.#leave(before.streamId);
-    this.#there = there;
-    this.#again(now);
+    if (same) there.set(this.#packetStates);
+    else this.#resetPeriod(before.streamId);
+    this.#packetStates = there;
+    this.#processEarly(now);
   }
 
-  /** Forgets what was of another stream. */
-  #leave(streamId: number): void {
+  /** Discards the state of the previous period. */
+  #resetPeriod(streamId: number): void {
     this.#streamBefore = streamId;
-    this.#asked.clear();
-    this.#tries.clear();
+    this.#nackedAt.clear();
+    this.#sequenceNackedAt.clear();
+    this.#nackCounts.clear();
     this.#highest = -1;
     this.#lowest = this.counts.packets = 0;
     this.fresh = [];
+    this.#positions.clear();
+    this.#identities.clear();
   }
 
-  /** Takes what overtook a welcome. */
-  #again(now: number): void {
+  /** Processes datagrams that arrived before the welcome message. */
+  #processEarly(now: number): void {
     for (const early of this.#early.splice(0)) {
-      this.counts.bytes -= early.length; // it was counted when it came
+      this.counts.bytes -= early.length; // it was counted on arrival
       this.receive(early, now);
     }
-    for (const { place, bytes } of this.#ahead.splice(0)) this.#take(place, bytes);
+    for (const { place, bytes } of this.#ahead.splice(0)) this.#acceptPacket(place, bytes);
   }
 
-  #side(bytes: Uint8Array, now: number): void {
-    if (this.head) return; // it was there before
+  #onSideInfo(bytes: Uint8Array, now: number): void {
+    if (this.head) return; // the head is complete
     if (!this.#object!.add(bytes)) return void this.counts.rejected++;
     if (this.#object!.missing) return;
     this.headMs ??= now - this.began;
@@ -298,31 +319,62 @@ export class Transfer {
       const { head, carried } = this.#object!.read();
       this.head = head;
       this.heads++;
-      carried.forEach((packet, place) => this.#take(place, packet));
-      this.#look();
+      if (this.before) this.isSame ??= this.#object!.hasManifestOf(this.before.object);
+      carried.forEach((packet, place) => this.#acceptPacket(place, packet));
+      this.#checkFinished();
     } catch (error) {
       this.finished = (error as Error).message;
     }
   }
 
-  /** Takes a packet; of a stream that grows it `may` be ahead of the welcome that tells of it. */
-  #take(place: number, packet: Uint8Array, may = false): void {
-    const { packets, packetBytes, streamId, open } = this.welcome!;
-    if (place >= packets || packet.length > packetBytes || !readPacket(packet, streamId)) {
-      if (open && may && this.#ahead.length < MOST_NEWER) this.#ahead.push({ place, bytes: packet });
+  /** Accepts a packet. In a growing stream it `may` arrive before the message that announces it. */
+  #acceptPacket(place: number, bytes: Uint8Array, may = false): void {
+    const { packets, packetBytes, streamId, open, order } = this.welcome!,
+      packet = readPacket(bytes, streamId);
+    if (place >= packets || bytes.length > packetBytes || !packet) {
+      if (open && may && this.#ahead.length < MOST_NEWER) this.#ahead.push({ place, bytes });
       else this.counts.rejected++;
       return;
     }
-    if (this.#there[place] === 1) return void this.counts.duplicates++;
-    this.#there[place] = 1;
-    this.fresh.push({ place, bytes: packet });
+    if (!open && this.#contradicts(place, identityOf(packet))) {
+      this.fresh.push({ source: NO_SOURCE, position: place, bytes });
+      this.counts.rejected++;
+      return;
+    }
+    if (this.#packetStates[place] === 1) return void this.counts.duplicates++;
+    this.#packetStates[place] = 1;
+    this.fresh.push({ source: order, position: place, bytes });
     this.counts.packets++;
-    this.counts.packetBytes += packet.length;
+    this.counts.packetBytes += bytes.length;
   }
 
-  #look(): void {
+  /**
+   * Returns true if the packet arrived at another position before, or another packet at this one, since the position in
+   * a datagram has no checksum. Both positions then count as missing.
+   */
+  #contradicts(place: number, identity: number): boolean {
+    const before = this.#positions.get(identity) ?? place,
+      there = this.#identities.get(place) ?? identity;
+    if (before === place && there === identity) {
+      this.#positions.set(identity, place);
+      this.#identities.set(place, identity);
+      return false;
+    }
+    for (const one of [place, before]) {
+      const known = this.#identities.get(one);
+      if (known !== undefined) this.#positions.delete(known);
+      this.#identities.delete(one);
+      if (this.#packetStates[one]) this.counts.packets--;
+      this.#packetStates[one] = 0;
+      this.#lowest = Math.min(this.#lowest, one);
+    }
+    if (++this.#contradictions > MAX_CONTRADICTIONS) this.finished = "the server's packets contradict each other";
+    return true;
+  }
+
+  #checkFinished(): void {
     if (!this.head || this.welcome!.open) return;
     if (this.counts.packets === this.welcome!.packets) this.finished = "complete";
-    else if (!this.viewing && this.#endsInVain >= ENDS_IN_VAIN) this.finished = "sent";
+    else if (!this.viewing && this.#idleEnds >= MAX_IDLE_ENDS) this.finished = "sent";
   }
 }

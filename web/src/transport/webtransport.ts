@@ -1,7 +1,7 @@
-// WebTransport: side information on a reliable stream, packets as datagrams; lost ones are asked for again.
+// WebTransport source: side information on a reliable stream, packets as datagrams, lost ones by NACK.
 
 import { BUDGET, type Look } from "../codec/levels/cut.ts";
-import { pause } from "../turns.ts";
+import { delay } from "../scheduler.ts";
 import type { Listener } from "./events.ts";
 import { FrameReader } from "./frames.ts";
 import { type Before, Transfer } from "./transfer.ts";
@@ -9,13 +9,22 @@ import { type Before, Transfer } from "./transfer.ts";
 const FEEDBACK_MS = 20,
   PATIENCE_MS = 4000,
   SILENCE_MS = 10000;
-/** A view is not told sooner after another one, and so often at once; then again, since it may be lost. */
+/**
+ * View updates: minimum interval, milliseconds; number of immediate repetitions; later repetition interval, because
+ * updates may be lost.
+ */
 const VIEW_MS = 100,
-  TWICE = 2,
+  IMMEDIATE_UPDATES = 2,
   VIEW_AGAIN_MS = 1000,
   IDLE_MS = 1000;
-/** With a budget of nothing: what comes in any case comes, and then nothing until it is known what is looked at. */
-const NOWHERE: Look = {
+/**
+ * Number of farewells, and the maximum wait until the browser has sent them, milliseconds. Datagrams to a server that
+ * fell silent stay in the browser until the session's idle timeout.
+ */
+const NUM_BYES = 3,
+  BYE_MS = 200;
+/** View without a budget. The server sends only the base tiles until the camera is known. */
+const NO_VIEW: Look = {
   viewmat: [
     [1, 0, 0, 0],
     [0, 1, 0, 0],
@@ -25,22 +34,38 @@ const NOWHERE: Look = {
   width: 1,
   height: 1,
 };
-/** Datagrams that wait for a thread that is busy; a browser throws away what is beyond. */
+/** Size of the datagram queue. The browser drops further datagrams while the thread is busy. */
 const MOST_WAITING = 1024;
-/** When handshakes begin, as long as none has come about. */
-const HANDSHAKES_MS = [0, 50, 120, 250, 500, 1000];
+/**
+ * Start times of parallel handshakes, milliseconds, and number of failures after which no further one starts. Chromium
+ * doubles the delay of new handshakes with every one that failed within the last minutes.
+ */
+const HANDSHAKES_MS = [0, 50, 120, 250, 500, 1000],
+  MAX_FAILED = 2;
+/** Patience for handshakes that Chromium delays, milliseconds, if the stream has no other source. */
+const ONLY_SOURCE_PATIENCE_MS = 20_000;
 
 export interface Session {
   readonly url: string;
-  /** SHA-256 of a self-signed certificate, hexadecimal; none for a certificate that the browser knows. */
+  /** SHA-256 of a self-signed certificate, hexadecimal. Absent for certificates that the browser trusts. */
   readonly fingerprint?: string;
 }
 
-/** This browser or page cannot open sessions. */
+/** How a session is opened. */
+export interface Opening {
+  /** True if an earlier session of this visit failed. It is then opened with one handshake. */
+  readonly isRetry: boolean;
+  /** True if the stream has no file, so that there is nothing else to try. */
+  readonly isOnlySource: boolean;
+}
+
+const FIRST: Opening = { isRetry: false, isOnlySource: false };
+
+/** Error for a browser or page that cannot open sessions. */
 export class NoWebTransport extends Error {}
 
-/** Where a server says beside a stream's file that it takes sessions; none where it is no such server. */
-export async function askServer(file: URL): Promise<Session | null> {
+/** Looks up the WebTransport session that a server publishes next to its files. Returns null for other servers. */
+export async function lookUpSession(file: URL): Promise<Session | null> {
   if (!file.pathname.includes("/streams/")) return null;
   try {
     const answer = await fetch(new URL("../streams.json", file), { signal: AbortSignal.timeout(PATIENCE_MS) });
@@ -54,66 +79,76 @@ export async function askServer(file: URL): Promise<Session | null> {
 }
 
 /**
- * Receives a stream, or what there was not `before` of it, until it is complete; gives the words for how it ended.
- * Throws where no session comes about. The listener is told whether it is still the stream of which there is a part.
+ * Receives a stream, without the packets in `before`, and returns how it ended. Throws if no session can be opened.
+ * Notifies the listener whether the stored packets are still valid.
  */
 export async function receiveDatagrams(
   session: Session,
   name: string,
   listener: Listener,
   before: Before | null = null,
+  opening = FIRST,
 ): Promise<string> {
   if (typeof WebTransport === "undefined") throw new NoWebTransport("this browser or page has no WebTransport");
-  const transport = await open(session),
+  const transport = await openSession(session, opening),
     transfer = new Transfer(name, crypto.getRandomValues(new BigUint64Array(1))[0], performance.now(), before);
   const end = (error: unknown): void =>
     void (transfer.finished ??= `the session ended: ${(error as Error)?.message ?? "closed"}`);
   transport.closed.then(end, end);
   transport.datagrams.incomingHighWaterMark = MOST_WAITING;
-  const stream = await inTime(transport.createBidirectionalStream()).catch((error: unknown) => {
+  const stream = await withTimeout(transport.createBidirectionalStream()).catch((error: unknown) => {
     transport.close();
     throw error;
   });
   const onStream = stream.writable.getWriter(),
     datagrams = transport.datagrams.writable.getWriter(),
     request = transfer.request();
-  for (const one of [request, ...transfer.have()]) {
-    datagrams.write(one).catch(() => undefined); // beside the stream, which waits longer where the first is lost
-    onStream.write(Uint8Array.of(one.length & 255, one.length >> 8, ...one)).catch(() => undefined);
-  }
+  const send = (frames: readonly Uint8Array[]): void => {
+    for (const one of frames) {
+      // also as a datagram, because the stream waits longer if its first packet is lost
+      datagrams.write(one).catch(() => undefined);
+      onStream.write(Uint8Array.of(one.length & 255, one.length >> 8, ...one)).catch(() => undefined);
+    }
+  };
+  send([request]);
   let heardAt = performance.now();
   const frames = new FrameReader();
   readAll(stream.readable, (chunk) => {
     heardAt = performance.now();
     for (const bytes of frames.feed(chunk)) transfer.receive(bytes, heardAt);
+    send(transfer.takeHave());
   }).catch(end);
   readAll(transport.datagrams.readable, (bytes) => {
     heardAt = performance.now();
     transfer.receive(bytes, heardAt);
+    send(transfer.takeHave());
   }).catch(end);
   const progress = new Progress(transfer, listener),
-    looker = new Looker(transfer, listener);
+    looker = new ViewReporter(transfer, listener);
   while (!transfer.finished) {
-    await pause(FEEDBACK_MS);
+    await delay(FEEDBACK_MS);
     const now = performance.now();
     if (listener.stopped()) transfer.finished = "stopped";
     else if (now - heardAt > SILENCE_MS) transfer.finished = "the server fell silent";
     else
-      for (const bytes of transfer.welcome ? looker.says(now) : [request])
+      for (const bytes of transfer.welcome ? looker.messages(now) : [request])
         datagrams.write(bytes).catch(() => undefined);
     if (!looker.seen) progress.tell();
     looker.look(now);
   }
   progress.tell();
-  if (transfer.welcome) for (let n = 0; n < 3; n++) await datagrams.write(transfer.bye()).catch(() => undefined);
+  if (transfer.welcome) {
+    const byes = Array.from({ length: NUM_BYES }, () => datagrams.write(transfer.bye()).catch(() => undefined));
+    await Promise.race([Promise.all(byes), delay(BYE_MS)]);
+  }
   transport.close();
-  if (transfer.headMs === null && !transfer.goesOn && transfer.finished !== "stopped")
+  if (transfer.headMs === null && !transfer.isSame && transfer.finished !== "stopped")
     throw new Error(transfer.finished);
   return transfer.finished;
 }
 
-/** Says where somebody looks from, and what came; little once all of that is there. */
-class Looker {
+/** Sends view updates and feedback, at a low rate once all tiles of the view arrived. */
+class ViewReporter {
   #looking: Look | null = null;
   #sawFrom: Look | null = null;
   #times = 0;
@@ -126,27 +161,27 @@ class Looker {
     readonly listener: Listener,
   ) {}
 
-  /** Whether all that somebody looks at came. */
+  /** True if all tiles of the view arrived. */
   get seen(): boolean {
     return this.#seenAt < Infinity;
   }
 
   look(now: number): void {
     const seen = this.transfer.ended && this.transfer.viewing;
-    // Who looks elsewhere and needs nothing more for it hears of that, too: nothing comes then.
+    // A view change that needs no further tiles is reported, too, because no packet follows.
     if (seen && (!this.seen || this.#sawFrom !== this.#looking)) this.listener.sawAll?.();
     if (seen) this.#sawFrom = this.#looking;
     this.#seenAt = seen ? Math.min(this.#seenAt, now) : Infinity;
   }
 
-  says(now: number): Uint8Array[] {
+  messages(now: number): Uint8Array[] {
     const { transfer } = this,
       looks = transfer.welcome!.viewable && this.listener.looking !== undefined,
-      looking = looks ? (this.listener.looking ?? NOWHERE) : null,
+      looking = looks ? (this.listener.looking ?? NO_VIEW) : null,
       said: Uint8Array[] = [];
     if (looking !== this.#looking) this.#times = 0;
-    if (looking && now - this.#toldAt >= (this.#times < TWICE ? VIEW_MS : VIEW_AGAIN_MS)) {
-      said.push(transfer.view(looking, looking === NOWHERE ? 1 : BUDGET));
+    if (looking && now - this.#toldAt >= (this.#times < IMMEDIATE_UPDATES ? VIEW_MS : VIEW_AGAIN_MS)) {
+      said.push(transfer.view(looking, looking === NO_VIEW ? 1 : BUDGET));
       this.#toldAt = now;
       this.#times++;
       this.#looking = looking;
@@ -159,11 +194,12 @@ class Looker {
   }
 }
 
-/** Tells what is new: the preview once, the head once, packets as they come. */
+/** Delivers new data to the listener: the preview once, each head once, packets as they arrive. */
 class Progress {
   #preview = false;
   #heads = 0;
   #live = false;
+  #isCompared = false;
 
   constructor(
     readonly transfer: Transfer,
@@ -172,14 +208,16 @@ class Progress {
 
   tell(): void {
     const { transfer, listener } = this;
+    if (!this.#isCompared && transfer.before && transfer.isSame !== null) {
+      this.#isCompared = true;
+      (transfer.isSame ? listener.confirmed : listener.changed)?.call(listener);
+    }
     if (transfer.welcome && !this.#preview) {
       this.#preview = true;
-      if (transfer.goesOn) this.#heads = -1;
-      if (transfer.before) (transfer.goesOn ? listener.confirmed : listener.changed)?.call(listener);
       if (transfer.welcome.preview.length) listener.preview(transfer.welcome.preview);
     }
     this.#live ||= transfer.welcome?.open ?? false;
-    if (transfer.head && this.#heads >= 0 && this.#heads !== transfer.heads) {
+    if (transfer.head && this.#heads !== transfer.heads) {
       this.#heads = transfer.heads;
       listener.head(transfer.head, transfer.fileHead, !this.#live, this.#live);
     }
@@ -206,28 +244,33 @@ async function readAll(readable: ReadableStream<Uint8Array>, take: (chunk: Uint8
 }
 
 /**
- * The first session that opens. A first flight that loses its first datagram can make the server refuse the handshake,
- * and one that loses a later one waits long: others begin beside it.
+ * Opens a session with staggered parallel handshakes. A lost first datagram can make the server refuse a handshake, and
+ * a lost later one delays it.
  */
-async function open({ url, fingerprint }: Session): Promise<WebTransport> {
+async function openSession({ url, fingerprint }: Session, { isRetry, isOnlySource }: Opening): Promise<WebTransport> {
   const options: WebTransportOptions = { requireUnreliable: true, congestionControl: "low-latency" },
-    begun: WebTransport[] = [];
+    begun: WebTransport[] = [],
+    failures: unknown[] = [];
   if (fingerprint) {
     const value = Uint8Array.from(fingerprint.match(/../g) ?? [], (digits) => parseInt(digits, 16));
     options.serverCertificateHashes = [{ algorithm: "sha-256", value }];
   }
   let found: WebTransport | null = null;
-  const attempts = HANDSHAKES_MS.map(async (ms) => {
-    await pause(ms);
+  const attempts = (isRetry ? [0] : HANDSHAKES_MS).map(async (ms) => {
+    await delay(ms);
     if (found) return found;
+    if (failures.length >= MAX_FAILED) throw failures[0];
     const transport = new WebTransport(url, options);
     begun.push(transport);
     transport.closed.catch(() => undefined);
-    await transport.ready;
+    await transport.ready.catch((error: unknown) => {
+      failures.push(error);
+      throw error;
+    });
     return (found ??= transport);
   });
   try {
-    return await inTime(Promise.any(attempts));
+    return await withTimeout(Promise.any(attempts), isRetry && isOnlySource ? ONLY_SOURCE_PATIENCE_MS : PATIENCE_MS);
   } catch (error) {
     throw error instanceof AggregateError ? error.errors[0] : error;
   } finally {
@@ -235,8 +278,8 @@ async function open({ url, fingerprint }: Session): Promise<WebTransport> {
   }
 }
 
-/** Result of a promise. Throws if a server takes too long for it. */
-function inTime<T>(work: Promise<T>): Promise<T> {
-  const late = pause(PATIENCE_MS).then(() => Promise.reject(new Error("no answer to a WebTransport session")));
+/** Awaits a promise. Throws if the server does not answer in time. */
+function withTimeout<T>(work: Promise<T>, ms = PATIENCE_MS): Promise<T> {
+  const late = delay(ms).then(() => Promise.reject(new Error("no answer to a WebTransport session")));
   return Promise.race([work, late]);
 }

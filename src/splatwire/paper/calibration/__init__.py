@@ -1,1 +1,1 @@
-"""Calibration of the inpainting network on its own scene (paper, Section 3.4)."""
+"""Calibration of the inpainting network on a single scene (paper, Section 3.4)."""

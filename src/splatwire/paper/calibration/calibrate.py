@@ -1,10 +1,10 @@
-"""Offline calibration of the inpainting network on its own scene by packet-aligned pseudo-dropout (paper, 3.4)."""
+"""Offline calibration of the inpainting network on a single scene with simulated packet losses (paper, Section 3.4)."""
 
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from splatwire.calibrate.pseudo_loss import CalibrationData
+from splatwire.calibration.pseudo_loss import CalibrationData
 from splatwire.errors import InvalidValueError
 from splatwire.paper.calibration.config import CalibrationConfig
 from splatwire.paper.calibration.run import CalibrationResult, CalibrationRun, restore_checkpoint, save_checkpoint
@@ -21,24 +21,24 @@ def calibrate(
     graphs: Sequence[RepairGraph] | None = None,
     device: str = "cpu",
 ) -> CalibrationResult:
-    """Calibrates a network on a scene.
+    """Trains the inpainting network on a single scene, with simulated losses of the scene's packets (pseudo-losses).
 
     Args:
         data: The complete scene and its packets.
-        config: The run.
-        checkpoint: File that is written at every validation; None for none.
-        resume: Whether to go on from it; the configuration must be the same.
-        progress: Called after every step with its number and its loss.
-        graphs: `pseudo_graphs` of this run, for runs that share them; None to build them.
-        device: Where steps are computed; results of devices differ in their last bits.
+        config: The configuration.
+        checkpoint: Path of the checkpoint, written at every validation; None for no checkpoints.
+        resume: True to resume from `checkpoint`, which must have been written with the same configuration.
+        progress: Called after every training step with the number of the step and the training loss.
+        graphs: Graphs from `pseudo_graphs`, to share them between several calibrations; None to build them.
+        device: Torch device for the training steps; results of different devices differ by rounding.
 
     Returns:
-        The network, and what it does on held-out losses.
+        The trained network, and its errors on held-out pseudo-losses.
 
     Raises:
-        DivergedError: If the loss is not finite.
-        InvalidValueError: If a rendering loss has no cameras or is not computed on the CPU, or the checkpoint is of
-            another run.
+        DivergedError: If the training loss is not finite.
+        InvalidValueError: If a rendering loss has no cameras or is not computed on the CPU, or the checkpoint belongs
+            to another scene or configuration.
         BitstreamError: If the checkpoint is damaged.
     """
     if config.losses.render and data.cameras is None:

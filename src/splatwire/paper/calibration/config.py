@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from splatwire.calibrate.checks import check_settings
+from splatwire.calibration.checks import check_settings
 from splatwire.paper.calibration.losses import LOSS_PRESETS, LossWeights
 from splatwire.paper.gnn.quantise import check_bits
 from splatwire.paper.gnn.settings import GNN_PRESETS, GnnSettings
@@ -11,26 +11,27 @@ from splatwire.paper.gnn.settings import GNN_PRESETS, GnnSettings
 
 @dataclass(frozen=True)
 class CalibrationConfig:
-    """A calibration run.
+    """Configuration of a calibration, that is, of the training of the inpainting network on one scene.
 
     Attributes:
-        settings: The network.
-        losses: Weights of the loss terms.
-        iterations: Steps; the most, where held-out losses may end the run.
-        learning_rate: Of Adam at the beginning; it decays to 0 with half a cosine.
-        drop_rate: Share of packets that a pseudo-loss takes.
-        train_masks: Pseudo-losses that are trained on; their graphs and interpolations are computed once.
-        validation_masks: Pseudo-losses that are never trained on.
-        batch: Queries per step.
-        validation_interval: Steps between validations.
-        selected: Whether held-out losses decide what comes out: the run ends after `patience`, its best network is
-            kept, and an attribute that is no better than the interpolation gets a threshold of 1.01. The paper has none
-            of these rules: its preset keeps the last network of the whole schedule, and its thresholds.
-        patience: Validations without improvement after which a selected run ends.
-        bits: Bits per weight, about, for weights that travel in the stream (2 to 6): the last steps are taken with
-            rounded weights, and what comes out is what a receiver reads. 0 for exact weights.
-        rounded_share: Share of the steps that are taken so.
-        seed: Seed of everything random.
+        settings: Settings of the network.
+        losses: Weights of the terms of the training loss.
+        iterations: Number of training steps; the maximum if `selected`.
+        learning_rate: Initial learning rate of Adam; it decays to 0 along half a cosine.
+        drop_rate: Share of the packets that a pseudo-loss (simulated packet loss) drops.
+        train_masks: Number of pseudo-losses for training. The graph and the interpolation of each are computed once.
+        validation_masks: Number of held-out pseudo-losses for validation.
+        batch: Number of lost anchors (queries) per training step.
+        validation_interval: Number of training steps between validations.
+        selected: True to select the result by the errors on held-out pseudo-losses. Training then ends after `patience`
+            validations without improvement and returns the best network. An attribute that the network predicts no
+            better than the interpolation gets a threshold of 1.01, which disables it. The paper has none of these
+            rules; the preset `paper` returns the last network, with unchanged thresholds.
+        patience: Number of validations without improvement after which training ends if `selected`.
+        bits: Approximate bits per weight (2 to 6) for weights sent in the stream. The last training steps then use
+            quantised weights, and the result is exactly the network that a receiver reads. 0 for exact weights.
+        rounded_share: Share of the training steps with quantised weights, 0 to 1.
+        seed: Seed of all random numbers.
     """
 
     settings: GnnSettings = field(default_factory=GnnSettings)
@@ -60,7 +61,7 @@ class CalibrationConfig:
 
     @property
     def rounded_from(self) -> int:
-        """The step from which weights are rounded."""
+        """Number of the first training step with quantised weights; `iterations` if no step uses quantised weights."""
         return self.iterations - round(self.rounded_share * self.iterations) if self.bits else self.iterations
 
 
@@ -69,5 +70,5 @@ CALIBRATION_PRESETS = {
     "full": CalibrationConfig(GNN_PRESETS["full"], LOSS_PRESETS["full"]),
     "compact": CalibrationConfig(GNN_PRESETS["compact"], LOSS_PRESETS["feature"], bits=4),
 }
-"""`paper`: feature-focused, with the schedule and the rules that are reported. `full`: every attribute. `compact`:
-feature-focused with few weights."""
+"""Named configurations. `paper`: trains mainly the features, with the published schedule. `full`: trains every
+attribute. `compact`: trains mainly the features, in a small network."""

@@ -1,7 +1,7 @@
-"""The hybrid loss that calibrates the inpainting network (paper, Section 3.4, "Self-supervised ... Training Strategy").
+"""The hybrid loss of the calibration (paper, Section 3.4, "Self-supervised ... Training Strategy").
 
-Every term is summed over the queries of a mini-batch and over channels; only smoothness is a mean over edges, as there.
-So its weight relative to the others depends on the size of the batch.
+Every term is a sum over the lost anchors (queries) of a mini-batch and over channels, except smoothness. Smoothness is
+a mean over pairs of neighbouring queries, as in the paper, so its relative weight depends on the batch size.
 """
 
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from torch.nn import functional
 from splatwire.errors import InvalidValueError
 from splatwire.paper.gnn.fusion import EPSILON, Branches
 from splatwire.paper.neighbors import TensorTree, nearest_other_points
-from splatwire.scene import Anchors
+from splatwire.types import Anchors
 
 CHARBONNIER_EPSILON = 1e-3
-"""Where the Charbonnier penalty turns from a square into an absolute value; the paper names no value."""
+"""Scale at which the Charbonnier penalty changes from quadratic to linear; the paper gives no value."""
 
 
 @dataclass(frozen=True)
@@ -25,17 +25,20 @@ class LossWeights:
     """Weights of the loss terms; the defaults are the paper's feature-focused configuration.
 
     Attributes:
-        feature: w_f. It also selects the attribute in the other terms, as do the two below.
-        scaling: w_s.
-        offset: w_o.
-        mask: w_m.
-        active_offset: Factor on the offset term where the true mask has an offset, relative to where it has none.
-        distill: lambda of the pull towards the interpolation.
-        smooth: lambda of the smoothness among the queries of a batch.
-        prior: lambda of the deviation from the prior in standard deviations.
-        render: lambda of the difference of pictures, a query of the batch; 0 draws none.
-        smooth_neighbors: Queries that each query is compared with, k_lap.
-        smooth_bandwidth: Width of the Gaussian distance weight in units of the mean neighbour distance; 0 for weight 1.
+        feature: w_f, weight of the error of the features. The terms `distill`, `smooth` and `prior` include the
+            features only if w_f is positive; likewise for scalings and offsets.
+        scaling: w_s, weight of the error of the scalings.
+        offset: w_o, weight of the error of the offsets.
+        mask: w_m, weight of the error of the masks.
+        active_offset: Factor on the error of offsets that exist in the true mask; the factor of other offsets is 1.
+        distill: Weight (lambda) of the difference between network output and interpolation.
+        smooth: Weight (lambda) of the differences between neighbouring lost anchors (queries) of a batch.
+        prior: Weight (lambda) of the deviation from the prior's mean, in the prior's standard deviations.
+        render: Weight (lambda) of the difference between pictures of the concealed and the complete scene, per query; 0
+            disables rendering.
+        smooth_neighbors: Number of neighbouring queries per query in the smoothness term, k_lap.
+        smooth_bandwidth: Standard deviation of the Gaussian that weights neighbours by distance in the smoothness term,
+            in units of the mean neighbour distance; 0 to weight all neighbours equally.
     """
 
     feature: float = 1.0
@@ -56,36 +59,36 @@ class LossWeights:
             raise InvalidValueError(f"weights of the GNN loss must not be negative, and not all 0: {bad or 'all 0'}")
 
     def trains(self, attribute: str) -> bool:
-        """Whether a continuous attribute is trained."""
+        """Returns True if the continuous attribute `attribute` is trained, that is, if its weight is positive."""
         return bool(getattr(self, attribute) > 0)
 
 
 LOSS_PRESETS = {"feature": LossWeights(), "full": LossWeights(scaling=1.0, offset=1.0, mask=1.0)}
-"""`feature`: what the paper reports. `full`: every attribute is supervised."""
+"""Named weights. `feature`: the configuration of the paper. `full`: the loss includes errors of every attribute."""
 
 
 def weighted_sum(terms: dict[str, Float[Tensor, ""]], weights: LossWeights) -> Float[Tensor, ""]:
-    """The loss that `parameter_losses` add up to."""
+    """Returns the weighted sum of the terms of `parameter_losses`."""
     total = sum(getattr(weights, name) * value for name, value in terms.items())
     assert isinstance(total, Tensor)
     return total
 
 
 def charbonnier(x: Tensor) -> Tensor:
-    """`sqrt(x ** 2 + epsilon ** 2)`."""
+    """Returns the Charbonnier penalty `sqrt(x ** 2 + epsilon ** 2)`, a smooth absolute value."""
     return torch.sqrt(x * x + CHARBONNIER_EPSILON**2)
 
 
 def parameter_losses(
     parts: Branches, truth: Anchors, positions: Float[Tensor, "B 3"], weights: LossWeights
 ) -> dict[str, Float[Tensor, ""]]:
-    """Computes the terms in the domain of the attributes that are switched on, before they are weighted.
+    """Returns the terms of the training loss that compare attributes, by name and not yet weighted.
 
     Args:
-        parts: What the network says about the queries of a batch.
-        truth: Their true attributes.
-        positions: Where they are.
-        weights: Which terms and attributes are switched on.
+        parts: Network outputs for the lost anchors (queries) of a batch.
+        truth: True attributes of the queries.
+        positions: Positions of the queries.
+        weights: Weights of the terms and attributes; those with weight 0 are omitted.
     """
     trained = [(name, branch) for name, branch in parts.continuous() if weights.trains(name)]
     terms: dict[str, Tensor] = {}
@@ -113,7 +116,7 @@ def parameter_losses(
 
 
 def query_edges(positions: Float[Tensor, "B 3"], neighbors: int) -> tuple[Int64[Tensor, "B k"], Float[Tensor, "B k"]]:
-    """The nearest other queries of each query of a batch, and their distances."""
+    """Returns for each lost anchor (query) of a batch the indices of its nearest other queries, and their distances."""
     everything = torch.arange(len(positions), device=positions.device)
     return nearest_other_points(TensorTree(positions), positions, everything, neighbors)
 
@@ -137,16 +140,17 @@ def _l1(difference: Float[Tensor, "B D"]) -> Float[Tensor, ""]:
 def normalized_errors(
     estimate: Anchors, truth: Anchors, spread: dict[str, Tensor], rows: Int64[Tensor, "Q"]
 ) -> dict[str, float]:
-    """Measures concealed anchors by attribute.
+    """Computes the error of concealed anchors for each attribute, relative to the spread of the attribute's values.
 
     Args:
         estimate: Concealed anchors.
         truth: The complete scene.
         spread: Standard deviations per channel of `features`, `scalings` and `offsets` over the complete scene.
-        rows: Which anchors of `truth` were concealed.
+        rows: Indices of the concealed anchors in `truth`.
 
     Returns:
-        RMSE over the channels' standard deviation, mean over channels; of the mask the share of wrong entries.
+        Mean over channels of the RMSE divided by the channel's standard deviation; for the mask, the share of wrong
+        entries.
     """
     real = truth.select(rows)
     exists = real.mask.repeat_interleave(3, dim=1)
@@ -165,7 +169,7 @@ def normalized_errors(
 
 
 def channel_spread(anchors: Anchors) -> dict[str, Tensor]:
-    """Standard deviations per channel over a scene; 1 where there is none."""
+    """Returns the standard deviation of each channel over a scene; 1 for constant channels."""
 
     def positive(scale: Tensor) -> Tensor:
         return torch.where(scale > 0, scale, 1.0)

@@ -1,4 +1,4 @@
-"""One calibration run: network, optimiser, random state, the best weights so far, and its checkpoint."""
+"""State of a calibration (network, optimiser, random generator, best weights so far), and checkpoints of this state."""
 
 import dataclasses
 from collections.abc import Iterator, Sequence
@@ -11,12 +11,13 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from splatwire.calibrate.pseudo_loss import CalibrationData
+from splatwire.anchors.tensor_file import read_tensors, write_tensors
+from splatwire.calibration.pseudo_loss import CalibrationData
 from splatwire.errors import MALFORMED, BitstreamError, DivergedError, InvalidValueError
-from splatwire.model import Partial, Prior
-from splatwire.model.gaussian_heads import generate_gaussians
-from splatwire.model.tensor_file import read_tensors, write_tensors
-from splatwire.model.tensors import load_tensors, to_tensors
+from splatwire.neural.model.gaussian_heads import generate_gaussians
+from splatwire.neural.model.tensors import load_tensors, to_tensors
+from splatwire.neural.render.renderers import create_differentiable_renderer
+from splatwire.neural.training.schedule import half_cosine
 from splatwire.paper.calibration.config import CalibrationConfig
 from splatwire.paper.calibration.losses import channel_spread, normalized_errors, parameter_losses, weighted_sum
 from splatwire.paper.gnn.concealer import repair
@@ -26,29 +27,30 @@ from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes
 from splatwire.paper.gnn.quantise import rounded_constants, rounded_parameters
 from splatwire.paper.gnn.section import rounded_weights
 from splatwire.paper.gnn.weights import GnnWeights, scene_fingerprint
-from splatwire.render.backends import create_differentiable_renderer
-from splatwire.scene import AnchorLayout, Anchors
-from splatwire.train.schedule import half_cosine
+from splatwire.types import AnchorLayout, Anchors, Prior, ReceivedScene
 
 CHECKPOINT_FORMAT = "splatwire-gnn-checkpoint"
 CHECKPOINT_VERSION = 3
 _NEVER = 1.01
-"""A threshold that no confidence reaches."""
+"""Confidence threshold of a disabled attribute; no confidence reaches it."""
 _RUN = 64
-"""Queries of a batch that lie next to each other: they share neighbours, and the smoothness term needs company."""
+"""Number of consecutive lost anchors that are added to a batch together.
+
+They are close to each other, so they share neighbours; the smoothness term of the loss needs close anchors.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """What came out.
+    """Result of a calibration.
 
     Attributes:
-        weights: The last network of the run; of a selected one the best, with thresholds that never trust an attribute
-            which did not get better on held-out losses.
-        errors: Its errors on the held-out losses (`normalized_errors`), by attribute.
-        reference: The interpolation's errors on the same losses.
-        iterations: Steps taken.
-        seconds: Time taken.
+        weights: The network after the last training step. With `CalibrationConfig.selected`, the best network, with
+            thresholds that disable attributes without improvement on held-out pseudo-losses.
+        errors: Errors of the network on the held-out pseudo-losses (`normalized_errors`), by attribute.
+        reference: Errors of the interpolation on the same pseudo-losses, by attribute.
+        iterations: Number of training steps.
+        seconds: Duration in seconds.
     """
 
     weights: GnnWeights
@@ -59,20 +61,20 @@ class CalibrationResult:
 
 
 def pseudo_graphs(data: CalibrationData, config: CalibrationConfig) -> Iterator[RepairGraph]:
-    """Graphs of the pseudo-losses of a run: first those that are trained on, then those that are held out."""
+    """Yields the graph of each pseudo-loss (simulated packet loss); the held-out pseudo-losses are last."""
     rates = [config.drop_rate] * (config.train_masks + config.validation_masks)
     for known in data.pseudo_losses(rates, config.seed):
-        yield build_graph(data.complete.without(known), config.settings)
+        yield build_graph(data.complete.masked(known), config.settings)
 
 
 class CalibrationRun:
-    """A run's state: network, optimiser, generator, best weights so far.
+    """State of a calibration: network, optimiser, random generator, best weights so far.
 
     Args:
-        data: The scene.
-        config: The run.
-        graphs: `pseudo_graphs` of it, if they are there already.
-        device: Where steps are computed.
+        data: The complete scene and its packets.
+        config: The configuration.
+        graphs: Graphs of the pseudo-losses, from `pseudo_graphs`; None to build them.
+        device: Torch device for the training steps.
     """
 
     def __init__(
@@ -97,7 +99,7 @@ class CalibrationRun:
         self._pictures: dict[int, Tensor] = {}
 
     def place_on(self, device: str) -> None:
-        """Moves scene, graphs and network; the generator stays on the CPU."""
+        """Moves scene, graphs and network to a torch device; the random generator stays on the CPU."""
         self.context = to_tensors(self.data.complete, device)
         self.train, self.held_out = (list(to_tensors(tuple(part), device)) for part in (self.train, self.held_out))
         self.spread = channel_spread(self.context.scene.anchors)
@@ -105,19 +107,23 @@ class CalibrationRun:
 
     @property
     def rounding(self) -> bool:
-        """True in rounded steps."""
+        """True if the current training step uses quantised weights."""
         return self.config.bits > 0 and self.iteration >= self.config.rounded_from
 
     def _as_sent(self) -> AbstractContextManager[None]:
         return rounded_parameters(self.network, self.config.bits) if self.rounding else nullcontext()
 
     def score(self, errors: dict[str, float]) -> float:
-        """Mean error of the trained attributes."""
+        """Returns the mean error of the attributes that are trained, for comparing networks; smaller is better."""
         trained = [errors[name] for name in errors if getattr(self.config.losses, name) > 0]
         return sum(trained) / len(trained)
 
     def step(self) -> float:
-        """One step of Adam on one batch of one pseudo-loss."""
+        """Performs one step of Adam on a batch of lost anchors of a random pseudo-loss; returns the training loss.
+
+        Raises:
+            DivergedError: If the loss is not finite.
+        """
         self.iteration += 1
         config = self.config
         share = (self.iteration - 1) / config.iterations
@@ -133,12 +139,18 @@ class CalibrationRun:
             loss.backward()
         self.optimiser.step()
         if self.iteration == config.rounded_from:
-            self.best_errors = self.validate()  # the best so far was better than it can be when it is rounded
+            self.best_errors = (
+                self.validate()
+            )  # errors of exact weights are not comparable with those of rounded weights
             self.best, self.stale = self._copy(), 0
         return float(loss.detach())
 
     def _loss(self, part: RepairGraph) -> Float[Tensor, ""]:
-        """The loss of a batch; the rendering term counts once a query, as the sums of the others do."""
+        """Returns the training loss of a batch of lost anchors (queries).
+
+        The terms that compare attributes are sums over the queries. The rendering term is a mean over pixels, so it is
+        multiplied by the number of queries.
+        """
         config, context = self.config, self.context
         used, place = part.index.unique(return_inverse=True)
         sources = self.network.encode_sources(source_inputs(context, used))
@@ -154,7 +166,7 @@ class CalibrationRun:
         return {name: value.clone() for name, value in self.network.state_dict().items()}
 
     def _render_loss(self, parts: Branches, part: RepairGraph) -> Float[Tensor, ""]:
-        """Mean absolute difference of one view's pictures: the batch concealed, nothing lost."""
+        """Returns the mean absolute difference between pictures of concealed and complete scene in a random view."""
         cameras, scene = self.data.cameras, self.data.scene
         if cameras is None:
             raise InvalidValueError("a rendering loss needs cameras")
@@ -178,7 +190,7 @@ class CalibrationRun:
         return (picture - self._pictures[view]).abs().mean()
 
     def validate(self) -> dict[str, float]:
-        """Errors on the held-out losses, exactly as a receiver would conceal them."""
+        """Conceals the held-out pseudo-losses exactly as a receiver does; returns the mean errors by attribute."""
         with self._as_sent():
             return self._mean_errors([repair(self.context, graph, self.network) for graph in self.held_out])
 
@@ -189,7 +201,7 @@ class CalibrationRun:
         return {name: sum(errors[name] for errors in each) / len(each) for name in each[0]}
 
     def improve(self) -> None:
-        """Validates, and keeps the network if it is the best so far."""
+        """Validates the network, and stores its weights if it is the best so far."""
         errors = self.validate()
         if self.score(errors) < self.score(self.best_errors):
             self.best, self.best_errors, self.stale = self._copy(), errors, 0
@@ -197,7 +209,11 @@ class CalibrationRun:
             self.stale += 1
 
     def finished(self) -> bool:
-        """Whether there is nothing left to do; a stale run goes straight to its rounded steps, if it has some."""
+        """True if training has ended: after the last step, or, with `selected`, if validations no longer improve.
+
+        If validations no longer improve before the steps with quantised weights (`CalibrationConfig.bits`), training
+        does not end. This method then restores the best network and skips to these steps.
+        """
         stale = self.config.selected and self.stale >= self.config.patience
         if stale and self.config.bits and not self.rounding:
             self.network.load_state_dict(self.best)
@@ -205,7 +221,14 @@ class CalibrationRun:
         return self.iteration >= self.config.iterations or stale
 
     def result(self, seconds: float) -> CalibrationResult:
-        """What comes out; attributes that are not trained, or not to be trusted, are left to the interpolation."""
+        """Returns the result of the calibration.
+
+        Network outputs for untrained attributes are disabled by a threshold. With `CalibrationConfig.selected`, outputs
+        for attributes that the network predicts no better than the interpolation are disabled, too.
+
+        Args:
+            seconds: Duration of the calibration, for the result.
+        """
         self.place_on("cpu")
         config, settings, kept = self.config, self.network.settings, dict[str, Any]()
         if config.selected:
@@ -227,8 +250,8 @@ class CalibrationRun:
         return CalibrationResult(replace(weights, validation=record), errors, self.reference, self.iteration, seconds)
 
 
-def _standardise(network: InpaintingNetwork, context: Partial, graph: RepairGraph) -> None:
-    """Fixes the constants that bring inputs to mean 0 and spread 1."""
+def _standardise(network: InpaintingNetwork, context: ReceivedScene, graph: RepairGraph) -> None:
+    """Sets the constants with which the network standardises its inputs, from the known anchors of a graph."""
     known = graph.index.unique()
     for name, inputs in (("source", source_inputs(context, known)), ("query", query_inputs(context, graph))):
         spread = inputs.std(dim=0, correction=0)
@@ -238,7 +261,10 @@ def _standardise(network: InpaintingNetwork, context: Partial, graph: RepairGrap
 
 
 def _batch(count: int, size: int, rng: torch.Generator) -> Int64[Tensor, "B"]:
-    """Rows of a batch: runs of neighbouring queries (they are in the order of the stream)."""
+    """Draws a batch: returns indices of lost anchors (queries), in groups of consecutive queries.
+
+    Consecutive queries are close to each other, because a stream sorts anchors by position.
+    """
     if count <= size:
         return torch.arange(count)
     run = min(_RUN, size)
@@ -247,7 +273,7 @@ def _batch(count: int, size: int, rng: torch.Generator) -> Int64[Tensor, "B"]:
 
 
 def save_checkpoint(run: CalibrationRun, path: Path) -> None:
-    """Writes everything that a run needs to go on.
+    """Writes the complete state of a calibration to a file.
 
     Raises:
         OSError: If the file cannot be written.
@@ -270,11 +296,11 @@ def save_checkpoint(run: CalibrationRun, path: Path) -> None:
 
 
 def restore_checkpoint(run: CalibrationRun, path: Path) -> None:
-    """Brings a run to where a checkpoint was written.
+    """Restores the state of a calibration from a checkpoint.
 
     Raises:
-        InvalidValueError: If the checkpoint is of another scene or of other settings.
-        BitstreamError: If it is absent or damaged.
+        InvalidValueError: If the checkpoint was written for another scene or with other settings.
+        BitstreamError: If the checkpoint is absent or damaged.
     """
     arrays, header = read_tensors(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION)
     tensors = to_tensors(arrays)

@@ -1,62 +1,65 @@
-"""The network as a concealer."""
+"""The concealer `gnn`: estimates residuals of lost anchors with the trained inpainting network."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import torch
 
-from splatwire.conceal.base import Concealed
-from splatwire.conceal.registry import register_concealer
+from splatwire.arguments import check_fields
+from splatwire.concealment.base import Concealed
+from splatwire.concealment.registry import register_concealer
 from splatwire.errors import InvalidValueError
-from splatwire.model import Partial, Prior
-from splatwire.model.prior import plausible_scalings
-from splatwire.model.tensors import to_tensors
+from splatwire.neural.model.tensors import to_tensors
 from splatwire.paper.gnn.fusion import branches, fuse
 from splatwire.paper.gnn.graph import RepairGraph, build_graph, interpolator, prior_rows, query_inputs, source_inputs
 from splatwire.paper.gnn.network import InpaintingNetwork
 from splatwire.paper.gnn.section import SECTION, read_section
 from splatwire.paper.gnn.weights import GnnWeights, check_fits, load_weights
-from splatwire.scene import Anchors
+from splatwire.types import Anchors, Prior, ReceivedScene
+from splatwire.types.prior import plausible_scalings
 
 _CHUNK = 768
-"""Queries at a time: their edges stay in cache."""
+"""Lost anchors (queries) per chunk; small enough that the data of their graph edges stays in the CPU cache."""
 _SOURCE_CHUNK = 1 << 13
 
 
 @register_concealer("gnn", needs=[Prior], option="weights", section=SECTION)
 @dataclass(frozen=True)
 class Gnn:
-    """The paper's prior-aware GNN residual inpainting, with weights that were calibrated on the scene.
+    """The paper's prior-aware GNN residual inpainting, with weights calibrated on the scene.
 
-    Fallbacks: where nothing is known there is no graph, and the interpolation's own fallback, the prior's mean, is
-    taken; with fewer than k known anchors all of them are neighbours; where the network says something that is not
-    finite, the interpolation is taken.
+    Special cases: if no anchor was received completely, the network is not used, and the interpolation returns the
+    prior's mean. With fewer than k completely received anchors, all of these are neighbours. Network outputs that are
+    not finite are replaced by interpolated values.
 
     Attributes:
-        weights: A file that `splatwire calibrate gnn` wrote, or its content; None for those that the stream carries.
+        weights: Path of a file written by `splatwire calibrate gnn`, or the loaded weights; None to use the weights in
+            the stream.
+        loaded: The loaded weights; None to use the weights in the stream.
     """
 
     weights: str | Path | GnnWeights | None = None
     loaded: GnnWeights | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        check_fields(self)
         known = self.weights is None or isinstance(self.weights, GnnWeights)
         object.__setattr__(self, "loaded", self.weights if known else load_weights(Path(str(self.weights))))
 
     @property
     def name(self) -> str:
-        """`gnn`."""
+        """Name in the registry of concealers: `gnn`."""
         return "gnn"
 
-    def __call__(self, context: Partial) -> Concealed:
-        """See `Concealer`.
+    def __call__(self, context: ReceivedScene) -> Concealed:
+        """Returns the scene with the lost attributes estimated by the network or its fallback, the interpolation.
 
         Raises:
-            InvalidValueError: If the weights are of another scene, or there are none.
-            BitstreamError: If those that the stream carries are damaged.
+            InvalidValueError: If the weights belong to another scene, or the stream has no weights.
+            BitstreamError: If the weights in the stream are damaged.
         """
         context = to_tensors(context)
-        weights = self.loaded or carried_weights(context)
+        weights = self.loaded or weights_in_stream(context)
         check_fits(weights, context)
         filled = to_tensors(interpolator(weights.settings)(context).elements)
         graph = build_graph(context, weights.settings, filled)
@@ -66,12 +69,12 @@ class Gnn:
         return Concealed.filled(_put(filled, graph, repaired))
 
 
-def carried_weights(context: Partial) -> GnnWeights:
-    """Reads the weights that the stream carries.
+def weights_in_stream(context: ReceivedScene) -> GnnWeights:
+    """Reads the network's weights from the section `gnn` of a stream's side information.
 
     Raises:
-        InvalidValueError: If it carries none, or those of another scene.
-        BitstreamError: If they are damaged.
+        InvalidValueError: If the stream has no section `gnn`, or the weights belong to another scene.
+        BitstreamError: If the weights are damaged.
     """
     if SECTION not in context.sections:
         raise InvalidValueError(
@@ -82,16 +85,16 @@ def carried_weights(context: Partial) -> GnnWeights:
 
 
 @torch.no_grad()
-def repair(context: Partial, graph: RepairGraph, network: InpaintingNetwork) -> Anchors:
-    """Runs the network on all queries of a graph, in chunks; never returns a value that is not finite.
+def repair(context: ReceivedScene, graph: RepairGraph, network: InpaintingNetwork) -> Anchors:
+    """Estimates the attributes of all lost anchors (queries) of a graph with the network, in chunks.
 
     Args:
-        context: What arrived.
-        graph: Its graph, with at least one neighbour.
-        network: The network.
+        context: The received scene.
+        graph: Graph from lost to received anchors, with at least one neighbour per query.
+        network: The inpainting network.
 
     Returns:
-        The queries.
+        The concealed anchors in the order of `graph.queries`; all values are finite.
     """
     used = graph.index.unique()
     device = used.device
@@ -110,8 +113,11 @@ def repair(context: Partial, graph: RepairGraph, network: InpaintingNetwork) -> 
     return _finite(context, whole, graph.interpolated)
 
 
-def _finite(context: Partial, anchors: Anchors, interpolated: Anchors) -> Anchors:
-    """Takes the interpolation where a value is not finite, and keeps sizes plausible where they were predicted."""
+def _finite(context: ReceivedScene, anchors: Anchors, interpolated: Anchors) -> Anchors:
+    """Makes the network's predictions usable.
+
+    An anchor with a non-finite prediction gets its interpolated values instead. Scalings are limited.
+    """
     good = anchors.features.isfinite().all(dim=1) & anchors.scalings.isfinite().all(dim=1)
     good &= anchors.offsets.flatten(1).isfinite().all(dim=1)
     same = (anchors.scalings == interpolated.scalings).all(dim=1, keepdim=True)

@@ -1,4 +1,8 @@
-"""From raw residuals to attributes: clip, confidence, soft blend, hard fallback (paper, Section 3.4)."""
+"""Conversion of the residuals predicted by the network to attributes of lost anchors (paper, Section 3.4).
+
+Residuals are clipped and scaled by a confidence. The result is blended with the interpolation (soft blend), or replaced
+by the interpolation if the confidence is too low (hard fallback).
+"""
 
 from dataclasses import dataclass, replace
 
@@ -6,24 +10,24 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.model import AttributePrior, Prior
 from splatwire.paper.gnn.network import RawResiduals
 from splatwire.paper.gnn.settings import GnnSettings
-from splatwire.scene import Anchors
+from splatwire.types import Anchors, AttributePrior, Prior
 
 EPSILON = 1e-6
-"""Added to prior scales."""
+"""Added to the prior's standard deviations before division by them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """One continuous attribute of some queries.
+    """Estimates of one continuous attribute of lost anchors (queries) by the network and by the interpolation.
 
     Attributes:
-        predicted: The network's estimate `b + c * residual`.
-        interpolated: The interpolation's.
-        confidence: `c = exp(-alpha z)` with z the mean residual in prior standard deviations, 0 to 1.
-        prior: What the hash grid says.
+        predicted: Estimate of the network, `b + c * residual`, with the baseline b and the confidence c.
+        interpolated: Estimate of the interpolation.
+        confidence: Confidence in the network's estimate, `c = exp(-alpha z)`, 0 to 1; z is the mean absolute residual
+            in prior standard deviations.
+        prior: Distribution of the attribute predicted by the hash grid.
     """
 
     predicted: Float[Tensor, "Q D"]
@@ -32,14 +36,18 @@ class Branch:
     prior: AttributePrior
 
     def fused(self, threshold: float) -> Float[Tensor, "Q D"]:
-        """The paper's soft blend where the confidence reaches the threshold, exactly the interpolation elsewhere."""
+        """Returns the final values of the attribute for each query.
+
+        If the confidence c is at least `threshold`, the result is the paper's soft blend: c times the network's
+        estimate plus 1 - c times the interpolation. Otherwise it is the interpolation.
+        """
         blend = self.confidence * self.predicted + (1 - self.confidence) * self.interpolated
         return torch.where(self.confidence >= threshold, blend, self.interpolated)
 
 
 @dataclass(frozen=True, eq=False)
 class Branches:
-    """All attributes of some queries."""
+    """Estimates of all attributes of lost anchors (queries), before the choice between network and interpolation."""
 
     feature: Branch
     scaling: Branch
@@ -47,20 +55,22 @@ class Branches:
     mask_logit: Float[Tensor, "Q K"]
 
     def continuous(self) -> tuple[tuple[str, Branch], ...]:
-        """The three regressed attributes with their names."""
+        """Returns the names and estimates of the three continuous attributes: feature, scaling and offset."""
         return ("feature", self.feature), ("scaling", self.scaling), ("offset", self.offset)
 
 
 def branches(raw: RawResiduals, prior: Prior, interpolated: Anchors, settings: GnnSettings) -> Branches:
-    """Clips residuals, gates them and adds them to the baseline.
+    """Computes estimates of the attributes of lost anchors (queries) from the outputs of the network.
+
+    The network's residuals are clipped, multiplied by the confidence and added to the baseline.
 
     Args:
-        raw: What the heads say.
+        raw: Outputs of the network's heads for the lost anchors (queries).
         prior: Prior of the queries.
-        interpolated: Interpolation of the queries.
-        settings: Clip, sharpness and baseline.
+        interpolated: The queries with attributes filled by the interpolation.
+        settings: Settings of the network; clip, sharpness and baseline are used.
     """
-    # An offset that the interpolation leaves out has no interpolated place; the prior's is the best there is.
+    # an offset that the interpolation masks out has no interpolated position; the prior's mean is used instead
     exists = interpolated.mask.repeat_interleave(3, dim=1)
     places = torch.where(exists, interpolated.offsets.flatten(1), prior.offset.mean)
     return Branches(
@@ -83,10 +93,10 @@ def _branch(
 
 
 def fuse(parts: Branches, interpolated: Anchors, settings: GnnSettings) -> Anchors:
-    """Decides per query and attribute between blend and interpolation.
+    """Chooses between the soft blend and the interpolation for each lost anchor (query) and attribute.
 
     Returns:
-        The queries. With all thresholds above 1 these are `interpolated`, bit for bit.
+        The concealed anchors. With all thresholds above 1, they equal `interpolated` bit for bit.
     """
     offset = parts.offset.fused(settings.offset_threshold).view(interpolated.offsets.shape)
     trusted = parts.offset.confidence >= settings.offset_threshold

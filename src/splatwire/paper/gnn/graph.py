@@ -6,25 +6,25 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from splatwire.conceal.base import Concealer
-from splatwire.model import Partial, Prior
-from splatwire.model.tensors import to_tensors
+from splatwire.concealment.base import Concealer
+from splatwire.neural.model.tensors import to_tensors
 from splatwire.paper.cari import Cari
 from splatwire.paper.gnn.settings import GnnSettings
 from splatwire.paper.idw import Idw, fill_from_neighbors
 from splatwire.paper.kriging import Kriging
-from splatwire.scene import AnchorLayout, Anchors, Attribute
+from splatwire.types import AnchorLayout, Anchors, Attribute, Prior, ReceivedScene
 
 
 @dataclass(frozen=True, eq=False)
 class RepairGraph:
-    """Lost anchors, their known neighbours, and what interpolation makes of them.
+    """Graph of a scene with losses: each lost anchor (query) is connected to completely received (known) anchors.
 
     Attributes:
-        queries: Anchors of which an attribute is missing.
-        index: Their neighbours among the anchors of which everything is known.
-        interpolated: The queries as the interpolation fills them: the teacher, and what is fallen back to.
-        given: The queries as their inputs hold them.
+        queries: Indices of the anchors with at least one missing attribute.
+        index: Anchor indices of the neighbours of each query, all known.
+        interpolated: The queries with missing attributes filled by the interpolation; used as teacher and as fallback.
+        given: The queries with missing attributes filled by the interpolation for the network's inputs
+            (`GnnSettings.query_input`).
     """
 
     queries: Int64[Tensor, "Q"]
@@ -33,29 +33,29 @@ class RepairGraph:
     given: Anchors
 
     def select(self, rows: Int64[Tensor, "B"]) -> "RepairGraph":
-        """Returns the graph of some of the queries."""
+        """Returns the graph restricted to some queries, given as indices into `queries`."""
         return RepairGraph(
             self.queries[rows], self.index[rows], self.interpolated.select(rows), self.given.select(rows)
         )
 
 
 def interpolator(settings: GnnSettings) -> Concealer:
-    """The interpolation that the network is measured against and falls back to."""
+    """Returns the interpolating concealer of the settings, which provides the network's baseline and fallback."""
     if settings.interpolation == "idw":
         return _graph_idw(settings)
     return Cari() if settings.interpolation == "cari" else Kriging()
 
 
-def build_graph(context: Partial, settings: GnnSettings, filled: Anchors | None = None) -> RepairGraph:
-    """Connects every lost anchor to its nearest known ones.
+def build_graph(context: ReceivedScene, settings: GnnSettings, filled: Anchors | None = None) -> RepairGraph:
+    """Connects every lost anchor to its k nearest completely received (known) anchors.
 
     Args:
-        context: What arrived.
-        settings: Number of neighbours, metric and interpolations.
-        filled: All anchors as the interpolation fills them, if that is known already.
+        context: The received scene.
+        settings: Settings of the network; number of neighbours, metric and interpolations are used.
+        filled: All anchors, with missing attributes filled by the interpolation; None to compute the interpolation.
 
     Returns:
-        The graph; `index` has no columns where nothing is known, fewer than k where less is known.
+        The graph. Its `index` has fewer than k columns if fewer anchors are known, and zero if no anchor is known.
     """
     context = to_tensors(context)
     filled = to_tensors(interpolator(settings)(context).elements if filled is None else filled)
@@ -74,24 +74,27 @@ def build_graph(context: Partial, settings: GnnSettings, filled: Anchors | None 
 
 
 def _graph_idw(settings: GnnSettings) -> Idw:
-    """Its neighbourhoods are the graph: Mahalanobis by the neighbour's covariance, round where that is unknown."""
+    """Returns the IDW concealer that defines the graph's neighbourhoods, with the metric of the settings."""
     return Idw(neighbors=settings.neighbors, metric=settings.metric)
 
 
 def attribute_columns(anchors: Anchors) -> Float[Tensor, "N D"]:
-    """Features, scalings, offsets (zero where there is none) and mask side by side."""
+    """Returns all attributes of each anchor in one row: feature, scaling, offsets (zero if masked out) and mask."""
     offsets = (anchors.offsets * anchors.mask[:, :, None]).flatten(1)
     return torch.cat([anchors.features, anchors.scalings, offsets, anchors.mask.to(offsets.dtype)], dim=1)
 
 
-def source_inputs(context: Partial, rows: Int64[Tensor, "S"]) -> Float[Tensor, "S D"]:
-    """Inputs of known anchors: `[x, hash feature, feature, scaling, offset, mask]`."""
+def source_inputs(context: ReceivedScene, rows: Int64[Tensor, "S"]) -> Float[Tensor, "S D"]:
+    """Returns the network inputs of known anchors: `[position, hash feature, feature, scaling, offset, mask]`."""
     anchors = context.scene.anchors.select(rows)
     return torch.cat([context.places[rows], context[Prior].context[rows], attribute_columns(anchors)], dim=1)
 
 
-def query_inputs(context: Partial, graph: RepairGraph) -> Float[Tensor, "Q D"]:
-    """Inputs of lost anchors: `[x, hash feature, prior means, 0, interpolation]`, by default IDW's."""
+def query_inputs(context: ReceivedScene, graph: RepairGraph) -> Float[Tensor, "Q D"]:
+    """Returns the network inputs of lost anchors: `[position, hash feature, prior means, 0, interpolation]`.
+
+    The zeros are in place of the prior's mean for the mask, which has no prior. The interpolation has all attributes.
+    """
     rows, prior = graph.queries, context[Prior]
     no_mask = prior.context.new_zeros(len(rows), context[AnchorLayout].num_offsets)
     means = [part.mean[rows] for part in (prior.feature, prior.scaling, prior.offset)]
@@ -100,7 +103,7 @@ def query_inputs(context: Partial, graph: RepairGraph) -> Float[Tensor, "Q D"]:
 
 
 def prior_rows(prior: Prior, rows: Int64[Tensor, "Q"]) -> Prior:
-    """The prior of some anchors."""
+    """Returns the prior reduced to the anchors with the given indices."""
     parts = {
         name: replace(part, mean=part.mean[rows], scale=part.scale[rows], step=part.step[rows])
         for name, part in (("feature", prior.feature), ("scaling", prior.scaling), ("offset", prior.offset))

@@ -1,4 +1,4 @@
-"""The network: EdgeConv layers, cross-attention to the prior, four heads (paper, Section 3.4)."""
+"""The inpainting network: EdgeConv layers, cross-attention to the prior, four output heads (paper, Section 3.4)."""
 
 import math
 from dataclasses import dataclass
@@ -9,18 +9,18 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from splatwire.paper.gnn.settings import GnnSettings
-from splatwire.scene import AnchorLayout
+from splatwire.types import AnchorLayout
 
 _SLOPE = 0.2
-"""Of the leaky rectifiers; the paper names no value, this is that of the EdgeConv paper."""
+"""Slope of the leaky ReLUs for negative inputs, from the EdgeConv paper; the paper that we implement gives no value."""
 
 
 @dataclass(frozen=True)
 class InputSizes:
-    """Widths that follow from a scene.
+    """Numbers of inputs of the network, which depend on the scene.
 
     Attributes:
-        layout: Sizes of an anchor.
+        layout: Numbers of channels of an anchor's attributes.
         context_dim: Length of the hash-grid feature, H.
     """
 
@@ -29,29 +29,29 @@ class InputSizes:
 
     @property
     def attributes(self) -> int:
-        """Features, scalings, offsets and mask of an anchor."""
+        """Number of attribute values of an anchor: features, scalings, offsets and mask."""
         return self.layout.feature_dim + 6 + 4 * self.layout.num_offsets
 
     @property
     def source(self) -> int:
-        """Inputs of a known anchor."""
+        """Number of network inputs for a completely received (known) anchor."""
         return 3 + self.context_dim + self.attributes
 
     @property
     def query(self) -> int:
-        """Inputs of a lost anchor."""
+        """Number of network inputs for a lost anchor."""
         return self.source + self.attributes
 
 
 @dataclass(frozen=True, eq=False)
 class RawResiduals:
-    """What the heads say: residuals in prior standard deviations, and mask logits.
+    """Outputs of the network's heads for lost anchors: residuals in prior standard deviations, and mask logits.
 
     Attributes:
-        feature: Of the feature channels.
-        scaling: Of the scalings.
-        offset: Of the offsets, offset-major.
-        mask_logit: Positive where an offset exists.
+        feature: Residuals of the feature channels.
+        scaling: Residuals of the scalings.
+        offset: Residuals of the offsets, offset-major.
+        mask_logit: Logits of the offset masks; positive if an offset exists.
     """
 
     feature: Float[Tensor, "Q F"]
@@ -61,23 +61,27 @@ class RawResiduals:
 
 
 def strongest_edge(
-    mine: Float[Tensor, "Q H"], theirs: Float[Tensor, "S H"], index: Int64[Tensor, "Q k"]
+    query_terms: Float[Tensor, "Q H"], source_terms: Float[Tensor, "S H"], index: Int64[Tensor, "Q k"]
 ) -> Float[Tensor, "Q H"]:
-    """EdgeConv `max_j phi(center h_i + edge (h_j - h_i) + bias)` with a leaky rectifier `phi`, in factored form.
+    """Returns the EdgeConv output `max_j phi(center h_i + edge (h_j - h_i) + bias)` of each lost anchor (query) i.
 
-    The two products are per node, `phi` is monotone and can follow the maximum: no value per edge is ever multiplied.
+    `phi` is a leaky ReLU, and the maximum is over the neighbours j. Both matrix products are computed per node, not per
+    edge. `phi` is applied after the maximum, because it is monotone.
 
     Args:
-        mine: `(center - edge) h_i + bias` of queries.
-        theirs: `edge h_j` of known anchors.
-        index: Neighbours of each query; without a neighbour the edges say nothing.
+        query_terms: `(center - edge) h_i + bias` of the queries.
+        source_terms: `edge h_j` of the known anchors.
+        index: Neighbours of each query, as rows of `source_terms`; without neighbours the maximum is 0.
     """
-    strongest = theirs[index].amax(dim=1) if index.shape[1] else 0.0
-    return functional.leaky_relu(mine + strongest, _SLOPE)
+    strongest = source_terms[index].amax(dim=1) if index.shape[1] else 0.0
+    return functional.leaky_relu(query_terms + strongest, _SLOPE)
 
 
 class _EdgeLayer(nn.Module):
-    """`h_i + Linear(EdgeConv(LN(h_i), {LN(h_j)}))`; known anchors have no incoming edges and stay as they are."""
+    """EdgeConv layer with a residual connection for lost anchors i: `h_i + Linear(EdgeConv(LN(h_i), {LN(h_j)}))`.
+
+    The neighbours j are known anchors, which have no incoming edges. LN is layer normalisation.
+    """
 
     def __init__(self, hidden: int) -> None:
         super().__init__()
@@ -87,7 +91,7 @@ class _EdgeLayer(nn.Module):
         self.output = nn.Linear(hidden, hidden)
 
     def project(self, others: Tensor) -> Tensor:
-        """What known anchors say on their own: the same for all queries."""
+        """Returns the contribution of each known anchor to EdgeConv; it does not depend on the query."""
         return self.edge(self.norm(others))
 
     def forward(self, own: Tensor, projected: Tensor, index: Tensor) -> Tensor:
@@ -96,7 +100,7 @@ class _EdgeLayer(nn.Module):
 
 
 class _CrossAttention(nn.Module):
-    """The query looks at three tokens: its hash feature and its prior means of feature and scaling."""
+    """Cross-attention of a query to three tokens: its hash feature and its prior means of feature and scaling."""
 
     def __init__(self, hidden: int, heads: int, sizes: InputSizes) -> None:
         super().__init__()
@@ -121,15 +125,15 @@ class _CrossAttention(nn.Module):
 
 
 class InpaintingNetwork(nn.Module):
-    """Predicts residuals of lost anchors from the graph.
+    """Predicts residuals of lost anchors (queries) from their neighbours in the graph.
 
-    The inputs are brought to mean 0 and spread 1 with constants that belong to the weights. The heads' last layers
-    begin at zero, so an untrained network says the baseline with full confidence: in preset `paper` the prior's mean,
-    not the interpolation.
+    The inputs are standardised with constants that are part of the weights. The last layer of each head is initialised
+    with zero, so an untrained network predicts the baseline with full confidence. With the preset `paper`, the baseline
+    is the prior's mean, not the interpolation.
 
     Args:
-        sizes: Widths of the inputs.
-        settings: Widths and options.
+        sizes: Numbers of inputs.
+        settings: Settings of the network, such as width and number of layers.
         seed: Seed of the initial weights.
     """
 
@@ -150,7 +154,7 @@ class InpaintingNetwork(nn.Module):
             self.register_buffer(f"{name}_spread", torch.ones(width))
 
     def encode_sources(self, inputs: Float[Tensor, "S D"]) -> tuple[Float[Tensor, "S H"], ...]:
-        """Embeds known anchors, once per EdgeConv layer; the result serves all their queries."""
+        """Returns the contributions of known anchors to each EdgeConv layer; all queries share them."""
         hidden = self.source((inputs - self.get_buffer("source_mean")) / self.get_buffer("source_spread"))
         return tuple(layer.project(hidden) for layer in self.edge_layers)
 
@@ -162,12 +166,12 @@ class InpaintingNetwork(nn.Module):
     def forward(
         self, inputs: Float[Tensor, "Q D"], sources: tuple[Float[Tensor, "S H"], ...], index: Int64[Tensor, "Q k"]
     ) -> RawResiduals:
-        """Runs the network on some queries.
+        """Returns the predicted residuals and mask logits of lost anchors (queries).
 
         Args:
-            inputs: `query_inputs`.
-            sources: Embedded known anchors (`encode_sources`).
-            index: Neighbours, rows of `sources`.
+            inputs: Network inputs of the queries, from `query_inputs`.
+            sources: Contributions of the known anchors, from `encode_sources`.
+            index: Neighbours of each query, as rows of `sources`.
         """
         scaled = (inputs - self.get_buffer("query_mean")) / self.get_buffer("query_spread")
         hidden = self.query(scaled)

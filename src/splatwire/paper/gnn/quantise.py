@@ -1,8 +1,10 @@
-"""Weights of the network as small integers, and as bytes.
+"""Quantisation and entropy coding of the weights of the inpainting network.
 
-A matrix has one step; its integers are coded row by row, each row under a zero-mean normal of its own scale, so that a
-step of `2 ** (2.05 - bits)` standard deviations costs about `bits` bits a weight. Vectors have a fixed step. The
-constants of the inputs' standardisation are kept to an eighth of an octave and a sixteenth of the spread.
+Each weight matrix has one quantisation step. The quantised integers are coded row by row, with a zero-mean normal
+distribution whose standard deviation is chosen per row. A quantisation step of `2 ** (2.05 - bits)` standard deviations
+of the weights takes about `bits` bits per weight. Vectors (biases) have a fixed quantisation step. The constants that
+standardise the network's inputs are rounded: standard deviations to eight values per octave, means to a sixteenth of
+the standard deviation.
 """
 
 from collections.abc import Iterator
@@ -12,33 +14,36 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.entropy.coder import decode_symbols, encode_symbols
 from splatwire.entropy.integers import read_integers, scale_index, write_integers, zero_mean_rows
 from splatwire.entropy.tables import NUM_SCALES
 from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.paper.gnn.network import InpaintingNetwork
 from splatwire.paper.gnn.settings import GnnSettings
 
 LEAST_BITS, MOST_BITS = 2, 6
 MAX_SYMBOL = 127
-"""An integer of a matrix fits 8 bits."""
+"""Maximum magnitude of a matrix integer, so that it fits 8 bits."""
 _VECTOR_BITS = 7
 _MEAN_BITS = 4
 _MAX_EXPONENT = 60
 _MAX_INTEGER = 1 << 20
 _HEADS = (("feature", 0), ("scaling", 1), ("offset", 2), ("offset", 3))
-"""Which attribute's threshold decides on each head."""
+"""Pairs of an attribute and the index of a network head; used only if the attribute's threshold is at most 1."""
 
 
 def short_float(index: int | np.ndarray) -> np.ndarray:
-    """`(1 + fraction / 8) * 2 ** exponent` with `index = 8 * exponent + fraction`; exact in float32."""
+    """Returns the positive number coded by an index: `(1 + fraction / 8) * 2 ** exponent`; exact in float32.
+
+    The index is `8 * exponent + fraction`, with a fraction from 0 to 7.
+    """
     index = np.asarray(index, dtype=np.int64)
     return np.asarray(np.ldexp(1 + (index & 7) / 8, index >> 3))
 
 
 def short_float_index(value: np.ndarray | float) -> np.ndarray:
-    """The index of the short float next to positive numbers."""
+    """Returns the index of the nearest number that `short_float` can represent, for each positive value."""
     fraction, exponent = np.frexp(np.clip(np.asarray(value, dtype=np.float64), 2.0**-_MAX_EXPONENT, 2.0**_MAX_EXPONENT))
     eighths = np.rint((2 * fraction - 1) * 8)
     return (
@@ -49,10 +54,10 @@ def short_float_index(value: np.ndarray | float) -> np.ndarray:
 
 
 def check_bits(bits: int) -> None:
-    """Refuses a number of bits that is not supported.
+    """Checks the number of bits per weight.
 
     Raises:
-        InvalidValueError: If it is not from 2 to 6.
+        InvalidValueError: If the number is not from 2 to 6.
     """
     if not LEAST_BITS <= bits <= MOST_BITS:
         raise InvalidValueError(f"bits of a GNN weight must be from {LEAST_BITS} to {MOST_BITS}, not {bits!r}")
@@ -69,11 +74,11 @@ def _matrix_symbols(matrix: np.ndarray, step_index: int) -> np.ndarray:
 
 
 def rounded(value: Tensor, bits: int) -> Tensor:
-    """A parameter as a receiver reads it.
+    """Returns a network parameter after quantisation, with the values that a receiver reads.
 
     Args:
-        value: Matrix or vector.
-        bits: Bits per weight of a matrix, about.
+        value: The parameter, a matrix or a vector.
+        bits: Approximate bits per weight of a matrix.
     """
     array = value.detach().cpu().numpy()
     if array.ndim == 2:
@@ -83,7 +88,7 @@ def rounded(value: Tensor, bits: int) -> Tensor:
 
 
 def rounded_constants(mean: Tensor, spread: Tensor) -> tuple[Tensor, Tensor]:
-    """Means and spreads of the inputs as a receiver reads them."""
+    """Returns the means and standard deviations of the network's inputs, rounded as a receiver reads them."""
     index = short_float_index(spread.cpu().numpy())
     unit = short_float(index) / 2**_MEAN_BITS
     near = np.rint(mean.cpu().double().numpy() / unit) * unit
@@ -92,7 +97,10 @@ def rounded_constants(mean: Tensor, spread: Tensor) -> tuple[Tensor, Tensor]:
 
 @contextmanager
 def rounded_parameters(network: InpaintingNetwork, bits: int) -> Iterator[None]:
-    """Inside, the network computes with rounded weights; gradients reach the exact ones (straight through)."""
+    """Context manager in which a network computes with quantised weights.
+
+    Gradients with respect to the quantised weights are applied to the exact weights (straight-through).
+    """
     exact = {name: parameter.data for name, parameter in network.named_parameters()}
     try:
         for parameter in network.parameters():
@@ -104,16 +112,19 @@ def rounded_parameters(network: InpaintingNetwork, bits: int) -> Iterator[None]:
 
 
 def sent_names(network: InpaintingNetwork, settings: GnnSettings) -> list[str]:
-    """Parameters that a receiver needs: those of a head whose attribute is never trusted are not among them."""
+    """Returns the names of the parameters that a receiver needs.
+
+    Heads of attributes with a threshold above 1 are omitted, because their output is never used.
+    """
     unused = tuple(f"regressors.{head}." for name, head in _HEADS if getattr(settings, f"{name}_threshold") > 1)
     return [name for name, _ in network.named_parameters() if not (unused and name.startswith(unused))]
 
 
 def write_parameters(writer: ByteWriter, network: InpaintingNetwork, bits: int) -> None:
-    """Appends the constants of the inputs and all parameters that a receiver needs.
+    """Writes the constants that standardise the network's inputs, and all parameters that a receiver needs.
 
     Raises:
-        InvalidValueError: If one is not finite.
+        InvalidValueError: If a parameter is not finite.
     """
     state = network.state_dict()
     for name in ("source", "query"):
@@ -137,10 +148,10 @@ def write_parameters(writer: ByteWriter, network: InpaintingNetwork, bits: int) 
 
 
 def read_parameters(reader: ByteReader, network: InpaintingNetwork) -> None:
-    """Reads what `write_parameters` wrote into a network of the same settings; heads that were not sent say nothing.
+    """Reads the data written by `write_parameters` into a network with the same settings; omitted heads become zero.
 
     Raises:
-        BitstreamError: If a number is impossible.
+        BitstreamError: If a value is out of range.
     """
     state = {name: torch.zeros_like(value) for name, value in network.state_dict().items()}
     for name in ("source", "query"):

@@ -1,24 +1,32 @@
-"""The section `gnn` of the side information: a stream carries the weights of its own scene.
+"""The section `gnn` of the side information: weights of the inpainting network for the stream's scene.
 
-Version `u8` (2); the first 8 bytes of the SHA-256 over layout and positions; neighbours, width, layers and heads as
-varints; whether there is cross-attention, metric, interpolation, input of the queries and baseline, a byte each; clip,
-sharpness and three thresholds as `f64`. Then for known and for lost anchors the spreads of the inputs, as `index` of
-`(1 + (index mod 8) / 8) * 2 ** floor(index / 8)`, and their means in sixteenths of the spread; then all parameters in
-the order of the network, without the heads of attributes whose threshold is above 1: vectors in units of 1/128,
-matrices as the index of their step (as for spreads), the scale index of each row, and integers of at most 8 bits under
-a zero-mean normal of their row's scale.
+Layout:
+
+* version, `u8` (2);
+* the first 8 bytes of the SHA-256 over the layout and positions of the anchors (`scene_fingerprint`);
+* neighbours, width, layers and heads (`GnnSettings`) as varints;
+* cross-attention (0 or 1), metric, interpolation, query input and baseline (`GnnSettings`), one byte each;
+* clip, sharpness and three thresholds as `f64`;
+* standard deviations of the inputs of known anchors, each as the `index` of
+  `(1 + (index mod 8) / 8) * 2 ** floor(index / 8)`, then their means in sixteenths of the standard deviation;
+* standard deviations and means of the inputs of lost anchors, in the same form;
+* all parameters in the order of the network, except heads of attributes with a threshold above 1.
+
+Parameters that are vectors are integers in units of 1/128. A parameter that is a matrix consists of the index of its
+quantisation step (same formula as for standard deviations), the index of the coding scale of each matrix row, and the
+quantised integers. The integers have at most 8 bits and are entropy-coded with a zero-mean normal distribution, whose
+standard deviation is the coding scale of the row.
 """
 
 from typing import Any
 
-from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
-from splatwire.model import Partial, Prior
+from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes
 from splatwire.paper.gnn.quantise import check_bits, read_parameters, write_parameters
 from splatwire.paper.gnn.settings import BASELINES, INTERPOLATIONS, METRICS, QUERY_INPUTS, GnnSettings
 from splatwire.paper.gnn.weights import GnnWeights, scene_fingerprint
-from splatwire.scene import AnchorLayout
+from splatwire.types import AnchorLayout, Prior, ReceivedScene
 
 SECTION = "gnn"
 VERSION = 2
@@ -33,14 +41,15 @@ _NUMBERS = ("clip", "sharpness", "feature_threshold", "scaling_threshold", "offs
 
 
 def write_section(weights: GnnWeights, bits: int) -> bytes:
-    """Writes weights for the side information of their scene's stream.
+    """Returns the bytes of the section `gnn` with the quantised weights of an inpainting network.
 
     Args:
-        weights: The network; heads of attributes with a threshold above 1 are left out.
-        bits: Bits per weight, about: 2 to 6.
+        weights: The trained network. The heads of attributes with a threshold above 1 are omitted, because a receiver
+            does not use them.
+        bits: Approximate bits per weight, 2 to 6.
 
     Raises:
-        InvalidValueError: If no attribute is ever taken from the network, it is too large, or a weight is not finite.
+        InvalidValueError: If all thresholds are above 1, the network is too large, or a weight is not finite.
     """
     check_bits(bits)
     settings = weights.settings
@@ -66,17 +75,17 @@ def write_section(weights: GnnWeights, bits: int) -> bytes:
     return writer.bytes()
 
 
-def read_section(data: bytes, context: Partial) -> GnnWeights:
-    """Reads what `write_section` wrote.
+def read_section(data: bytes, context: ReceivedScene) -> GnnWeights:
+    """Reads the weights of an inpainting network from a section written by `write_section`.
 
     Args:
-        data: The section.
-        context: The scene that the stream holds; it gives the network's input sizes.
+        data: Bytes of the section.
+        context: The decoded scene of the stream; its layout determines the input widths of the network.
 
     Raises:
-        UnsupportedVersionError: If a newer release wrote it.
+        UnsupportedVersionError: If a newer release wrote the section.
         InvalidValueError: If the weights are of another scene.
-        BitstreamError: If it is damaged.
+        BitstreamError: If the section is damaged.
     """
     reader = ByteReader(data, "GNN weights")
     version = reader.u8()
@@ -112,7 +121,7 @@ def _read_settings(reader: ByteReader) -> GnnSettings:
     return GnnSettings(**counts, **choices, **numbers, cross_attention=attention)
 
 
-def rounded_weights(weights: GnnWeights, context: Partial, bits: int) -> GnnWeights:
-    """The weights exactly as a receiver will read them."""
+def rounded_weights(weights: GnnWeights, context: ReceivedScene, bits: int) -> GnnWeights:
+    """Returns the weights after quantisation to about `bits` bits per weight, exactly as a receiver reads them."""
     received = read_section(write_section(weights, bits), context)
     return GnnWeights(received.network, weights.fingerprint, weights.validation)

@@ -1,9 +1,10 @@
-"""What can be chosen about the inpainting network; the defaults are the paper's (Sections 3.4 and 4.1.4)."""
+"""Settings of the inpainting network; the defaults are the paper's (Sections 3.4 and 4.1.4)."""
 
 from dataclasses import dataclass
 
-from splatwire.conceal.base import check_at_least
-from splatwire.errors import InvalidValueError
+from splatwire.arguments import check_fields
+from splatwire.concealment.base import check_at_least
+from splatwire.errors import InvalidValueError, whole_number
 
 BASELINES = ("prior", "interpolation")
 INTERPOLATIONS = ("cari", "idw", "kriging")
@@ -13,25 +14,25 @@ METRICS = ("mahalanobis", "euclidean")
 
 @dataclass(frozen=True)
 class GnnSettings:
-    """The network and how its output is used.
+    """Settings of the inpainting network and of the use of its outputs.
 
     Attributes:
-        neighbors: Known anchors that a query is connected to, k.
-        metric: `mahalanobis` (by the covariance of the known anchor) or `euclidean`.
+        neighbors: Number of known anchors connected to each lost anchor (query), k.
+        metric: `mahalanobis` (with the covariance of the known anchor) or `euclidean`.
         hidden: Width of the network, d_h.
-        layers: EdgeConv layers.
-        heads: Heads of the cross-attention; divide `hidden`.
-        cross_attention: Whether there is one (for the ablation).
-        interpolation: The interpolation that teaches the network, is blended with and fallen back to: `cari`,
-            `kriging`, or `idw` over the graph's neighbours.
-        query_input: The interpolation that the input of a query holds: `idw` over the graph's neighbours, or
-            `interpolation` for the one above.
-        baseline: What a residual is added to: `prior`, or `interpolation`.
-        clip: Largest residual in prior standard deviations, tau.
-        sharpness: alpha of the confidence `exp(-alpha z)`; 0 trusts every residual (for the ablation).
-        feature_threshold: Confidence from which a feature is blended, T_f; above 1 the interpolation is always taken.
-        scaling_threshold: The same for scalings, T_s.
-        offset_threshold: The same for offsets and masks, T_o.
+        layers: Number of EdgeConv layers.
+        heads: Number of heads of the cross-attention; must divide `hidden`.
+        cross_attention: False to disable the cross-attention (for the ablation).
+        interpolation: Interpolation used as teacher, for blending and as fallback: `cari`, `kriging`, or `idw` over the
+            graph's neighbours.
+        query_input: Method that fills the lost attributes in the inputs of a query: `idw` (over the graph's
+            neighbours), or `interpolation` (the method of the setting `interpolation`).
+        baseline: Baseline to which residuals are added: `prior` or `interpolation`.
+        clip: Maximum absolute residual in prior standard deviations, tau.
+        sharpness: alpha of the confidence `exp(-alpha z)`; 0 for full confidence always (for the ablation).
+        feature_threshold: Minimum confidence for blending a feature, T_f; above 1 the interpolation is always used.
+        scaling_threshold: As `feature_threshold`, for scalings, T_s.
+        offset_threshold: As `feature_threshold`, for offsets and masks, T_o.
     """
 
     neighbors: int = 24
@@ -50,6 +51,7 @@ class GnnSettings:
     offset_threshold: float = 1.01
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for what, value in (
             ("number of neighbours", self.neighbors), ("width", self.hidden), ("number of heads", self.heads),
         ):  # fmt: skip
@@ -59,7 +61,9 @@ class GnnSettings:
         check_at_least("clip of residuals", self.clip, 0)
         for name in ("feature", "scaling", "offset"):
             check_at_least(f"{name} threshold", getattr(self, f"{name}_threshold"), 0)
-        if self.hidden % self.heads or max(self.hidden, self.neighbors, self.layers) > 4096:
+        for what in ("hidden", "neighbors", "layers"):
+            whole_number(getattr(self, what), what, 0, 4096)
+        if self.hidden % self.heads:
             raise InvalidValueError(f"a width of {self.hidden} with {self.heads} heads is not possible")
         for what, name, known in (
             ("metric", self.metric, METRICS),
@@ -78,5 +82,5 @@ GNN_PRESETS = {
     ),
     "compact": GnnSettings(hidden=16, query_input="interpolation", baseline="interpolation", interpolation="kriging"),
 }
-"""`paper`: the paper's constants. `full`: all attributes are predicted, on top of the interpolation. `compact`: few
-weights."""
+"""Named settings. `paper`: the paper's constants. `full`: the network predicts all attributes, as residuals added to
+the interpolation. `compact`: a small network with few weights."""

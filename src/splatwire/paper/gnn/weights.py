@@ -1,4 +1,4 @@
-"""Trained weights as one file of plain tensors (safetensors) that knows the scene it belongs to."""
+"""File of trained weights of the inpainting network: tensors (safetensors) with a fingerprint of the scene."""
 
 import dataclasses
 import hashlib
@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from splatwire.anchors.tensor_file import read_tensors, write_tensors
 from splatwire.errors import MALFORMED, BitstreamError, InvalidValueError
-from splatwire.model import Partial, Prior
-from splatwire.model.tensor_file import read_tensors, write_tensors
-from splatwire.model.tensors import check_tensors, load_tensors, to_tensors
+from splatwire.neural.model.tensors import check_tensors, load_tensors, to_tensors
 from splatwire.ops.arrays import to_numpy
 from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes
 from splatwire.paper.gnn.settings import GnnSettings
-from splatwire.scene import AnchorLayout
+from splatwire.types import AnchorLayout, Prior, ReceivedScene
 
 FORMAT = "splatwire-gnn"
 VERSION = 2
@@ -25,12 +24,12 @@ PRECISIONS = {"float32": torch.float32, "float16": torch.float16}
 
 @dataclass(frozen=True, eq=False)
 class GnnWeights:
-    """A trained network and where it may be used.
+    """A trained network and the scene for which it is valid.
 
     Attributes:
-        network: The network, in evaluation.
-        fingerprint: `scene_fingerprint` of its scene, or at least the first 16 digits of it.
-        validation: What calibration measured on held-out losses, for the record.
+        network: The network, in evaluation mode.
+        fingerprint: `scene_fingerprint` of the scene, or at least the first 16 digits of it.
+        validation: Errors on held-out packet losses, measured by the calibration; only for information.
     """
 
     network: InpaintingNetwork
@@ -39,29 +38,29 @@ class GnnWeights:
 
     @property
     def settings(self) -> GnnSettings:
-        """How it is built and used."""
+        """Settings of the network and of the use of its outputs."""
         return self.network.settings
 
     @property
     def improves(self) -> bool:
-        """Whether any attribute is ever taken from the network."""
+        """True if the network's output is used for at least one attribute (threshold of 1 or less)."""
         settings = self.settings
         return min(settings.feature_threshold, settings.scaling_threshold, settings.offset_threshold) <= 1
 
 
-def scene_fingerprint(context: Partial) -> str:
-    """SHA-256 of what a receiver knows of a scene whatever was lost: the positions in order, and the layout."""
+def scene_fingerprint(context: ReceivedScene) -> str:
+    """Returns the SHA-256 (hex) of positions and layout, which a receiver knows regardless of losses."""
     digest = hashlib.sha256(b"splatwire/gnn-scene/1\0")
     digest.update(f"{context[AnchorLayout]} {context[Prior].context.shape[1]}".encode())
     digest.update(np.ascontiguousarray(to_numpy(context.places), "<f4").tobytes())
     return digest.hexdigest()
 
 
-def check_fits(weights: GnnWeights, context: Partial) -> None:
-    """Refuses weights of another scene.
+def check_fits(weights: GnnWeights, context: ReceivedScene) -> None:
+    """Checks that weights were trained for this scene.
 
     Raises:
-        InvalidValueError: If the sizes of an anchor or the scene differ.
+        InvalidValueError: If the layout of the anchors or the fingerprint differs.
     """
     sizes = weights.network.sizes
     if sizes != InputSizes(context[AnchorLayout], context[Prior].context.shape[1]):
@@ -74,15 +73,15 @@ def check_fits(weights: GnnWeights, context: Partial) -> None:
 
 
 def save_weights(weights: GnnWeights, path: Path, *, precision: str = "float32") -> None:
-    """Writes weights; the file appears under its name only when it is complete.
+    """Writes the weights of an inpainting network to a file, atomically.
 
     Args:
-        weights: What to write.
-        path: Where; its folder must exist.
+        weights: The trained network with the fingerprint of its scene.
+        path: Path of the file; its folder must exist.
         precision: `float32`, or `float16` for half the bytes.
 
     Raises:
-        InvalidValueError: If there is no such precision.
+        InvalidValueError: If the precision is unknown.
         OSError: If the file cannot be written.
     """
     if precision not in PRECISIONS:
@@ -103,11 +102,12 @@ def save_weights(weights: GnnWeights, path: Path, *, precision: str = "float32")
 
 
 def load_weights(path: Path) -> GnnWeights:
-    """Reads what `save_weights` wrote.
+    """Reads the weights of an inpainting network from a file written by `save_weights`.
 
     Raises:
-        UnsupportedVersionError: If it is of a version that this release does not read.
-        BitstreamError: If it is absent or no weights file, or a tensor is missing, of another size or not finite.
+        UnsupportedVersionError: If this release does not support the file's version.
+        BitstreamError: If the file is absent or not a weights file, or a tensor is missing, of another size or not
+            finite.
     """
     arrays, header = read_tensors(path, FORMAT, VERSION)
     tensors = to_tensors(arrays)
@@ -119,7 +119,7 @@ def load_weights(path: Path) -> GnnWeights:
         if sizes.context_dim < 1:
             raise ValueError(f"a hash-grid feature of {sizes.context_dim} channels")
         settings = GnnSettings(**header["settings"])
-        with torch.device("meta"):  # shapes without memory: the header may promise more than its tensors are
+        with torch.device("meta"):  # only shapes, no memory: the header may state too large sizes
             check_tensors(InpaintingNetwork(sizes, settings), tensors, f"{path}: ")
         network = InpaintingNetwork(sizes, settings)
         validation = {str(name): float(value) for name, value in header["validation"].items()}

@@ -1,4 +1,5 @@
-// Decoded integers as anchors and heads: the only floats of the codec, at its very end.
+// Conversion of decoded integers to anchors and heads. It is the last step and the only floating-point part of the
+// codec.
 
 import type { Affine } from "../../model/affine.ts";
 import type { Anchors } from "../../model/anchors.ts";
@@ -13,7 +14,7 @@ const NUMBER = 2 ** 16,
   MAX_LOG = 60,
   SLOPE = 0.01;
 
-/** Anchors, and their features, one anchor's after another's. */
+/** Returns the anchors and their feature vectors, shape (count, features). */
 export function toAnchors(
   { count, places, masks, numbers }: Decoded,
   info: SideInfo,
@@ -40,22 +41,22 @@ export function toAnchors(
   };
 }
 
-/** Step of each feature. */
+/** Returns the quantisation step of each feature channel. */
 export function featureSteps({ groups, steps }: SideInfo): number[] {
   return groups.flatMap((channels, g) => Array.from({ length: channels }, () => steps[g]));
 }
 
-/** World coordinates of voxels from the origin. */
+/** Converts voxel indices relative to the origin to world coordinates, shape (count, 3). */
 export function worldPlaces(places: Int32Array, { positions: { origin }, voxelSize }: SideInfo): Float32Array {
   return Float32Array.from(places, (place, at) => (place + origin[at % 3]) * voxelSize);
 }
 
-/** Two to the power of a logarithm with 24 fractional bits. */
+/** Returns two to the power of `log`, which has 24 fractional bits. */
 export function exponential(log: number): number {
   return 2 ** Math.min(Math.max(log / LOG, -MAX_LOG), MAX_LOG);
 }
 
-/** A network in the numbers that its integers stand for. */
+/** Converts a quantised network to floating point. */
 export function floatMlp({ hidden, output, leaky }: QuantisedMlp): Mlp {
   return { hidden: affine(hidden), output: affine(output), slope: leaky ? SLOPE : 0 };
 }

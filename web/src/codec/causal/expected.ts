@@ -1,55 +1,57 @@
-// Where anchors are expected, and how large, and how sure that is: what a concealer needs of them.
+// Predicted positions, sizes and errors of anchors, received or lost, for the concealers.
 
 import type { AnchorFacts, Elements } from "../../conceal/elements.ts";
 import type { Anchors } from "../../model/anchors.ts";
-import type { Pause } from "../../turns.ts";
-import { givenFirst } from "../anchor_part.ts";
-import { LOOKED_AT_BYTES } from "../memory.ts";
+import type { Pause } from "../../scheduler.ts";
+import { receivedRanksFirst } from "../anchor_part.ts";
+import { CONCEALMENT_BYTES } from "../memory.ts";
 import { exponential, featureSteps, worldPlaces } from "./anchors.ts";
 import type { PacketDecoder } from "./packet.ts";
-import { expectedPlace } from "./positions.ts";
+import { predictedPosition } from "./positions.ts";
 import { FORM, LOG_BITS } from "./side_info.ts";
 import { exactPower } from "./tables.ts";
 
-const AT_A_TIME = 256,
-  SMALLEST = 1e-9,
-  LEAST_SHARE = 0.05,
-  LEAST_SPREAD = 1e-6;
-/** Limits of binary logarithms of deviations, and of what is told of them: of features and of lengths. */
+const BATCH = 256,
+  MIN_LENGTH = 1e-9,
+  MIN_SHARE = 0.05,
+  MIN_SPREAD = 1e-6;
+/** Limits of binary logarithms of deviations, and of the relative errors of features and lengths. */
 const LOG_DEVIATIONS = [-6, 13],
   FEATURES = [1e-3, 1e3],
   LENGTHS = [1e-4, 1e3];
 
-/** Anchors that arrived together. */
-export interface Arrived {
+/** Anchors received in one packet. */
+export interface ReceivedAnchors {
   readonly ranks: Int32Array;
   readonly anchors: Anchors;
-  /** Sums of each feature, and of its square. */
+  /** Sums of each feature channel and of its square. */
   readonly sums: Float64Array;
   readonly squares: Float64Array;
 }
 
 const clip = (value: number, [low, high]: readonly number[]): number => Math.min(Math.max(value, low), high);
 
-export class Expected {
-  /** Where each anchor is expected, voxels from the origin, by rank; the first so many are known by now. */
+export class AnchorPrediction {
+  /**
+   * Predicted voxel of each anchor relative to the origin, by rank. The first `#numPredicted` anchors are filled in.
+   */
   #places = new Int32Array();
-  /** Logarithms of the scale and the three sizes that are expected there, and of how far features and those are off. */
+  /** Predicted logarithms of scale and sizes, and predicted log errors of features, scale and sizes. */
   #logs = new Float64Array();
   #spreads = new Int32Array();
-  #done = 0;
+  #numPredicted = 0;
   #sizes: Float32Array | null = null;
 
-  /** `tierSizes` are those of each anchor's tier, by rank; null where the sender does not say. */
+  /** `tierSizes` are the typical sizes of each anchor's tier, by rank; null if the stream does not contain them. */
   constructor(
     readonly packets: PacketDecoder,
     readonly count: number,
     readonly tierSizes: Float32Array | null,
   ) {}
 
-  /** Memory that this and a concealer take for an anchor, once somebody asks. */
+  /** Returns the memory per anchor of this prediction and a concealer, bytes. */
   get bytes(): number {
-    return LOOKED_AT_BYTES + 4 * 3 + 8 * FORM + 4 * this.#width;
+    return CONCEALMENT_BYTES + 4 * 3 + 8 * FORM + 4 * this.#width;
   }
 
   get #width(): number {
@@ -57,13 +59,13 @@ export class Expected {
   }
 
   /**
-   * First the received anchors, in this order, then the lost ones; null where nobody waits any more. All lie where they
-   * are expected.
+   * Returns the properties of all anchors: the received ones in this order, then the lost ones. All positions are
+   * predicted ones. Resolves to null if the result is no longer needed.
    */
-  async elements(received: readonly Arrived[], pause: Pause): Promise<Elements | null> {
-    const sizes = await this.#expectedSizes(pause);
+  async elements(received: readonly ReceivedAnchors[], pause: Pause): Promise<Elements | null> {
+    const sizes = await this.#predictSizes(pause);
     if (!sizes) return null;
-    const { ranks, end } = givenFirst(received, this.count);
+    const { ranks, numReceived } = receivedRanksFirst(received, this.count);
     let facts: AnchorFacts | null = null;
     const { tierSizes } = this;
     return {
@@ -71,17 +73,17 @@ export class Expected {
       sizes: Float32Array.from(ranks, (rank) => sizes[rank]),
       tierSizes: tierSizes && Float32Array.from(ranks, (rank) => tierSizes[rank]),
       opacities: null,
-      known: new Uint8Array(this.count).fill(1, 0, end),
+      known: new Uint8Array(this.count).fill(1, 0, numReceived),
       places: ranks,
       logScales: null,
-      anchors: () => (facts ??= this.#facts(received, ranks.subarray(0, end))),
+      anchors: () => (facts ??= this.#anchorFacts(received, ranks.subarray(0, numReceived))),
     };
   }
 
-  #facts(received: readonly Arrived[], ranks: Int32Array): AnchorFacts {
+  #anchorFacts(received: readonly ReceivedAnchors[], ranks: Int32Array): AnchorFacts {
     const logs = new Float64Array(FORM * ranks.length),
-      active = new Uint8Array(ranks.length),
-      unsure = new Float64Array(2 * ranks.length);
+      numGaussians = new Uint8Array(ranks.length),
+      expectedErrors = new Float64Array(2 * ranks.length);
     let at = 0;
     for (const {
       anchors: { count, numOffsets, scales, sizes, masks },
@@ -89,60 +91,64 @@ export class Expected {
       for (let n = 0; n < count; n++, at++) {
         logs[FORM * at] = Math.log(scales[n]);
         for (let a = 0; a < 3; a++) logs[FORM * at + 1 + a] = Math.log(sizes[3 * n + a]);
-        for (let k = n * numOffsets; k < (n + 1) * numOffsets; k++) active[at] += masks[k];
+        for (let k = n * numOffsets; k < (n + 1) * numOffsets; k++) numGaussians[at] += masks[k];
       }
     }
-    const shares = this.#shares(received, ranks.length);
+    const shares = this.#stepWeights(received, ranks.length);
     ranks.forEach((rank, n) => {
-      unsure[2 * n] = Math.log(clip(this.#featureDoubt(rank, shares), FEATURES));
-      unsure[2 * n + 1] = Math.log(clip(this.#lengthDoubt(rank), LENGTHS));
+      expectedErrors[2 * n] = Math.log(clip(this.#featureError(rank, shares), FEATURES));
+      expectedErrors[2 * n + 1] = Math.log(clip(this.#lengthError(rank), LENGTHS));
     });
-    return { logs, active, unsure };
+    return { logs, numGaussians, expectedErrors };
   }
 
   /**
-   * What a deviation of one step of each feature counts: its share of the feature's spread among what arrived, out of
-   * all features.
+   * Returns the weight of a deviation of one step for each feature channel: the step relative to the channel's spread,
+   * divided by the number of channels.
    */
-  #shares(received: readonly Arrived[], count: number): Float64Array {
+  #stepWeights(received: readonly ReceivedAnchors[], count: number): Float64Array {
     const { info } = this.packets;
     return Float64Array.from(featureSteps(info), (step, c) => {
       const mean = received.reduce((sum, { sums }) => sum + sums[c], 0) / count,
         square = received.reduce((sum, { squares }) => sum + squares[c], 0) / count;
-      return step / Math.max(Math.sqrt(Math.max(square - mean * mean, 0)), LEAST_SPREAD) / info.features;
+      return step / Math.max(Math.sqrt(Math.max(square - mean * mean, 0)), MIN_SPREAD) / info.features;
     });
   }
 
-  /** Steps by which a number is expected to be off. */
-  #deviation(rank: number, column: number): number {
+  /** Returns the expected error of a number in steps. */
+  #expectedError(rank: number, column: number): number {
     return 2 ** clip(this.#spreads[rank * this.#width + column] / 65536, LOG_DEVIATIONS);
   }
 
-  #featureDoubt(rank: number, shares: Float64Array): number {
-    return shares.reduce((sum, share, c) => sum + this.#deviation(rank, c) * share, 0);
+  #featureError(rank: number, shares: Float64Array): number {
+    return shares.reduce((sum, share, c) => sum + this.#expectedError(rank, c) * share, 0);
   }
 
-  /** The scale stands for three lengths. */
-  #lengthDoubt(rank: number): number {
+  /** The scale counts for three lengths. */
+  #lengthError(rank: number): number {
     const { info } = this.packets;
     let off = 0,
       all = 0;
     for (let a = 0; a < FORM; a++) {
       const length = exponential(this.#logs[FORM * rank + a]) * (a ? 1 : 3);
-      off += length * this.#deviation(rank, info.features + a) * info.logSteps[a ? 1 : 0] * Math.LN2 * 2 ** -LOG_BITS;
+      off +=
+        length * this.#expectedError(rank, info.features + a) * info.logSteps[a ? 1 : 0] * Math.LN2 * 2 ** -LOG_BITS;
       all += length;
     }
-    return off / Math.max(all, 6 * SMALLEST);
+    return off / Math.max(all, 6 * MIN_LENGTH);
   }
 
-  /** The expected unit of offsets and sizes of each anchor, by rank: alike on every machine. */
+  /**
+   * Returns the predicted scale and sizes of all anchors, shape (count, 4), by rank. They are bit-identical on every
+   * machine.
+   */
   async lengths(pause: Pause): Promise<Float32Array | null> {
     return (
-      (await this.#expectedSizes(pause)) && new Float32Array(this.#logs.length).map((_, n) => exactPower(this.#logs[n]))
+      (await this.#predictSizes(pause)) && new Float32Array(this.#logs.length).map((_, n) => exactPower(this.#logs[n]))
     );
   }
 
-  /** Where anchors are expected, world units. */
+  /** Returns the predicted positions of some anchors, world units. */
   positions(ranks: Int32Array): Float32Array {
     return worldPlaces(
       Int32Array.from({ length: 3 * ranks.length }, (_, n) => this.#places[3 * ranks[Math.floor(n / 3)] + (n % 3)]),
@@ -150,37 +156,40 @@ export class Expected {
     );
   }
 
-  /** Geometric means of the sizes that are expected of all anchors, by rank: worked out once, a little at a time. */
-  async #expectedSizes(pause: Pause): Promise<Float32Array | null> {
+  /** Returns the geometric means of the predicted sizes of all anchors, by rank. Computes them once, in batches. */
+  async #predictSizes(pause: Pause): Promise<Float32Array | null> {
     if (this.#logs.length < FORM * this.count) {
       this.#places = new Int32Array(3 * this.count);
       this.#logs = new Float64Array(FORM * this.count);
       this.#spreads = new Int32Array(this.#width * this.count);
     }
-    while (this.#done < this.count) {
+    while (this.#numPredicted < this.count) {
       if (!(await pause())) return null;
-      this.#expectSome(this.#done, Math.min(this.#done + AT_A_TIME, this.count));
+      this.#predictBatch(this.#numPredicted, Math.min(this.#numPredicted + BATCH, this.count));
     }
     return (this.#sizes ??= meanSizes(this.#logs));
   }
 
-  #expectSome(first: number, end: number): void {
+  #predictBatch(first: number, end: number): void {
     for (let rank = first; rank < end; rank++)
-      this.#places.set(expectedPlace(this.packets.info.positions, rank), 3 * rank);
+      this.#places.set(predictedPosition(this.packets.info.positions, rank), 3 * rank);
     const { logs, spreads } = this.packets.expected(this.#places.subarray(3 * first, 3 * end));
     this.#logs.set(logs, FORM * first);
     this.#spreads.set(spreads, this.#width * first);
-    this.#done = end;
+    this.#numPredicted = end;
   }
 }
 
-/** A prediction may be far off: none is below a share of their median. */
+/**
+ * Computes the geometric means of the sizes. Predictions may be far off, so each size is at least a share of the
+ * median.
+ */
 function meanSizes(logs: Float64Array): Float32Array {
   const sizes = new Float32Array((3 * logs.length) / FORM).map(
     (_, n) => 2 ** (logs[FORM * Math.floor(n / 3) + 1 + (n % 3)] / 2 ** LOG_BITS),
   );
   const typical = sizes.slice().sort()[(sizes.length - 1) >> 1] ?? 0,
-    least = Math.max(LEAST_SHARE * typical, SMALLEST);
+    least = Math.max(MIN_SHARE * typical, MIN_LENGTH);
   const log = (at: number): number => Math.log(Math.max(sizes[at], least));
   return Float32Array.from({ length: sizes.length / 3 }, (_, n) =>
     Math.exp((log(3 * n) + log(3 * n + 1) + log(3 * n + 2)) / 3),

@@ -1,11 +1,11 @@
-// Decoding of packets of anchors: an anchor's numbers follow from its own place and its own numbers before. Any bytes
-// decode to something.
+// Packet decoder for anchors. Each number of an anchor is predicted from its position and its earlier numbers. Any
+// bytes decode to some anchors.
 
 import { RangeDecoder } from "../../entropy/decoder.ts";
-import { centred } from "../../entropy/mixture.ts";
+import { zeroMeanNormal } from "../../entropy/mixture.ts";
 import { ROWS } from "../../model/affine.ts";
 import { ACTIVATION_BITS, ACTIVATION_LIMIT, IntegerMlp } from "../integer_network.ts";
-import { decodePlaces } from "./positions.ts";
+import { decodePositions } from "./positions.ts";
 import { FORM, OCTAVES, type SideInfo, type Stage } from "./side_info.ts";
 import { existsOf, scaleOf } from "./tables.ts";
 
@@ -16,32 +16,32 @@ const ONE = 2 ** ACTIVATION_BITS,
 /** Decoded integers of some anchors. */
 export interface Decoded {
   readonly count: number;
-  /** Coordinates in voxels from the origin, three each. */
+  /** Voxels relative to the origin, shape (count, 3). */
   readonly places: Int32Array;
-  /** Which offsets exist, 0 or 1, of one anchor after another. */
+  /** Existing offsets (1) of each anchor, shape (count, offsets). */
   readonly masks: Uint8Array;
-  /** Numbers in steps, 16 fractional bits: feature, four logarithms, offsets (0 where there is none). */
+  /** Numbers in steps with 16 fractional bits: features, four logarithms, offsets. Missing offsets are 0. */
   readonly numbers: Int32Array;
 }
 
 /**
- * Of some anchors: logarithms of scale and sizes (24 fractional bits), and binary logarithms of how far features and
- * those are off, in steps (16).
+ * Predicted logarithms of scale and sizes (24 fractional bits), shape (count, 4). `spreads` are the binary logarithms
+ * of the expected errors of features, scale and sizes in steps (16 fractional bits).
  */
 export interface ExpectedNumbers {
   readonly logs: Float64Array;
   readonly spreads: Int32Array;
 }
 
-/** Decodes packets of one stream, one after another. */
+/** Decodes the packets of one stream. */
 export class PacketDecoder {
   readonly #position: IntegerMlp;
   readonly #networks: readonly IntegerMlp[];
-  /** Numbers of an anchor. */
+  /** Numbers per anchor. */
   readonly width: number;
-  /** What is known of an anchor so far, as inputs of networks: the numbers of its place, then its own. */
+  /** Network inputs per anchor: the context from its position, then its decoded numbers. */
   readonly #stride: number;
-  #known = new Float64Array();
+  #inputs = new Float64Array();
   #places = new Float64Array();
   #outputs = new Float64Array();
 
@@ -53,7 +53,7 @@ export class PacketDecoder {
     this.#stride = info.context + last.first;
   }
 
-  /** `ranks` are those of the packet's anchors, in its order. */
+  /** Decodes a packet. `ranks` are the ranks of its anchors, in packet order. */
   decode(payload: Uint8Array, ranks: Int32Array): Decoded {
     const { info } = this,
       count = ranks.length,
@@ -61,19 +61,19 @@ export class PacketDecoder {
       last = info.stages[info.stages.length - 1];
     const masks = new Uint8Array(count * info.offsets),
       numbers = new Int32Array(count * this.width);
-    const places = decodePlaces(coder, info.positions, ranks);
-    this.#begin(places, count);
+    const places = decodePositions(coder, info.positions, ranks);
+    this.#computeContext(places, count);
     for (const [s, stage] of info.stages.entries()) {
       const outputs = this.#predict(s, count),
         width = this.#networks[s].outputs;
       if (stage.masks) readMasks(coder, outputs, width, stage.masks, masks);
       this.#read(coder, stage, outputs, width, stage === last ? masks : null, numbers);
-      if (stage !== last) this.#tell(stage, numbers, count);
+      if (stage !== last) this.#appendInputs(stage, numbers, count);
     }
     return { count, places, masks, numbers };
   }
 
-  /** What is expected of anchors of which only the place is known, without their offsets. */
+  /** Predicts the numbers, without offsets, of anchors with known or predicted positions. */
   expected(places: Int32Array): ExpectedNumbers {
     const { info } = this,
       count = places.length / 3,
@@ -81,7 +81,7 @@ export class PacketDecoder {
       logs = new Float64Array(FORM * count);
     const known = info.features + FORM,
       spreads = new Int32Array(known * count);
-    this.#begin(places, count);
+    this.#computeContext(places, count);
     for (const [s, stage] of info.stages.slice(0, -1).entries()) {
       const outputs = this.#predict(s, count),
         width = this.#networks[s].outputs,
@@ -92,15 +92,15 @@ export class PacketDecoder {
           spreads[n * known + first + c] = outputs[row + size + c];
         }
       }
-      this.#tell(stage, numbers, count);
+      this.#appendInputs(stage, numbers, count);
     }
     for (let n = 0; n < count; n++)
       for (let a = 0; a < FORM; a++) logs[FORM * n + a] = logOf(info, numbers[n * this.width + info.features + a], a);
     return { logs, spreads };
   }
 
-  /** Evaluates the position network: what each anchor's place says. */
-  #begin(places: Int32Array, count: number): void {
+  /** Evaluates the position network, which gives each anchor's context. */
+  #computeContext(places: Int32Array, count: number): void {
     const rows = Math.ceil(count / ROWS) * ROWS,
       inputs = 3 * (1 + OCTAVES),
       {
@@ -110,7 +110,7 @@ export class PacketDecoder {
         positions: { origin },
       } = this.info;
     const widest = Math.max(this.#position.outputs, ...this.#networks.map((network) => network.outputs));
-    if (this.#known.length < rows * this.#stride) this.#known = new Float64Array(rows * this.#stride);
+    if (this.#inputs.length < rows * this.#stride) this.#inputs = new Float64Array(rows * this.#stride);
     if (this.#places.length < rows * inputs) this.#places = new Float64Array(rows * inputs);
     if (this.#outputs.length < rows * widest) this.#outputs = new Float64Array(rows * widest);
     for (let n = 0; n < count; n++) {
@@ -126,16 +126,16 @@ export class PacketDecoder {
     this.#position.run(this.#places, inputs, rows, this.#outputs);
     const width = this.#position.outputs;
     for (let n = 0; n < count; n++) {
-      for (let c = 0; c < context; c++) this.#known[n * this.#stride + c] = this.#outputs[n * width + c] >> 2;
+      for (let c = 0; c < context; c++) this.#inputs[n * this.#stride + c] = this.#outputs[n * width + c] >> 2;
     }
   }
 
   #predict(stage: number, count: number): Float64Array {
-    this.#networks[stage].run(this.#known, this.#stride, Math.ceil(count / ROWS) * ROWS, this.#outputs);
+    this.#networks[stage].run(this.#inputs, this.#stride, Math.ceil(count / ROWS) * ROWS, this.#outputs);
     return this.#outputs;
   }
 
-  /** Numbers of a stage: the predicted mean, and whole steps from it; of offsets only those that exist. */
+  /** Decodes the numbers of a stage as predicted mean plus whole steps. Offsets that do not exist are skipped. */
   #read(
     coder: RangeDecoder,
     stage: Stage,
@@ -148,23 +148,23 @@ export class PacketDecoder {
     for (let at = first, row = masks, mask = 0; at < numbers.length; at += this.width, row += width, mask += size / 3) {
       for (let c = 0; c < size; c++) {
         if (there && !there[mask + Math.floor(c / 3)]) continue;
-        const symbol = centred(scaleOf(outputs[row + size + c])).decode(coder);
+        const symbol = zeroMeanNormal(scaleOf(outputs[row + size + c])).decode(coder);
         numbers[at + c] = outputs[row + c] + Math.min(Math.max(symbol, -LARGEST_SYMBOL), LARGEST_SYMBOL) * FULL;
       }
     }
   }
 
-  /** Makes the numbers of a stage inputs of the next ones: a quarter of a step is 1. */
-  #tell({ first, size }: Stage, numbers: Int32Array, count: number): void {
+  /** Appends the numbers of a stage to the inputs of the next ones. One input unit is a quarter of a step. */
+  #appendInputs({ first, size }: Stage, numbers: Int32Array, count: number): void {
     for (let n = 0; n < count; n++) {
       for (let c = 0, from = n * this.width + first, to = n * this.#stride + this.info.context + first; c < size; c++) {
-        this.#known[to + c] = Math.min(Math.max(numbers[from + c] >> 4, -ACTIVATION_LIMIT), ACTIVATION_LIMIT);
+        this.#inputs[to + c] = Math.min(Math.max(numbers[from + c] >> 4, -ACTIVATION_LIMIT), ACTIVATION_LIMIT);
       }
     }
   }
 }
 
-/** Binary logarithm of a scale (form 0) or size, 24 fractional bits. */
+/** Returns the binary logarithm of a scale (form 0) or size (forms 1 to 3), 24 fractional bits. */
 export function logOf({ logSteps, centres }: SideInfo, number: number, form: number): number {
   return Math.floor((number * logSteps[form ? 1 : 0]) / FULL) + centres[form];
 }
@@ -186,13 +186,13 @@ function readMasks(
   }
 }
 
-/** A coordinate in spreads, contracted to within 1, with 14 fractional bits. */
+/** Maps a distance, in units of `spread`, to (-1, 1). The result has 14 fractional bits. */
 function contracted(away: number, spread: number): number {
   const relative = quotient(away, spread);
   return quotient(relative, ONE + Math.abs(relative));
 }
 
-/** Quotient with 14 fractional bits, rounded down: exact where `a` has at most 41 bits, and `b` too. */
+/** Returns the quotient with 14 fractional bits, rounded down. It is exact for operands of at most 41 bits. */
 function quotient(a: number, b: number): number {
   let whole = Math.floor(a / b),
     rest = a - whole * b;

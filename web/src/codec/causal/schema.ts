@@ -1,31 +1,31 @@
-// Anchors of the causal codec: decoded packet by packet, drawn by neural heads for each camera.
+// Anchors of the causal codec, which neural heads turn into the Gaussians of a view.
 
-import { sha256 } from "@noble/hashes/sha2.js";
-import { hex } from "../../bytes.ts";
-import { ANCHOR_CONCEALERS, type Concealer, grown } from "../../conceal/conceal.ts";
+import { ANCHOR_CONCEALERS, type Concealer, fromElements } from "../../conceal/conceal.ts";
 import type { Elements } from "../../conceal/elements.ts";
 import { grow } from "../../conceal/grow.ts";
 import { sceneFreeAnchors } from "../../conceal/scene_free_anchors.ts";
 import { Heads } from "../../model/heads.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
-import type { Pause } from "../../turns.ts";
-import { AnchorPart, chosen, type Known } from "../anchor_part.ts";
+import { SKETCH } from "../../packets/section_names.ts";
+import type { Pause } from "../../scheduler.ts";
+import { newSha256 } from "../../sha256.ts";
+import { type AnchorData, AnchorPart, selectAnchors } from "../anchor_part.ts";
 import type { Copies } from "../part.ts";
 import type { Schema } from "../schema.ts";
 import { tierFacts } from "../tiers.ts";
 import { floatMlp, toAnchors } from "./anchors.ts";
-import { type Arrived, Expected } from "./expected.ts";
+import { AnchorPrediction, type ReceivedAnchors } from "./expected.ts";
 import { PacketDecoder } from "./packet.ts";
+import { type RedundantAnchors, readRedundantAnchors } from "./redundant_copies.ts";
 import { readSideInfo, type SideInfo } from "./side_info.ts";
-import { readSketch, type Sketch } from "./sketch.ts";
 
-/** Anchors of a packet, and what is to be known of the spread of their features. */
-class CausalPart extends AnchorPart implements Arrived {
+/** Anchors of a packet with the statistics of their features. */
+class CausalPart extends AnchorPart implements ReceivedAnchors {
   readonly sums: Float64Array;
   readonly squares: Float64Array;
 
-  constructor(packet: Packet | null, ranks: Int32Array, known: Known, heads: Heads) {
+  constructor(packet: Packet | null, ranks: Int32Array, known: AnchorData, heads: Heads) {
     super(packet, ranks, known, heads);
     const { features } = known,
       size = features.length / Math.max(known.anchors.count, 1);
@@ -47,8 +47,8 @@ export class CausalSchema implements Schema<CausalPart> {
   readonly heads: Heads;
   readonly #packets: PacketDecoder;
   readonly #order: Int32Array | null;
-  readonly #expected: Expected;
-  #sketch: Sketch | null = null;
+  readonly #expected: AnchorPrediction;
+  #sketch: RedundantAnchors | null = null;
 
   constructor(
     sideInfo: Uint8Array,
@@ -60,10 +60,10 @@ export class CausalSchema implements Schema<CausalPart> {
     const [opacity, covariance, color] = this.info.heads.map(floatMlp);
     this.heads = new Heads(opacity, covariance, color);
     this.#packets = new PacketDecoder(this.info);
-    this.#expected = new Expected(this.#packets, plan.manifest.count, tiers.sizes);
+    this.#expected = new AnchorPrediction(this.#packets, plan.manifest.count, tiers.sizes);
   }
 
-  /** Half of the anchors are about this near to the middle. */
+  /** Size of the scene, world units. About half of the anchors are within this distance of the centre. */
   get size(): number {
     return Math.max(...this.info.spread) * this.info.voxelSize;
   }
@@ -73,8 +73,8 @@ export class CausalSchema implements Schema<CausalPart> {
   }
 
   get concealers(): Readonly<Record<string, Concealer>> {
-    return this.info.sections.has("sketch")
-      ? { ...ANCHOR_CONCEALERS, sketch: grown(this.#sketched) }
+    return this.info.sections.has(SKETCH)
+      ? { ...ANCHOR_CONCEALERS, sketch: fromElements(this.#sketched) }
       : ANCHOR_CONCEALERS;
   }
 
@@ -87,7 +87,7 @@ export class CausalSchema implements Schema<CausalPart> {
     return this.info.sections;
   }
 
-  get lookedAtBytes(): number {
+  get concealmentBytes(): number {
     return this.#expected.bytes;
   }
 
@@ -100,9 +100,9 @@ export class CausalSchema implements Schema<CausalPart> {
     return new CausalPart(packet, ranks, toAnchors(this.#packets.decode(packet.payload, ranks), this.info), this.heads);
   }
 
-  /** Places, masks and numbers as 32-bit integers, anchor by anchor. */
+  /** Digest of positions, masks and numbers as 32-bit integers, anchor by anchor. */
   async digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string> {
-    const digest = sha256.create(),
+    const digest = newSha256(),
       { offsets } = this.info,
       { width } = this.#packets;
     for (const packet of blocks.flat()) {
@@ -116,7 +116,7 @@ export class CausalSchema implements Schema<CausalPart> {
       }
       digest.update(new Uint8Array(bytes.buffer));
     }
-    return hex(digest.digest());
+    return digest.hex();
   }
 
   async copies(pause: Pause): Promise<Copies<CausalPart> | null> {
@@ -125,7 +125,7 @@ export class CausalSchema implements Schema<CausalPart> {
       { count } = this.plan.manifest;
     if (!lengths) return null;
     const positions = (ranks: Int32Array): Float32Array => this.#expected.positions(ranks);
-    const sketch = (this.#sketch ??= readSketch(this.info.sections.get("sketch")!, {
+    const sketch = (this.#sketch ??= readRedundantAnchors(this.info.sections.get(SKETCH)!, {
       count,
       features,
       offsets,
@@ -136,10 +136,10 @@ export class CausalSchema implements Schema<CausalPart> {
       new CausalPart(
         null,
         which.map((n) => sketch.ranks[n]),
-        chosen(sketch, which),
+        selectAnchors(sketch, which),
         this.heads,
       );
-    return { part: part(sketch.ranks.map((_, n) => n)), chosen: part };
+    return { part: part(sketch.ranks.map((_, n) => n)), select: part };
   }
 
   elements(parts: readonly CausalPart[], pause: Pause): Promise<Elements | null> {

@@ -1,4 +1,4 @@
-// Side information of a stream of the causal codec: the twin of `splatwire.codec.schemas.causal.side_info`.
+// Side information of a stream of the causal codec. Counterpart of `splatwire.codec.anchors.causal.side_info`.
 
 import { BitstreamError, ByteReader } from "../../bytes.ts";
 import {
@@ -21,30 +21,31 @@ export const LOG_BITS = 24,
 const VERSION = 2;
 const HEADS = ["opacity", "covariance", "color"];
 
-/** Sizes of an anchor and what stands for its numbers. */
+/** Dimensions and quantisation of an anchor. */
 export interface Header {
   readonly groups: readonly number[];
   readonly features: number;
   readonly offsets: number;
-  /** Numbers that a place is described by. */
+  /** Numbers of the context derived from an anchor's position. */
   readonly context: number;
-  /** Of each feature group, then of the offsets. */
+  /** Quantisation steps of the feature groups, then of the offsets. */
   readonly steps: readonly number[];
   readonly voxelSize: number;
-  /** Steps of the logarithms of scale and size, and what stands for zero of the four logarithms; 24 fractional bits. */
+  /** Steps of log scale and log size, and the centres of the four logarithms; 24 fractional bits. */
   readonly logSteps: readonly number[];
   readonly centres: readonly number[];
-  /** Middle and extent of the scene, voxels. */
+  /** Centre and extent of the scene, voxels. */
   readonly middle: readonly number[];
   readonly spread: readonly number[];
 }
 
 /**
- * Numbers of an anchor that are predicted together; the logits of the offsets' existence come before means and spreads.
+ * Numbers of an anchor that are predicted together. A network's outputs are the logits of `masks` offsets, then means
+ * and spreads.
  */
 export interface Stage {
   readonly name: string;
-  /** The first of them, counted from the first number of the anchor. */
+  /** Index of the first number among the anchor's numbers. */
   readonly first: number;
   readonly size: number;
   readonly masks: number;
@@ -54,9 +55,9 @@ export interface SideInfo extends Header {
   readonly positions: Positions;
   readonly position: QuantisedMlp;
   readonly stages: readonly Stage[];
-  /** One for each stage. */
+  /** One network per stage. */
   readonly networks: readonly QuantisedMlp[];
-  /** Opacity, covariance, colour. */
+  /** Heads for opacity, covariance and colour. */
   readonly heads: readonly QuantisedMlp[];
   readonly sections: Map<string, Uint8Array>;
 }
@@ -82,13 +83,13 @@ export function readSideInfo(bytes: Uint8Array, count: number): SideInfo {
   return { ...header, positions, position, stages, networks: found, heads, sections };
 }
 
-/** Places relative to the scene's extent are worked out in doubles, exactly as long as they are not this far away. */
+/** Throws if anchors are too far from the centre, where relative positions would no longer be exact in doubles. */
 function checkFar({ middle, spread }: Header, { origin }: Positions): void {
   const far = middle.some((value, a) => Math.abs(origin[a] - value) > MAX_FAR * spread[a]);
   if (far) throw new BitstreamError("side information: its anchors are too far away from the scene's middle");
 }
 
-/** Feature groups, which offsets exist and their scale, the base size, offsets: in the order of coding. */
+/** Returns the stages in coding order: feature groups, existing offsets with the scale, sizes, offsets. */
 function stagesOf({ groups, features, offsets }: Header): Stage[] {
   const stages: Stage[] = [];
   let first = 0;
@@ -108,7 +109,7 @@ function readHeader(bytes: Uint8Array): Header {
   const reader = new ByteReader(bytes, "side information header"),
     version = reader.u8();
   if (version !== VERSION)
-    throw new BitstreamError(`side information has version ${version}, this page reads ${VERSION}`);
+    throw new BitstreamError(`side information has version ${version}, this version reads ${VERSION}`);
   const offsets = reader.unsigned(),
     context = reader.unsigned(),
     numGroups = reader.unsigned();
@@ -136,6 +137,6 @@ function readHeader(bytes: Uint8Array): Header {
     within(centres, -MAX_CAUSAL_CENTRE, MAX_CAUSAL_CENTRE) &&
     within(spread, 1, MAX_PLACE) &&
     within(middle, -MAX_PLACE, MAX_PLACE);
-  if (!fine) throw new BitstreamError("side information: its header is impossible");
+  if (!fine) throw new BitstreamError("side information: a number of the header is out of range");
   return { groups, features, offsets, context, steps, voxelSize, logSteps, centres, middle, spread };
 }

@@ -1,4 +1,4 @@
-// Integer tables of the causal codec: entries of the scale table for spreads, and weights of existence.
+// Integer tables of the causal codec: scale table entries for spreads, and probabilities that offsets exist.
 
 const CELLS = 256;
 
@@ -10,10 +10,10 @@ export function exactExists(index: number): number {
   return 65536 / (1 + Math.exp((128 - index) / 16));
 }
 
-/** Sixteenths of an octave's linear mantissa by 256ths of its logarithm: floor(16 (2^(cell / 256) - 1)). */
+/** Mantissa in sixteenths for each 256th of an octave: floor(16 (2^(cell / 256) - 1)). */
 export const SIXTEENTHS = Int32Array.from({ length: CELLS }, (_, cell) => Math.floor(exactSixteenths(cell)));
 
-/** The logistic function at multiples of 1/16 from -8 on, out of 2^16, kept between 32 and 65504. */
+/** Logistic function at multiples of 1/16 from -8, out of 2^16, clamped to [32, 65504]. */
 export const EXISTS = Int32Array.from({ length: 256 }, (_, index) =>
   Math.min(Math.max(Math.round(exactExists(index)), 32), 65504),
 );
@@ -25,8 +25,8 @@ const EXP2_CELLS = 10,
   MAX_LOG = 60;
 
 /**
- * Powers of two from 1 to 2 at multiples of 1/1024, out of 2^40: by repeated square roots, for doubles round the last
- * bit as they like.
+ * Powers of two from 1 to 2 at multiples of 1/1024, out of 2^40. They are computed with integer square roots because
+ * the last bit of `Math.pow` depends on the machine.
  */
 export const POWERS = powers();
 
@@ -43,14 +43,17 @@ function powers(): Float64Array {
   });
 }
 
-/** Newton's method from above. */
+/** Newton's method for the integer square root, beginning above it. */
 function squareRoot(value: bigint): bigint {
   let root = 1n << BigInt(Math.ceil(value.toString(2).length / 2));
   for (let next = (root + value / root) >> 1n; next < root; next = (root + value / root) >> 1n) root = next;
   return root;
 }
 
-/** Two to the power of a logarithm with 24 fractional bits, a float of 32 bits: the same on every machine. */
+/**
+ * Returns two to the power of a logarithm with 24 fractional bits, as a 32-bit float. The result is the same on every
+ * machine.
+ */
 export function exactPower(log: number): number {
   const clipped = Math.min(Math.max(log, -MAX_LOG * 2 ** LOG_BITS), MAX_LOG * 2 ** LOG_BITS),
     whole = Math.floor(clipped / 2 ** LOG_BITS),
@@ -62,11 +65,11 @@ export function exactPower(log: number): number {
   );
 }
 
-/** Entry of the scale table for a binary logarithm with 16 fractional bits. */
+/** Returns the scale table entry for a binary logarithm with 16 fractional bits. */
 export function scaleOf(spread: number): number {
   const high = spread + 6 * 65536;
   return Math.min(Math.max((high >> 16) * 16 + SIXTEENTHS[(high >> 8) & 255], 0), 319);
 }
 
-/** How probable it is, out of 2^16, that an offset exists. */
+/** Returns the probability, out of 2^16, that an offset exists. */
 export const existsOf = (logit: number): number => EXISTS[Math.min(Math.max(((logit + 2048) >> 12) + 128, 0), 255)];

@@ -1,12 +1,12 @@
-// The first grid of a packet: in which cell each of its Gaussians lies, as the counts of a binary space partition.
+// Coarse grid of a packet: the cell of each Gaussian, stored as the counts of a binary space partition.
 
 import type { RangeDecoder } from "../../entropy/decoder.ts";
 import { decodeTree } from "../code_tree.ts";
 import { SLOT_BITS } from "./layout.ts";
 
 /**
- * Fills `cells` (3 each) with places of `depth` bits to an axis. A spread packet holds cells that agree, but for a few
- * bits, in the lowest bits of their Morton codes: these slots follow the tree of the other bits.
+ * Decodes cells, shape (count, 3), of `depth` bits per axis. In a spread packet the lowest bits of the Morton codes are
+ * nearly equal; these slots follow the tree of the other bits.
  */
 export function decodeCells(coder: RangeDecoder, models: Int32Array, cells: Int32Array, depth: number): void {
   const spread = coder.raw(1),
@@ -24,7 +24,7 @@ export function decodeCells(coder: RangeDecoder, models: Int32Array, cells: Int3
   }
 }
 
-/** The rest of a lone Gaussian's bits, as they are: at most 16 at a time, the high ones first. */
+/** Decodes the remaining bits of a single Gaussian uncoded, at most 16 at a time, high bits first. */
 function readBits(coder: RangeDecoder, prefix: Int32Array, bit: number, lowest: number): void {
   while (bit >= lowest) {
     const some = Math.min(bit - lowest + 1, 16),

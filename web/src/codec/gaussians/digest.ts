@@ -1,49 +1,125 @@
-// The digest of all decoded integers, which proves that both ends coded with the same tables.
+// Digest of all decoded integers. Equal digests prove that encoder and decoder used the same tables.
 
-import { sha256 } from "@noble/hashes/sha2.js";
-import { hex } from "../../bytes.ts";
 import type { Packet } from "../../packets/packet.ts";
-import type { Pause } from "../../turns.ts";
+import type { Pause } from "../../scheduler.ts";
+import { newSha256 } from "../../sha256.ts";
 import type { Decoded } from "./packet.ts";
 
 /**
- * Rows as 64-bit integers, then harmonics as 32-bit ones, block by block; `blocks` has the packets of each, in order.
+ * Verification of a stream while it is decoded, so that its digest needs no second pass; null for none until `digest`
+ * is called.
  */
-export async function symbolsDigest(
-  blocks: readonly (readonly Packet[])[],
-  pause: Pause,
-  decode: (packet: Packet) => Decoded,
-): Promise<string> {
-  const digest = sha256.create();
-  for (const block of blocks) {
-    const packets: Decoded[] = [];
-    for (const packet of block) {
-      await pause();
-      packets.push(decode(packet));
-    }
-    addRows(digest, packets);
+export type Verification = {
+  /** Memory for integers that are hashed later, bytes. */
+  readonly keptBytes: number;
+  /** Size of a file whose packets are decoded at once, so that all its Gaussians lie in the same arrays. */
+  readonly fileBytes?: number;
+} | null;
+
+/**
+ * Computes the digest block by block: rows as 64-bit integers, then harmonics as 32-bit integers. Packets that are
+ * added in the order of the plan, as those of a file, need not be decoded again. The same holds in any order as long as
+ * the integers of all packets take at most `keptBytes` bytes.
+ */
+export class SymbolsDigest {
+  #hash = newSha256();
+  /** Packets that are not hashed yet, and the bytes of their integers. */
+  #kept: { readonly packet: Packet; readonly decoded: Decoded }[] = [];
+  #bytes = 0;
+  /** True as long as packets were added in order. */
+  #inOrder = true;
+  /** Last lane and harmonics of the current block, and the number of packets of each block. */
+  #lane = -1;
+  #harmonics: Int32Array[] = [];
+  readonly #added: number[] = [];
+
+  constructor(readonly keptBytes = 0) {}
+
+  /** Adds a decoded packet. The integers may change afterwards only if `keptBytes` is 0. */
+  add(packet: Packet, decoded: Decoded): void {
+    if (!this.#inOrder) return;
+    this.#kept.push({ packet, decoded });
+    this.#bytes += decoded.rows.byteLength + decoded.harmonics.byteLength;
+    if (this.#bytes > this.keptBytes) this.#hashKept();
   }
-  return hex(digest.digest());
+
+  /** Hashes the kept packets in the order of the plan. */
+  #hashKept(): void {
+    this.#kept.sort(({ packet: a }, { packet: b }) => a.block - b.block || a.lane - b.lane);
+    for (const { packet, decoded } of this.#kept) this.#hashNext(packet, decoded);
+    this.#kept = [];
+    this.#bytes = 0;
+  }
+
+  #hashNext({ block, lane }: Packet, { rows, harmonics, integers }: Decoded): void {
+    while (this.#added.length <= block) this.#beginBlock();
+    this.#inOrder &&= this.#added.length === block + 1 && lane > this.#lane;
+    if (!this.#inOrder) return;
+    this.#lane = lane;
+    this.#added[block]++;
+    this.#hash.update(integers ?? integers64(rows));
+    if (harmonics.length) this.#harmonics.push(harmonics.slice());
+  }
+
+  #beginBlock(): void {
+    for (const harmonics of this.#harmonics) this.#hash.update(integers32(harmonics));
+    this.#harmonics = [];
+    this.#lane = -1;
+    this.#added.push(0);
+  }
+
+  /** Returns the digest. `blocks` has the packets of each block in order. */
+  async finish(
+    blocks: readonly (readonly Packet[])[],
+    pause: Pause,
+    decode: (packet: Packet) => Decoded,
+  ): Promise<string> {
+    this.#hashKept();
+    while (this.#added.length <= blocks.length) this.#beginBlock();
+    if (this.#inOrder && blocks.every((packets, block) => packets.length === this.#added[block]))
+      return this.#hash.hex();
+    this.#hash = newSha256();
+    for (const packets of blocks) {
+      const found: Decoded[] = [];
+      for (const packet of packets) {
+        await pause();
+        found.push(decode(packet));
+      }
+      addRows(this.#hash, found);
+    }
+    return this.#hash.hex();
+  }
 }
 
 /** Adds the integers of a block's packets: all rows, then all harmonics. */
 export function addRows(digest: { update(bytes: Uint8Array): unknown }, packets: readonly Decoded[]): void {
   for (const { rows } of packets) digest.update(integers64(rows));
-  for (const { harmonics } of packets) digest.update(integers32(harmonics));
+  for (const { harmonics } of packets) if (harmonics.length) digest.update(integers32(harmonics));
 }
 
-/** Little-endian bytes of 32-bit integers. */
+/** True if numbers are stored with the low byte first, as on all common processors. */
+const LITTLE_ENDIAN = new Uint8Array(Uint16Array.of(1).buffer)[0] === 1;
+
+/** Returns 32-bit integers as little-endian bytes. */
 export function integers32(values: Int32Array): Uint8Array {
+  if (LITTLE_ENDIAN) return new Uint8Array(values.buffer, values.byteOffset, values.byteLength);
   const bytes = new DataView(new ArrayBuffer(4 * values.length));
   values.forEach((value, i) => bytes.setInt32(4 * i, value, true));
   return new Uint8Array(bytes.buffer);
 }
 
+/** Memory for the halves of 64-bit integers, used again for every packet. */
+let room = new Int32Array();
+
+/** Returns 64-bit integers as little-endian bytes, until the next call. */
 function integers64(values: Float64Array): Uint8Array {
-  const bytes = new DataView(new ArrayBuffer(8 * values.length));
-  values.forEach((value, i) => {
-    bytes.setUint32(8 * i, value - Math.floor(value / 2 ** 32) * 2 ** 32, true);
-    bytes.setInt32(8 * i + 4, Math.floor(value / 2 ** 32), true);
-  });
-  return new Uint8Array(bytes.buffer);
+  if (room.length < 2 * values.length) room = new Int32Array(2 * values.length);
+  const halves = room.subarray(0, 2 * values.length);
+  for (let i = 0; i < values.length; i++) {
+    const value = values[i],
+      low = value | 0; // the low 32 bits also of larger integers
+    halves[2 * i] = low;
+    halves[2 * i + 1] = low === value ? low >> 31 : Math.floor(value / 2 ** 32);
+  }
+  return integers32(halves);
 }

@@ -1,10 +1,9 @@
-// Numbers of the harmonics of one Gaussian, three channels of one after another; most are 0, and what came before is
-// the context.
+// Spherical harmonics of a Gaussian, three channels per coefficient. Most are 0; the earlier ones are the context.
 
 import type { RangeDecoder } from "../../entropy/decoder.ts";
 import { FIRST_HARMONIC, FIRST_MAGNITUDE, MAX_HARMONIC, MAX_RESIDUAL } from "./layout.ts";
 
-/** Least running magnitude, in sixteenths, of each context but the first. */
+/** Lower bounds of the running magnitude, in sixteenths, for contexts 1 to 7. */
 const RUNNING = Int32Array.of(2, 6, 13, 24, 42, 74, 135);
 
 export function decodeHarmonics(

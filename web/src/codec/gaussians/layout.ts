@@ -1,44 +1,41 @@
-// Numbers that encoder and decoder share: the twin of `splatwire.codec.schemas.gaussians.layout`.
+// Made by web/scripts/make_tables.py; do not edit.
 
-export const BITS = 12,
-  DIRECTION_BITS = 14,
-  STEP_BITS = 6;
-export const ONE = 1 << DIRECTION_BITS;
+// Constants of the Gaussian codec. Counterpart of `splatwire.codec.gaussians.layout`, which describes them.
 
-/** Columns of a decoded Gaussian. */
-export const LATTICE = 0,
-  CLASS = 3,
-  OPACITY = 4,
-  SCALE0 = 5,
-  SCALE1 = 6,
-  SCALE2 = 7,
-  AXIS = 8,
-  PRIMARY = 11;
-export const SPIN_BITS = 12,
-  SPIN = 13,
-  LUMA = 14,
-  COLUMNS = 17;
-
-export const STREAMS = 8,
-  SPREADS = 12,
-  SECONDS = 16;
-
-/** What has a step of its own, in the order of the side information. */
-export const S_OPACITY = 0,
-  S_SCALE0 = 1,
-  S_SCALE1 = 2,
-  S_SCALE2 = 3,
-  S_POSITION = 4,
-  S_DIRECTION = 5,
-  S_SPIN = 6;
-export const S_COLOUR = 7,
-  S_HARMONICS = 8,
-  STEPS = 9;
-
-/**
- * Octaves (out of 64) by which a step is finer for each octave of log2 s0 + log2 s1, log2 s0/s1, log2 s1/s2, log2
- * opacity.
- */
+export const BITS = 12;
+export const DIRECTION_BITS = 14;
+export const STEP_BITS = 6;
+export const LATTICE = 0;
+export const CLASS = 3;
+export const OPACITY = 4;
+export const SCALE0 = 5;
+export const SCALE1 = 6;
+export const SCALE2 = 7;
+export const AXIS = 8;
+export const PRIMARY = 11;
+export const SPIN_BITS = 12;
+export const SPIN = 13;
+export const LUMA = 14;
+export const COLUMNS = 17;
+export const STREAMS = 8;
+export const R_OPACITY = 0;
+export const R_SCALE0 = 1;
+export const R_SCALE1 = 2;
+export const R_SCALE2 = 3;
+export const R_DIRECTION = 4;
+export const R_LUMA = 5;
+export const SPREADS = 12;
+export const SECONDS = 16;
+export const STEPS = 9;
+export const S_OPACITY = 0;
+export const S_SCALE0 = 1;
+export const S_SCALE1 = 2;
+export const S_SCALE2 = 3;
+export const S_POSITION = 4;
+export const S_DIRECTION = 5;
+export const S_SPIN = 6;
+export const S_COLOUR = 7;
+export const S_HARMONICS = 8;
 export const COEFFICIENTS = [
   [0, 0, 0, 0],
   [16, 0, 0, 13],
@@ -50,27 +47,32 @@ export const COEFFICIENTS = [
   [0, 0, 0, 0],
   [0, 0, 0, 0],
 ];
-
-export const FIRST_CLASS = 32,
-  FIRST_HARMONIC = FIRST_CLASS + 18 * 8,
-  FIRST_MAGNITUDE = FIRST_HARMONIC + 8 + 64;
-export const NUM_CONTEXTS = FIRST_MAGNITUDE + 24;
-export const NUM_NEIGHBOURS = 6,
-  WINDOW = 64;
-/** Squared distances of neighbours end here: they times 2^12 are exact in a double, too. */
-export const FAR = 2 ** 40;
-export const MAX_LOG = 40 << BITS,
-  MAX_OPACITY = -1,
-  MIN_OPACITY = -(10 << BITS),
-  MAX_COLOUR = 1 << (BITS + 8);
-export const MAX_HARMONIC = 1 << 24,
-  MAX_RESIDUAL = 1 << 24,
-  MAX_THIN = 5903;
-export const WIDE = 24,
-  NARROW_WEIGHT = 45875,
-  SCALE_UNIT = 4;
-export const MAX_LATTICE_BITS = 40,
-  MAX_CELL_BITS = 21,
-  BOX_BITS = 8,
-  SLOT_BITS = 8,
-  TRANSFORM_UNIT = 127;
+export const MAX_CLASSES = 8;
+export const POSITION_CONTEXTS = 32;
+export const CLASS_CONTEXTS = 144;
+export const HARMONIC_CONTEXTS = 96;
+export const FIRST_CLASS = 32;
+export const FIRST_HARMONIC = 176;
+export const FIRST_MAGNITUDE = 248;
+export const NUM_CONTEXTS = 272;
+export const NUM_NEIGHBOURS = 6;
+export const WINDOW = 64;
+export const FAR = 1099511627776;
+export const MAX_LOG = 163840;
+export const MAX_OPACITY = -1;
+export const MIN_OPACITY = -40960;
+export const MAX_COLOUR = 1048576;
+export const MAX_HARMONIC = 16777216;
+export const TRANSFORM_UNIT = 127;
+export const MAX_RESIDUAL = 16777216;
+export const MAX_THIN = 5903;
+export const MAX_THINNESS = 10;
+export const WIDE = 24;
+export const NARROW_WEIGHT = 45875;
+export const SCALE_UNIT = 4;
+export const EIGHTHS = 3;
+export const SLOT_BITS = 8;
+export const MAX_LATTICE_BITS = 40;
+export const MAX_CELL_BITS = 21;
+export const ONE = 16384;
+export const BOX_BITS = 8;

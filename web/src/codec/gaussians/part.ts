@@ -1,7 +1,7 @@
-// A packet of explicit Gaussians, decoded.
+// Decoded packet of explicit Gaussians.
 
 import type { Packet } from "../../packets/packet.ts";
-import type { Part, Seen } from "../part.ts";
+import type { Part, ViewGaussians } from "../part.ts";
 import type { Splats } from "../splats.ts";
 
 export class GaussianPart implements Part {
@@ -19,7 +19,7 @@ export class GaussianPart implements Part {
     return this.splats.count;
   }
 
-  seen(): Seen {
+  seen(): ViewGaussians {
     return { splats: this.splats, owners: null };
   }
 }

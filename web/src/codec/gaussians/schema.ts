@@ -1,42 +1,60 @@
-// Explicit Gaussians: every camera sees the same.
+// Explicit Gaussians, which do not depend on the camera.
 
-import { type Concealer, grown, SPLAT_CONCEALERS } from "../../conceal/conceal.ts";
+import { type Concealer, fromElements, SPLAT_CONCEALERS } from "../../conceal/conceal.ts";
 import type { Elements } from "../../conceal/elements.ts";
 import { sceneFree } from "../../conceal/scene_free.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
-import type { Pause } from "../../turns.ts";
-import { LOOKED_AT_BYTES } from "../memory.ts";
+import type { Pause } from "../../scheduler.ts";
+import { allowedMemory, CONCEALMENT_BYTES } from "../memory.ts";
 import type { Copies } from "../part.ts";
-import type { Schema } from "../schema.ts";
-import { chosen, splatBytes } from "../splats.ts";
-import { type GaussianCopies, readCopies } from "./copies.ts";
-import { symbolsDigest } from "./digest.ts";
-import { expectedElements } from "./expected.ts";
-import { PacketDecoder } from "./packet.ts";
+import type { DecodedPacket, Schema } from "../schema.ts";
+import { emptySplats, type Splats, selectSplats, splatBytes, subSplats } from "../splats.ts";
+import { SymbolsDigest, type Verification } from "./digest.ts";
+import { FastPackets } from "./native.ts";
+import type { Decoded, GaussianPackets } from "./packet.ts";
 import { GaussianPart } from "./part.ts";
+import { predictedElements } from "./predicted.ts";
+import { type RedundantGaussians, readRedundantGaussians } from "./redundant_copies.ts";
 import { readSideInfo, type SideInfo } from "./side_info.ts";
 import { toSplats } from "./to_splats.ts";
 
 export class GaussianSchema implements Schema<GaussianPart> {
-  readonly lookedAtBytes = LOOKED_AT_BYTES;
+  readonly concealmentBytes = CONCEALMENT_BYTES;
   readonly tiling = null;
   readonly viewDependent = false;
   readonly moving = null;
   readonly middle = null;
   readonly concealers: Readonly<Record<string, Concealer>>;
   readonly info: SideInfo;
-  readonly #packets: PacketDecoder;
-  #copies: GaussianCopies | null = null;
+  readonly #packets: GaussianPackets;
+  readonly #keptBytes: number;
+  #copies: RedundantGaussians | null = null;
+  /** Digest of the packets decoded so far; null if it is only computed on demand. */
+  #digest: SymbolsDigest | null;
+  /**
+   * Arrays of all Gaussians of a file, which packets fill one after another, and the number of Gaussians so far. Null
+   * if packets are decoded as they arrive.
+   */
+  readonly #room: Splats | null;
+  #filled = 0;
 
+  /** `fileBytes`: see `StreamDecoder`. */
   constructor(
     sideInfo: Uint8Array,
     readonly plan: Plan,
+    verify: Verification = null,
   ) {
+    const fileBytes = verify?.fileBytes ?? 0;
+    this.#keptBytes = verify?.keptBytes ?? 0;
+    this.#digest = verify && new SymbolsDigest(this.#keptBytes);
     this.info = readSideInfo(sideInfo, plan.numBlocks);
-    this.#packets = new PacketDecoder(this.info);
-    if (this.info.sections.has("sketch")) this.#readCopies(); // damaged ones are refused at once, as Python does
-    const sketch = grown((elements, pause) => sceneFree(elements, pause, this.#readCopies().growth));
+    const { count } = plan.manifest,
+      fits = fileBytes > 0 && count * splatBytes(this.degree) <= allowedMemory(fileBytes);
+    this.#room = fits ? emptySplats(count, this.degree) : null;
+    this.#packets = new FastPackets(this.info);
+    if (this.info.sections.has("sketch")) this.#readCopies(); // throws at once if they are damaged, as Python does
+    const sketch = fromElements((elements, pause) => sceneFree(elements, pause, this.#readCopies().growth));
     this.concealers = this.info.sections.has("sketch") ? { ...SPLAT_CONCEALERS, sketch } : SPLAT_CONCEALERS;
   }
 
@@ -57,12 +75,39 @@ export class GaussianSchema implements Schema<GaussianPart> {
   }
 
   read(packet: Packet): GaussianPart {
-    const splats = toSplats(this.#packets.decode(packet.payload, packet.block, packet.count), this.info, packet.block);
+    const symbols = this.#decode(packet, !this.#keptBytes);
+    return this.accept(packet, {
+      symbols,
+      splats: toSplats(symbols, this.info, packet.block, this.#roomFor(packet.count)),
+    });
+  }
+
+  decode(packet: Packet): DecodedPacket {
+    const symbols = this.#decode(packet);
+    return { symbols, splats: toSplats(symbols, this.info, packet.block) };
+  }
+
+  accept(packet: Packet, { symbols, splats }: DecodedPacket): GaussianPart {
+    this.#digest?.add(packet, symbols);
     return new GaussianPart(packet, splats, () => this.plan.members(packet));
   }
 
+  /** Returns zeros for the Gaussians of the next packet. */
+  #roomFor(count: number): Splats {
+    const first = this.#filled;
+    if (!this.#room || first + count > this.#room.count) return emptySplats(count, this.degree);
+    this.#filled += count;
+    return subSplats(this.#room, first, count);
+  }
+
   digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string> {
-    return symbolsDigest(blocks, pause, (packet) => this.#packets.decode(packet.payload, packet.block, packet.count));
+    const digest = this.#digest ?? new SymbolsDigest();
+    this.#digest = null;
+    return digest.finish(blocks, pause, (packet) => this.#decode(packet));
+  }
+
+  #decode({ payload, block, count }: Packet, brief = false): Decoded {
+    return this.#packets.decode(payload, block, count, brief);
   }
 
   copies(): Promise<Copies<GaussianPart>> {
@@ -70,15 +115,19 @@ export class GaussianSchema implements Schema<GaussianPart> {
       some = (which: Int32Array): Int32Array => which.map((n) => places[n]);
     return Promise.resolve({
       part: new GaussianPart(null, splats, () => places),
-      chosen: (which) => new GaussianPart(null, chosen(splats, which), () => some(which)),
+      select: (which) => new GaussianPart(null, selectSplats(splats, which), () => some(which)),
     });
   }
 
-  #readCopies(): GaussianCopies {
-    return (this.#copies ??= readCopies(this.info.sections.get("sketch")!, this.info, this.plan.manifest.count));
+  #readCopies(): RedundantGaussians {
+    return (this.#copies ??= readRedundantGaussians(
+      this.info.sections.get("sketch")!,
+      this.info,
+      this.plan.manifest.count,
+    ));
   }
 
   elements(parts: readonly GaussianPart[]): Promise<Elements> {
-    return Promise.resolve(expectedElements(this.info, this.plan, parts));
+    return Promise.resolve(predictedElements(this.info, this.plan, parts));
   }
 }

@@ -22,38 +22,38 @@ import {
 
 const VERSION = 3,
   DEFAULTS = 7;
-/** Version whose integers are whole steps from what neighbours in the same packet make expect. */
+/** Version with integers in whole steps from the prediction by neighbours in the same packet. */
 const RELATIVE = 2;
 
 export interface SideInfo {
   readonly degree: number;
-  /** Coefficients of all channels but those of degree 0. */
+  /** Coefficients of degree 1 and above, all channels. */
   readonly numHarmonics: number;
   readonly sizeLog: number;
   readonly unit: number;
   readonly bases: Int32Array;
-  /**
-   * log2 of the largest cell of a place, in lattice units: integers are multiples of their own steps; -1 in streams of
-   * version 2, whose integers depend on packets.
-   */
+  /** log2 of the largest position step in lattice units; -1 in version 2, where values are relative to predictions. */
   readonly coarsest: number;
-  /** K x K, out of `TRANSFORM_UNIT`: row k says what the k-th number of a channel adds to its K harmonics. */
+  /**
+   * Transform, shape (K, K), out of `TRANSFORM_UNIT`. Row k is the contribution of a channel's k-th number to its K
+   * harmonics.
+   */
   readonly transform: Int8Array;
   readonly boxes: Boxes;
-  /** Means of each block in fixed point, 7 each: opacity, three of scales, Y Co Cg. */
+  /** Means of each block in fixed point, shape (blocks, 7): opacity, three of scales, Y Co Cg. */
   readonly defaults: Int32Array;
-  /** Initial adaptive models of every packet, two each. */
+  /** Initial state of the adaptive models of each packet, two estimates per context. */
   readonly models: Int32Array;
-  /** Narrow scale of each residual, an entry of the scale table: streams, spreads, seconds. */
+  /** Scale table entries of the narrow components of residuals, by stream, spread and second context. */
   readonly scales: Int32Array;
   readonly sections: Map<string, Uint8Array>;
 }
 
 export interface Boxes {
   readonly shifts: Int32Array;
-  /** Lower corners in lattice units, 3 each. */
+  /** Lower corners in lattice units, shape (blocks, 3). */
   readonly corners: Float64Array;
-  /** Sides in units of `2^shift`, less one, 3 each. */
+  /** Sides minus one in units of `2^shift`, shape (blocks, 3). */
   readonly extents: Uint8Array;
   /** Bits of a coordinate within each box. */
   readonly bits: Int32Array;
@@ -80,7 +80,7 @@ function readHeader(
   const reader = new ByteReader(bytes, "side information header"),
     version = reader.u8();
   if (version !== RELATIVE && version !== VERSION)
-    throw new BitstreamError(`side information has version ${version}, this page reads ${RELATIVE} and ${VERSION}`);
+    throw new BitstreamError(`side information has version ${version}, this version reads ${RELATIVE} and ${VERSION}`);
   const degree = reader.u8(),
     sizeLog = reader.signed(),
     unit = reader.signed();
@@ -96,14 +96,14 @@ function readHeader(
     coarsest > MAX_LATTICE_BITS ||
     bases.some((base) => Math.abs(base) > 64 << STEP_BITS)
   ) {
-    throw new BitstreamError("side information: its header is impossible");
+    throw new BitstreamError("side information: a number of the header is out of range");
   }
   if (transform.length !== side * side)
     throw new BitstreamError(`side information: a transform of ${transform.length} entries, not ${side * side}`);
   return { degree, sizeLog, unit, bases: Int32Array.from(bases), coarsest, transform };
 }
 
-/** Boxes and means of blocks. */
+/** Reads the boxes and means of blocks. */
 export function readBlocks(bytes: Uint8Array, numBlocks: number): Pick<SideInfo, "boxes" | "defaults"> {
   const reader = new ByteReader(bytes, "side information blocks");
   if (numBlocks * 7 > bytes.length)
@@ -120,7 +120,7 @@ export function readBlocks(bytes: Uint8Array, numBlocks: number): Pick<SideInfo,
     for (let a = 0; a < 3; a++) extents[3 * block + a] = reader.u8();
     const far = corners.subarray(3 * block, 3 * block + 3).some((corner) => Math.abs(corner) > 2 ** MAX_LATTICE_BITS);
     if (shift > MAX_LATTICE_BITS - BOX_BITS || far)
-      throw new BitstreamError("side information: a block's box is impossible");
+      throw new BitstreamError("side information: the box of a block is out of range");
     bits[block] = shift + 32 - Math.clz32(Math.max(...extents.subarray(3 * block, 3 * block + 3)));
   }
   for (let c = 0; c < DEFAULTS; c++) {

@@ -1,20 +1,27 @@
-// Steps in which Gaussians are quantised: what they are, and what moves of them.
+// Quantisation steps of Gaussians and of motion.
 
 import { BITS, COEFFICIENTS, STEP_BITS } from "./layout.ts";
 
 const C = Int32Array.from(COEFFICIENTS.flat());
 
+/** Returns the base exponent of each step and class, including the rounding term. */
+export function stepBases(bases: Int32Array): Int32Array {
+  return Int32Array.from({ length: 8 * bases.length }, (_, i) => {
+    return (bases[i >> 3] + (i & 7) * 2 ** STEP_BITS) * 2 ** BITS + 2 ** (BITS + STEP_BITS - 1);
+  });
+}
+
 export class Steps {
-  /** Of each step and class, with what rounds. */
   readonly #bases: Int32Array;
 
   constructor(bases: Int32Array) {
-    this.#bases = Int32Array.from({ length: 8 * bases.length }, (_, i) => {
-      return (bases[i >> 3] + (i & 7) * 2 ** STEP_BITS) * 2 ** BITS + 2 ** (BITS + STEP_BITS - 1);
-    });
+    this.#bases = stepBases(bases);
   }
 
-  /** `-log2` of a step, rounded: finer with the class, and as `COEFFICIENTS` says. */
+  /**
+   * Returns `-log2` of a step, rounded. It grows with the class and with the scales and opacity, as `COEFFICIENTS`
+   * defines.
+   */
   exponent(which: number, level: number, area: number, long: number, thin: number, opacity: number): number {
     const c = 4 * which;
     return (
@@ -23,7 +30,7 @@ export class Steps {
     );
   }
 
-  /** log2 of a step in units of the fixed point, from 0 to `most`. */
+  /** Returns log2 of a step in fixed-point units, 0 to `most`. */
   shift(which: number, level: number, area: number, long: number, thin: number, opacity: number, most: number): number {
     return Math.min(Math.max(BITS - this.exponent(which, level, area, long, thin, opacity), 0), most);
   }

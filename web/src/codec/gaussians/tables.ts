@@ -1,10 +1,10 @@
-// Integer tables of the Gaussians' codec.
+// Integer tables of the codec of explicit Gaussians.
 
 import { BITS, MAX_THIN } from "./layout.ts";
 
 /**
- * Logarithm r of a ratio of scales for companded values t = (1 - 2^-r) / ln 2. No entry but the first lies nearer than
- * 1e-5 to where rounding up changes (a test says so), a billion times the error of a double.
+ * Log ratio r of scales for companded values t = (1 - 2^-r) / ln 2. Every entry but the first is at least 1e-5 from a
+ * rounding boundary (tested), a billion times the error of a double.
  */
 export const THINNESS = Int32Array.from({ length: MAX_THIN + 1 }, (_, t) => (t ? Math.ceil(exactThinness(t)) : 0));
 

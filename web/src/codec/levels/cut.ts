@@ -1,37 +1,38 @@
-// Which tiles a view shows, and which it needs next: the twin of `splatwire.packets.view`.
+// Selection of the tiles that a view shows and needs next. Counterpart of `splatwire.bitstream.view`.
 
 import type { Camera } from "../../model/camera.ts";
-import { eyeOf } from "../../model/camera.ts";
+import { cameraPosition } from "../../model/camera.ts";
 import type { Tiles } from "./tiles.ts";
 
-/** Gaussians that a view shows at most. */
+/** Largest number of Gaussians in a view. */
 export const BUDGET = 1_000_000;
-/** Pixels by which centres may be off: finer tiles are not worth their bytes. */
-const FINE_ENOUGH = 0.48;
-/** What the error of a tile counts for that is not in the picture: somebody may turn. */
-const BEHIND = 0.05;
-/** Least distance of a tile, relative to its diagonal. */
-const NEAREST = 0.02;
+/** Screen-space error, pixels, below which finer tiles are not selected. */
+const MIN_SCREEN_ERROR = 0.48;
+/** Weight of the error of tiles outside the picture. It is above 0 because the camera may turn. */
+const OUTSIDE_WEIGHT = 0.05;
+/** Smallest distance of a tile, as a multiple of its half diagonal. */
+const MIN_DISTANCE_RATIO = 0.02;
 
 export type Look = Pick<Camera, "viewmat" | "focal" | "width" | "height">;
 
 export interface Cut {
   /**
-   * Tiles to draw, ascending, with each the coarser ones above it; of those what stands for tiles that are drawn is
-   * left out.
+   * Tiles to draw, ascending, together with their coarser ancestors. The Gaussians of an ancestor that represent drawn
+   * tiles are skipped.
    */
   readonly drawn: readonly number[];
-  /** Tiles that are not there, the most useful first. */
+  /** Selected tiles that are not received completely, most useful first. */
   readonly wanted: readonly number[];
 }
 
 /**
- * How far centres are off on the screen where a tile is not drawn, pixels, and what it brings for a byte: what it
- * covers of the picture. In the picture that is a rectangle, for which a box is as deep as it is far away or deeper;
- * elsewhere the mean over all directions. Without a look both are errors in world units; of the coarsest level
- * infinite, nothing stands for it.
+ * Returns the screen-space error without a tile, pixels, and the tile's usefulness: covered area per byte.
+ *
+ * For tiles in the picture, the area is that of the bounding rectangle. For others it is the mean over all directions.
+ * Without a camera both values are the error in world units. The coarsest level has an infinite error because nothing
+ * replaces it.
  */
-function worth(tiles: Tiles, tile: number, look: Look | null, eye: readonly number[]): [number, number] {
+function tileUtility(tiles: Tiles, tile: number, look: Look | null, eye: readonly number[]): [number, number] {
   const parent = tiles.parents[tile],
     error = parent < 0 ? Infinity : tiles.errors[parent];
   if (!look) return [error, error];
@@ -45,7 +46,7 @@ function worth(tiles: Tiles, tile: number, look: Look | null, eye: readonly numb
     half[a] = (high - low) / 2;
     outside[a] = Math.max(Math.abs(eye[a] - middle[a]) - half[a], 0);
   }
-  const distance = Math.max(length(outside), Math.max(2 * NEAREST * length(half), 1e-9)),
+  const distance = Math.max(length(outside), Math.max(2 * MIN_DISTANCE_RATIO * length(half), 1e-9)),
     place = look.viewmat.map((row) => row[0] * middle[0] + row[1] * middle[1] + row[2] * middle[2] + row[3]),
     reach = look.viewmat.map(
       (row) => Math.abs(row[0]) * half[0] + Math.abs(row[1]) * half[1] + Math.abs(row[2]) * half[2],
@@ -63,7 +64,7 @@ function worth(tiles: Tiles, tile: number, look: Look | null, eye: readonly numb
   }
   const [a, b, c] = half,
     scale = look.focal / distance,
-    counts = seen ? 1 : BEHIND;
+    counts = seen ? 1 : OUTSIDE_WEIGHT;
   if (!seen) covered = Math.min(2 * (a * b + b * c + c * a) * scale * scale, look.width * look.height);
   const size = Math.max(tiles.offsets[tile + 1] - tiles.offsets[tile], 1);
   return [((error * look.focal) / distance) * counts, parent < 0 ? Infinity : (covered * counts) / size];
@@ -72,8 +73,9 @@ function worth(tiles: Tiles, tile: number, look: Look | null, eye: readonly numb
 const length = ([x, y, z]: readonly number[]): number => Math.sqrt(x * x + y * y + z * z);
 
 /**
- * Takes what is most useful for a byte, until the budget is spent or the error is small everywhere. An infinite budget
- * takes every tile. Tiles can be drawn before all of them is there.
+ * Selects tiles by usefulness until the budget is spent or all errors are small.
+ *
+ * An infinite budget selects every tile. `there` is true for complete tiles, `drawable` for tiles with enough packets.
  */
 export function cutOf(
   tiles: Tiles,
@@ -82,7 +84,7 @@ export function cutOf(
   budget = BUDGET,
   drawable = there,
 ): Cut {
-  const chosen = chosenTiles(tiles, look, budget),
+  const chosen = selectedTiles(tiles, look, budget),
     real = new Uint8Array(tiles.count),
     drawn: number[] = [],
     wanted: number[] = [];
@@ -92,23 +94,23 @@ export function cutOf(
   }
   for (let tile = 0; tile < tiles.count; tile++) {
     const parent = tiles.parents[tile];
-    if (parent >= 0 && !real[parent]) real[tile] = 0; // coarser tiles come before finer ones
+    if (parent >= 0 && !real[parent]) real[tile] = 0; // coarser tiles have smaller indices
     if (real[tile]) drawn.push(tile);
   }
   return { drawn, wanted };
 }
 
-/** Tiles that are shown or wanted, the most useful first: no tile before what stands for it. */
-function chosenTiles(tiles: Tiles, look: Look | null, budget: number): number[] {
+/** Returns the selected tiles, most useful first. A coarser tile precedes its children. */
+function selectedTiles(tiles: Tiles, look: Look | null, budget: number): number[] {
   if (budget === Infinity) return Array.from({ length: tiles.count }, (_, tile) => tile);
   const { count, parents, gaussians } = tiles,
-    eye = look ? eyeOf(look) : [],
-    least = look ? FINE_ENOUGH : 0,
+    eye = look ? cameraPosition(look) : [],
+    least = look ? MIN_SCREEN_ERROR : 0,
     errors = new Float64Array(count),
     useful = new Float64Array(count),
     some: number[] = [];
   for (let tile = 0; tile < count; tile++) {
-    const [error, use] = worth(tiles, tile, look, eye),
+    const [error, use] = tileUtility(tiles, tile, look, eye),
       parent = parents[tile];
     errors[tile] = parent < 0 ? error : Math.min(error, errors[parent]);
     useful[tile] = parent < 0 ? use : Math.min(use, useful[parent]);
@@ -120,8 +122,8 @@ function chosenTiles(tiles: Tiles, look: Look | null, budget: number): number[] 
   return end < 0 ? some : some.slice(0, end);
 }
 
-/** Which finer tile below a tile each of its Gaussians stands for, the one whose box is nearest; -1 for none. */
-export function standsFor({ children, low, high }: Tiles, tile: number, means: Float32Array): Int32Array {
+/** Returns, for each Gaussian of a tile, the child tile with the nearest box; -1 if the tile has no children. */
+export function assignToChildren({ children, low, high }: Tiles, tile: number, means: Float32Array): Int32Array {
   const finer = children[tile];
   return Int32Array.from({ length: means.length / 3 }, (_, n) => {
     let best = -1,

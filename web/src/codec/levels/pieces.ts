@@ -1,18 +1,21 @@
-// What of a scene with levels comes and goes as one: a finest tile, or those Gaussians of a coarser one that stand for
-// one of its finer tiles.
+// Drawing units of scenes with levels: a finest tile, or the Gaussians of a coarser tile that represent one of its
+// children.
 
 import type { Cut } from "./cut.ts";
 import type { Tiles } from "./tiles.ts";
 
-/** One of them: Gaussians of a tile, all or those that stand for a finer one. */
+/** A drawing unit: all Gaussians of `tile` if `instead` is null, otherwise those that represent the child `instead`. */
 export interface Piece {
   readonly tile: number;
   readonly instead: number | null;
 }
 
-/** Their numbers: that of the finer tile that it stands for, or that of a finest tile behind all of those. */
+/**
+ * Numbering of the drawing units. Unit n below the number of tiles represents tile n; unit count + n is the finest tile
+ * n.
+ */
 export class Pieces {
-  /** The coarser piece that each takes the place of, -1 for none. */
+  /** The coarser unit that each unit replaces; -1 if there is none. */
   readonly parents: Int32Array;
 
   constructor(readonly tiles: Tiles) {
@@ -30,7 +33,7 @@ export class Pieces {
     return piece < count ? { tile: parents[piece], instead: piece } : { tile: piece - count, instead: null };
   }
 
-  /** Those that a cut draws: together they are the whole scene, as far as it is there. */
+  /** Returns the units that a cut draws. Their union is the received scene, without overlap. */
   drawn({ drawn }: Cut): number[] {
     const { count, children } = this.tiles,
       all = new Set(drawn);

@@ -1,27 +1,30 @@
-// Gaussians in levels: what is drawn depends on where somebody looks from, and on what is there.
+// Gaussians in levels of detail. The drawn tiles depend on the view and on the received packets.
 
 import { CONCEALERS } from "../../conceal/conceal.ts";
 import type { Camera } from "../../model/camera.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
-import type { Pause } from "../../turns.ts";
+import type { Pause } from "../../scheduler.ts";
 import { GaussianSchema } from "../gaussians/schema.ts";
-import { LOOKED_AT_BYTES } from "../memory.ts";
-import type { Copies, Part, Seen } from "../part.ts";
+import { CONCEALMENT_BYTES } from "../memory.ts";
+import type { Copies, Part, ViewGaussians } from "../part.ts";
 import type { Schema } from "../schema.ts";
-import { chosen, emptySplats, type Splats } from "../splats.ts";
-import { BUDGET, type Cut, cutOf, standsFor } from "./cut.ts";
+import { emptySplats, type Splats, selectSplats } from "../splats.ts";
+import { assignToChildren, BUDGET, type Cut, cutOf } from "./cut.ts";
 import { Pieces } from "./pieces.ts";
 import { readTiles, type Tiles } from "./tiles.ts";
 import type { Tiling } from "./tiling.ts";
 
-/** Share of a tile's packets with which it is drawn: they lie evenly over it, and what is lost comes again. */
-const MOST = 0.75;
+/**
+ * Share of a tile's packets needed to draw it. Packets are spread evenly over the tile, and missing ones are sent
+ * again.
+ */
+const DRAWABLE_SHARE = 0.75;
 
-/** A packet; decoded when it is drawn, and forgotten when it is not any more. */
+/** One packet. It is decoded when drawn and released afterwards. */
 class LevelPart implements Part {
   #splats: Splats | null = null;
-  #instead: Int32Array | null = null;
+  #childOf: Int32Array | null = null;
 
   constructor(
     readonly packet: Packet,
@@ -36,56 +39,58 @@ class LevelPart implements Part {
     return this.schema.gaussians.plan.members(this.packet);
   }
 
-  /** Which of its Gaussians stand for a finer tile; all where there is none. */
+  /** Returns the indices of the Gaussians that represent a child tile; all if `instead` is null. */
   which(instead: number | null, splats?: Splats): Int32Array {
     const all = Int32Array.from({ length: this.count }, (_, n) => n);
     if (instead === null) return all;
     const { tiles } = this.schema;
-    this.#instead ??= standsFor(tiles, this.packet.block, (splats ?? this.decoded()).means);
-    return all.filter((n) => this.#instead![n] === instead);
+    this.#childOf ??= assignToChildren(tiles, this.packet.block, (splats ?? this.decoded()).means);
+    return all.filter((n) => this.#childOf![n] === instead);
   }
 
   decoded(): Splats {
     return this.schema.gaussians.read(this.packet).splats;
   }
 
-  seen(): Seen {
-    const drawn = this.schema.drawnOf(this.packet.block);
+  seen(): ViewGaussians {
+    const drawn = this.schema.drawnChildren(this.packet.block);
     if (!drawn.length) {
       this.#splats = null;
-      return { splats: this.schema.none, owners: new Int32Array() };
+      return { splats: this.schema.noGaussians, owners: new Int32Array() };
     }
     const splats = (this.#splats ??= this.decoded()),
       owners = Int32Array.from(drawn.flatMap((instead) => [...this.which(instead, splats)]));
-    return { splats: owners.length === this.count ? splats : chosen(splats, owners), owners };
+    return { splats: owners.length === this.count ? splats : selectSplats(splats, owners), owners };
   }
 }
 
 export class LevelSchema implements Schema<LevelPart>, Tiling {
-  readonly lookedAtBytes = LOOKED_AT_BYTES;
+  readonly concealmentBytes = CONCEALMENT_BYTES;
   readonly tiling = this;
   readonly viewDependent = true;
   readonly moving = null;
-  /** Losses are hidden by coarser tiles: a finer one is drawn when most of it is there. */
+  /**
+   * Coarser tiles replace lost ones: a tile is drawn once most of it was received. No further concealment is needed.
+   */
   readonly concealers = { drop: CONCEALERS.drop };
   readonly gaussians: GaussianSchema;
   readonly tiles: Tiles;
-  readonly none: Splats;
-  readonly #came: Int32Array;
+  readonly noGaussians: Splats;
+  readonly #receivedPackets: Int32Array;
   readonly #parts: LevelPart[][];
   readonly pieces: Pieces;
   #cut: Cut = { drawn: [], wanted: [] };
   #drawn = new Set<number>();
-  /** The last coarser tile that was decoded: its pieces are asked for one after another. */
-  #recent: { readonly tile: number; readonly splats: readonly Splats[] } | null = null;
+  /** The coarser tile decoded last, cached because its units are requested one after another. */
+  #cachedTile: { readonly tile: number; readonly splats: readonly Splats[] } | null = null;
 
   constructor(sideInfo: Uint8Array, plan: Plan) {
     this.gaussians = new GaussianSchema(sideInfo, plan);
     this.tiles = readTiles(this.gaussians.info, plan);
     this.pieces = new Pieces(this.tiles);
-    this.#came = new Int32Array(this.tiles.count);
+    this.#receivedPackets = new Int32Array(this.tiles.count);
     this.#parts = Array.from({ length: this.tiles.count }, () => []);
-    this.none = emptySplats(0, this.degree);
+    this.noGaussians = emptySplats(0, this.degree);
     this.look(null);
   }
 
@@ -101,13 +106,13 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
     return this.gaussians.sections;
   }
 
-  /** Gaussians that are enough to look around: those of all levels but the finest. */
-  get enough(): number {
+  /** Number of Gaussians in all levels but the finest, enough for a first view. */
+  get baseCount(): number {
     const { gaussians, errors } = this.tiles;
     return gaussians.reduce((sum, count, tile) => sum + (errors[tile] > 0 ? count : 0), 0);
   }
 
-  /** Middle of the coarsest tiles. */
+  /** Mean of the coarsest tiles' centres, world units. */
   get middle(): readonly number[] {
     const { low, high, parents } = this.tiles,
       roots = parents.filter((parent) => parent < 0).length;
@@ -139,13 +144,13 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
     const { tile, instead } = this.pieces.of(piece),
       parts = this.#parts[tile];
     if (instead === null) return parts.map((part) => part.decoded());
-    const known = this.#recent?.tile === tile && this.#recent.splats.length === parts.length;
-    if (!known) this.#recent = { tile, splats: parts.map((part) => part.decoded()) };
-    return this.#recent!.splats.map((splats, n) => chosen(splats, parts[n].which(instead, splats)));
+    const known = this.#cachedTile?.tile === tile && this.#cachedTile.splats.length === parts.length;
+    if (!known) this.#cachedTile = { tile, splats: parts.map((part) => part.decoded()) };
+    return this.#cachedTile!.splats.map((splats, n) => selectSplats(splats, parts[n].which(instead, splats)));
   }
 
-  /** The finer tiles for which Gaussians of a tile are drawn; null among them for all of a finest one. */
-  drawnOf(tile: number): (number | null)[] {
+  /** Returns the children for which Gaussians of a tile are drawn. The only entry is null for a finest tile. */
+  drawnChildren(tile: number): (number | null)[] {
     const { children, count } = this.tiles;
     if (!children[tile].length) return this.#drawn.has(count + tile) ? [null] : [];
     return children[tile].filter((child) => this.#drawn.has(child));
@@ -153,9 +158,9 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
 
   look(camera: Camera | null, budget = BUDGET): boolean {
     const { packets, parents } = this.tiles,
-      came = this.#came,
+      came = this.#receivedPackets,
       there = (tile: number): boolean => came[tile] === packets[tile],
-      most = (tile: number): boolean => came[tile] >= (parents[tile] < 0 ? 1 : MOST * packets[tile]);
+      most = (tile: number): boolean => came[tile] >= (parents[tile] < 0 ? 1 : DRAWABLE_SHARE * packets[tile]);
     this.#cut = cutOf(this.tiles, there, camera, budget, most);
     const drawn = this.pieces.drawn(this.#cut),
       same = drawn.length === this.#drawn.size && drawn.every((piece) => this.#drawn.has(piece));
@@ -169,7 +174,7 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
 
   read(packet: Packet): LevelPart {
     const part = new LevelPart(packet, this);
-    this.#came[packet.block]++;
+    this.#receivedPackets[packet.block]++;
     this.#parts[packet.block].push(part);
     return part;
   }

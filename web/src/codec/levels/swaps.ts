@@ -1,12 +1,12 @@
-// From what is on the screen to what ought to be, in steps that can be shown one by one.
+// Replacement of the drawn tiles by others, in steps that can be shown one by one.
 
-/** Tiles that others take the place of: a tile and the finer ones below it, one way or the other. */
+/** A step: a tile is replaced by finer tiles below it, or the other way round. */
 export interface Swap {
   readonly gone: readonly number[];
   readonly come: readonly number[];
 }
 
-/** The swaps between two cuts of a tree, each of which stands for a scene; in the order of what they bring. */
+/** Returns the steps from one cut of a tile tree to another, in the order of the added tiles. */
 export function swapsOf(parents: Int32Array, held: ReadonlySet<number>, drawn: ReadonlySet<number>): Swap[] {
   const swaps = new Map<number, { gone: number[]; come: number[] }>();
   const swapAt = (tile: number): { gone: number[]; come: number[] } => {
@@ -14,7 +14,7 @@ export function swapsOf(parents: Int32Array, held: ReadonlySet<number>, drawn: R
     swaps.set(tile, found);
     return found;
   };
-  /** The coarsest tile of the other cut that a tile lies below; itself where there is none. */
+  /** Returns the coarsest tile of the other cut above a tile, or the tile itself. */
   const place = (tile: number, others: ReadonlySet<number>): number => {
     for (let above = parents[tile]; above >= 0; above = parents[above]) if (others.has(above)) return above;
     return tile;

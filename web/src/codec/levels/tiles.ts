@@ -1,31 +1,34 @@
-// Which tiles a scene with levels has: the twin of `splatwire.packets.tiles` and `splatwire.packets.tile_index`.
+// Tiles of a scene with levels. Counterpart of `splatwire.bitstream.tiles` and `splatwire.bitstream.tile_index`.
 
 import { BitstreamError, ByteReader } from "../../bytes.ts";
 import { MAX_PACKET_BYTES } from "../../packets/limits.ts";
 import type { Plan } from "../../packets/plan.ts";
+import { TILES } from "../../packets/section_names.ts";
 import type { SideInfo } from "../gaussians/side_info.ts";
 
-/** The tiles of a scene, by their block: those of the coarsest level first. */
+/** Tiles of a scene. The index of a tile is its block; the coarsest level has the smallest indices. */
 export interface Tiles {
   readonly count: number;
-  /** The coarser tile that stands for each; -1 in the coarsest level. */
+  /** Parent (coarser tile) of each tile; -1 in the coarsest level. */
   readonly parents: Int32Array;
-  /** The finer tiles that each stands for. */
+  /** Children (finer tiles) of each tile. */
   readonly children: readonly (readonly number[])[];
   readonly gaussians: Int32Array;
   readonly packets: Int32Array;
-  /** Where the packets and the bytes of each begin, behind the side information. */
+  /** Index of each tile's first packet and offset of its first byte, counted from the end of the side information. */
   readonly firstPackets: Float64Array;
   readonly offsets: Float64Array;
-  /** How far centres are from what stands for them, root of the mean square, world units; 0 in the finest level. */
+  /**
+   * Root mean square distance of the children's Gaussians to their representatives, world units; 0 in the finest level.
+   */
   readonly errors: Float64Array;
-  /** Corners of the boxes around centres, world units, three each. */
+  /** Bounding boxes of the centres, shape (count, 3), world units. */
   readonly low: Float64Array;
   readonly high: Float64Array;
 }
 
 export function readTiles(info: SideInfo, plan: Plan): Tiles {
-  const section = info.sections.get("tiles");
+  const section = info.sections.get(TILES);
   if (!section) throw new BitstreamError("the stream has no index of tiles");
   const count = plan.numBlocks,
     levels = plan.levels,
@@ -38,7 +41,7 @@ export function readTiles(info: SideInfo, plan: Plan): Tiles {
     errors = Float64Array.from({ length: count }, (_, tile) => (tile < coarser ? reader.f32() : 0));
   reader.finish();
   if (packets.reduce((sum, some) => sum + some, 0) !== plan.manifest.numPackets)
-    throw new BitstreamError("index of tiles: other packets than the manifest has");
+    throw new BitstreamError("index of tiles: its number of packets is not that of the manifest");
   if (sizes.some((size) => size > MAX_PACKET_BYTES)) throw new BitstreamError("index of tiles: a tile is too large");
   if (!errors.every((error) => error >= 0 && error < Infinity))
     throw new BitstreamError("index of tiles: an error is negative or not finite");
@@ -56,8 +59,8 @@ export function readTiles(info: SideInfo, plan: Plan): Tiles {
     children: childrenOf(parents),
     gaussians: Int32Array.from({ length: count }, (_, tile) => plan.blockCount(tile)),
     packets: Int32Array.from(packets),
-    firstPackets: sums(packets),
-    offsets: sums(sizes),
+    firstPackets: cumulativeSums(packets),
+    offsets: cumulativeSums(sizes),
     errors,
     ...corners(info, count),
   };
@@ -69,8 +72,8 @@ function childrenOf(parents: Int32Array): number[][] {
   return children;
 }
 
-/** Sums of what comes before each, and of all. */
-function sums(values: readonly number[]): Float64Array {
+/** Returns the cumulative sums, beginning with 0. */
+function cumulativeSums(values: readonly number[]): Float64Array {
   const found = new Float64Array(values.length + 1);
   values.forEach((value, n) => (found[n + 1] = found[n] + value));
   return found;

@@ -1,4 +1,4 @@
-// What is drawn of a scene with levels.
+// Interface of scenes with levels.
 
 import type { Camera } from "../../model/camera.ts";
 import type { Part } from "../part.ts";
@@ -6,21 +6,21 @@ import type { Splats } from "../splats.ts";
 import type { Pieces } from "./pieces.ts";
 import type { Tiles } from "./tiles.ts";
 
-/** Which tiles are drawn, and which are to be fetched. */
+/** Drawn and missing tiles of a scene with levels. */
 export interface Tiling {
   readonly tiles: Tiles;
   readonly wanted: readonly number[];
-  /** Gaussians that are enough to look around. */
-  readonly enough: number;
+  /** Number of Gaussians in all levels but the finest, enough for a first view. */
+  readonly baseCount: number;
   readonly pieces: Pieces;
-  /** Pieces that are drawn. */
+  /** Drawing units of the current view. */
   readonly drawn: readonly number[];
-  /** Looks again, for so many Gaussians at most; true if other pieces are drawn than before. */
+  /** Selects tiles for a view, at most `budget` Gaussians. Returns true if the drawn units changed. */
   look(camera: Camera | null, budget?: number): boolean;
-  /** How many packets of the tile of a piece came. */
+  /** Returns the number of received packets of a unit's tile. */
   packetsOf(piece: number): number;
-  /** Those packets, and which of their Gaussians are those of the piece. */
+  /** Returns those packets, and the indices of their Gaussians that belong to the unit. */
   partsOf(piece: number): readonly { readonly part: Part; readonly which: Int32Array }[];
-  /** The Gaussians of a piece, decoded anew. */
+  /** Decodes the Gaussians of a unit. */
   splatsOf(piece: number): Splats[];
 }

@@ -1,109 +1,110 @@
-// What of a clip arrived, and what it looks like in any frame. The twin of `splatwire.clips.decoding`.
+// Received packets of a clip, and its decoded frames. Counterpart of `splatwire.sequence.decoding`.
 
 import { ByteReader } from "../../bytes.ts";
 import type { Packet } from "../../packets/packet.ts";
+import { FIRST_FRAME } from "../../packets/section_names.ts";
 import { checkMemory } from "../memory.ts";
-import type { Moving, MovingFrame } from "../schema.ts";
+import type { ClipDecoder, DecodedFrame } from "../schema.ts";
 import { emptySplats, type Splats } from "../splats.ts";
-import { Bases } from "./bases.ts";
-import { believed, guessed } from "./concealment.ts";
+import { KeyframeGaussians } from "./keyframe_gaussians.ts";
 import { AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK } from "./layout.ts";
 import { decodeMotion } from "./motion.ts";
-import type { Poses } from "./poses.ts";
+import { extrapolate, isLocallyCoherent } from "./motion_prediction.ts";
+import type { TrackOffsets } from "./poses.ts";
 import { coefficients, coefficientsOf } from "./predict.ts";
 import type { ClipInfo } from "./side_info.ts";
 import type { Timeline } from "./timeline.ts";
-import { move, offsetsOf, unitsOf } from "./trajectories.ts";
+import { applyOffsets, offsetsOf, unitsOf } from "./trajectories.ts";
 
-/** A frame as it is drawn. */
-export interface ClipFrame extends MovingFrame {
-  /** Track of each. */
+/** A decoded frame. */
+export interface ClipFrame extends DecodedFrame {
+  /** Track of each Gaussian. */
   readonly tracks: Int32Array;
 }
 
-/** Bytes of decoded motion that are kept: a short clip is decoded once. */
-const ROOM = 192 << 20;
-/** What becomes of tracks whose motion is lost. */
+/** Size of the cache of decoded motion, bytes. A short clip fits in completely. */
+const CACHE_BYTES = 192 << 20;
+/** Concealers for tracks with lost motion. */
 const CONCEALERS = ["motion", "hold", "drop"];
 
-/** A packet of motion: heads, and offsets of its tracks. */
+/** Decoded motion packet: headers, and offsets of its tracks. */
 interface Decoded {
-  readonly heads: Int32Array;
+  readonly headers: Int32Array;
   readonly offsets: Float32Array;
 }
 
-/** What is known when a group ends, by slot. */
-interface Memory {
+/** State of the tracks at the end of a group, by slot. */
+interface ConcealmentState {
   readonly group: number;
   readonly alive: Uint8Array;
-  readonly guessed: Uint8Array;
+  readonly wasExtrapolated: Uint8Array;
   readonly offsets: Float32Array;
 }
 
-interface Concealed {
-  /** Whose motion is a guess. */
+interface ConcealedTracks {
+  /** Tracks with estimated motion (1), by row. */
   readonly concealed: Uint8Array;
 }
 
-interface Played extends Poses, Concealed {
+interface DecodedGroup extends TrackOffsets, ConcealedTracks {
   readonly group: number;
   readonly numBases: number;
-  /** Whether tracks whose motion was lost are left out. */
-  readonly left: boolean;
+  /** True if tracks with lost motion are not drawn. */
+  readonly areLostHidden: boolean;
   readonly shown: (packet: Packet) => boolean;
   readonly concealer: string;
-  readonly memory: Memory;
+  readonly memory: ConcealmentState;
 }
 
-export class Clip implements Moving {
+export class Clip implements ClipDecoder {
   readonly concealers = CONCEALERS;
   packets: Packet[] = [];
   late = 0;
-  readonly bases: Bases;
+  readonly bases: KeyframeGaussians;
   readonly #motion: Packet[][];
-  /** Elements of each group that came. */
-  readonly #came: number[];
-  /** The first group whose motion is not forgotten. */
-  #oldest = 0;
+  /** Number of received elements of each group. */
+  readonly #receivedElements: number[];
+  /** First group with motion packets still in memory. */
+  #firstGroup = 0;
   readonly #units: Float64Array;
-  #kept = 0;
-  readonly #decoded = new Map<Packet, Decoded>();
-  #played: Played | null = null;
-  #before: Memory | null = null;
+  #cachedBytes = 0;
+  readonly #cache = new Map<Packet, Decoded>();
+  #current: DecodedGroup | null = null;
+  #previous: ConcealmentState | null = null;
 
-  /** `numBytes` of the stream are there. */
+  /** `numBytes` is the number of received bytes of the stream. */
   constructor(
     public info: ClipInfo,
     public numBytes: number,
   ) {
-    this.bases = new Bases(info);
+    this.bases = new KeyframeGaussians(info);
     this.#motion = info.groups.map(() => []);
-    this.#came = info.groups.map(() => 0);
+    this.#receivedElements = info.groups.map(() => 0);
     this.#units = unitsOf(info);
   }
 
-  /** Goes on with a clip that has more groups by now. */
+  /** Continues with a longer clip, which has more groups. */
   grow(info: ClipInfo): void {
     this.info = info;
     this.bases.grow(info);
     for (let group = this.#motion.length; group < info.groups.length; group++) {
       this.#motion.push([]);
-      this.#came.push(0);
+      this.#receivedElements.push(0);
     }
   }
 
   addBases(group: number, first: number, rows: Float64Array, corner: Float64Array, splats: Splats): void {
-    this.#came[group] += splats.count;
+    this.#receivedElements[group] += splats.count;
     this.bases.add(first, rows, corner, splats);
   }
 
   addMotion(group: number, packet: Packet): void {
-    this.#came[group] += packet.count;
-    if (group < this.#oldest) return void this.late++;
+    this.#receivedElements[group] += packet.count;
+    if (group < this.#firstGroup) return void this.late++;
     this.#motion[group].push(packet);
     this.packets.push(packet);
     this.numBytes += packet.payload.length;
-    if (this.#played?.group === group) this.#played = null;
+    if (this.#current?.group === group) this.#current = null;
   }
 
   get times(): Timeline {
@@ -111,7 +112,7 @@ export class Clip implements Moving {
   }
 
   get firstFrame(): number {
-    const section = this.info.sections.get("first_frame");
+    const section = this.info.sections.get(FIRST_FRAME);
     if (!section) return 0;
     const reader = new ByteReader(section, "section 'first_frame'"),
       number = reader.unsigned();
@@ -122,51 +123,51 @@ export class Clip implements Moving {
   get ready(): number {
     const { groups, timeline } = this.info,
       last = groups.length - 1,
-      whole = this.#came[last] >= groups[last].births + groups[last].motions;
+      whole = this.#receivedElements[last] >= groups[last].births + groups[last].motions;
     return whole ? timeline.numFrames : last * timeline.groupFrames;
   }
 
   forget(number: number): number[] {
     const end = Math.floor(number / this.info.timeline.groupFrames),
       blocks = new Set<number>();
-    for (; this.#oldest < end; this.#oldest++) {
-      for (const packet of this.#motion[this.#oldest].splice(0)) {
+    for (; this.#firstGroup < end; this.#firstGroup++) {
+      for (const packet of this.#motion[this.#firstGroup].splice(0)) {
         blocks.add(packet.block);
-        this.#kept -= this.#decoded.get(packet)?.offsets.byteLength ?? 0;
-        this.#decoded.delete(packet);
+        this.#cachedBytes -= this.#cache.get(packet)?.offsets.byteLength ?? 0;
+        this.#cache.delete(packet);
       }
     }
     if (blocks.size) this.packets = this.packets.filter(({ block }) => !blocks.has(block));
     return [...blocks];
   }
 
-  /** Frames of a group. */
+  /** Returns the number of frames of a group. */
   framesOf(group: number): number {
     const { numFrames, groupFrames } = this.info.timeline;
     return Math.min(groupFrames, numFrames - group * groupFrames);
   }
 
-  /** A frame; motion of packets that are not shown is concealed, as that of those that are not there. */
+  /** Returns a frame. Conceals the motion of packets that are lost or rejected by `shown`. */
   frame(number: number, shown: (packet: Packet) => boolean, concealer = "motion"): ClipFrame {
     const group = Math.floor(number / this.info.timeline.groupFrames),
-      { slots, begins, ends, offsets, concealed, left } = this.#play(group, shown, concealer),
+      { slots, begins, ends, offsets, concealed, areLostHidden } = this.#decodeGroup(group, shown, concealer),
       frames = this.framesOf(group),
       at = number - group * this.info.timeline.groupFrames,
-      here = rowsWhere(slots.length, (n) => begins[n] <= at && at < ends[n] && !(left && concealed[n])),
+      here = rowsWhere(slots.length, (n) => begins[n] <= at && at < ends[n] && !(areLostHidden && concealed[n])),
       splats = emptySplats(here.length, this.info.bases.degree),
       tracks = new Int32Array(here.length);
-    let guesses = 0;
+    let extrapolated = 0;
     for (let to = 0; to < here.length; to++) {
       const n = here[to];
-      move(this.bases.splats, slots[n], offsets, (n * frames + at) * NUM_CHANNELS, splats, to);
+      applyOffsets(this.bases.splats, slots[n], offsets, (n * frames + at) * NUM_CHANNELS, splats, to);
       tracks[to] = this.bases.tracks[slots[n]];
-      guesses += concealed[n];
+      extrapolated += concealed[n];
     }
-    return { number, splats, tracks, concealed: guesses };
+    return { number, splats, tracks, concealed: extrapolated };
   }
 
-  /** Decodes motion of the group that comes next, for so many milliseconds: it is asked for soon. */
-  ahead(number: number, ms: number): void {
+  /** Decodes motion of the next group in advance, for up to `ms` milliseconds. */
+  prefetch(number: number, ms: number): void {
     const group = (Math.floor(number / this.info.timeline.groupFrames) + 1) % this.#motion.length,
       end = performance.now() + ms;
     for (const packet of this.#motion[group]) {
@@ -175,22 +176,24 @@ export class Clip implements Moving {
     }
   }
 
-  #play(group: number, shown: (packet: Packet) => boolean, concealer: string): Played {
-    const played = this.#played;
+  #decodeGroup(group: number, shown: (packet: Packet) => boolean, concealer: string): DecodedGroup {
+    const played = this.#current;
     const same = played?.shown === shown && played.concealer === concealer && played.numBases === this.bases.count;
     if (same && played.group === group) return played;
-    if (played && played.group !== group) this.#before = played.memory;
-    const before = this.#before?.group === group - 1 ? this.#before : null,
-      found = this.#conceal(group, this.#arrived(group, shown), before, shown, concealer);
-    this.#played = found;
+    if (played && played.group !== group) this.#previous = played.memory;
+    const before = this.#previous?.group === group - 1 ? this.#previous : null,
+      found = this.#conceal(group, this.#receivedMotion(group, shown), before, shown, concealer);
+    this.#current = found;
     return found;
   }
 
-  /** What packets say of a group whose bases are all there, and whom they speak of. */
-  #arrived(group: number, shown: (packet: Packet) => boolean): { poses: Poses; spoken: Uint8Array } {
+  /**
+   * Returns the received motion of a group, and the slots of tracks that its packets cover, including those that ended.
+   */
+  #receivedMotion(group: number, shown: (packet: Packet) => boolean): { poses: TrackOffsets; covered: Uint8Array } {
     const { bases, info } = this,
       frames = this.framesOf(group),
-      spoken = new Uint8Array(bases.count),
+      covered = new Uint8Array(bases.count),
       found: Decoded[] = [];
     let rows = bases.count;
     this.#check(rows, frames);
@@ -200,27 +203,30 @@ export class Clip implements Moving {
       found.push(decoded);
       rows += packet.count;
       this.#check(rows, frames);
-      const { heads } = decoded,
+      const { headers } = decoded,
         last = HEAD * (packet.count - 1),
-        end = Math.min(heads[last + TRACK] + heads[last + AFTER] + 1, info.numTracks);
-      for (let track = Math.max(heads[TRACK] - heads[BEFORE], 0); track < end; track++)
-        if (bases.slots[track] >= 0) spoken[bases.slots[track]] = 1;
+        end = Math.min(headers[last + TRACK] + headers[last + AFTER] + 1, info.numTracks);
+      for (let track = Math.max(headers[TRACK] - headers[BEFORE], 0); track < end; track++)
+        if (bases.slots[track] >= 0) covered[bases.slots[track]] = 1;
     }
-    return { poses: joined(found, bases.slots, bases.count, frames), spoken };
+    return { poses: joinPackets(found, bases.slots, bases.count, frames), covered };
   }
 
-  /** Throws where poses of so many tracks take too much for what arrived: twice, before and after concealment. */
+  /**
+   * Throws `BitstreamError` if the offsets of `rows` tracks need too much memory, once before and once after
+   * concealment.
+   */
   #check(rows: number, frames: number): void {
     checkMemory(rows * frames * NUM_CHANNELS * 8, this.numBytes, `the motion of ${rows} tracks`);
   }
 
-  /** A packet of motion whose bases are all there; null where one is missing. */
+  /** Decodes a motion packet. Returns null if one of its bases was not received. */
   #decode(group: number, packet: Packet): Decoded | null {
     const { bases, info } = this,
       frames = this.framesOf(group),
-      known = this.#decoded.get(packet);
+      known = this.#cache.get(packet);
     if (known) return known;
-    const { heads, residuals, orders } = decodeMotion(
+    const { headers, residuals, orders } = decodeMotion(
         packet.payload,
         info.models,
         packet.count,
@@ -229,27 +235,27 @@ export class Clip implements Moving {
       ),
       slots = new Int32Array(packet.count);
     for (let i = 0; i < slots.length; i++) {
-      slots[i] = bases.slots[heads[HEAD * i + TRACK]] ?? -1;
+      slots[i] = bases.slots[headers[HEAD * i + TRACK]] ?? -1;
       if (slots[i] < 0) return null;
     }
-    const decoded = { heads, offsets: this.#offsets(heads, residuals, orders, slots, frames) };
-    this.#keep(packet, decoded);
+    const decoded = { headers, offsets: this.#offsets(headers, residuals, orders, slots, frames) };
+    this.#addToCache(packet, decoded);
     return decoded;
   }
 
-  /** Keeps what was decoded, as long as there is room; the oldest goes first. */
-  #keep(packet: Packet, decoded: Decoded): void {
-    this.#decoded.set(packet, decoded);
-    this.#kept += decoded.offsets.byteLength;
-    for (const [oldest, { offsets }] of this.#decoded) {
-      if (this.#kept <= ROOM || oldest === packet) return;
-      this.#decoded.delete(oldest);
-      this.#kept -= offsets.byteLength;
+  /** Adds decoded motion to the cache and removes the oldest entries beyond `CACHE_BYTES`. */
+  #addToCache(packet: Packet, decoded: Decoded): void {
+    this.#cache.set(packet, decoded);
+    this.#cachedBytes += decoded.offsets.byteLength;
+    for (const [oldest, { offsets }] of this.#cache) {
+      if (this.#cachedBytes <= CACHE_BYTES || oldest === packet) return;
+      this.#cache.delete(oldest);
+      this.#cachedBytes -= offsets.byteLength;
     }
   }
 
   #offsets(
-    heads: Int32Array,
+    headers: Int32Array,
     residuals: Int32Array,
     orders: Int32Array,
     slots: Int32Array,
@@ -266,7 +272,7 @@ export class Clip implements Moving {
       const slot = slots[i];
       for (let a = 0; a < 3; a++) own[3 * i + a] = places[3 * slot + a];
       for (let c = 0; c < NUM_CHANNELS; c++) steps[NUM_CHANNELS * i + c] = shifts[NUM_CHANNELS * slot + c];
-      moving[i] = Number(heads[HEAD * i + STATE] === MOVING);
+      moving[i] = Number(headers[HEAD * i + STATE] === MOVING);
     }
     const found = coefficients(own, moving, steps, residuals, orders),
       row = coefficientsOf(orders);
@@ -275,14 +281,14 @@ export class Clip implements Moving {
     return offsets;
   }
 
-  /** Adds those whose motion is not there. */
+  /** Adds the tracks with lost motion. */
   #conceal(
     group: number,
-    { poses, spoken }: { poses: Poses; spoken: Uint8Array },
-    before: Memory | null,
+    { poses, covered }: { poses: TrackOffsets; covered: Uint8Array },
+    before: ConcealmentState | null,
     shown: (packet: Packet) => boolean,
     concealer: string,
-  ): Played {
+  ): DecodedGroup {
     const { bases, info } = this,
       { firstNew, births, motions } = info.groups[group],
       frames = this.framesOf(group),
@@ -290,13 +296,13 @@ export class Clip implements Moving {
       size = frames * NUM_CHANNELS,
       lost: number[] = [];
     for (let slot = 0; slot < bases.count; slot++) {
-      if (spoken[slot]) continue;
+      if (covered[slot]) continue;
       const track = bases.tracks[slot],
         isNew = track >= firstNew && track < firstNew + births;
       const ended = (info.lifetimes.ends.get(track) ?? Infinity) <= first;
       if (!ended && (isNew || (before ? before.alive[slot] : track < firstNew))) lost.push(slot);
     }
-    const found = extended(poses, lost, frames, motions > 0);
+    const found = appendStatic(poses, lost, frames, motions > 0);
     lost.forEach((slot, n) => {
       const track = bases.tracks[slot],
         begin = track < firstNew ? 0 : (info.lifetimes.begins.get(track) ?? 0),
@@ -305,30 +311,31 @@ export class Clip implements Moving {
       found.ends[row] = Math.min((info.lifetimes.ends.get(track) ?? Infinity) - first, frames);
     });
     if (motions && lost.length) {
-      const guesses = found.offsets.subarray(size * poses.slots.length);
-      this.#guess(poses, lost, before, group, guesses, concealer === "motion");
+      const extrapolated = found.offsets.subarray(size * poses.slots.length);
+      this.#extrapolate(poses, lost, before, group, extrapolated, concealer === "motion");
     }
-    const left = concealer === "drop" || (concealer === "motion" && lost.length > 0 && !this.#believed(poses, frames));
+    const areLostHidden =
+      concealer === "drop" || (concealer === "motion" && lost.length > 0 && !this.#isCoherent(poses, frames));
     return {
       ...found,
-      left,
+      areLostHidden,
       group,
       shown,
       concealer,
       numBases: bases.count,
-      memory: this.#remember(group, found, before, frames),
+      memory: this.#concealmentState(group, found, before, frames),
     };
   }
 
-  #believed(poses: Poses, frames: number): boolean {
-    return believed(poses, wholeOf(poses, frames), this.bases.splats.means, frames);
+  #isCoherent(poses: TrackOffsets, frames: number): boolean {
+    return isLocallyCoherent(poses, completeRows(poses, frames), this.bases.splats.means, frames);
   }
 
-  /** What tracks do whose motion was lost: as neighbours say, or what they did last. */
-  #guess(
-    poses: Poses,
+  /** Estimates lost motion of tracks from their neighbours or from the group before. */
+  #extrapolate(
+    poses: TrackOffsets,
     lost: readonly number[],
-    before: Memory | null,
+    before: ConcealmentState | null,
     group: number,
     out: Float32Array,
     moving: boolean,
@@ -336,55 +343,59 @@ export class Clip implements Moving {
     const { bases, info } = this,
       frames = this.framesOf(group),
       room = bases.count * NUM_CHANNELS,
-      told = moving ? wholeOf(poses, frames) : new Int32Array(),
+      observedRows = moving ? completeRows(poses, frames) : new Int32Array(),
       unit = 2 ** (info.bases.sizeLog - info.bases.unit - 1),
       past = {
         splats: bases.splats,
-        since: before ? widened(before.offsets, room) : new Float32Array(room),
-        guessed: before?.guessed ?? null,
-        together: this.#together(told.map((n) => poses.slots[n])),
-        fresh: (slot: number) => bases.born[slot] === group,
-        untold: (slot: number) => bases.born[slot] === group && !info.lifetimes.begins.get(bases.tracks[slot]),
-        rounding: (slot: number) => unit * 2 ** bases.shifts[NUM_CHANNELS * slot],
+        lastOffsets: before ? resized(before.offsets, room) : new Float32Array(room),
+        wasExtrapolated: before?.wasExtrapolated ?? null,
+        bornTogether: this.#bornTogether(observedRows.map((n) => poses.slots[n])),
+        isNew: (slot: number) => bases.birthGroups[slot] === group,
+        hasUnknownBirth: (slot: number) =>
+          bases.birthGroups[slot] === group && !info.lifetimes.begins.get(bases.tracks[slot]),
+        positionStep: (slot: number) => unit * 2 ** bases.shifts[NUM_CHANNELS * slot],
       };
-    out.set(guessed(poses, told, Int32Array.from(lost), past, frames));
+    out.set(extrapolate(poses, observedRows, Int32Array.from(lost), past, frames));
   }
 
-  /** Slots of tracks that were born in the group that most of some were. */
-  #together(slots: Int32Array): Uint8Array {
-    const { born, count } = this.bases,
+  /** Marks the tracks born in the same group as most of the given ones, by slot. */
+  #bornTogether(slots: Int32Array): Uint8Array {
+    const { birthGroups, count } = this.bases,
       counts = new Int32Array(this.info.groups.length),
       found = new Uint8Array(count);
-    for (const slot of slots) counts[born[slot]]++;
+    for (const slot of slots) counts[birthGroups[slot]]++;
     const most = counts.indexOf(counts.reduce((a, b) => Math.max(a, b), 0));
-    for (let slot = 0; slot < count; slot++) found[slot] = Number(born[slot] === most);
+    for (let slot = 0; slot < count; slot++) found[slot] = Number(birthGroups[slot] === most);
     return found;
   }
 
-  #remember(
+  #concealmentState(
     group: number,
-    { slots, ends, offsets, concealed }: Poses & Concealed,
-    before: Memory | null,
+    { slots, ends, offsets, concealed }: TrackOffsets & ConcealedTracks,
+    before: ConcealmentState | null,
     frames: number,
-  ): Memory {
+  ): ConcealmentState {
     const count = this.bases.count,
-      last = before ? widened(before.offsets, count * NUM_CHANNELS) : new Float32Array(count * NUM_CHANNELS),
+      last = before ? resized(before.offsets, count * NUM_CHANNELS) : new Float32Array(count * NUM_CHANNELS),
       alive = new Uint8Array(count),
-      guessed = new Uint8Array(count);
+      wasExtrapolated = new Uint8Array(count);
     for (let n = 0; n < slots.length; n++) {
       if (ends[n] !== frames) continue;
       const slot = slots[n],
         end = (n * frames + frames - 1) * NUM_CHANNELS;
       alive[slot] = 1;
-      guessed[slot] = concealed[n];
+      wasExtrapolated[slot] = concealed[n];
       for (let c = 0; c < NUM_CHANNELS; c++) last[slot * NUM_CHANNELS + c] = offsets[end + c];
     }
-    return { group, alive, guessed, offsets: last };
+    return { group, alive, wasExtrapolated, offsets: last };
   }
 }
 
-/** Tracks of all packets, of one that is there twice the first counts; with room for all of `most` behind them. */
-function joined(found: readonly Decoded[], slotOf: Int32Array, most: number, frames: number): Poses {
+/**
+ * Joins the tracks of all packets. The first one counts if a track occurs twice. The arrays have room for `most`
+ * tracks.
+ */
+function joinPackets(found: readonly Decoded[], slotOf: Int32Array, most: number, frames: number): TrackOffsets {
   const size = frames * NUM_CHANNELS,
     seen = new Uint8Array(slotOf.length),
     slots = new Int32Array(most),
@@ -392,14 +403,14 @@ function joined(found: readonly Decoded[], slotOf: Int32Array, most: number, fra
     ends = new Int32Array(most),
     all = new Float32Array(size * most);
   let rows = 0;
-  for (const { heads, offsets } of found) {
+  for (const { headers, offsets } of found) {
     for (let i = 0; i < offsets.length / size; i++) {
-      const slot = slotOf[heads[HEAD * i + TRACK]];
+      const slot = slotOf[headers[HEAD * i + TRACK]];
       if (seen[slot]) continue;
       seen[slot] = 1;
       slots[rows] = slot;
-      begins[rows] = Math.min(Math.max(heads[HEAD * i + BEGINS], 0), frames - 1);
-      ends[rows] = Math.min(Math.max(heads[HEAD * i + ENDS], begins[rows]), frames);
+      begins[rows] = Math.min(Math.max(headers[HEAD * i + BEGINS], 0), frames - 1);
+      ends[rows] = Math.min(Math.max(headers[HEAD * i + ENDS], begins[rows]), frames);
       all.set(offsets.subarray(i * size, (i + 1) * size), rows++ * size);
     }
   }
@@ -411,8 +422,13 @@ function joined(found: readonly Decoded[], slotOf: Int32Array, most: number, fra
   };
 }
 
-/** With tracks that stay as they are for all frames behind them: whose motion is lost, or of whom nothing is said. */
-function extended(poses: Poses, others: readonly number[], frames: number, lost: boolean): Poses & Concealed {
+/** Appends tracks that do not move, for all frames. Their motion is `lost`, or their group has none. */
+function appendStatic(
+  poses: TrackOffsets,
+  others: readonly number[],
+  frames: number,
+  lost: boolean,
+): TrackOffsets & ConcealedTracks {
   const known = poses.slots.length,
     count = known + others.length,
     concealed = new Uint8Array(count).fill(Number(lost), known),
@@ -424,7 +440,7 @@ function extended(poses: Poses, others: readonly number[], frames: number, lost:
   return { slots, begins, ends, offsets, concealed };
 }
 
-/** Rows for which something holds, ascending. */
+/** Returns the rows that satisfy a condition, ascending. */
 function rowsWhere(count: number, holds: (row: number) => boolean): Int32Array {
   const found = new Int32Array(count);
   let some = 0;
@@ -432,13 +448,13 @@ function rowsWhere(count: number, holds: (row: number) => boolean): Int32Array {
   return found.subarray(0, some);
 }
 
-function widened(old: Float32Array, length: number): Float32Array {
+function resized(old: Float32Array, length: number): Float32Array {
   const wider = new Float32Array(length);
   wider.set(old);
   return wider;
 }
 
-/** Rows of tracks that are there in the whole group. */
-function wholeOf({ slots, begins, ends }: Poses, frames: number): Int32Array {
+/** Returns the rows of tracks that exist in all frames of the group. */
+function completeRows({ slots, begins, ends }: TrackOffsets, frames: number): Int32Array {
   return rowsWhere(slots.length, (n) => begins[n] === 0 && ends[n] === frames);
 }

@@ -1,38 +1,37 @@
-// Numbers that encoder and decoder of motion share: the twin of `splatwire.codec.schemas.tracks.layout`.
+// Made by web/scripts/make_tables.py; do not edit.
 
-/** Channels: place, rotation, three scales, opacity, Y Co Cg; and the kind of each. */
-export const KIND_OF = [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 4, 4, 4],
-  NUM_CHANNELS = KIND_OF.length,
-  NUM_KINDS = 5;
+// Constants of the motion codec. Counterpart of `splatwire.codec.sequence.layout`, which describes them.
 
-/** Columns of a head: track, state, first frame, frame after, tracks before it that are gone, and after it. */
-export const TRACK = 0,
-  STATE = 1,
-  BEGINS = 2,
-  ENDS = 3,
-  BEFORE = 4,
-  AFTER = 5,
-  HEAD = 6;
+export const NUM_CHANNELS = 13;
+export const KIND_OF = [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 4, 4, 4];
+export const NUM_KINDS = 5;
+export const TRACK = 0;
+export const STATE = 1;
+export const BEGINS = 2;
+export const ENDS = 3;
+export const BEFORE = 4;
+export const AFTER = 5;
+export const HEAD = 6;
+export const STILL = 0;
 export const MOVING = 1;
-export const MAX_CANDIDATES = 4096,
-  CANDIDATE_BITS = 13,
-  TRACK_BITS = 28;
-
-export const NUM_NEIGHBOURS = 8,
-  WEIGHT = 1 << 12,
-  PLACE_BITS = 20,
-  MAX_COEFFICIENT = 2 ** 36,
-  MAX_QUANTISED = 2 ** 30 - 1;
-
-/** Contexts of a coefficient: its order, how large those next to it were; and of its octave. */
-export const ORDERS = 8,
-  LEVELS = 10,
-  MAGNITUDES = 16,
-  MAX_OCTAVE = 29;
-export const C_GONE = 0,
-  C_MOVING = 2,
-  C_ENDS = 6,
-  C_BEGINS = 7,
-  C_ZERO = 8,
-  C_OCTAVE = C_ZERO + NUM_KINDS * ORDERS * LEVELS,
-  NUM_CONTEXTS = C_OCTAVE + NUM_KINDS * LEVELS * MAGNITUDES;
+export const MAX_GROUP_FRAMES = 64;
+export const MAX_CANDIDATES = 4096;
+export const CANDIDATE_BITS = 13;
+export const TRACK_BITS = 28;
+export const NUM_NEIGHBOURS = 8;
+export const WEIGHT_BITS = 12;
+export const PLACE_BITS = 20;
+export const MAX_COEFFICIENT = 68719476736;
+export const MAX_QUANTISED = 1073741823;
+export const ORDERS = 8;
+export const LEVELS = 10;
+export const MAGNITUDES = 16;
+export const MAX_OCTAVE = 29;
+export const C_GONE = 0;
+export const C_MOVING = 2;
+export const C_ENDS = 6;
+export const C_BEGINS = 7;
+export const C_ZERO = 8;
+export const C_OCTAVE = 408;
+export const NUM_CONTEXTS = 1208;
+export const WEIGHT = 4096;

@@ -1,15 +1,14 @@
-// When tracks come and go: a named section, so that it is not lost with the motion of a group.
+// First and last frames of tracks. Their named section survives the loss of motion packets.
 
 import { BitstreamError, ByteReader } from "../../bytes.ts";
+import { LIFETIMES } from "../../packets/section_names.ts";
 import type { Group, Timeline } from "./timeline.ts";
 
-const SECTION = "lifetimes";
-
-/** By track; those that it does not tell about come with the group that they are born in, and stay. */
+/** Lifetimes by track. Other tracks begin with their birth group and do not end. */
 export interface Lifetimes {
-  /** First frame, counted from that of the group that the track is born in. */
+  /** First frame, relative to the group that the track is born in. */
   readonly begins: ReadonlyMap<number, number>;
-  /** First frame of the clip after the track. */
+  /** End frame of the track, counted from the first frame of the clip. */
   readonly ends: ReadonlyMap<number, number>;
 }
 
@@ -21,9 +20,9 @@ export function readLifetimes(
   const begins = new Map<number, number>(),
     ends = new Map<number, number>(),
     found = { begins, ends },
-    bytes = sections.get(SECTION);
+    bytes = sections.get(LIFETIMES);
   if (!bytes) return found;
-  const reader = new ByteReader(bytes, `section '${SECTION}'`),
+  const reader = new ByteReader(bytes, `section '${LIFETIMES}'`),
     { firstNew, births } = groups[groups.length - 1];
   for (const values of [begins, ends]) {
     let track = -1;
@@ -31,7 +30,7 @@ export function readLifetimes(
       track += reader.unsigned() + 1;
       const frame = reader.unsigned();
       if (track >= firstNew + births || frame > numFrames)
-        throw new BitstreamError(`section '${SECTION}': track ${track} and frame ${frame} are not in the clip`);
+        throw new BitstreamError(`section '${LIFETIMES}': track ${track} and frame ${frame} are not in the clip`);
       values.set(track, frame);
     }
   }
@@ -42,7 +41,7 @@ export function readLifetimes(
       while (track >= groups[group].firstNew + groups[group].births) group++;
       const begin = begins.get(track) ?? 0;
       if (begin >= groupFrames || group * groupFrames + begin >= (ends.get(track) ?? numFrames))
-        throw new BitstreamError(`section '${SECTION}': a track ends before it begins`);
+        throw new BitstreamError(`section '${LIFETIMES}': a track ends before it begins`);
     }
   }
   return found;

@@ -1,5 +1,5 @@
-// One packet of motion: which tracks it speaks of, and what each does less what its neighbours make expect. Any bytes
-// decode to something.
+// Decoder of motion packets: the tracks of a packet and the residuals of their prediction. Any bytes decode to some
+// motion.
 
 import { RangeDecoder } from "../../entropy/decoder.ts";
 import {
@@ -32,11 +32,11 @@ import {
 
 /** Decoded integers of a packet of n tracks over F frames. */
 export interface Motion {
-  /** `HEAD` of each; -1 throughout where bytes that no encoder wrote name fewer tracks. */
-  readonly heads: Int32Array;
-  /** n, channels, F. */
+  /** Heads, shape (n, HEAD). All entries of a row are -1 if invalid bytes contain fewer tracks. */
+  readonly headers: Int32Array;
+  /** Residuals in steps, shape (n, channels, F). */
   readonly residuals: Int32Array;
-  /** How many coefficients of each kind were coded. */
+  /** Number of coded coefficients per kind of channel. */
   readonly orders: Int32Array;
 }
 
@@ -49,23 +49,23 @@ export function decodeMotion(
 ): Motion {
   const coder = new RangeDecoder(payload),
     own = models.slice(),
-    heads = new Int32Array(HEAD * count).fill(-1),
+    headers = new Int32Array(HEAD * count).fill(-1),
     residuals = new Int32Array(count * NUM_CHANNELS * frames),
-    found = readHeads(coder, own, heads, count, frames, firstNew),
+    found = readHeaders(coder, own, headers, count, frames, firstNew),
     orders = Int32Array.from({ length: NUM_KINDS }, () => coder.below(frames + 1));
   let before = -1;
   for (let i = 0; i < found; i++) {
-    if (heads[HEAD * i + STATE] !== MOVING) continue;
+    if (headers[HEAD * i + STATE] !== MOVING) continue;
     readTrack(coder, own, residuals, i, before, orders, frames);
     before = i;
   }
-  return { heads, residuals, orders };
+  return { headers, residuals, orders };
 }
 
-function readHeads(
+function readHeaders(
   coder: RangeDecoder,
   models: Int32Array,
-  heads: Int32Array,
+  headers: Int32Array,
   count: number,
   frames: number,
   firstNew: number,
@@ -87,19 +87,21 @@ function readHeads(
     const begins = track >= firstNew && coder.bit(models, C_BEGINS) ? coder.below(frames) : 0,
       ends = coder.bit(models, C_ENDS) ? coder.below(frames) : frames,
       row = HEAD * at++;
-    heads[row + TRACK] = track;
-    heads[row + STATE] = state;
-    heads[row + BEGINS] = begins;
-    heads[row + ENDS] = ends;
-    heads[row + BEFORE] = track - before;
-    heads[row + AFTER] = 0;
+    headers[row + TRACK] = track;
+    headers[row + STATE] = state;
+    headers[row + BEGINS] = begins;
+    headers[row + ENDS] = ends;
+    headers[row + BEFORE] = track - before;
+    headers[row + AFTER] = 0;
     before = track + 1;
   }
-  if (at) heads[HEAD * (at - 1) + AFTER] = tail;
+  if (at) headers[HEAD * (at - 1) + AFTER] = tail;
   return at;
 }
 
-/** Residuals of one track; their contexts are the largest so far in the kind, and the channel before. */
+/**
+ * Decodes the residuals of one track. Contexts are the largest magnitude so far in the kind, and the channel before.
+ */
 function readTrack(
   coder: RangeDecoder,
   models: Int32Array,

@@ -1,20 +1,20 @@
-// What neighbours do, weighed: four neighbours at a time, of each what changes at all.
+// Weighted sums of neighbours' motion. Adds four neighbours at a time and skips channels that do not change.
 
 import { NUM_CHANNELS } from "./layout.ts";
 
-/** Channels of place and rotation are the first; those of scale and opacity begin here, and those of colour. */
+/** First channel of scale and opacity, and first channel of colour. Position and rotation have smaller indices. */
 export const FIRST_SHAPE = 6,
   FIRST_COLOUR = 10;
 
-/** Kinds of channels in which a row changes, as bits. */
+/** Kinds of changing channels, as bits. */
 export const POSE = 1,
   SHAPE = 2,
   COLOUR = 4;
 const ALL = POSE | SHAPE | COLOUR,
-  /** Neighbours that are added at once: a sum is read and written once for all of them. */
-  ABREAST = 4;
+  /** Neighbours added per pass, so that each sum is read and written once for all of them. */
+  NEIGHBOURS_PER_PASS = 4;
 
-/** In which kinds of channels rows `from` of so many values change: others add nothing. */
+/** Returns the kinds of channels that change in each of the rows `from`. A row has `stride` values. */
 export function changedKinds(values: Float32Array, from: Int32Array, stride: number): Uint8Array {
   const kinds = new Uint8Array(from.length);
   for (let n = 0; n < from.length; n++) {
@@ -35,31 +35,34 @@ function changes(values: Float32Array, begin: number, end: number): boolean {
   return false;
 }
 
-/** Some neighbours. */
-export interface Near {
-  /** Row of each among values. */
+/** Neighbours of one track. */
+export interface NeighbourSet {
+  /** Row of each neighbour in the values. */
   readonly rows: Int32Array;
-  /** The same among their origins. */
+  /** Row of each neighbour in the origins. */
   readonly origins: Int32Array;
-  /** In what they change. */
+  /** Kinds of channels that change in each neighbour. */
   readonly kinds: Uint8Array;
-  /** How much they count: for place, turn and shape, for colour, and by how their colour differs. */
+  /**
+   * Weights for position, rotation and shape (`weights`), for colour (`closeness`), and by colour contrast
+   * (`contrasts`).
+   */
   readonly weights: Float64Array;
   readonly closeness: Float64Array;
   readonly contrasts: Float64Array;
 }
 
-/** Sums over neighbours, of so many frames. */
-export class Sums {
+/** Sums over neighbours for a number of frames. */
+export class NeighbourSums {
   readonly #sums: Float64Array;
   readonly #lows: Float64Array;
   readonly #highs: Float64Array;
   readonly #shares: Float64Array;
-  /** Where values begin of those that change, and how much they count; rounded up by such as count 0. */
+  /** Offset of each changing neighbour's values, and its weight. Padded with weights of 0. */
   readonly #at: Int32Array;
   readonly #counts: Float64Array;
 
-  /** Of values frames times channels each, counted from origins of channels each; null where these are 0. */
+  /** `values` has shape (rows, frames, channels). `origins`, shape (rows, channels), is subtracted; null means 0. */
   constructor(
     readonly frames: number,
     most: number,
@@ -70,31 +73,34 @@ export class Sums {
     this.#lows = new Float64Array(frames * NUM_CHANNELS);
     this.#highs = new Float64Array(frames * NUM_CHANNELS);
     this.#shares = new Float64Array(frames);
-    this.#at = new Int32Array(most + ABREAST);
-    this.#counts = new Float64Array(most + ABREAST);
+    this.#at = new Int32Array(most + NEIGHBOURS_PER_PASS);
+    this.#counts = new Float64Array(most + NEIGHBOURS_PER_PASS);
   }
 
-  /** What neighbours, which change in `kinds`, say of a track whose colour differs by `contrast` from theirs. */
-  of(near: Near, kinds: number, contrast: Float64Array, out: Float32Array): void {
+  /**
+   * Writes the predicted offsets of a track. `kinds` are the neighbours' changing kinds, `contrast` is the track's
+   * colour contrast.
+   */
+  of(near: NeighbourSet, kinds: number, contrast: Float64Array, out: Float32Array): void {
     const sums = this.#sums.fill(0);
     if (kinds & POSE) this.#add(near, POSE, near.weights, 0, FIRST_SHAPE);
     if (kinds & SHAPE) {
       this.#add(near, SHAPE, near.weights, FIRST_SHAPE, FIRST_COLOUR);
-      this.#bound(near);
+      this.#clampToNeighbours(near);
     }
     if (kinds & COLOUR) {
       this.#add(near, COLOUR, near.closeness, FIRST_COLOUR, NUM_CHANNELS);
-      this.#share(near, contrast);
+      this.#addContrast(near, contrast);
     }
     out.set(sums);
   }
 
-  #add(near: Near, kind: number, counts: Float64Array, begin: number, end: number): void {
+  #add(near: NeighbourSet, kind: number, counts: Float64Array, begin: number, end: number): void {
     const { values } = this,
       sums = this.#sums,
-      some = this.#pick(near, kind, counts),
+      some = this.#selectChanging(near, kind, counts),
       width = end - begin;
-    for (let i = 0; i < some; i += ABREAST) {
+    for (let i = 0; i < some; i += NEIGHBOURS_PER_PASS) {
       const p = this.#counts[i],
         q = this.#counts[i + 1],
         r = this.#counts[i + 2],
@@ -115,8 +121,8 @@ export class Sums {
     if (this.origins) this.#subtract(near, this.origins, counts, begin, end);
   }
 
-  /** Lists those that change in a kind of channel; returns how many, rounded up. */
-  #pick({ rows, kinds }: Near, kind: number, counts: Float64Array): number {
+  /** Lists the neighbours that change in a kind of channel. Returns their number, rounded up. */
+  #selectChanging({ rows, kinds }: NeighbourSet, kind: number, counts: Float64Array): number {
     const stride = this.frames * NUM_CHANNELS;
     let some = 0;
     for (let i = 0; i < rows.length; i++) {
@@ -124,14 +130,14 @@ export class Sums {
       this.#at[some] = rows[i] * stride;
       this.#counts[some++] = counts[i];
     }
-    for (; some % ABREAST; some++) {
+    for (; some % NEIGHBOURS_PER_PASS; some++) {
       this.#at[some] = this.#at[some - 1];
       this.#counts[some] = 0;
     }
     return some;
   }
 
-  #subtract(near: Near, from: Float32Array, counts: Float64Array, begin: number, end: number): void {
+  #subtract(near: NeighbourSet, from: Float32Array, counts: Float64Array, begin: number, end: number): void {
     const sums = this.#sums;
     for (let c = begin; c < end; c++) {
       let sum = 0;
@@ -140,8 +146,8 @@ export class Sums {
     }
   }
 
-  /** None grows or shines more than all around it. */
-  #bound({ rows, origins, kinds }: Near): void {
+  /** Clamps scales and opacity to the range of the neighbours' changes. */
+  #clampToNeighbours({ rows, origins, kinds }: NeighbourSet): void {
     const { values, frames } = this,
       sums = this.#sums,
       lows = this.#lows.fill(Infinity),
@@ -162,8 +168,8 @@ export class Sums {
       for (let c = k + FIRST_SHAPE; c < k + FIRST_COLOUR; c++) sums[c] = Math.min(Math.max(sums[c], lows[c]), highs[c]);
   }
 
-  /** Adds what grows with colour. */
-  #share({ rows, origins, kinds, contrasts }: Near, contrast: Float64Array): void {
+  /** Adds the part of the colour change that is proportional to the colour contrast. */
+  #addContrast({ rows, origins, kinds, contrasts }: NeighbourSet, contrast: Float64Array): void {
     const { values, frames } = this,
       sums = this.#sums,
       shares = this.#shares.fill(0);

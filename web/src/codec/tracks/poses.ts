@@ -1,30 +1,30 @@
-// What is known of what tracks do.
+// Offsets of tracks from their bases.
 
 import type { Splats } from "../splats.ts";
 
-/** How tracks of a group differ from their bases; n tracks, frames times channels each. */
-export interface Poses {
+/** Offsets of a group's tracks from their bases, shape (tracks, frames, channels). */
+export interface TrackOffsets {
   /** Slot of each track. */
   readonly slots: Int32Array;
-  /** First frame in the group, and the first after. */
+  /** First frame and end frame of each track within the group. */
   readonly begins: Int32Array;
   readonly ends: Int32Array;
   readonly offsets: Float32Array;
 }
 
-/** What is known of tracks before a group, by slot. */
-export interface Past {
+/** State of the tracks before a group, by slot. */
+export interface PreviousState {
   readonly splats: Splats;
-  /** How each differed from its base in the last frame. */
-  readonly since: Float32Array;
-  /** Whether that was a guess. */
-  readonly guessed: Uint8Array | null;
-  /** Whether a track was born in the group that most were: offsets of others are from another time on. */
-  readonly together: Uint8Array;
-  /** Whether a track is born in the group. */
-  readonly fresh: (slot: number) => boolean;
-  /** Whether side information, too, does not tell when it is born in it. */
-  readonly untold: (slot: number) => boolean;
-  /** Step of a track's place. */
-  readonly rounding: (slot: number) => number;
+  /** Offset from the base in the last frame, shape (slots, channels). */
+  readonly lastOffsets: Float32Array;
+  /** Tracks with an estimated last offset (1); null if none. */
+  readonly wasExtrapolated: Uint8Array | null;
+  /** Tracks born in the same group as most of the received ones (1). Offsets of others refer to another time. */
+  readonly bornTogether: Uint8Array;
+  /** Returns true if the track is born in this group. */
+  readonly isNew: (slot: number) => boolean;
+  /** Returns true if the track is born in this group and its first frame is unknown. */
+  readonly hasUnknownBirth: (slot: number) => boolean;
+  /** Returns the quantisation step of a track's position, world units. */
+  readonly positionStep: (slot: number) => number;
 }

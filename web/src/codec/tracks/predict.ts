@@ -1,36 +1,38 @@
-// Coefficients of a packet's tracks from their residuals: each is expected to move as the least-squares plane through
-// its nearest neighbours in the packet says. No number reaches 2^53.
+// Reconstructs the coefficients of a packet's tracks from residuals. The prediction is a least-squares plane through
+// the nearest neighbours in the packet. All numbers stay below 2^53.
 
 import { KIND_OF, MAX_COEFFICIENT, NUM_CHANNELS, NUM_NEIGHBOURS, PLACE_BITS, WEIGHT } from "./layout.ts";
 
 const RADIUS = 1 << 10,
   SPREAD = 2 ** 16,
-  PULL = 2 ** 33,
+  MAX_MOMENT = 2 ** 33,
   RIDGE = 2 ** 14,
-  LEAST_RIDGE = 4,
-  TURN = 2 ** 20;
+  MIN_RIDGE = 4,
+  TILT_UNIT = 2 ** 20;
 
 const clip = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
 
-/** How many coefficients of all channels a track has. */
+/** Returns the number of coefficients of a track, all channels together. */
 export function coefficientsOf(orders: Int32Array): number {
   let total = 0;
   for (let c = 0; c < NUM_CHANNELS; c++) total += orders[KIND_OF[c]];
   return total;
 }
 
-/** Grows with the largest packet; a packet's coefficients are read before the next one's are found. */
-let room = new Float64Array(0);
+/**
+ * Buffer for the result. It grows with the largest packet and is reused because packets are processed one after
+ * another.
+ */
+let buffer = new Float64Array(0);
 
 /**
- * Coefficients, a row for each track: of each channel as many as its kind has. Of tracks that do not move 0. They are
- * there until the next call.
+ * Returns the coefficients, one row per track; 0 for tracks that do not move. The result is valid until the next call.
  *
- * @param places Of the bases, half lattice units, 3 each.
- * @param moving Whether each moves.
- * @param shifts log2 of the steps, one for each channel.
- * @param residuals In steps; n, channels, F.
- * @param orders How many coefficients of each kind there are.
+ * @param places Positions of the bases, half lattice units, shape (n, 3).
+ * @param moving Moving tracks (1), shape (n).
+ * @param shifts log2 of the steps, shape (n, channels).
+ * @param residuals Residuals in steps, shape (n, channels, F).
+ * @param orders Number of coefficients per kind of channel.
  */
 export function coefficients(
   places: Float64Array,
@@ -42,18 +44,18 @@ export function coefficients(
   const count = moving.length,
     frames = residuals.length / NUM_CHANNELS / Math.max(count, 1),
     size = coefficientsOf(orders),
-    small = shrunk(places),
+    small = normalisedPositions(places),
     known = new Int32Array(count),
     means = new Float64Array(size),
     plane = new Plane(small);
-  if (room.length < count * size) room = new Float64Array(count * size);
-  const out = room.subarray(0, count * size).fill(0);
+  if (buffer.length < count * size) buffer = new Float64Array(count * size);
+  const out = buffer.subarray(0, count * size).fill(0);
   let found = 0;
   for (let i = 0; i < count; i++) if (!moving[i]) known[found++] = i;
-  for (const i of coarseToFine(small, moving, shifts)) {
+  for (const i of codingOrder(small, moving, shifts)) {
     plane.fit(known, found, i);
     const own = i * size;
-    addUp(plane, moving, out, means);
+    weightedMeans(plane, moving, out, means);
     for (let c = 0, u = 0; c < NUM_CHANNELS; c++) {
       const end = orders[KIND_OF[c]],
         step = end ? 2 ** shifts[i * NUM_CHANNELS + c] : 0;
@@ -67,26 +69,34 @@ export function coefficients(
   return out;
 }
 
-/** What the neighbours do, weighed: four at a time, so that a sum is read and written once for them. */
-function addUp({ count, weights, who }: Plane, moving: Uint8Array, rows: Float64Array, means: Float64Array): void {
+/**
+ * Writes the neighbours' weighted coefficients to `means`. Adds four neighbours per pass, so that each sum is read and
+ * written once for them.
+ */
+function weightedMeans(
+  { count, weights, indices }: Plane,
+  moving: Uint8Array,
+  rows: Float64Array,
+  means: Float64Array,
+): void {
   const size = means.fill(0).length,
-    weightOf = (m: number): number => (m < count && moving[who[m]] ? weights[m] : 0);
+    weightOf = (m: number): number => (m < count && moving[indices[m]] ? weights[m] : 0);
   for (let m = 0; m < count; m += 4) {
     const p = weightOf(m),
       q = weightOf(m + 1),
       r = weightOf(m + 2),
       s = weightOf(m + 3);
     if (!p && !q && !r && !s) continue;
-    let a = who[m] * size,
-      b = who[m + 1] * size,
-      c = who[m + 2] * size,
-      d = who[m + 3] * size;
+    let a = indices[m] * size,
+      b = indices[m + 1] * size,
+      c = indices[m + 2] * size,
+      d = indices[m + 3] * size;
     for (let u = 0; u < size; u++) means[u] += p * rows[a++] + q * rows[b++] + r * rows[c++] + s * rows[d++];
   }
 }
 
-/** Places from the lowest corner on, in units so large that `PLACE_BITS` suffice. */
-function shrunk(places: Float64Array): Float64Array {
+/** Returns the positions relative to their lower corner, rounded to `PLACE_BITS` bits per axis. */
+function normalisedPositions(places: Float64Array): Float64Array {
   const low = [Infinity, Infinity, Infinity];
   let extent = 0,
     unit = 1;
@@ -97,13 +107,13 @@ function shrunk(places: Float64Array): Float64Array {
   return moved.map((place) => Math.floor(place / unit));
 }
 
-/** Fine steps first; of like ones along a Z-order curve by ever smaller strides. */
-function coarseToFine(near: Float64Array, moving: Uint8Array, shifts: Int32Array): Int32Array {
+/** Returns the moving tracks in coding order: by step, then along a Z-order curve with decreasing strides. */
+function codingOrder(near: Float64Array, moving: Uint8Array, shifts: Int32Array): Int32Array {
   const some = Int32Array.from(moving.keys()).filter((i) => moving[i]),
     codes = new Int32Array(moving.length),
     n = some.length;
   for (const i of some) {
-    for (let a = 0; a < 3; a++) codes[i] += apart(near[3 * i + a] >> (PLACE_BITS - 10)) << a;
+    for (let a = 0; a < 3; a++) codes[i] += spreadBits(near[3 * i + a] >> (PLACE_BITS - 10)) << a;
   }
   const by = some.slice().sort((i, j) => codes[i] - codes[j] || i - j),
     bits = n > 1 ? 32 - Math.clz32(n - 1) : 0,
@@ -121,21 +131,21 @@ function coarseToFine(near: Float64Array, moving: Uint8Array, shifts: Int32Array
   return order.sort((i, j) => key(i) - key(j) || place[i] - place[j]);
 }
 
-/** Ten bits with two zeros between them. */
-function apart(bits: number): number {
+/** Inserts two zero bits after each of ten bits. */
+function spreadBits(bits: number): number {
   bits = (bits | (bits << 16)) & 0x030000ff;
   bits = (bits | (bits << 8)) & 0x0300f00f;
   bits = (bits | (bits << 4)) & 0x030c30c3;
   return (bits | (bits << 2)) & 0x09249249;
 }
 
-/** Weights of the nearest neighbours, out of `WEIGHT`, that add up to one. */
+/** Weights of the nearest neighbours in the plane fit. They sum to `WEIGHT`. */
 class Plane {
   count = 0;
-  readonly who = new Int32Array(NUM_NEIGHBOURS);
+  readonly indices = new Int32Array(NUM_NEIGHBOURS);
   readonly weights = new Float64Array(NUM_NEIGHBOURS);
-  readonly #far = new Float64Array(NUM_NEIGHBOURS);
-  readonly #near = new Float64Array(NUM_NEIGHBOURS);
+  readonly #squaredDistances = new Float64Array(NUM_NEIGHBOURS);
+  readonly #proximity = new Float64Array(NUM_NEIGHBOURS);
   readonly #offsets = new Float64Array(3 * NUM_NEIGHBOURS);
 
   constructor(readonly places: Float64Array) {}
@@ -150,10 +160,10 @@ class Plane {
     if (count) weights[0] += left;
   }
 
-  /** The nearest, nearest first; of equals the earlier one. */
+  /** Finds the nearest tracks, nearest first. Among equal distances the earlier track counts. */
   #find(known: Int32Array, found: number, i: number): void {
-    const { places, who } = this,
-      far = this.#far,
+    const { places, indices } = this,
+      far = this.#squaredDistances,
       x = places[3 * i],
       y = places[3 * i + 1],
       z = places[3 * i + 2];
@@ -168,23 +178,23 @@ class Plane {
       let at = count < NUM_NEIGHBOURS ? count++ : count - 1;
       for (; at > 0 && far[at - 1] > d; at--) {
         far[at] = far[at - 1];
-        who[at] = who[at - 1];
+        indices[at] = indices[at - 1];
       }
       far[at] = d;
-      who[at] = j;
+      indices[at] = j;
     }
     this.count = count;
   }
 
   #plane(i: number): void {
-    const { places, who, count, weights } = this,
-      far = this.#far,
-      near = this.#near,
+    const { places, indices, count, weights } = this,
+      far = this.#squaredDistances,
+      near = this.#proximity,
       o = this.#offsets;
     let radius = 1,
       total = 0;
     for (let m = 0; m < count; m++)
-      for (let a = 0; a < 3; a++) radius = Math.max(radius, Math.abs(places[3 * who[m] + a] - places[3 * i + a]));
+      for (let a = 0; a < 3; a++) radius = Math.max(radius, Math.abs(places[3 * indices[m] + a] - places[3 * i + a]));
     let sx = 0,
       sy = 0,
       sz = 0,
@@ -197,7 +207,7 @@ class Plane {
     for (let m = 0; m < count; m++) {
       const w = (near[m] = 1 + Math.floor((2 * (far[0] + 1)) / (far[m] + 1)));
       for (let a = 0; a < 3; a++)
-        o[3 * m + a] = Math.floor(((places[3 * who[m] + a] - places[3 * i + a]) * RADIUS) / radius);
+        o[3 * m + a] = Math.floor(((places[3 * indices[m] + a] - places[3 * i + a]) * RADIUS) / radius);
       const x = o[3 * m],
         y = o[3 * m + 1],
         z = o[3 * m + 2];
@@ -221,7 +231,7 @@ class Plane {
     const trace = xx + yy + zz;
     let spread = 1;
     while (Math.floor(trace / spread) >= SPREAD) spread *= 2;
-    const ridge = Math.floor(trace / (spread * RIDGE)) + LEAST_RIDGE;
+    const ridge = Math.floor(trace / (spread * RIDGE)) + MIN_RIDGE;
     xx = Math.floor(xx / spread) + ridge;
     xy = Math.floor(xy / spread);
     xz = Math.floor(xz / spread);
@@ -240,15 +250,15 @@ class Plane {
       hz = c * sx + e * sy + g * sz,
       pull = 1;
     const most = Math.max(Math.abs(hx), Math.abs(hy), Math.abs(hz));
-    while (Math.floor(most / pull) >= PULL) pull *= 2;
+    while (Math.floor(most / pull) >= MAX_MOMENT) pull *= 2;
     hx = Math.floor(hx / pull);
     hy = Math.floor(hy / pull);
     hz = Math.floor(hz / pull);
-    const scale = (TURN * pull) / spread;
+    const scale = (TILT_UNIT * pull) / spread;
     for (let m = 0; m < count; m++) {
       const moment = hx * (total * o[3 * m] - sx) + hy * (total * o[3 * m + 1] - sy) + hz * (total * o[3 * m + 2] - sz),
         turn = Math.floor((moment / determinant) * scale + 0.5),
-        share = Math.floor((near[m] * (TURN - turn)) / (total * (TURN / WEIGHT)));
+        share = Math.floor((near[m] * (TILT_UNIT - turn)) / (total * (TILT_UNIT / WEIGHT)));
       weights[m] = clip(share, -WEIGHT, WEIGHT);
     }
   }

@@ -1,17 +1,20 @@
-// How much each neighbour counts for what is smooth: the twin of `splatwire.clips.neighbors.smooth_weights`.
+// Weights of neighbours in a smooth fit. Counterpart of `splatwire.concealment.temporal.neighbors.smooth_weights`.
 
-const NEAREST = 0.1,
+const MIN_DISTANCE = 0.1,
   TERMS = 10,
   RIDGES = [1e-9, 1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2, 1e-2, 1e-2, 1e-2],
-  /** A fit whose weights add up to more reaches too far out of its neighbours: their mean is safer. */
-  WILD = 6,
-  /** Neighbours that are added up side by side: sums do not wait for each other. */
-  ABREAST = 4;
+  /** Largest sum of absolute weights. Beyond it the fit extrapolates too far, and the weighted mean is used. */
+  MAX_WEIGHT_SUM = 6,
+  /** Neighbours summed in parallel by independent accumulators. */
+  LANES = 4;
 
 /** Powers of x, y and z in each term. */
 const POWERS_OF = ["", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz"];
 
-/** Products of two terms, of those that are equal one: the two, and in which of the products an entry is found. */
+/**
+ * Distinct products of two terms, and the index of the product of terms a and b. Equal products such as x * y and xy *
+ * 1 are stored once.
+ */
 const PRODUCTS: [number, number][] = [],
   PRODUCT_AT = new Uint8Array(TERMS * TERMS);
 {
@@ -27,8 +30,8 @@ const PRODUCTS: [number, number][] = [],
 const FIRSTS = Uint8Array.from(PRODUCTS, ([a]) => a),
   SECONDS = Uint8Array.from(PRODUCTS, ([, b]) => b);
 
-/** How near neighbours at these offsets are, adds up to one; returns their mean distance. */
-export function closenessOf(offsets: Float64Array, out: Float64Array): number {
+/** Computes weights that decrease with distance and sum to 1. Returns the root mean square distance. */
+export function proximityWeights(offsets: Float64Array, out: Float64Array): number {
   const count = out.length;
   let mean = 0,
     total = 0;
@@ -39,40 +42,43 @@ export function closenessOf(offsets: Float64Array, out: Float64Array): number {
     mean += out[m] = x * x + y * y + z * z;
   }
   mean = mean / count + 1e-30;
-  for (let m = 0; m < count; m++) total += out[m] = 1 / (out[m] / mean + NEAREST);
+  for (let m = 0; m < count; m++) total += out[m] = 1 / (out[m] / mean + MIN_DISTANCE);
   for (let m = 0; m < count; m++) out[m] /= total;
   return Math.sqrt(mean);
 }
 
-/** Weights of up to so many neighbours. */
+/** Quadratic fit to a fixed number of neighbours. */
 export class Quadratic {
-  /** Row by row, a term of all neighbours; and the same times how near they are. 0 of neighbours there are not. */
+  /** Terms of all neighbours, one row per term, and the same times the distance weights. Padded with 0. */
   readonly #terms: Float64Array;
-  readonly #near: Float64Array;
+  readonly #weightedTerms: Float64Array;
   readonly #row: number;
   readonly #products = new Float64Array(PRODUCTS.length);
   readonly #lower = new Float64Array(TERMS * TERMS);
-  readonly #here = new Float64Array(TERMS);
+  readonly #solution = new Float64Array(TERMS);
 
   constructor(readonly count: number) {
-    this.#row = ABREAST * Math.ceil(count / ABREAST);
+    this.#row = LANES * Math.ceil(count / LANES);
     this.#terms = new Float64Array(TERMS * this.#row);
-    this.#near = new Float64Array(TERMS * this.#row);
+    this.#weightedTerms = new Float64Array(TERMS * this.#row);
   }
 
-  /** Of the quadratic that fits best, near ones counting more; offsets of neighbours by `unit`. */
+  /**
+   * Computes the weights of the best quadratic fit at the origin. `near` are the distance weights, and `unit` scales
+   * the offsets.
+   */
   weights(offsets: Float64Array, near: Float64Array, unit: number, out: Float64Array): void {
-    this.#spread(offsets, near, 1 / unit);
+    this.#fillTerms(offsets, near, 1 / unit);
     this.#multiply();
     for (let a = 0; a < TERMS; a++) {
       for (let b = 0; b <= a; b++) this.#lower[TERMS * a + b] = this.#products[PRODUCT_AT[TERMS * a + b]];
       this.#lower[(TERMS + 1) * a] += RIDGES[a];
     }
-    solveForFirst(this.#lower, this.#here);
-    this.#weigh(near, out);
+    solveForFirst(this.#lower, this.#solution);
+    this.#computeWeights(near, out);
   }
 
-  #spread(offsets: Float64Array, near: Float64Array, scale: number): void {
+  #fillTerms(offsets: Float64Array, near: Float64Array, scale: number): void {
     const terms = this.#terms,
       row = this.#row;
     for (let m = 0; m < this.count; m++) {
@@ -91,11 +97,11 @@ export class Quadratic {
       terms[9 * row + m] = y * z;
     }
     for (let a = 0, at = 0; a < TERMS; a++, at = a * row)
-      for (let m = 0; m < this.count; m++) this.#near[at + m] = near[m] * terms[at + m];
+      for (let m = 0; m < this.count; m++) this.#weightedTerms[at + m] = near[m] * terms[at + m];
   }
 
   #multiply(): void {
-    const near = this.#near,
+    const near = this.#weightedTerms,
       terms = this.#terms,
       row = this.#row;
     for (let t = 0; t < FIRSTS.length; t++) {
@@ -105,7 +111,7 @@ export class Quadratic {
         b = 0,
         c = 0,
         d = 0;
-      for (const end = at + row; at < end; at += ABREAST, to += ABREAST) {
+      for (const end = at + row; at < end; at += LANES, to += LANES) {
         a += near[at] * terms[to];
         b += near[at + 1] * terms[to + 1];
         c += near[at + 2] * terms[to + 2];
@@ -115,10 +121,10 @@ export class Quadratic {
     }
   }
 
-  /** What the quadratic says here, as weights of what it was fitted to. */
-  #weigh(near: Float64Array, out: Float64Array): void {
-    const [h0, h1, h2, h3, h4, h5, h6, h7, h8, h9] = this.#here,
-      terms = this.#near,
+  /** Expresses the value of the fit at the origin as weights of the neighbours. */
+  #computeWeights(near: Float64Array, out: Float64Array): void {
+    const [h0, h1, h2, h3, h4, h5, h6, h7, h8, h9] = this.#solution,
+      terms = this.#weightedTerms,
       row = this.#row;
     let total = 0,
       sum = 0;
@@ -129,11 +135,11 @@ export class Quadratic {
       total += out[m] = straight + square + mixed;
     }
     for (let m = 0; m < this.count; m++) sum += Math.abs((out[m] /= total));
-    if (sum > WILD) out.set(near);
+    if (sum > MAX_WEIGHT_SUM) out.set(near);
   }
 }
 
-/** The first column of the inverse of a symmetric positive matrix whose lower half is given (Cholesky). */
+/** Returns the first column of the inverse of a symmetric positive matrix, given its lower half (Cholesky). */
 function solveForFirst(lower: Float64Array, x: Float64Array): void {
   for (let a = 0, row = 0; a < TERMS; a++, row += TERMS) {
     for (let b = 0, other = 0; b < a; b++, other += TERMS) {
@@ -143,7 +149,7 @@ function solveForFirst(lower: Float64Array, x: Float64Array): void {
     }
     let sum = lower[row + a];
     for (let k = 0; k < a; k++) sum -= lower[row + k] ** 2;
-    lower[row + a] = 1 / Math.sqrt(sum); // the inverse: to multiply takes less time than to divide
+    lower[row + a] = 1 / Math.sqrt(sum); // stores the reciprocal, because multiplication is faster than division
   }
   for (let a = 0; a < TERMS; a++) {
     let sum = a ? 0 : 1;

@@ -1,26 +1,25 @@
-// Clips: tracks of Gaussians over groups of frames. Bases are drawn as they are when they are born; how they move is
-// for `Clip`.
+// Clips: tracks of Gaussians over groups of frames. This schema decodes bases; `Clip` decodes their motion.
 
-import { sha256 } from "@noble/hashes/sha2.js";
-import { hex } from "../../bytes.ts";
 import type { Elements } from "../../conceal/elements.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
-import type { Pause } from "../../turns.ts";
+import type { Pause } from "../../scheduler.ts";
+import { newSha256 } from "../../sha256.ts";
 import { addRows, integers32 } from "../gaussians/digest.ts";
-import { type Decoded, PacketDecoder } from "../gaussians/packet.ts";
+import { FastPackets } from "../gaussians/native.ts";
+import type { Decoded, GaussianPackets } from "../gaussians/packet.ts";
 import { GaussianPart } from "../gaussians/part.ts";
 import { toSplats } from "../gaussians/to_splats.ts";
-import { LOOKED_AT_BYTES } from "../memory.ts";
+import { CONCEALMENT_BYTES } from "../memory.ts";
 import type { Copies } from "../part.ts";
-import type { Schema } from "../schema.ts";
+import type { DecodedPacket, Schema } from "../schema.ts";
 import { emptySplats, splatBytes } from "../splats.ts";
-import { TRACK_BYTES } from "./bases.ts";
 import { Clip } from "./clip.ts";
+import { TRACK_BYTES } from "./keyframe_gaussians.ts";
 import { decodeMotion } from "./motion.ts";
 import { type ClipInfo, readClipInfo } from "./side_info.ts";
 
-/** First block of a group's bases among those of all groups and in the plan, and its first track. */
+/** First block of a group's bases, among all bases and in the plan, and its first track. */
 interface First {
   readonly own: number;
   readonly plan: number;
@@ -40,15 +39,15 @@ function firstsOf({ groups }: ClipInfo, plan: Plan): First[] {
 }
 
 export class TrackSchema implements Schema<GaussianPart> {
-  readonly lookedAtBytes = LOOKED_AT_BYTES;
+  readonly concealmentBytes = CONCEALMENT_BYTES;
   readonly tiling = null;
   readonly viewDependent = false;
   readonly middle = null;
   info: ClipInfo;
   readonly concealers = {};
-  /** What of the clip arrived. */
+  /** Received packets and frames of the clip. */
   readonly moving: Clip;
-  #bases: PacketDecoder;
+  #bases: GaussianPackets;
   #firsts: readonly First[];
 
   constructor(
@@ -57,7 +56,7 @@ export class TrackSchema implements Schema<GaussianPart> {
   ) {
     this.info = readClipInfo(sideInfo, plan.manifest);
     this.moving = new Clip(this.info, sideInfo.length);
-    this.#bases = new PacketDecoder(this.info.bases);
+    this.#bases = new FastPackets(this.info.bases);
     this.#firsts = firstsOf(this.info, plan);
   }
 
@@ -65,7 +64,7 @@ export class TrackSchema implements Schema<GaussianPart> {
     this.info = readClipInfo(sideInfo, plan.manifest);
     this.plan = plan;
     this.moving.grow(this.info);
-    this.#bases = new PacketDecoder(this.info.bases);
+    this.#bases = new FastPackets(this.info.bases);
     this.#firsts = firstsOf(this.info, plan);
   }
 
@@ -81,33 +80,43 @@ export class TrackSchema implements Schema<GaussianPart> {
     return this.info.sections;
   }
 
-  /** Of bases; motion is decoded when its group is played. */
+  /** Memory of decoded bases, bytes. Motion is decoded later and has its own limit. */
   bytesOf(packet: Packet): number {
     return this.plan.tierOf(packet.block) % 2 ? 0 : packet.count * (splatBytes(this.degree) + TRACK_BYTES);
   }
 
   read(packet: Packet): GaussianPart {
-    const tier = this.plan.tierOf(packet.block),
-      group = tier >> 1;
-    if (tier % 2) {
-      this.moving.addMotion(group, packet);
-      return new GaussianPart(packet, emptySplats(0, this.degree), () => new Int32Array());
-    }
-    const { own, plan, track } = this.#firsts[group],
+    const decoded = this.decode(packet);
+    if (decoded) return this.accept(packet, decoded);
+    this.moving.addMotion(this.plan.tierOf(packet.block) >> 1, packet);
+    return new GaussianPart(packet, emptySplats(0, this.degree), () => new Int32Array());
+  }
+
+  /** Decodes a packet of bases. Motion is decoded when it is drawn, because it needs the bases. */
+  decode({ payload, block, count }: Packet): DecodedPacket | null {
+    const tier = this.plan.tierOf(block);
+    if (tier % 2) return null;
+    const { own, plan } = this.#firsts[tier >> 1],
+      base = own + block - plan,
+      symbols = this.#bases.decode(payload, base, count);
+    return { symbols, splats: toSplats(symbols, this.info.bases, base) };
+  }
+
+  accept(packet: Packet, { symbols, splats }: DecodedPacket): GaussianPart {
+    const group = this.plan.tierOf(packet.block) >> 1,
+      { own, plan, track } = this.#firsts[group],
       block = packet.block - plan,
       base = own + block,
-      first = track + block * (block ? this.plan.blockCount(plan) : 0) + packet.lane,
-      decoded = this.#bases.decode(packet.payload, base, packet.count),
-      splats = toSplats(decoded, this.info.bases, base);
+      first = track + block * (block ? this.plan.blockCount(plan) : 0) + packet.lane;
     const corner = this.info.bases.boxes.corners.subarray(3 * base, 3 * base + 3);
-    this.moving.addBases(group, first, decoded.rows, corner, splats);
+    this.moving.addBases(group, first, symbols.rows, corner, splats);
     this.moving.numBytes += packet.payload.length;
     return new GaussianPart(packet, splats, () => this.plan.members(packet));
   }
 
-  /** Integers of bases and of motion, block by block. */
+  /** Digest of the integers of bases and of motion, block by block. */
   async digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string> {
-    const digest = sha256.create();
+    const digest = newSha256();
     for (const packets of blocks) {
       const found: Decoded[] = [],
         numbers: Int32Array[][] = [[], []];
@@ -116,8 +125,8 @@ export class TrackSchema implements Schema<GaussianPart> {
         const tier = this.plan.tierOf(packet.block),
           group = tier >> 1;
         if (tier % 2) {
-          const { heads, residuals } = this.#motion(packet, group);
-          numbers[0].push(heads);
+          const { headers, residuals } = this.#motion(packet, group);
+          numbers[0].push(headers);
           numbers[1].push(residuals);
         } else {
           const { own, plan } = this.#firsts[group];
@@ -127,7 +136,7 @@ export class TrackSchema implements Schema<GaussianPart> {
       addRows(digest, found);
       for (const arrays of numbers) for (const values of arrays) digest.update(integers32(values));
     }
-    return hex(digest.digest());
+    return digest.hex();
   }
 
   #motion(packet: Packet, group: number): ReturnType<typeof decodeMotion> {

@@ -17,9 +17,9 @@ export interface ClipInfo {
   readonly groups: readonly Group[];
   readonly numTracks: number;
   readonly bases: SideInfo;
-  /** Octaves by which steps of motion are larger than those of the base, by kind of channel. */
+  /** Ratio of motion steps to those of the base in octaves, per kind of channel. */
   readonly coarser: readonly number[];
-  /** Initial adaptive models of every packet of motion, two each. */
+  /** Initial state of the adaptive models of each motion packet, two estimates per context. */
   readonly models: Int32Array;
   readonly sections: Map<string, Uint8Array>;
   readonly lifetimes: Lifetimes;
@@ -27,7 +27,7 @@ export interface ClipInfo {
 
 export function readClipInfo(bytes: Uint8Array, manifest: Manifest): ClipInfo {
   if (manifest.packetization.grouping !== "hashed")
-    throw new BitstreamError("packets of a clip are cut by their size, those of this manifest are not");
+    throw new BitstreamError("a clip needs hashed grouping, but the manifest has another one");
   const reader = new ByteReader(bytes, "side information"),
     clip = reader.blob(),
     bases = reader.blob(),
@@ -57,7 +57,7 @@ function readTimeline(bytes: Uint8Array): Timeline {
   const reader = new ByteReader(bytes, "side information of the clip"),
     version = reader.u8();
   if (version !== VERSION)
-    throw new BitstreamError(`side information has version ${version}, this page reads ${VERSION}`);
+    throw new BitstreamError(`side information has version ${version}, this version reads ${VERSION}`);
   const numerator = reader.unsigned(),
     denominator = reader.unsigned(),
     numFrames = reader.unsigned(),
@@ -65,7 +65,7 @@ function readTimeline(bytes: Uint8Array): Timeline {
   const possible =
     denominator > 0 && denominator <= MAX_FRAMES && numerator > 0 && numerator <= MAX_FRAME_RATE * denominator;
   if (!(possible && numFrames > 0 && numFrames <= MAX_FRAMES && groupFrames > 0 && groupFrames <= MAX_GROUP_FRAMES))
-    throw new BitstreamError("side information: impossible frames");
+    throw new BitstreamError("side information: the frame rate or the number of frames is out of range");
   reader.finish();
   return { rate: numerator / denominator, numFrames, groupFrames };
 }
@@ -77,7 +77,7 @@ function groupsOf({ tiers }: Manifest): Group[] {
     const births = tiers[tier].count,
       motions = tiers[tier + 1].count;
     if (motions > firstNew + births)
-      throw new BitstreamError(`${motions} tracks move in a group where ${firstNew + births} are born`);
+      throw new BitstreamError(`${motions} tracks move in a group, but only ${firstNew + births} exist`);
     groups.push({ births, motions, firstNew });
     firstNew += births;
   }
@@ -88,7 +88,7 @@ function readMotion(bytes: Uint8Array): Pick<ClipInfo, "coarser" | "models"> {
   const reader = new ByteReader(bytes, "side information of motion"),
     coarser = Array.from({ length: NUM_KINDS }, () => reader.signed());
   if (coarser.some((octaves) => Math.abs(octaves) > MAX_OFFSET))
-    throw new BitstreamError("side information: impossible steps of motion");
+    throw new BitstreamError("side information: a step of motion is out of range");
   const zero = reader.take(NUM_CONTEXTS);
   reader.finish();
   const models = Int32Array.from(

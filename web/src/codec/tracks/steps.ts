@@ -1,4 +1,4 @@
-// Steps of what moves: as fine as those of the track's base.
+// Quantisation steps of motion, derived from those of the track's base.
 
 import {
   BITS,
@@ -23,7 +23,7 @@ import { KIND_OF, NUM_CHANNELS } from "./layout.ts";
 
 const LARGEST_SHIFT = 30;
 
-/** log2 of the steps of each channel, of bases whose decoded integers are given. */
+/** log2 of the steps of each channel. */
 export class MotionSteps {
   readonly #steps: Steps;
 
@@ -34,7 +34,7 @@ export class MotionSteps {
     this.#steps = new Steps(info.bases);
   }
 
-  /** Of the base whose integers begin at `row`, to `out` from `at` on. */
+  /** Computes the steps for the base with integers from index `row`. Writes them to `out` from `at`. */
   of(rows: Float64Array, row: number, out: Int32Array, at: number): void {
     const steps = this.#steps,
       { unit, coarsest } = this.info,

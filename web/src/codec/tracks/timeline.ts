@@ -1,18 +1,18 @@
-// When what is in a clip.
+// Timing of a clip.
 
-/** When the frames of a clip are. */
+/** Frame rate and length of a clip. */
 export interface Timeline {
-  /** Frames a second. */
+  /** Frames per second. */
   readonly rate: number;
   readonly numFrames: number;
-  /** Frames of a group; the last one may have fewer. */
+  /** Frames per group; the last group may have fewer. */
   readonly groupFrames: number;
 }
 
-/** Tracks that are born in a group of frames, and those that are there in it: 0 if all stay as they were. */
+/** Tracks born in a group, and tracks with motion in it; `motions` is 0 if no track moves. */
 export interface Group {
   readonly births: number;
   readonly motions: number;
-  /** First track that is born in it. */
+  /** First track born in the group. */
   readonly firstNew: number;
 }

@@ -1,16 +1,19 @@
-// Coefficients as what they do to a base: floats, behind all integers.
+// Conversion of motion coefficients to offsets. It is the floating-point end of the motion decoder.
 
 import { BITS, DIRECTION_BITS } from "../gaussians/layout.ts";
 import type { Splats } from "../splats.ts";
 import { KIND_OF, NUM_CHANNELS } from "./layout.ts";
 import type { ClipInfo } from "./side_info.ts";
 
-const KNOWN = new Map<number, Float64Array>();
-const MOST_OPAQUE = 1 - 1e-6;
+const TABLES = new Map<number, Float64Array>();
+const MAX_OPACITY = 1 - 1e-6;
 
-/** Discrete Legendre polynomials over equally spaced frames, orthonormal; `[frame * frames + degree]`. */
+/**
+ * Returns orthonormal discrete Legendre polynomials over equally spaced frames, shape (frames, frames). The second
+ * index is the degree.
+ */
 export function polynomials(frames: number): Float64Array {
-  const known = KNOWN.get(frames);
+  const known = TABLES.get(frames);
   if (known) return known;
   const table = new Float64Array(frames * frames),
     at = (frame: number, degree: number): number => table[frame * frames + degree];
@@ -28,17 +31,17 @@ export function polynomials(frames: number): Float64Array {
     const norm = Math.sqrt(column.reduce((sum, value) => sum + value * value, 0));
     for (let f = 0; f < frames; f++) table[f * frames + k] = column[f] / norm;
   }
-  KNOWN.set(frames, table);
+  TABLES.set(frames, table);
   return table;
 }
 
-/** Units of the channels: places in world units, tangents, logarithms, colours. */
+/** Returns the unit of each channel: world units, tangents, natural logarithms, colours. */
 export function unitsOf({ bases }: ClipInfo): Float64Array {
   const place = 2 ** (bases.sizeLog - bases.unit - 1),
-    turn = 2 ** -DIRECTION_BITS,
+    rotate = 2 ** -DIRECTION_BITS,
     log = Math.LN2 / 2 ** BITS,
     colour = 2 ** -BITS;
-  return Float64Array.from([place, place, place, turn, turn, turn, log, log, log, log, colour, colour, colour]);
+  return Float64Array.from([place, place, place, rotate, rotate, rotate, log, log, log, log, colour, colour, colour]);
 }
 
 const R2 = Math.sqrt(2),
@@ -46,9 +49,11 @@ const R2 = Math.sqrt(2),
   R6 = Math.sqrt(6);
 
 /**
- * What coefficients of a track, from `from` on as `coefficients` returns them, do in each frame; to `out`, frames times
- * channels from `to` on: place, rotation (vector of four times the tangent of a quarter of the angle), logarithms of
- * scales and opacity, red, green, blue.
+ * Computes the offsets of a track in each frame, shape (frames, channels), from its coefficients from index `from`.
+ * Writes them to `out` from index `to`.
+ *
+ * Channels: position, rotation, log scales, log opacity, RGB. The rotation is a vector along the axis of length 4
+ * tan(angle / 4).
  */
 export function offsetsOf(
   coefficients: Float64Array,
@@ -83,15 +88,22 @@ export function offsetsOf(
   }
 }
 
-/** Writes Gaussian `from` of `splats`, moved by 13 offsets from `at` on, as Gaussian `to` of `out`. */
-export function move(splats: Splats, from: number, offsets: Float32Array, at: number, out: Splats, to: number): void {
+/** Writes Gaussian `from` of `splats`, moved by the 13 offsets from index `at`, as Gaussian `to` of `out`. */
+export function applyOffsets(
+  splats: Splats,
+  from: number,
+  offsets: Float32Array,
+  at: number,
+  out: Splats,
+  to: number,
+): void {
   const number = out.harmonics.length / Math.max(out.count, 1);
   for (let a = 0; a < 3; a++) {
     out.means[3 * to + a] = splats.means[3 * from + a] + offsets[at + a];
     out.scales[3 * to + a] = splats.scales[3 * from + a] * Math.exp(offsets[at + 6 + a]);
     out.colours[3 * to + a] = splats.colours[3 * from + a] + offsets[at + 10 + a];
   }
-  out.opacities[to] = Math.min(splats.opacities[from] * Math.exp(offsets[at + 9]), MOST_OPAQUE);
+  out.opacities[to] = Math.min(splats.opacities[from] * Math.exp(offsets[at + 9]), MAX_OPACITY);
   for (let n = 0; n < number; n++) out.harmonics[number * to + n] = splats.harmonics[number * from + n];
   turn(splats.quats, 4 * from, offsets, at + 3, out.quats, 4 * to);
 }

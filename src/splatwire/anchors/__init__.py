@@ -1,0 +1,1 @@
+"""Anchor scenes (neural Gaussians as in HAC++) without torch: files, Gaussians of a view, projection."""

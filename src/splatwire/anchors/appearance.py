@@ -1,0 +1,160 @@
+"""Functions that return the Gaussians of a scene in a view, and other properties, for all types of scenes.
+
+Each scene type registers its functions here (`functools.singledispatch`); other packages may register scene types.
+"""
+
+from dataclasses import replace
+from functools import singledispatch
+
+import numpy as np
+
+from splatwire.anchors.compiled_heads import SpawnedGaussians, drawn_gaussians, drawn_with_anchors
+from splatwire.bitstream import SceneStream
+from splatwire.errors import InvalidValueError
+from splatwire.ops.arrays import to_numpy
+from splatwire.types import Cameras, Gaussians
+from splatwire.types.anchor_scene import AnchorScene
+from splatwire.types.metadata import NO_METADATA, SceneMetadata
+from splatwire.types.origin import NO_ORIGIN, Origin
+from splatwire.types.received_scene import ReceivedScene
+from splatwire.types.scene import Scene
+from splatwire.types.splat_scene import SplatScene
+from splatwire.types.splats import Splats
+
+
+def scene_of(loaded: Scene | ReceivedScene) -> Scene:
+    """Returns the scene in a decoder's result, without the information on losses; returns a scene unchanged."""
+    return loaded.scene if isinstance(loaded, ReceivedScene) else loaded
+
+
+def as_scene(value: Scene | ReceivedScene | Splats) -> Scene:
+    """Converts a supported value to a scene.
+
+    Args:
+        value: A scene; the result of a decoder without losses; or explicit Gaussians, which get a black background.
+
+    Raises:
+        InvalidValueError: If the value has another type, or elements were lost; the message explains how to get a
+            scene.
+    """
+    if isinstance(value, ReceivedScene):
+        if value.erasures.num_lost:
+            lost = f"{value.erasures.num_lost:,} of {value.scene.num_elements:,} {value.scene.ELEMENTS} were lost"
+            raise InvalidValueError(
+                f"{lost}: `splatwire.concealment.conceal(partial, 'drop')` makes a scene of what arrived"
+            )
+        return value.scene
+    if isinstance(value, Splats):
+        return SplatScene(value)
+    if gaussians_of_view.dispatch(type(value)) is gaussians_of_view.dispatch(object):
+        raise InvalidValueError(f"expected a scene {_conversion_hint(value)}, not {type(value).__name__}")
+    return value
+
+
+def _conversion_hint(value: object) -> str:
+    """Returns a hint for an error message, in brackets, on how to convert a value to a scene."""
+    if isinstance(value, SceneStream):
+        return "(`decode_stream` decodes a stream)"
+    if isinstance(value, Gaussians):
+        return "(`create_renderer(name)` draws the Gaussians of one view; a scene has `Splats`)"
+    return "(`open_scene` reads one from a file)"
+
+
+@singledispatch
+def gaussians_of_view(scene: Scene, cameras: Cameras, view: int) -> Gaussians:
+    """Returns the Gaussians that camera `view` draws; not differentiable.
+
+    If losses were concealed, the concealer's factors on size and opacity (`scene.hints`) are applied. Positions are
+    relative to the scene's origin. `cameras.relative_to(origin_of(scene))` has the same coordinates.
+
+    Raises:
+        InvalidValueError: If `scene` is not a scene.
+    """
+    raise InvalidValueError(f"expected a scene (`load_scene` reads one from a file), not {type(scene).__name__}")
+
+
+@gaussians_of_view.register
+def _(scene: SplatScene, cameras: Cameras, view: int) -> Gaussians:
+    splats, cameras = scene.drawn(), cameras.relative_to(scene.origin)
+    return splats.seen_from(to_numpy(cameras.centers[view]))
+
+
+@gaussians_of_view.register
+def _(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
+    return drawn_gaussians(scene, cameras, view)
+
+
+@singledispatch
+def spawned_gaussians(scene: Scene, cameras: Cameras, view: int) -> SpawnedGaussians:
+    """Returns the Gaussians of a scene seen by camera `view`, and the index of the element that generated each.
+
+    The factors on size and opacity that a loss concealer has set (`scene.hints`) are not applied. Scene types that
+    register no function here must have one Gaussian per element.
+    """
+    own = np.arange(scene.num_elements)
+    return SpawnedGaussians(gaussians_of_view(scene, cameras, view), own, np.zeros_like(own))
+
+
+@spawned_gaussians.register
+def _(scene: SplatScene, cameras: Cameras, view: int) -> SpawnedGaussians:
+    own = np.arange(scene.num_elements)
+    cameras = cameras.relative_to(scene.origin)
+    seen = scene.splats.seen_from(to_numpy(cameras.centers[view]))
+    return SpawnedGaussians(seen, own, np.zeros_like(own))
+
+
+@spawned_gaussians.register
+def _(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
+    return drawn_with_anchors(replace(scene, hints=None), cameras, view)
+
+
+@singledispatch
+def antialiased(scene: Scene) -> bool:
+    """True if the opacity of small Gaussians must be reduced when they are widened to a pixel (Mip-Splatting)."""
+    return False
+
+
+@antialiased.register
+def _(scene: SplatScene) -> bool:
+    return scene.antialiased
+
+
+@singledispatch
+def origin_of(scene: Scene) -> Origin:
+    """Returns the world coordinates of the point that the positions of a scene are relative to."""
+    return NO_ORIGIN
+
+
+@origin_of.register
+def _(scene: SplatScene) -> Origin:
+    return scene.origin
+
+
+@singledispatch
+def metadata_of(scene: Scene) -> SceneMetadata:
+    """Returns title, author, license and initial view of a scene."""
+    return NO_METADATA
+
+
+@metadata_of.register
+def _(scene: SplatScene) -> SceneMetadata:
+    return scene.metadata
+
+
+@metadata_of.register
+def _(scene: AnchorScene) -> SceneMetadata:
+    return scene.metadata
+
+
+@singledispatch
+def explicit_gaussians(scene: Scene) -> Splats | None:
+    """Returns the Gaussians that every view of a scene draws; None if the Gaussians depend on the view.
+
+    The factors on size and opacity that a loss concealer has set (`scene.hints`) are applied.
+    """
+    return None
+
+
+@explicit_gaussians.register
+def _(scene: SplatScene) -> Splats | None:
+    return scene.drawn()

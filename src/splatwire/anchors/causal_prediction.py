@@ -1,0 +1,102 @@
+"""The context model of schema `causal` in floating point, for numpy arrays and for torch tensors."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.reprs import summary_repr
+from splatwire.types.causal_coding import INPUT_UNIT, OCTAVES, CausalConfig
+
+
+@dataclass(frozen=True, eq=False)
+class CausalPrediction:
+    """Predicted distributions of M anchors: means, and log2 of standard deviations, both in quantisation steps.
+
+    Attributes:
+        feature: Means and log2 of standard deviations of the feature channels.
+        exists: Logits that each offset exists.
+        form: Means and log2 of standard deviations of the four logarithms of an anchor's sizes: scale of its offsets,
+            then base size of its Gaussians along three axes.
+        offset: Means and log2 of standard deviations of the offsets.
+    """
+
+    feature: tuple[Float[Any, "M F"], Float[Any, "M F"]]
+    exists: Float[Any, "M K"]
+    form: tuple[Float[Any, "M 4"], Float[Any, "M 4"]]
+    offset: tuple[Float[Any, "M O"], Float[Any, "M O"]]
+
+    __repr__ = summary_repr
+
+
+def place_inputs(
+    coordinates: Float[Any, "M 3"], join: Callable[[list[Any], int], Any] = np.concatenate
+) -> Float[Any, "M P"]:
+    """Computes the inputs of the position network: contracted coordinates and a positional encoding (triangle waves).
+
+    Args:
+        coordinates: Positions relative to the centre of the scene, divided by the extent of the scene.
+        join: Concatenates arrays along an axis; `torch.cat` for tensors.
+    """
+    contracted = coordinates / (1 + abs(coordinates))
+    waves = [contracted]
+    for octave in range(1, OCTAVES + 1):
+        waves.append(abs((contracted * 2.0**octave - 1) % 4 - 2) - 1)
+    return join(waves, 1)
+
+
+def predict_causal(
+    networks: Mapping[str, Callable[[Any], Any]],
+    config: CausalConfig,
+    inputs: Float[Any, "M P"],
+    feature: Float[Any, "M F"],
+    form: Float[Any, "M 4"],
+    *,
+    quantised: Callable[[str, Any, Any], Any] | None = None,
+    join: Callable[[list[Any], int], Any] = np.concatenate,
+) -> CausalPrediction:
+    """Evaluates all networks of the context model; differentiable if the networks and `join` are functions of torch.
+
+    Args:
+        networks: The networks by name.
+        config: Configuration of the context model.
+        inputs: Result of `place_inputs`.
+        feature: Features in units of their quantisation steps.
+        form: Logarithms of offset scale and base size, minus `CausalCoding.centres`, in units of their quantisation
+            steps.
+        quantised: Function that returns the values that a decoder reconstructs, given the name of a network, its
+            predicted means and the true values. Later networks have them as inputs. None to use the true values.
+        join: Concatenates arrays along an axis; `torch.cat` for tensors.
+    """
+    known = networks["position"](inputs)
+    means, spreads, before = [], [], 0
+
+    def follow(name: str, mean: Any, values: Any) -> None:
+        nonlocal known
+        found = values if quantised is None else quantised(name, mean, values)
+        known = join([known, found * INPUT_UNIT], 1)
+
+    def predicted(name: str) -> tuple[Any, Any]:
+        outputs = networks[name](known)
+        middle = outputs.shape[1] // 2
+        return outputs[:, :middle], outputs[:, middle:]
+
+    for group, size in enumerate(config.layout.feature_groups):
+        mean, spread = predicted(f"feature{group}")
+        follow(f"feature{group}", mean, feature[:, before : before + size])
+        means.append(mean)
+        spreads.append(spread)
+        before += size
+    masks = config.layout.num_offsets
+    outputs = networks["form"](known)
+    exists, scale_mean, scale_spread = outputs[:, :masks], outputs[:, masks : masks + 1], outputs[:, masks + 1 :]
+    follow("form", scale_mean, form[:, :1])
+    size_mean, size_spread = predicted("size")
+    follow("size", size_mean, form[:, 1:])
+    return CausalPrediction(
+        (join(means, 1), join(spreads, 1)), exists,
+        (join([scale_mean, size_mean], 1), join([scale_spread, size_spread], 1)),
+        predicted("offset"),
+    )  # fmt: skip

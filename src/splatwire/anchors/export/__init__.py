@@ -1,0 +1,1 @@
+"""Export of neural scenes as explicit Gaussians for other programs."""

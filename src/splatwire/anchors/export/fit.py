@@ -1,0 +1,192 @@
+"""Conversion of an anchor scene to explicit Gaussians.
+
+The networks of an anchor scene predict view-dependent Gaussians. Each explicit Gaussian is fitted independently to the
+predictions for many views.
+"""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.anchors.export.counts import FitCounts
+from splatwire.anchors.export.neural import Slots, SlotView, slot_view, slots_of
+from splatwire.anchors.export.visibility import MIN_ALPHA, FindGradients, visible_areas
+from splatwire.errors import InvalidValueError
+from splatwire.ops.quaternions import rotation_matrices
+from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions, sh_functions
+from splatwire.ops.threads import one_blas_thread
+from splatwire.types import AnchorScene, Cameras, Scene
+from splatwire.types.origin import NO_ORIGIN
+from splatwire.types.splats import Splats
+
+MAX_VIEWS = 128
+"""Maximum number of views; more are subsampled evenly, because two bytes are stored per view and Gaussian."""
+RIDGE = 3e-4
+"""Ridge regularisation: the penalty on coefficients of degree l is this value times l squared.
+
+The weights of the views sum to 1."""
+_CONSTANT_RIDGE = 1e-6
+_CHUNK = 2048
+_SMALLEST_SCALE = 1e-9
+
+
+def fit_splats(
+    scene: Scene,
+    cameras: Cameras,
+    find: FindGradients,
+    *,
+    degree: int = MAX_DEGREE,
+    counts: FitCounts | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Iterator[Splats]:
+    """Fits explicit Gaussians to a scene, a few thousand at a time.
+
+    A Gaussian's centre is the same in all views; the networks predict colour, opacity and shape from viewing direction
+    and distance. A view is weighted by the Gaussian's visible area in that view (`visible_areas`). Opacity is the mean
+    over the views, with 0 for views in which the Gaussian is not drawn. Shape is the mean of the logarithms of the
+    covariances, and colour the least-squares fit of spherical harmonics; both are weighted with opacity times area.
+
+    Args:
+        scene: The scene.
+        cameras: Views of the fit, ideally the training cameras.
+        find: Computes image gradients, see `splatwire.render.cpu.each_gradient_cpu`.
+        degree: Degree of the spherical harmonics, 0 to 3.
+        counts: Object whose numbers of written and omitted Gaussians are updated; None for no statistics.
+        progress: Called with the name of the current task and its completed fraction.
+
+    Yields:
+        Gaussians in the order of anchors and offsets, without those that are invisible or almost transparent.
+
+    Raises:
+        InvalidValueError: If the degree is not supported, or nothing is visible in any view.
+    """
+    assert isinstance(scene, AnchorScene)
+    num_functions(degree)
+    cameras = cameras.relative_to(NO_ORIGIN)
+    if cameras.num_views < 1:
+        raise InvalidValueError("a fit needs at least one view")
+    if cameras.num_views > MAX_VIEWS:
+        cameras = cameras.select([i * cameras.num_views // MAX_VIEWS for i in range(MAX_VIEWS)])
+    counts = FitCounts() if counts is None else counts
+    report = progress or (lambda what, share: None)
+    slots = slots_of(scene)
+    counts.possible = slots.num_slots
+    areas = visible_areas(scene, slots, cameras, find, lambda share: report("measuring visibility", share))
+    centers = cameras.centers.astype(np.float32)
+    for first in range(0, slots.num_slots, _CHUNK):
+        last = min(first + _CHUNK, slots.num_slots)
+        yield _fit_part(scene, slots.part(first, last), areas.part(first, last), centers, degree, counts)
+        report("fitting Gaussians", last / slots.num_slots)
+
+
+@one_blas_thread()  # small matrices
+def _fit_part(
+    scene: AnchorScene,
+    slots: Slots,
+    areas: Float[np.ndarray, "C S"],
+    centers: Float[np.ndarray, "C 3"],
+    degree: int,
+    counts: FitCounts,
+) -> Splats:
+    """Fits some of the Gaussians, from the views in which at least one of them is visible.
+
+    Args:
+        scene: The scene.
+        slots: The S Gaussians to fit.
+        areas: Visible area of each Gaussian in each view, square pixels.
+        centers: Camera centre of each view.
+        degree: Degree of the spherical harmonics, 0 to 3.
+        counts: Numbers of written and omitted Gaussians; updated.
+
+    Returns:
+        The fitted Gaussians, without those that are invisible or almost transparent.
+    """
+    views = np.flatnonzero((areas > 0).any(axis=1))
+    seen = [slot_view(scene, slots, centers[view]) for view in views]
+    if not seen:
+        counts.unseen += slots.num_slots
+        return Splats.empty(0, degree)
+    areas = areas[views].T
+    strength = np.maximum(np.stack([view.opacities for view in seen], axis=1), 0)
+    weights = areas * strength
+    total = weights.sum(axis=1)
+    opacities = total / np.maximum(areas.sum(axis=1), 1e-12)
+    drawn, clear = total > 0, opacities > MIN_ALPHA
+    kept = np.flatnonzero(drawn & clear)
+    counts.unseen += int((~drawn).sum())
+    counts.faint += int((drawn & ~clear).sum())
+    counts.written += len(kept)
+    shares = weights[kept] / total[kept, None]
+    means = slots.means[kept]
+    away = means[:, None] - centers[views]
+    directions = away / np.maximum(np.linalg.norm(away, axis=2, keepdims=True), 1e-12)
+    colors = np.stack([view.colors[kept] for view in seen], axis=1)
+    quats, scales = _mean_shape(seen, kept, shares)
+    return Splats(means, quats, scales, opacities[kept], fit_sh(directions, colors, shares, degree))
+
+
+def fit_sh(
+    directions: Float[np.ndarray, "S V 3"],
+    colors: Float[np.ndarray, "S V 3"],
+    shares: Float[np.ndarray, "S V"],
+    degree: int,
+) -> Float[np.ndarray, "S D 3"]:
+    """Fits spherical harmonics to colours by weighted least squares with a ridge that grows with the degree.
+
+    Args:
+        directions: Unit vectors from the camera to the Gaussian.
+        colors: RGB seen from these directions.
+        shares: Weights, which sum to 1 over the views.
+        degree: 0 to 3.
+
+    Returns:
+        Coefficients whose sum plus 0.5 is the colour.
+    """
+    x, y, z = np.moveaxis(directions.astype(np.float64), -1, 0)
+    basis = np.stack(sh_functions(x, y, z, degree), axis=-1)
+    weighted = (basis * shares[:, :, None].astype(np.float64)).swapaxes(1, 2)
+    degrees = np.array([l for l in range(degree + 1) for _ in range(2 * l + 1)], np.float64)  # noqa: E741
+    gram = weighted @ basis + np.diag(RIDGE * degrees**2 + _CONSTANT_RIDGE)
+    return np.linalg.solve(gram, weighted @ (colors.astype(np.float64) - 0.5)).astype(np.float32)
+
+
+def _mean_shape(
+    seen: list[SlotView], kept: np.ndarray, shares: Float[np.ndarray, "S V"]
+) -> tuple[Float[np.ndarray, "S 4"], Float[np.ndarray, "S 3"]]:
+    """Averages the shapes of Gaussians over views, as logarithms of their covariances.
+
+    With logarithms, a single view with a very large covariance does not dominate the mean.
+
+    Args:
+        seen: Quaternions and scales of all Gaussians in each of V views.
+        kept: Indices of the S Gaussians to average.
+        shares: Weight of each view for each Gaussian; the weights of a Gaussian add up to 1.
+
+    Returns:
+        Quaternions and scales.
+    """
+    total = np.zeros((len(kept), 3, 3))
+    for view, now in enumerate(seen):
+        axes = rotation_matrices(now.quats[kept].astype(np.float64))
+        logs = np.log(np.maximum(now.scales[kept].astype(np.float64), _SMALLEST_SCALE))
+        total += shares[:, view, None, None] * ((axes * logs[:, None, :]) @ axes.swapaxes(1, 2))
+    logs, axes = np.linalg.eigh(total)
+    axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]  # a rotation, not a mirror
+    return quaternions(axes).astype(np.float32), np.exp(logs).astype(np.float32)
+
+
+def quaternions(rotations: Float[np.ndarray, "S 3 3"]) -> Float[np.ndarray, "S 4"]:
+    """Converts rotation matrices to unit quaternions (w, x, y, z) with w >= 0.
+
+    The quaternion is the eigenvector of Bar-Itzhack's symmetric 4 x 4 matrix with the largest eigenvalue.
+    """
+    r = rotations
+    trace = np.trace(r, axis1=1, axis2=2)
+    matrix = np.zeros((len(r), 4, 4), r.dtype)
+    matrix[:, 0, 0] = trace
+    matrix[:, 0, 1:] = np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1)
+    matrix[:, 1:, 0] = matrix[:, 0, 1:]
+    matrix[:, 1:, 1:] = r + r.swapaxes(1, 2) - trace[:, None, None] * np.eye(3, dtype=r.dtype)
+    quats = np.linalg.eigh(matrix)[1][:, :, 3]
+    return np.where(quats[:, :1] < 0, -quats, quats)

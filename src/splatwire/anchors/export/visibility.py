@@ -1,0 +1,106 @@
+"""Visible area of each Gaussian in each view, measured with the renderer."""
+
+from collections.abc import Callable, Iterator
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float, UInt16
+
+from splatwire.anchors.export.neural import Slots, slot_view
+from splatwire.anchors.head_gradients import visible_anchors
+from splatwire.errors import InvalidValueError
+from splatwire.ops.threads import one_blas_thread
+from splatwire.types import AnchorScene, Cameras, Gaussians
+
+GHOST_OPACITY = 0.008
+"""Opacity given to Gaussians that a view does not draw, so that their visibility can be measured."""
+MIN_ALPHA = 1 / 255
+"""Minimum alpha that renderers draw."""
+FindGradients: TypeAlias = Callable[..., None]
+"""Function with the signature of `splatwire.render.cpu.each_gradient_cpu`; an argument, because exporters must not
+import renderers."""
+
+
+class VisibleAreas:
+    """Visible area of each Gaussian in each view, in square pixels, stored as bfloat16.
+
+    Args:
+        num_views: Number of views, C.
+        num_slots: Number of Gaussians, S.
+    """
+
+    def __init__(self, num_views: int, num_slots: int) -> None:
+        self._halves: UInt16[np.ndarray, "C S"] = np.zeros((num_views, num_slots), np.uint16)
+
+    def put(self, view: int, slots: np.ndarray, areas: Float[np.ndarray, "M"]) -> None:
+        """Stores the visible areas of some Gaussians in a view, rounded to bfloat16 (ties to even).
+
+        Args:
+            view: Index of the view.
+            slots: Indices of the M Gaussians.
+            areas: Their visible areas, square pixels; negative values are stored as 0.
+        """
+        whole = np.maximum(areas, 0).astype(np.float32).view(np.uint32)
+        self._halves[view, slots] = (whole + (0x7FFF + (whole >> 16 & 1))) >> 16
+
+    def part(self, first: int, last: int) -> Float[np.ndarray, "C M"]:
+        """Returns the areas of the Gaussians from `first` to `last` (exclusive) in all views."""
+        return (self._halves[:, first:last].astype(np.uint32) << 16).view(np.float32)
+
+    def any(self) -> bool:
+        """Returns True if at least one Gaussian is visible in a view."""
+        return bool(self._halves.any())
+
+
+@one_blas_thread()  # small matrices
+def visible_areas(
+    scene: AnchorScene,
+    slots: Slots,
+    cameras: Cameras,
+    find: FindGradients,
+    progress: Callable[[float], None] | None = None,
+) -> VisibleAreas:
+    """Measures the visible area of each Gaussian in each view.
+
+    A Gaussian's blending weight in a pixel is its alpha times the transmittance in front of it. The sum of its blending
+    weights over the image is the gradient of the sum of all pixels with respect to its colour. The visible area is this
+    sum divided by opacity minus 1/255, the minimum alpha that renderers draw. It does not depend on the opacity.
+
+    Args:
+        scene: The scene.
+        slots: Possible Gaussians of the scene.
+        cameras: Views in which areas are measured.
+        find: Function of the renderer that computes image gradients.
+        progress: Called with the completed fraction of the views, 0 to 1.
+
+    Raises:
+        InvalidValueError: If nothing is visible in any view.
+    """
+    areas = VisibleAreas(cameras.num_views, slots.num_slots)
+    for view in range(cameras.num_views):
+        seen = np.flatnonzero(visible_anchors(scene.anchors, cameras, view)[slots.anchor_index])
+        part = Slots(slots.anchor_index[seen], slots.offset_index[seen], slots.means[seen])
+        if part.num_slots:
+            now = slot_view(scene, part, cameras.centers[view].astype(np.float32))
+            opacities = np.maximum(now.opacities, np.float32(GHOST_OPACITY))
+            gaussians = Gaussians(part.means, now.quats, now.scales, opacities, np.zeros_like(now.colors))
+            areas.put(view, seen, _blending_weights(gaussians, cameras.select([view]), find) / (opacities - MIN_ALPHA))
+        if progress is not None:
+            progress((view + 1) / cameras.num_views)
+    if not areas.any():
+        raise InvalidValueError("none of the views sees anything of the scene")
+    return areas
+
+
+def _blending_weights(gaussians: Gaussians, camera: Cameras, find: FindGradients) -> Float[np.ndarray, "G"]:
+    """Returns the sum of each Gaussian's blending weights over the image."""
+    weights = np.zeros(gaussians.num_gaussians, np.float32)
+
+    def ones(shape: tuple[int, ...]) -> Iterator[np.ndarray]:
+        yield np.ones(shape, np.float32)
+
+    def add(some: slice, *gradients: np.ndarray) -> None:
+        weights[some] = gradients[4][:, 0]
+
+    find(gaussians, camera, ones, add)
+    return weights

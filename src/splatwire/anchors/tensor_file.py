@@ -1,0 +1,95 @@
+"""Tensors with a JSON header in one safetensors file, written atomically."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from splatwire.errors import BitstreamError, UnsupportedVersionError
+from splatwire.files.capped import open_regular
+from splatwire.files.kinds import is_not
+from splatwire.files.whole import written_whole
+from splatwire.ops.arrays import to_numpy
+
+
+def write_tensors(tensors: Mapping[str, Any], header: dict[str, Any], path: Path) -> None:
+    """Writes tensors with a JSON header; atomically replaces an existing file.
+
+    Args:
+        tensors: Arrays by name: numpy arrays, or torch tensors on any device; arrays may share memory.
+        header: JSON-serialisable header. The header is the only metadata entry of the file, because safetensors does
+            not keep the order of several entries.
+        path: Path of the file. The file gets default permissions; safetensors itself would make the file private to its
+            owner.
+
+    Raises:
+        OSError: If the file cannot be written.
+    """
+    plain = {name: np.ascontiguousarray(to_numpy(value)) for name, value in tensors.items()}
+    with written_whole(path) as unfinished:
+        unfinished.touch()
+        permissions = unfinished.stat().st_mode & 0o777
+        try:
+            save_file(plain, unfinished, metadata={"splatwire": json.dumps(header, sort_keys=True)})
+        except SafetensorError as error:
+            raise OSError(f"{path}: cannot be written: {error}") from error
+        unfinished.chmod(permissions)
+
+
+def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Reads the output of `write_tensors`.
+
+    Args:
+        path: The file.
+        form: Expected `format` of the header.
+        version: Expected `version` of the header.
+
+    Returns:
+        The arrays, and the header.
+
+    Raises:
+        UnsupportedVersionError: If this release does not support the file's version.
+        BitstreamError: If the file is absent, damaged or of another format.
+    """
+    open_regular(path, BitstreamError).close()
+    try:
+        with safe_open(path, framework="np") as file:
+            header = parse_header((file.metadata() or {}).get("splatwire"))
+            if header.get("format") != form:
+                raise BitstreamError(is_not(path, f"a file of {form}"))
+            if header.get("version") != version:
+                raise UnsupportedVersionError(f"{path}: version {header.get('version')!s:.20} of {form} is not read")
+            return {name: file.get_tensor(name) for name in file.keys()}, header  # noqa: SIM118 - not a dictionary
+    except (SafetensorError, OSError) as error:
+        raise BitstreamError(is_not(path, f"a file of {form}", str(error))) from error
+
+
+def parse_header(text: str | None) -> dict[str, Any]:
+    """Parses the JSON header; returns an empty dictionary if the header is invalid."""
+    try:
+        header = json.loads(text or "null")
+    except (ValueError, RecursionError):
+        header = None
+    return header if isinstance(header, dict) else {}
+
+
+def tensor_bytes(path: Path) -> dict[str, int]:
+    """Returns the number of bytes that each group of tensors takes in a valid scene file.
+
+    The key of a group is the part of its tensors' names before the first dot. The key `header` has the other bytes of
+    the file.
+    """
+    parts: dict[str, int] = {}
+    with open_regular(path, BitstreamError) as file:
+        header = json.loads(file.read(int.from_bytes(file.read(8), "little")))
+    for name, entry in header.items():
+        if name != "__metadata__":
+            begin, end = entry["data_offsets"]
+            group = name.split(".")[0]
+            parts[group] = parts.get(group, 0) + end - begin
+    parts["header"] = path.stat().st_size - sum(parts.values())
+    return parts

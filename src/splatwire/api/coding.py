@@ -1,0 +1,196 @@
+"""Encoding of any scene with the options of its kind, and decoding of any stream."""
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from splatwire.anchors.appearance import as_scene
+from splatwire.arguments import CheckedFields, checked_except
+from splatwire.bitstream import Packetization, SceneStream, read_stream, stream_from_bytes
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec.gaussians.quality import Quality, quality_of
+from splatwire.errors import InvalidValueError, check_progress, shown
+from splatwire.rate_control.encoding import Effort, encode_controlled
+from splatwire.rate_control.targets import Target, parse_size
+from splatwire.sequence import ClipOptions, Frame, encode_clip
+from splatwire.types import AnchorScene, ReceivedScene, SplatScene
+from splatwire.types.scene import Scene
+from splatwire.types.splats import Splats
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianOptions(CheckedFields):
+    """Options for encoding explicit Gaussians.
+
+    Attributes:
+        packetization: Split into packets, or the name of a preset such as `datagram`; None for the default.
+        quality: Quantisation: 0 (smallest) to 100 (finest), `small` (40), `default` (60), `near-lossless` (85), or a
+            `Quality`. None means `default`, except for a decoded scene, which keeps its quantisation steps, so that
+            encoding it again is lossless.
+        tiers: Importance tier of each Gaussian, 0 for the most important, whole numbers (N); None for one tier.
+        classes: Precision class of each Gaussian (`splatwire.render.precision`), whole numbers (N); None for the finest
+            class.
+    """
+
+    packetization: Packetization | str | None = None
+    quality: str | int | float | Quality | None = None
+    tiers: np.ndarray | None = None
+    classes: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class AnchorOptions(CheckedFields):
+    """Options for encoding neural anchors, whose quantisation steps are trained.
+
+    Attributes:
+        packetization: Split into packets, or the name of a preset such as `paper`; None for the default.
+        tiers: Importance tier of each anchor, 0 for the most important, whole numbers (N); None for one tier.
+        noise: Tolerated error of the context model from quantising its weights, relative to the standard deviation that
+            it predicts for a value; None for the default. Larger values give less side information and larger packets.
+    """
+
+    packetization: Packetization | str | None = None
+    tiers: np.ndarray | None = None
+    noise: float | None = None
+
+
+@checked_except("scene", "progress")
+def encode(
+    scene: Scene | ReceivedScene[Any] | Splats | Iterable[Frame | Splats],
+    options: GaussianOptions | AnchorOptions | ClipOptions | None = None,
+    *,
+    size: int | str | None = None,
+    psnr: float | None = None,
+    quality: str | int | float | Quality | None = None,
+    effort: Effort | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> SceneStream:
+    """Encodes a scene, or the frames of a sequence, into independently decodable packets.
+
+    With `size`, `psnr` or `effort` the precision of each Gaussian is measured in pictures of the scene, as the command
+    line does, and `classes` and `tiers` of the options must not be given.
+
+    Args:
+        scene: A scene, a decoded scene without losses, explicit Gaussians, or, with `ClipOptions`, frames.
+        options: Options of the kind of scene: `GaussianOptions`, `AnchorOptions`, or `ClipOptions` for frames. None for
+            the defaults.
+        size: Explicit Gaussians: maximum size of the stream as one file, bytes, or a text such as `500kB`. The stream
+            is at most 3 % smaller, unless the finest setting takes less.
+        psnr: Explicit Gaussians: mean PSNR against pictures of the source, decibels, usually reached to 0.2 dB.
+        quality: Explicit Gaussians and frames: quality setting, instead of `quality` in the options.
+        effort: Explicit Gaussians: `fast` keeps all Gaussians, `default` also removes those that pictures do not need.
+            None for `default` with `size` or `psnr`.
+        threads: Number of threads, which does not affect the result; None for one per processor.
+        progress: Called with the completed fraction of the work, 0 to 1; not for frames, whose number is unknown.
+
+    Returns:
+        The complete stream.
+
+    Raises:
+        InvalidValueError: If the options are for another kind of scene, a value is out of range, or the target cannot
+            be reached.
+
+    Example:
+        >>> import splatwire
+        >>> scene = splatwire.open_scene("scene.ply")
+        >>> stream = splatwire.encode(scene, splatwire.GaussianOptions("datagram", quality="small"))
+        >>> len(stream.packets) == stream.manifest.num_packets
+        True
+    """
+    if isinstance(options, ClipOptions):
+        if (size, psnr, effort) != (None, None, None):
+            raise InvalidValueError("size, psnr and effort are for static scenes: frames take a quality")
+        chosen = options if quality is None else replace(options, quality=quality)
+        return _encode_frames(scene, chosen, threads, progress)
+    found = as_scene(scene)  # type: ignore[arg-type]
+    expected = AnchorOptions if isinstance(found, AnchorScene) else GaussianOptions
+    if options is not None and not isinstance(options, expected):
+        raise InvalidValueError(f"options: expected {expected.__name__} for {found.ELEMENTS}, not {shown(options)}")
+    if (size, psnr, quality, effort) == (None, None, None, None):
+        own = {} if options is None else vars(options)
+        return encode_scene(found, threads=threads, progress=progress, **own)
+    if not isinstance(found, SplatScene):
+        raise InvalidValueError(
+            "size, psnr, quality and effort are for explicit Gaussians: anchors have their own steps"
+        )
+    given = GaussianOptions() if options is None else options
+    assert isinstance(given, GaussianOptions)
+    if quality is not None and given.quality is not None:
+        raise InvalidValueError("give the quality as an argument or in the options, not both")
+    given = given if quality is None else replace(given, quality=quality)
+    if (size, psnr, effort) == (None, None, None):
+        return encode_scene(found, threads=threads, progress=progress, **vars(given))
+    return _encode_controlled(found, given, size, psnr, effort, threads, progress)
+
+
+def _encode_controlled(
+    scene: SplatScene, options: GaussianOptions, size: int | str | None, psnr: float | None, effort: Effort | None,
+    threads: int | None, progress: Progress | None,
+) -> SceneStream:  # fmt: skip
+    if options.classes is not None or options.tiers is not None:
+        raise InvalidValueError("size, psnr and effort determine precision classes, and leave one tier")
+    target = Target(
+        size=parse_size(size) if isinstance(size, str) else size,
+        psnr=psnr,
+        quality=quality_of("default" if options.quality is None else options.quality)
+        if (size, psnr) == (None, None) or options.quality is not None
+        else None,
+    )
+
+    def encode(some: SplatScene, classes: np.ndarray, quality: Quality) -> SceneStream:
+        return encode_scene(some, options.packetization, quality=quality, classes=classes, threads=threads)
+
+    report = progress or (lambda share: None)
+    found = encode_controlled(
+        scene, target, encode, effort=effort or "default",
+        progress=lambda task, share: report(share if task == "searching" else 0.0),
+    )  # fmt: skip
+    report(1.0)
+    return found.stream
+
+
+def _encode_frames(frames: Any, options: ClipOptions, threads: int | None, progress: Progress | None) -> SceneStream:
+    if threads is not None or progress is not None:
+        raise InvalidValueError("a sequence has its number of threads in ClipOptions, and no progress")
+    return encode_clip(frames, options)[0]
+
+
+@checked_except("stream", "progress")
+def decode(
+    stream: SceneStream | bytes | str | os.PathLike[str],
+    *,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> ReceivedScene[Scene]:
+    """Decodes the received packets of a stream.
+
+    Args:
+        stream: A stream, the bytes of a stream file, or the path of a stream.
+        threads: Number of threads, which does not affect the result; None for one per processor.
+        progress: Called with the completed fraction of the work, 0 to 1.
+
+    Returns:
+        The scene with the mask of received elements; `conceal` makes a scene that can be drawn.
+
+    Raises:
+        BitstreamError: If it is not a stream, or it contradicts itself.
+        InvalidValueError: If `stream` has another type.
+
+    Example:
+        >>> import splatwire
+        >>> partial = splatwire.decode("scene.swz")
+        >>> partial.erasures.num_lost
+        0
+    """
+    check_progress(progress)
+    if isinstance(stream, bytes):
+        stream = stream_from_bytes(stream)[0]
+    elif isinstance(stream, str | os.PathLike):
+        stream = read_stream(stream)[0]
+    return decode_stream(stream, threads=threads, progress=progress)

@@ -1,0 +1,65 @@
+"""Quality of a scene against a reference."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.arguments import checked_except
+from splatwire.metrics import psnr, ssim
+from splatwire.render import Renderer, render_scene
+from splatwire.reprs import summary_repr
+from splatwire.types import Cameras, ReceivedScene
+from splatwire.types.scene import Scene
+from splatwire.types.splats import Splats
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """Image quality of each view.
+
+    Attributes:
+        psnr: Peak signal-to-noise ratio of each view, decibels; infinite if a view equals its reference.
+        ssim: Structural similarity of each view, at most 1.
+    """
+
+    psnr: Float[np.ndarray, "C"]
+    ssim: Float[np.ndarray, "C"]
+
+    __repr__ = summary_repr
+
+
+@checked_except("scene", "reference", "cameras", "renderer")
+def evaluate(
+    scene: Scene | ReceivedScene | Splats,
+    reference: Scene | ReceivedScene | Splats | Float[np.ndarray, "C H W 3"],
+    cameras: Cameras,
+    *,
+    renderer: str | Renderer = "cpu",
+) -> Scores:
+    """Compares the pictures of a scene with a reference, view by view.
+
+    Args:
+        scene: The scene, e.g. after losses and concealment.
+        reference: The scene without losses, or one picture per camera, RGB in [0, 1].
+        cameras: The cameras.
+        renderer: A renderer or its name.
+
+    Returns:
+        PSNR and SSIM of each view.
+
+    Raises:
+        InvalidValueError: If an argument has a wrong type, or pictures have another size than the cameras.
+
+    Example:
+        >>> import splatwire
+        >>> from splatwire.data import load_cameras
+        >>> received, _ = splatwire.transmit(splatwire.read_stream("scene.swz")[0], "bernoulli:0.2", seed=1)
+        >>> seen = splatwire.conceal(splatwire.decode(received), "grow")
+        >>> scores = splatwire.evaluate(seen, splatwire.open_scene("scene.swz"), load_cameras("cameras.json"))
+        >>> bool((scores.psnr > 15).all())
+        True
+    """
+    images = render_scene(scene, cameras, renderer=renderer)
+    wanted = reference if isinstance(reference, np.ndarray) else render_scene(reference, cameras, renderer=renderer)
+    return Scores(psnr(images, wanted), ssim(images, wanted))

@@ -1,0 +1,65 @@
+"""Stream format: packetization, packet layout, manifest and streams on disk.
+
+Uses numpy and the standard library only.
+"""
+
+from splatwire.bitstream.arrangement import Arrangement, Run, arrange, arrived_blocks
+from splatwire.bitstream.container import file_head, file_record, stream_from_bytes, stream_to_bytes
+from splatwire.bitstream.intake import PacketIntake, ReadReport
+from splatwire.bitstream.limits import ANCHORS, CAUSAL, GAUSSIANS
+from splatwire.bitstream.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
+from splatwire.bitstream.packet import HEADER_BYTES, Packet, make_packet, packet_from_bytes
+from splatwire.bitstream.packet_id import PARTS, PacketId
+from splatwire.bitstream.packetization import PRESETS, Packetization, packetization_named, spread_packetization
+from splatwire.bitstream.plan import PacketGroups, PacketPlan
+from splatwire.bitstream.scene_stream import SceneStream, make_stream, make_stream_id
+from splatwire.bitstream.send_order import SEND_ORDERS, send_sequence
+from splatwire.bitstream.sizes import StreamSizes, measure_sizes
+from splatwire.bitstream.splitmix64 import splitmix64
+from splatwire.bitstream.stream import is_stream, read_stream, write_stream
+from splatwire.bitstream.tiers import TierShape, shape_tiers, tier_order
+
+__all__ = [
+    "ANCHORS",
+    "CAUSAL",
+    "GAUSSIANS",
+    "HEADER_BYTES",
+    "PARTS",
+    "PRESETS",
+    "SEND_ORDERS",
+    "Arrangement",
+    "Manifest",
+    "Packet",
+    "PacketGroups",
+    "PacketId",
+    "PacketIntake",
+    "PacketPlan",
+    "Packetization",
+    "ReadReport",
+    "Run",
+    "SceneStream",
+    "StreamSizes",
+    "TierShape",
+    "arrange",
+    "arrived_blocks",
+    "file_head",
+    "file_record",
+    "is_stream",
+    "make_packet",
+    "make_stream",
+    "make_stream_id",
+    "manifest_from_bytes",
+    "manifest_to_bytes",
+    "measure_sizes",
+    "packet_from_bytes",
+    "packetization_named",
+    "read_stream",
+    "send_sequence",
+    "shape_tiers",
+    "splitmix64",
+    "spread_packetization",
+    "stream_from_bytes",
+    "stream_to_bytes",
+    "tier_order",
+    "write_stream",
+]

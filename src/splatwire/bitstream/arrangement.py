@@ -1,0 +1,148 @@
+"""Mapping of received packets to elements (anchors or Gaussians), and of lost packets to missing elements."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import groupby
+from typing import NamedTuple
+
+import numpy as np
+
+from splatwire.arguments import checked
+from splatwire.bitstream.packet import Packet
+from splatwire.bitstream.packet_id import PacketId
+from splatwire.bitstream.plan import PacketGroups, PacketPlan
+from splatwire.errors import InvalidValueError
+from splatwire.reprs import summary_repr
+
+
+class Arrangement(NamedTuple):
+    """All elements (anchors or Gaussians) of a stream, split into groups that were received or lost together.
+
+    Attributes:
+        groups: Indices of the elements in coding order (ranks), group after group; every rank occurs once.
+        packets: The packet that contains each group; None if the packet is missing. With separated packaging (one
+            packet per attribute), `len(plan.parts)` entries per group. With hashed grouping, one None may stand for
+            several lost packets, because the receiver does not know their number.
+    """
+
+    groups: PacketGroups
+    packets: tuple[Packet | None, ...]
+
+
+@checked
+def arrange(plan: PacketPlan, packets: Iterable[Packet]) -> Arrangement:
+    """Splits the elements of a stream into groups that were received or lost together.
+
+    Args:
+        plan: The stream's packet plan (mapping between elements and packets).
+        packets: Received packets, in any order.
+
+    Returns:
+        Groups in the order of the complete stream: by spatial block, and within a block by lane (the index of a packet
+        within its block). With hashed grouping, the order within a block is the hash order.
+
+    Raises:
+        InvalidValueError: If a packet does not fit the plan, or two contain the same element.
+    """
+    arrived = _fitting(plan, packets)
+    if not plan.packetization.hashed:
+        return Arrangement(plan.groups(), tuple(arrived.get(packet_id) for packet_id in plan.ids))
+    pieces = list(_pieces(plan, arrived))
+    starts = np.cumsum([0, *(size for size, _ in pieces)]).astype(np.int64)
+    return Arrangement(PacketGroups(plan.groups().ranks, starts), tuple(packet for _, packet in pieces))
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Received packets that are decoded together, such as those of one spatial block.
+
+    Attributes:
+        block: Block of the first packet. For a run without packets: the block whose packets were all lost.
+        packets: The packets, ascending by id.
+        members: Ranks (indices in coding order) of each packet's elements, int64, in packet order.
+    """
+
+    block: int
+    packets: tuple[Packet, ...]
+    members: tuple[np.ndarray, ...]
+
+    __repr__ = summary_repr
+
+    @property
+    def ranks(self) -> np.ndarray:
+        """Ranks of all elements, int64, packet by packet."""
+        return np.concatenate([np.empty(0, dtype=np.int64), *self.members])
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Number of elements in each packet, int64 (packets)."""
+        return np.array([packet.num_elements for packet in self.packets], dtype=np.int64)
+
+    @property
+    def payloads(self) -> list[bytes]:
+        """Payload of each packet."""
+        return [packet.payload for packet in self.packets]
+
+
+@checked
+def arrived_blocks(plan: PacketPlan, packets: Iterable[Packet], *, gaps: bool = False) -> Iterator[Run]:
+    """Yields the received packets of one spatial block at a time, with their elements, in ascending order of blocks.
+
+    Args:
+        plan: The stream's packet plan (mapping between elements and packets).
+        packets: Received packets, in any order.
+        gaps: True to yield blocks without any received packet, too, as runs without packets. If False, such blocks take
+            neither time nor memory.
+
+    Raises:
+        InvalidValueError: If a packet does not fit the plan, or two contain the same element.
+    """
+    arrived, after = _fitting(plan, packets), 0
+    for block, names in groupby(sorted(arrived), key=lambda packet_id: packet_id.block):
+        if gaps:
+            yield from (Run(gap, (), ()) for gap in range(after, block))
+        after = block + 1
+        here = tuple(arrived[packet_id] for packet_id in names)
+        runs = tuple(plan.run(packet.id, packet.num_elements) for packet in here)
+        for packet, run, following in zip(here[1:], runs, runs[1:], strict=False):
+            if plan.packetization.hashed and following.start < run.stop:
+                raise InvalidValueError(f"{packet.id.filename} holds elements of the packet before it")
+        ranks = plan.block_ranks(block)
+        yield Run(block, here, tuple(ranks[run] for run in runs))
+    if gaps:
+        yield from (Run(gap, (), ()) for gap in range(after, plan.num_blocks))
+
+
+def _fitting(plan: PacketPlan, packets: Iterable[Packet]) -> dict[PacketId, Packet]:
+    arrived = {packet.id: packet for packet in packets}
+    for packet in arrived.values():
+        if not plan.fits(packet.id, packet.num_elements):
+            raise InvalidValueError(f"the plan has no packet {packet.id.filename} with {packet.num_elements} elements")
+    return arrived
+
+
+def _pieces(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> Iterator[tuple[int, Packet | None]]:
+    """Yields groups of elements of a hashed stream, block by block, in hash order.
+
+    Args:
+        plan: The stream's packet plan.
+        arrived: Received packets, by id.
+
+    Yields:
+        Number of elements of the group, and the packet that contains them; None for missing elements. The numbers add
+        up to the number of elements of the stream.
+    """
+    ordered = sorted(arrived)
+    at = 0
+    for block in range(plan.num_blocks):
+        position, end = 0, plan.block_elements(block)
+        while at < len(ordered) and ordered[at].block == block:
+            packet = arrived[ordered[at]]
+            if packet.id.lane < position:
+                raise InvalidValueError(f"{packet.id.filename} holds elements of the packet before it")
+            if packet.id.lane > position:
+                yield packet.id.lane - position, None
+            yield packet.num_elements, packet
+            position, at = packet.id.lane + packet.num_elements, at + 1
+        if position < end:
+            yield end - position, None

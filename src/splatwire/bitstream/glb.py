@@ -1,0 +1,74 @@
+"""Locates a stream within binary glTF, by the draft of the extension EXT_splatwire (docs/gltf.md)."""
+
+import json
+import struct
+from typing import Any
+
+from splatwire.errors import BitstreamError
+from splatwire.files.kinds import EXT_SPLATWIRE, GLB_MAGIC, MAX_GLB_JSON_BYTES
+
+KHR_SPLATTING = "KHR_gaussian_splatting"
+HEAD_BYTES = 20
+"""Size of the file header and the first chunk's header, bytes."""
+_HEAD, _CHUNK = struct.Struct("<4sIII4s"), struct.Struct("<I4s")
+
+
+def json_size(head: bytes, name: str) -> int:
+    """Returns the number of bytes to read after the first 20: the JSON chunk and the next chunk's header.
+
+    Args:
+        head: The first 20 bytes of the file.
+        name: Source of the bytes, for error messages.
+
+    Raises:
+        BitstreamError: If it is not binary glTF of version 2, or the JSON is larger than `MAX_GLB_JSON_BYTES`.
+    """
+    if len(head) < _HEAD.size:
+        raise BitstreamError(f"{name}: the glTF file ends after {len(head)} bytes")
+    magic, version, _, size, kind = _HEAD.unpack(head)
+    if magic != GLB_MAGIC or version != 2 or kind != b"JSON" or size > MAX_GLB_JSON_BYTES:
+        raise BitstreamError(f"{name}: no binary glTF of version 2 with at most {MAX_GLB_JSON_BYTES:,} bytes of JSON")
+    return int(size) + _CHUNK.size
+
+
+def stream_location(text: bytes, name: str) -> tuple[int, int]:
+    """Finds the position of the stream within a binary glTF file, from the JSON chunk.
+
+    Args:
+        text: The bytes after the first 20; their number is the result of `json_size`.
+        name: Source of the bytes, for error messages.
+
+    Returns:
+        Offset of the stream's first byte in the file, and the stream's size in bytes.
+
+    Raises:
+        BitstreamError: If the document does not locate exactly one stream within the binary chunk.
+    """
+    try:
+        size, kind = _CHUNK.unpack(text[-_CHUNK.size :])
+        start, length = _view(json.loads(text[: -_CHUNK.size]))
+    except (struct.error, ValueError, RecursionError, KeyError, IndexError, TypeError, AttributeError) as error:
+        raise BitstreamError(f"{name}: the glTF document is damaged: {type(error).__name__} {error}") from error
+    if kind != b"BIN\0" or not 0 <= start <= size or not 0 <= length <= size - start:
+        raise BitstreamError(f"{name}: its stream, {length} bytes from {start} on, is not within {size} binary bytes")
+    return HEAD_BYTES + len(text) + start, length
+
+
+def _view(document: dict[str, Any]) -> tuple[int, int]:
+    """Returns offset and size in bytes of the stream within the binary chunk, from the parsed JSON chunk."""
+    found = [
+        primitive["extensions"][KHR_SPLATTING]["extensions"][EXT_SPLATWIRE]
+        for mesh in document["meshes"]
+        for primitive in mesh["primitives"]
+        if EXT_SPLATWIRE in primitive.get("extensions", {}).get(KHR_SPLATTING, {}).get("extensions", {})
+    ]
+    if len(found) != 1:
+        raise ValueError(f"{len(found)} primitives with {EXT_SPLATWIRE}, exactly one is read")
+    index = found[0]["bufferView"]
+    if type(index) is not int or index < 0:
+        raise ValueError(f"bufferView is {index!r:.40}")
+    view = document["bufferViews"][index]
+    place, length, buffer = view.get("byteOffset", 0), view["byteLength"], view["buffer"]
+    if type(place) is not int or type(length) is not int or buffer != 0 or type(buffer) is not int:
+        raise ValueError("the stream's bufferView is none of the binary chunk")
+    return place, length

@@ -1,0 +1,166 @@
+"""Names and limits of the stream format, shared with the web decoder.
+
+`web/scripts/make_tables.py` writes the same values to `web/src/packets/limits.ts`.
+"""
+
+from dataclasses import dataclass
+
+from splatwire.plugins import Registry
+
+SCHEMA = "splatwire/stream"
+FORMAT_VERSION = 4
+"""Newest version of the stream format that this release reads."""
+
+MAX_BLOCK_SIZE = (1 << 16) - 1
+MAX_HASHED_BLOCK = 1 << 14
+"""Largest block with hashed grouping, elements. `PacketId.lane` is then a position within the block, for which the
+header has 14 bits.
+"""
+MAX_BLOCKS = 1 << 24
+MAX_LANES = 1 << 8
+MAX_GROUPS = (1 << 31) - 1
+MIN_PACKET_BYTES = 128
+MAX_DATAGRAM_BYTES = 65_507
+MAX_PACKET_BYTES = 1 << 26
+"""Largest packet, bytes: more than 1000 bytes for each element of the largest block."""
+MAX_TIERS = 8
+MAX_SPANS = 1 << 12
+"""Maximum number of tiers (ranges of consecutive blocks) of a sequence, whose groups of frames have two tiers each
+(`StreamSchema.timed`)."""
+MAX_FEATURE_GROUPS = 64
+ORDERS = ("morton", "raster")
+GROUPINGS = ("stratified", "contiguous", "hashed")
+PACKAGINGS = ("atomic", "separated")
+
+MAX_MANIFEST_BYTES = 1 << 16
+MAX_SIDE_INFO_BYTES = (1 << 32) - 1
+MAX_WRITER_LENGTH = 80
+MAX_FEATURE_DIM = 4096
+MAX_OFFSETS = 1024
+
+MAX_SECTIONS = 16
+MAX_SECTION_BYTES = 1 << 26
+MAX_SECTION_NAME = 32
+
+MAX_ELEMENTS = 1 << 28
+FREE_ELEMENTS = 1 << 16
+"""Number of elements that a manifest may announce with any size of side information.
+
+Larger numbers are limited to `StreamSchema.elements_per_byte` elements per byte of side information.
+"""
+
+FREE_BYTES = 150 << 20
+"""Memory that decoding any stream may take, bytes."""
+BYTES_PER_BYTE = 160
+"""Additional memory that decoding may take per received byte, bytes."""
+
+MAX_POSITION_BITS = 63
+"""Maximum size of the Morton code of an anchor's voxel, counted from the origin, bits."""
+MAX_PLACE = 1 << 40
+"""Largest coordinate of the origin and of the scene's centre, and largest scene extent, voxels."""
+MAX_FAR = 1 << 25
+"""Maximum distance between origin and scene centre, in scene extents; keeps positions relative to the extent exact in
+doubles.
+"""
+MAX_LEAF = 64
+"""Maximum number of anchors in a leaf of the position tree: anchors whose Morton codes have the same prefix in the side
+information."""
+MAX_CAUSAL_GROUPS = 32
+MAX_CAUSAL_FEATURES = 256
+MAX_CAUSAL_OFFSETS = 64
+MAX_CAUSAL_CONTEXT = 256
+MAX_CAUSAL_LOG_STEP, MAX_CAUSAL_CENTRE = 4 << 24, 32 << 24
+"""Largest base-2 logarithms in a stream of schema `causal` with 24 fractional bits: of a quantisation step, and
+of the zero point of a size."""
+MAX_DEGREE = 3
+MAX_FRAMES = 1 << 20
+MAX_GROUP_FRAMES = 64
+MAX_FRAME_RATE = 1000
+"""Limits of a sequence: frames in total, frames per group, frames per second."""
+MAX_SIZE_LOG = 32
+MAX_COPIES = (1 << 16) - 1
+
+
+@dataclass(frozen=True)
+class StreamSchema:
+    """Properties of one codec schema, the part that manifests and packet plans depend on.
+
+    Attributes:
+        name: Name in the manifest.
+        format_version: Version of the stream format that introduced it.
+        elements: Plural name of the elements (`anchors`, `Gaussians`), for messages.
+        sections: Fixed sections of the side information, in order; their names are not stored in the bytes.
+        elements_per_byte: Maximum number of elements per byte of side information. Real streams have far fewer; the
+            limit keeps a small manifest from announcing billions.
+        layout: True if the manifest contains the attribute sizes of an anchor (feature channels, offsets).
+        separable: True if packets may contain single attributes (separated packaging).
+        spread: True if each packet contains elements from all over the scene by default. False if packets contain the
+            positions of their elements: for Gaussians, packets spread over the scene would take 1 to 9 % more bytes.
+        explicit: True if all views render the same Gaussians, so that the decoded scene can be saved as a file.
+        page: True if the web decoder supports it.
+        timed: True for sequences: elements belong to groups of frames, with two tiers per group (keyframe, then
+            motion). Packets are sent in that order; keyframe packets are retransmitted until received.
+        tiled: True if a block is a tile that viewers request individually. Packets are then sent tile by tile.
+        max_tiers: Maximum number of tiers of a plan.
+        codec: `module:name` of the complete `splatwire.codec.schema.Schema` with encoder and decoder, imported on
+            demand. Empty if this object is a complete schema itself, or if no codec exists.
+        scene: `module:name` of the type of its scenes. By this name, an encoder selects the schemas to import for a
+            scene. Empty if this object is a complete schema itself.
+    """
+
+    name: str
+    format_version: int
+    elements: str
+    sections: tuple[str, ...]
+    elements_per_byte: int
+    layout: bool = False
+    separable: bool = False
+    spread: bool = True
+    explicit: bool = False
+    page: bool = True
+    timed: bool = False
+    tiled: bool = False
+    max_tiers: int = MAX_TIERS
+    codec: str = ""
+    scene: str = ""
+
+
+ANCHORS, CAUSAL, GAUSSIANS, TRACKS = "hacpp", "causal", "gaussians", "tracks"
+LEVELS = "levels"
+"""Codec schemas: anchors of HAC++ (format 1); anchors of the causal model and explicit Gaussians (format 2);
+moving Gaussians (format 3); Gaussians with levels of detail (format 4).
+"""
+FORMAT_1_SECTIONS = (
+    "header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"
+)  # fmt: skip
+SCHEMAS: Registry[StreamSchema] = Registry("schema", "splatwire.schemas")
+"""Registry of all schemas; packages add their own with `splatwire.codec.register_schema`."""
+for _schema in (
+    StreamSchema(
+        ANCHORS, 1, "anchors", FORMAT_1_SECTIONS, 1024, layout=True, separable=True, page=False,
+        codec="splatwire.codec.anchors.hacpp.schema:SCHEMA", scene="splatwire.types.anchor_scene:AnchorScene",
+    ),
+    StreamSchema(
+        CAUSAL, 2, "anchors", ("header", "positions", "networks", "render_networks"), 1024,
+        codec="splatwire.codec.anchors.causal.schema:SCHEMA", scene="splatwire.types.anchor_scene:AnchorScene",
+    ),
+    StreamSchema(
+        GAUSSIANS, 2, "Gaussians", ("header", "blocks", "contexts"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True,
+        codec="splatwire.codec.gaussians.schema:SCHEMA", scene="splatwire.types.splat_scene:SplatScene",
+    ),
+    StreamSchema(
+        LEVELS, 4, "Gaussians", ("header", "blocks", "contexts"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True,
+        tiled=True, codec="splatwire.codec.lod.schema:SCHEMA", scene="splatwire.types.lod_scene:LevelScene",
+    ),
+    StreamSchema(
+        TRACKS, 3, "tracks", ("clip", "bases", "motion"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True, timed=True,
+        max_tiers=MAX_SPANS, codec="splatwire.codec.sequence.schema:SCHEMA",
+        scene="splatwire.types.sequence_scene:ClipScene",
+    ),
+):  # fmt: skip
+    SCHEMAS.register(_schema.name, _schema, f"{__name__}.{_schema.name}")
+UNNAMED_SCHEMA = ANCHORS
+"""Schema of manifests without a codec field, which are of format 1."""
+
+RESERVED_SECTIONS = FORMAT_1_SECTIONS
+"""Names that no named section may have, for any schema."""

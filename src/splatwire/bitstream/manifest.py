@@ -1,0 +1,327 @@
+"""The manifest: description of a stream that is needed before decoding starts."""
+
+import hashlib
+import json
+import re
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from splatwire.arguments import check_fields, checked
+from splatwire.bitstream.limits import (
+    FORMAT_VERSION,
+    FREE_ELEMENTS,
+    MAX_ELEMENTS,
+    MAX_FEATURE_DIM,
+    MAX_GROUPS,
+    MAX_MANIFEST_BYTES,
+    MAX_OFFSETS,
+    MAX_SIDE_INFO_BYTES,
+    MAX_SPANS,
+    MAX_WRITER_LENGTH,
+    SCHEMA,
+    SCHEMAS,
+    UNNAMED_SCHEMA,
+    StreamSchema,
+)
+from splatwire.bitstream.packet_id import PARTS
+from splatwire.bitstream.packetization import Packetization
+from splatwire.bitstream.plan import PacketPlan
+from splatwire.bitstream.tiers import TierShape, check_pairs
+from splatwire.errors import BitstreamError, InvalidValueError, UnknownNameError, UnsupportedVersionError
+
+_LAYOUT_FIELDS = ("feature_dim", "num_offsets", "feature_groups")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Manifest:
+    """Description of a stream; the mapping from elements to packets is rebuilt from it alone.
+
+    Attributes:
+        packetization: Parameters of the split into packets.
+        num_elements: Elements of the scene, anchors or Gaussians, N.
+        num_packets: Packets of the complete stream, including lost ones.
+        stream_id: Id in every packet of the stream, 32 bits.
+        side_info_bytes: Size of the side information.
+        side_info_digest: SHA-256 of the side information, hexadecimal.
+        symbols_digest: SHA-256 of all decoded integers of the complete stream, hexadecimal. The codec defines the
+            integers and their order.
+        writer: Program that wrote the stream.
+        codec: Schema of the elements, a name in `splatwire.bitstream.limits.SCHEMAS`.
+        feature_dim: Channels of the anchor feature, F; 0 if the side information contains it.
+        num_offsets: Offsets per anchor, K; 0 if the side information contains it.
+        feature_groups: Sizes of the feature's channel groups, in coding order; they add up to F.
+        tiers: Sizes of the importance tiers; empty for a single tier. The tier of each element is in the side
+            information.
+
+    Raises:
+        InvalidValueError: If a field is out of range or contradicts another.
+    """
+
+    packetization: Packetization
+    num_elements: int
+    num_packets: int
+    stream_id: int
+    side_info_bytes: int
+    side_info_digest: str
+    symbols_digest: str
+    writer: str
+    codec: str = UNNAMED_SCHEMA
+    feature_dim: int = 0
+    num_offsets: int = 0
+    feature_groups: tuple[int, ...] = ()
+    tiers: tuple[TierShape, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if SCHEMAS.find(self.codec) is None:
+            raise UnknownNameError("codec of a stream", self.codec, SCHEMAS.known_names())
+        least, most = (1, MAX_FEATURE_DIM) if self.schema.layout else (0, 0)
+        for name, low, high in (
+            ("num_elements", 0, MAX_ELEMENTS),
+            ("feature_dim", least, most),
+            ("num_offsets", least, min(most, MAX_OFFSETS)),
+            ("num_packets", 0, len(PARTS) * MAX_GROUPS),
+            ("stream_id", 0, (1 << 32) - 1),
+            ("side_info_bytes", 0, MAX_SIDE_INFO_BYTES),
+        ):
+            _check_integer(name, getattr(self, name), low, high)
+        if self.num_elements > FREE_ELEMENTS + self.schema.elements_per_byte * self.side_info_bytes:
+            raise InvalidValueError(f"{self.side_info_bytes} bytes cannot place {self.num_elements} elements")
+        for size in self.feature_groups:
+            _check_integer("a size in feature_groups", size, 1, self.feature_dim)
+        if sum(self.feature_groups) != self.feature_dim:
+            raise InvalidValueError(f"feature_groups {self.feature_groups} do not add up to {self.feature_dim}")
+        for name in ("side_info_digest", "symbols_digest"):
+            if not _SHA256.fullmatch(getattr(self, name)):
+                raise InvalidValueError(f"{name} is not a SHA-256 in lower-case hexadecimal")
+        if not _WRITER.fullmatch(self.writer):
+            raise InvalidValueError(f"writer must be at most {MAX_WRITER_LENGTH} printable ASCII characters")
+        check_pairs(self.tiers, timed=self.schema.timed)
+        self._check_num_packets()
+
+    @property
+    def schema(self) -> StreamSchema:
+        """Schema of the stream's elements."""
+        return SCHEMAS[self.codec]
+
+    @property
+    def format_version(self) -> int:
+        """Version of the whole stream format."""
+        return self.schema.format_version
+
+    @property
+    def elements(self) -> str:
+        """Plural name of the elements, for messages."""
+        return self.schema.elements
+
+    @property
+    def plan(self) -> PacketPlan:
+        """Packet plan: the mapping between elements and packets."""
+        groups = len(self.feature_groups) if self.packetization.separated else 0
+        return PacketPlan(self.packetization, self.num_elements, self.tiers, groups)
+
+    def _check_num_packets(self) -> None:
+        """Checks the number of packets with little memory, so that a forged manifest causes no large allocations."""
+        num_parts, num_blocks = len(self.plan.parts), self.plan.num_blocks
+        lanes = num_parts * sum(min(span.num_elements, span.num_blocks * span.lanes) for span in self.plan.spans)
+        most = self.num_elements if self.packetization.hashed else lanes
+        if not num_blocks * num_parts <= self.num_packets <= most or self.num_packets % num_parts:
+            raise InvalidValueError(
+                f"{self.num_packets} packets cannot carry {self.num_elements} elements in {num_blocks} blocks "
+                f"of {self.packetization.lanes} lanes with {self.packetization.packaging} packaging"
+            )
+
+
+_SHA256 = re.compile("[0-9a-f]{64}", re.ASCII)
+_WRITER = re.compile(f"[ -~]{{0,{MAX_WRITER_LENGTH}}}", re.ASCII)
+_TYPE_NAMES = {int: "an integer", str: "text", list: "a list", dict: "an object"}
+_COUNT = "num_anchors"  # number of elements; the name dates from version 1, which had anchors only
+_JSON_TYPES: dict[str, type] = {
+    **{_COUNT if f.name == "num_elements" else f.name: int for f in fields(Manifest)},
+    **dict.fromkeys(("stream_id", "side_info_digest", "symbols_digest", "writer", "codec"), str),
+    "format_version": int,
+    "packetization": dict,
+    "feature_groups": list,
+    "tiers": list,
+}
+_PACKETIZATION_TYPES: dict[str, type] = {f.name: type(f.default) for f in fields(Packetization)}
+
+
+@checked
+def manifest_to_bytes(manifest: Manifest) -> bytes:
+    """Writes a manifest as compact JSON with sorted keys and a digest of itself."""
+    content = _content(manifest)
+    return _dump({**content, "digest": _digest(content)})
+
+
+@checked
+def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
+    """Reads a manifest; checks each field, and that fields do not contradict each other.
+
+    Args:
+        data: JSON in UTF-8; layout and order of keys do not matter.
+        name: Source of the bytes, for error messages.
+
+    Raises:
+        UnsupportedVersionError: If a newer release wrote it.
+        BitstreamError: If it is damaged, inconsistent, or not a manifest.
+    """
+    content = _load(data, name)
+    if content.get("schema") != SCHEMA:
+        raise BitstreamError(f"{name} is not a manifest of schema '{SCHEMA}'")
+    version = content.get("format_version")
+    if type(version) is int and version > FORMAT_VERSION:
+        what = f"{name} has format version {version!r:.20}, this release reads up to {FORMAT_VERSION}"
+        raise UnsupportedVersionError(what)
+    if type(version) is not int or version < 1:
+        raise BitstreamError(f"{name}: format_version is {version!r:.20}, not a number from 1 to {FORMAT_VERSION}")
+    digest = content.pop("digest", None)
+    content.pop("schema")
+    _check_fields(content, _expected_fields(version, "tiers" in content), name)
+    types = dict(_PACKETIZATION_TYPES)
+    if content["packetization"].get("grouping") != "hashed":
+        del types["packet_bytes"]
+    _check_fields(content["packetization"], types, f"{name}: packetization")
+    if not all(type(size) is int for size in content.get("feature_groups", [])):
+        raise BitstreamError(f"{name}: feature_groups does not hold integers only")
+    schema = _schema(content.get("codec", UNNAMED_SCHEMA), name)
+    tiers, most = content.get("tiers", []), schema.max_tiers if schema else MAX_SPANS
+    if ("tiers" in content and not 2 <= len(tiers) <= most) or not all(_is_pair(tier) for tier in tiers):
+        raise BitstreamError(f"{name}: tiers does not hold pairs of integers only, 2 to {most} of them")
+    # The content is flat from this line on: a digest of arbitrarily nested lists could exhaust the stack.
+    if digest != _digest({**content, "schema": SCHEMA}):
+        raise BitstreamError(f"{name} is damaged: its digest does not match its content")
+    if content.pop("format_version") != (schema.format_version if schema else None):
+        raise BitstreamError(f"{name}: format_version {version} has no codec {ascii(content.get('codec'))[:40]}")
+    try:
+        content["num_elements"] = content.pop(_COUNT)
+        return Manifest(
+            **{
+                **content,
+                "packetization": Packetization(**content["packetization"]),
+                "feature_groups": tuple(content.get("feature_groups", ())),
+                "stream_id": _stream_id(content["stream_id"]),
+                "tiers": tuple(TierShape(*tier) for tier in tiers),
+            }
+        )
+    except (InvalidValueError, UnknownNameError) as error:
+        raise BitstreamError(f"{name}: {error}") from error
+
+
+def _schema(codec: str, name: str) -> StreamSchema | None:
+    """Returns the schema of a codec, or None for an unknown name.
+
+    Raises:
+        BitstreamError: If the package that provides it cannot be used.
+    """
+    try:
+        return SCHEMAS.find(codec)
+    except InvalidValueError as error:
+        raise BitstreamError(f"{name}: {error}") from error
+
+
+def packetization_to_json(packetization: Packetization) -> bytes:
+    """Serialises packetization parameters as canonical JSON, from which the stream's id is computed."""
+    return _dump(_packetization_content(packetization))
+
+
+def _packetization_content(packetization: Packetization) -> dict[str, Any]:
+    """Returns the JSON fields of a packetization.
+
+    `packet_bytes` is left out unless grouping is hashed, so that older manifests stay unchanged.
+    """
+    content = asdict(packetization)
+    if not packetization.hashed:
+        del content["packet_bytes"]
+    return content
+
+
+def _expected_fields(version: object, tiers: bool) -> dict[str, type]:
+    """Returns names and types of the JSON fields that a manifest must have.
+
+    Manifests of version 1 have no field `codec`, because they always describe anchors. Manifests of later versions have
+    no sizes of an anchor's attributes (`_LAYOUT_FIELDS`), because the side information contains these sizes.
+
+    Args:
+        version: Version of the stream format.
+        tiers: True if the manifest has the field `tiers`.
+    """
+    absent = {"codec"} if version == 1 else set(_LAYOUT_FIELDS)
+    return {k: kind for k, kind in _JSON_TYPES.items() if k not in absent and (tiers or k != "tiers")}
+
+
+def _content(manifest: Manifest) -> dict[str, Any]:
+    content = {
+        **asdict(manifest),
+        "format_version": manifest.format_version,
+        _COUNT: manifest.num_elements,
+        "packetization": _packetization_content(manifest.packetization),
+        "schema": SCHEMA,
+        "stream_id": f"{manifest.stream_id:08x}",
+        "tiers": [[tier.num_elements, tier.lanes] for tier in manifest.tiers],
+    }
+    expected = _expected_fields(manifest.format_version, bool(manifest.tiers))
+    return {key: value for key, value in content.items() if key in expected or key == "schema"}
+
+
+def _is_pair(value: object) -> bool:
+    return type(value) is list and len(value) == 2 and all(type(number) is int for number in value)
+
+
+def _dump(content: dict[str, Any]) -> bytes:
+    return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+
+
+def _digest(content: dict[str, Any]) -> str:
+    return hashlib.sha256(_dump(content)).hexdigest()[:16]
+
+
+def _load(data: bytes, name: str) -> dict[str, Any]:
+    """Parses JSON without duplicate keys, special numbers or floats."""
+    if len(data) > MAX_MANIFEST_BYTES:
+        raise BitstreamError(f"{name} is not a manifest: it has more than {MAX_MANIFEST_BYTES} bytes")
+    try:
+        content = json.loads(
+            bytes(data).decode("utf-8"),
+            object_pairs_hook=_unique,
+            parse_float=_refuse,
+            parse_constant=_refuse,
+        )
+    except (ValueError, RecursionError) as error:
+        raise BitstreamError(f"{name} is not valid JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise BitstreamError(f"{name} is not a JSON object")
+    return content
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) != len(pairs):
+        raise ValueError("a key appears twice")
+    return content
+
+
+def _refuse(text: str) -> None:
+    raise ValueError(f"{text} is not an integer")
+
+
+def _check_fields(content: dict[str, Any], types: dict[str, type], name: str) -> None:
+    """Checks that the content has exactly these fields with exactly these JSON types."""
+    if missing := sorted(set(types) - set(content)):
+        raise BitstreamError(f"{name} lacks {', '.join(missing)}")
+    if unknown := sorted(set(content) - set(types)):
+        raise BitstreamError(f"{name} has unknown fields: {', '.join(map(ascii, unknown))[:200]}")
+    for key, kind in types.items():
+        if type(content[key]) is not kind:  # isinstance would take true for the integer 1
+            raise BitstreamError(f"{name}: {key} is not {_TYPE_NAMES[kind]}")
+
+
+def _stream_id(text: str) -> int:
+    if not re.fullmatch("[0-9a-f]{8}", text, re.ASCII):
+        raise InvalidValueError("stream_id is not 8 lower-case hexadecimal digits")
+    return int(text, 16)
+
+
+def _check_integer(name: str, value: object, low: int, high: int) -> None:
+    if type(value) is not int or not low <= value <= high:
+        raise InvalidValueError(f"{name} must be an integer from {low} to {high}, not {value!r:.60}")

@@ -1,0 +1,160 @@
+"""The packet: the unit of loss, independently decodable.
+
+A packet is a 16-byte header and its payload; its length is that of the file or datagram that contains it.
+
+| bytes | field |
+|---|---|
+| 0 | format version, 1 |
+| 1-4 | id of the stream (`Manifest.stream_id`) |
+| 5 | for whole elements: low 2 bits 0, high 6 bits are bits 8 to 13 of the lane; for one attribute: `part_byte` |
+| 6 | bits 0 to 7 of the lane (`PacketId.lane`; with hashed grouping a position) |
+| 7-9 | block |
+| 10-11 | number of elements |
+| 12-15 | CRC-32 of bytes 0-11 and the payload |
+
+All numbers are little-endian.
+"""
+
+import struct
+import zlib
+from dataclasses import dataclass
+
+from splatwire.arguments import check_fields
+from splatwire.bitstream.limits import MAX_BLOCK_SIZE, MAX_BLOCKS, MAX_HASHED_BLOCK, MAX_LANES, MAX_PACKET_BYTES
+from splatwire.bitstream.packet_id import PARTS, PacketId
+from splatwire.errors import (
+    CorruptPacketError,
+    ForeignPacketError,
+    InvalidValueError,
+    TruncatedStreamError,
+    UnsupportedVersionError,
+    shown,
+    whole_number,
+)
+from splatwire.reprs import summary_repr
+
+PACKET_VERSION = 1
+HEADER_BYTES = 16
+
+_FIELDS = struct.Struct("<BIBBHBH")
+_CHECKSUM = struct.Struct("<I")
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """One packet of a stream; created by `make_packet` or `packet_from_bytes`.
+
+    Attributes:
+        id: Its id within the stream.
+        num_elements: Number of elements, 1 to 65535.
+        data: Header and payload, as transmitted.
+    """
+
+    id: PacketId
+    num_elements: int
+    data: bytes
+
+    __repr__ = summary_repr
+
+    def __post_init__(self) -> None:
+        if not (type(self.id) is PacketId and type(self.num_elements) is int and type(self.data) is bytes):
+            check_fields(self)
+
+    @property
+    def payload(self) -> bytes:
+        """The entropy-coded attributes of the packet's elements (the bytes after the header)."""
+        return self.data[HEADER_BYTES:]
+
+    @property
+    def num_bytes(self) -> int:
+        """Size including the header, bytes."""
+        return len(self.data)
+
+
+def part_byte(part: int) -> int:
+    """Returns the header byte for a packet that contains one attribute instead of whole elements.
+
+    `part` is an index into `PARTS`. The results are 1, 2, 3, 5, 6, 7, 9, ...: the low 2 bits are never 0.
+    """
+    return (part - 1) // 3 * 4 + (part - 1) % 3 + 1
+
+
+def make_packet(packet_id: PacketId, num_elements: int, payload: bytes, stream_id: int = 0) -> Packet:
+    """Creates a packet with header and checksum.
+
+    Args:
+        packet_id: Its id within the stream.
+        num_elements: Number of elements, 1 to 65535.
+        payload: Entropy-coded attributes of the elements.
+        stream_id: Id of the stream, 32 bits; 0 until `make_stream` sets it.
+
+    Raises:
+        InvalidValueError: If a number does not fit the header, or the payload is too long.
+    """
+    if type(packet_id) is not PacketId or type(payload) is not bytes:  # no `checked`: called once per packet
+        found = f"{shown(packet_id)}, {shown(payload)}"
+        raise InvalidValueError(f"expected a PacketId as packet_id and bytes as payload, not {found}")
+    num_elements = whole_number(num_elements, "num_elements", 1, MAX_BLOCK_SIZE)
+    stream_id = whole_number(stream_id, "stream_id", 0, (1 << 32) - 1)
+    fits = (
+        0 <= packet_id.block < MAX_BLOCKS
+        and 0 <= packet_id.lane < (MAX_LANES if packet_id.part else MAX_HASHED_BLOCK)
+        and 0 <= packet_id.part < len(PARTS)
+        and HEADER_BYTES + len(payload) <= MAX_PACKET_BYTES
+    )
+    if not fits:
+        raise InvalidValueError(f"no packet holds {packet_id} with {num_elements} elements and {len(payload)} bytes")
+    block_high, block_low = divmod(packet_id.block, 1 << 16)
+    lane_high, lane_low = divmod(packet_id.lane, 1 << 8)
+    part = part_byte(packet_id.part) if packet_id.part else lane_high << 2
+    fields = _FIELDS.pack(PACKET_VERSION, stream_id, part, lane_low, block_low, block_high, num_elements)
+    checksum = _CHECKSUM.pack(zlib.crc32(payload, zlib.crc32(fields)))
+    return Packet(packet_id, num_elements, b"".join((fields, checksum, payload)))
+
+
+def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet:
+    """Reads a packet; header fields are used only after the checksum is verified.
+
+    Args:
+        data: Exactly one packet.
+        stream_id: Expected id of the stream; None accepts any.
+
+    Raises:
+        TruncatedStreamError: If the data are shorter than a header.
+        UnsupportedVersionError: If a newer release wrote it.
+        CorruptPacketError: If the checksum fails, or a header field is out of range.
+        ForeignPacketError: If it is intact but belongs to another stream.
+    """
+    if not isinstance(data, bytes | memoryview) or (stream_id is not None and type(stream_id) is not int):
+        found = f"data {shown(data)}, stream_id {shown(stream_id)}"
+        raise InvalidValueError(f"expected data as bytes and a stream_id as a whole number or None, not {found}")
+    view = memoryview(data)
+    if len(view) < HEADER_BYTES:
+        raise TruncatedStreamError(f"a packet of {len(view)} bytes ends within its header of {HEADER_BYTES}")
+    version, found_id, part, lane_low, block_low, block_high, num_elements = _FIELDS.unpack_from(view)
+    if version > PACKET_VERSION:
+        raise UnsupportedVersionError(
+            f"the packet has format version {version}, this release reads up to {PACKET_VERSION}"
+        )
+    part_number = 3 * (part >> 2) + (part & 3)
+    whole = part & 3 == 0
+    if not whole and part_number >= len(PARTS):
+        raise CorruptPacketError("a packet", f"its header makes no sense (part {part_number})")
+    lane = (part >> 2 << 8 if whole else 0) | lane_low
+    packet_id = PacketId(block_high << 16 | block_low, lane, 0 if whole else part_number)
+    name = packet_id.filename
+    if len(view) > MAX_PACKET_BYTES:
+        raise CorruptPacketError(name, f"it has {len(view)} bytes, more than {MAX_PACKET_BYTES}")
+    (checksum,) = _CHECKSUM.unpack_from(view, _FIELDS.size)
+    if zlib.crc32(view[HEADER_BYTES:], zlib.crc32(view[: _FIELDS.size])) != checksum:
+        raise CorruptPacketError(name, "its checksum does not match")
+    if version < 1 or num_elements < 1:
+        raise CorruptPacketError(name, f"its header makes no sense (version {version}, {num_elements} elements)")
+    if stream_id is not None and found_id != stream_id:
+        raise ForeignPacketError(name, f"it belongs to stream {found_id:08x}, not {stream_id:08x}")
+    return Packet(packet_id, num_elements, bytes(view))
+
+
+def packet_mark(stream_id: int) -> bytes:
+    """Returns the first five bytes of every packet of a stream, for which readers search after damaged bytes."""
+    return struct.pack("<BI", PACKET_VERSION, stream_id)

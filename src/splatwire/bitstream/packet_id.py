@@ -1,0 +1,61 @@
+"""Packet ids and the file names of packets."""
+
+import re
+from dataclasses import dataclass
+
+from splatwire.arguments import check_fields
+from splatwire.bitstream.limits import MAX_FEATURE_GROUPS
+from splatwire.errors import InvalidValueError
+
+PARTS = ("anchor", "scaling", "offset", *(f"feature{group}" for group in range(MAX_FEATURE_GROUPS)))
+"""Names of the contents of packets, indexed by `PacketId.part`.
+
+A packet `anchor` contains whole elements (all attributes). With separated packaging, as in HAC++, a packet contains a
+single attribute of its elements instead; decoding a group of feature channels requires the packets of all groups before
+it.
+"""
+SCALING, OFFSET, FIRST_FEATURE = 1, 2, 3
+
+
+@dataclass(frozen=True, order=True, slots=True)
+class PacketId:
+    """Id of a packet within its stream; sorts by block, then lane, then part.
+
+    Attributes:
+        block: Index of the spatial block, t.
+        lane: Lane (index of the packet within the block), λ; with hashed grouping, position of the packet's first
+            element in the block's hash order.
+        part: Attribute that the packet contains, an index into `PARTS`; 0 for whole elements.
+    """
+
+    block: int
+    lane: int
+    part: int = 0
+
+    def __post_init__(self) -> None:
+        if type(self.block) is not int or type(self.lane) is not int or type(self.part) is not int:  # one per packet
+            check_fields(self)
+
+    @property
+    def filename(self) -> str:
+        """File name of the packet in a stream directory: `pak_lane{lane}_s{block}.pak` for whole anchors."""
+        suffix = f"_{PARTS[self.part]}" if self.part else ""
+        return f"pak_lane{self.lane}_s{self.block}{suffix}.pak"
+
+    @classmethod
+    def from_filename(cls, name: str) -> "PacketId":
+        """Parses a file name, the inverse of `filename`.
+
+        Raises:
+            InvalidValueError: If `filename` cannot produce this name.
+        """
+        match = _FILENAME.fullmatch(name)
+        if match is None or (match["part"] or PARTS[0]) not in PARTS:
+            raise InvalidValueError(f"'{name}' is not a packet name such as pak_lane3_s0.pak")
+        return cls(int(match["block"]), int(match["lane"]), PARTS.index(match["part"] or PARTS[0]))
+
+
+_FILENAME = re.compile(
+    r"pak_lane(?P<lane>0|[1-9][0-9]{0,4})_s(?P<block>0|[1-9][0-9]{0,7})(?:_(?P<part>scaling|offset|feature(?:0|[1-9][0-9]?)))?\.pak",
+    re.ASCII,
+)

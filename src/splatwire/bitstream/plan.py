@@ -1,0 +1,344 @@
+"""The packet plan: determines which elements (anchors or Gaussians) each packet contains."""
+
+import bisect
+import functools
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from splatwire.arguments import check_fields
+from splatwire.bitstream.grouping import CHUNK, contiguous_bounds, contiguous_lanes, hash_order, stratified_lanes
+from splatwire.bitstream.limits import MAX_BLOCKS, MAX_ELEMENTS, MAX_FEATURE_GROUPS, MAX_GROUPS
+from splatwire.bitstream.packet_id import FIRST_FEATURE, OFFSET, SCALING, PacketId
+from splatwire.bitstream.packetization import Packetization, check_range
+from splatwire.bitstream.tiers import Span, TierShape, check_tiers, spans_of
+from splatwire.errors import InvalidValueError
+
+
+class PacketGroups(NamedTuple):
+    """Elements of each packet, in one array; the elements of one packet form a group.
+
+    Elements are identified by their ranks, the indices in coding order. In a stream with importance tiers, they are
+    identified by their places instead, the indices after sorting by tier and, within a tier, by rank. `tier_order` maps
+    places to ranks.
+
+    Attributes:
+        ranks: Ranks (or places) of all elements, group after group, int64 (N). Group g has the elements
+            `ranks[starts[g]:starts[g + 1]]`, ascending.
+        starts: Start of each group in `ranks` and the end of the last, int64 (G + 1). Empty groups are left out. With
+            atomic packaging (whole elements), group g is the packet `PacketPlan.ids[g]`. With separated packaging, a
+            group has one packet per attribute: the `len(parts)` packets from `ids[g * len(parts)]` on.
+    """
+
+    ranks: np.ndarray
+    starts: np.ndarray
+
+
+@dataclass(frozen=True)
+class PacketPlan:
+    """Mapping between elements and packets, computed from a few parameters in the manifest.
+
+    The methods of this class identify an element by its rank, the index in coding order. In a stream with importance
+    tiers, they identify it by its place instead, the index after sorting by tier and, within a tier, by rank. All ranks
+    below are then places; `bitstream.tiers.tier_order` converts places to ranks. Names and sizes of packets depend on
+    the plan alone.
+
+    Construction is cheap: all tables are computed on demand.
+
+    Attributes:
+        packetization: Parameters of the split into packets.
+        num_elements: Elements of the scene, N.
+        tiers: Sizes of the tiers; empty for a single tier.
+        feature_groups: Number of channel groups of the anchor feature, each in a separate packet with separated
+            packaging; 0 with atomic packaging.
+
+    Raises:
+        InvalidValueError: If the scene exceeds a limit of the format, or the tiers are inconsistent.
+    """
+
+    packetization: Packetization
+    num_elements: int
+    tiers: tuple[TierShape, ...] = ()
+    feature_groups: int = 0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        least, most = (1, MAX_FEATURE_GROUPS) if self.packetization.separated else (0, 0)
+        check_range(
+            f"number of feature groups of a plan with {self.packetization.packaging} packaging",
+            self.feature_groups,
+            least,
+            most,
+        )
+        check_range("number of elements", self.num_elements, 0, MAX_ELEMENTS)
+        check_tiers(self.tiers, self.num_elements, self.packetization)
+        check_range("number of blocks", self.num_blocks, 0, MAX_BLOCKS)
+        check_range("number of packets", self.num_blocks * self.packetization.lanes, 0, MAX_GROUPS)
+
+    @functools.cached_property
+    def spans(self) -> tuple[Span, ...]:
+        """Range of consecutive blocks of each importance tier, in order."""
+        return spans_of(self.tiers, self.num_elements, self.packetization)
+
+    @functools.cached_property
+    def num_blocks(self) -> int:
+        """Number of spatial blocks of all tiers, S."""
+        return sum(span.num_blocks for span in self.spans)
+
+    @functools.cached_property
+    def _first_blocks(self) -> list[int]:
+        return [span.first_block for span in self.spans]
+
+    @functools.cached_property
+    def _first_places(self) -> list[int]:
+        return [span.first for span in self.spans]
+
+    def persistent(self, block: int) -> bool:
+        """True if a block of a sequence contains keyframe Gaussians, which later groups of pictures also need.
+
+        False if the block contains motion, which only one group of pictures needs.
+        """
+        return self.tier_of(block) % 2 == 0
+
+    def tier_of(self, block: int) -> int:
+        """Importance tier of a block, 0 for the most important.
+
+        Raises:
+            InvalidValueError: If the block does not exist.
+        """
+        check_range("block", block, 0, self.num_blocks - 1)
+        return bisect.bisect_right(self._first_blocks, block) - 1
+
+    @functools.cached_property
+    def parts(self) -> tuple[int, ...]:
+        """Attributes in separate packets, as `PacketId.part`, ascending; (0,) if packets contain whole elements."""
+        if not self.packetization.separated:
+            return (0,)
+        return (SCALING, OFFSET, *range(FIRST_FEATURE, FIRST_FEATURE + self.feature_groups))
+
+    @functools.cached_property
+    def ids(self) -> tuple[PacketId, ...]:
+        """Ids of all non-empty packets, ordered by block, then lane, then part.
+
+        The lane is the index of a packet within its block. The part is the attribute that the packet contains with
+        separated packaging, else 0.
+
+        Raises:
+            InvalidValueError: With hashed grouping, where packets are known only from a stream.
+        """
+        self._check_fixed()
+        lanes, parts = self.packetization.lanes, self.parts
+        used = np.flatnonzero(self._counts()).tolist()
+        return tuple(PacketId(j // lanes, j % lanes, part) for j in used for part in parts)
+
+    def packet_index_of(self) -> np.ndarray:
+        """Returns the index of the packet that contains each element, int32 (N), elements in coding order.
+
+        The index is `block * lanes + lane`, where `lanes` is the number of packets per block, and `lane` the index of
+        the packet within its block. Empty packets are counted, too. With separated packaging, all packets with
+        attributes of the same elements share one index.
+
+        Raises:
+            InvalidValueError: With hashed grouping, where packets are known only from a stream.
+        """
+        self._check_fixed()
+        lanes = np.int32(self.packetization.lanes)
+        pieces = [np.empty(0, np.int32)]
+        for span in self.spans:
+            place = np.arange(span.num_elements, dtype=np.int32)
+            block = place // np.int32(span.block_size) + np.int32(span.first_block)
+            pieces.append(block * lanes + self._lanes_of(span))
+        return np.concatenate(pieces)
+
+    def groups(self) -> PacketGroups:
+        """Lists the elements of every packet, as ranks (indices in coding order).
+
+        With hashed grouping, the plan does not determine where packets begin. The groups are then whole blocks, and the
+        elements of a block are sorted by hash.
+        """
+        if self.packetization.hashed:
+            blocks = [self._hash_order(block) for block in range(self.num_blocks)]
+            edges = np.cumsum([0, *map(len, blocks)])
+            return PacketGroups(np.concatenate([np.empty(0, np.int64), *blocks]), edges.astype(np.int64))
+        ranks = np.argsort(self.packet_index_of(), kind="stable")
+        return PacketGroups(ranks, np.concatenate([[0], np.cumsum(self.group_counts())]))
+
+    def group_counts(self) -> np.ndarray:
+        """Returns the number of elements of each group of `groups`, int64 (G).
+
+        Raises:
+            InvalidValueError: With hashed grouping, where packets are known only from a stream.
+        """
+        self._check_fixed()
+        counts = self._counts()
+        return counts[counts > 0]
+
+    def block_ranks(self, block: int) -> np.ndarray:
+        """Ranks (indices in coding order) of the elements of a block, packet after packet, int64."""
+        if self.packetization.hashed:
+            return self._hash_order(block)
+        start, lanes = self._block_lanes(PacketId(block, 0, self.parts[0]))
+        return start + np.argsort(lanes, kind="stable")
+
+    def members(self, packet_id: PacketId, num_elements: int | None = None) -> np.ndarray:
+        """Returns the ranks (indices in coding order) of one packet's elements, int64.
+
+        They are ascending; with hashed grouping, they are in hash order. Takes time for one block only.
+
+        Args:
+            packet_id: The packet.
+            num_elements: Its number of elements; required with hashed grouping, where only the packet contains it.
+
+        Raises:
+            InvalidValueError: If the plan has no such block, lane or part, or the number of elements does not fit.
+        """
+        if num_elements is None and not self.packetization.hashed:
+            start, lanes = self._block_lanes(packet_id)
+            return start + np.flatnonzero(lanes == packet_id.lane)
+        if num_elements is None or not self.fits(packet_id, num_elements):
+            raise InvalidValueError(f"the plan has no packet {packet_id.filename} with {num_elements} elements")
+        if not self.packetization.hashed:
+            return self.members(packet_id)
+        return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
+
+    def run(self, packet_id: PacketId, num_elements: int) -> slice:
+        """Returns the range of one packet's elements in the result of `block_ranks` for the packet's block.
+
+        Args:
+            packet_id: The packet.
+            num_elements: Number of elements of the packet.
+        """
+        if self.packetization.hashed:
+            return slice(packet_id.lane, packet_id.lane + num_elements)
+        first = int(_lane_counts(self, packet_id.block)[: packet_id.lane].sum())
+        return slice(first, first + num_elements)
+
+    def count(self, packet_id: PacketId) -> int:
+        """Number of elements of one packet; 0 if the plan has no such packet. Takes time for at most one block.
+
+        With hashed grouping, this is the maximum: the elements from the packet's first position to the end of its
+        block.
+        """
+        p = self.packetization
+        if not (0 <= packet_id.block < self.num_blocks and packet_id.lane >= 0 and packet_id.part in self.parts):
+            return 0
+        if p.hashed:
+            return max(0, self.block_elements(packet_id.block) - packet_id.lane)
+        if packet_id.lane >= self._span(packet_id.block).lanes:
+            return 0
+        return int(_lane_counts(self, packet_id.block)[packet_id.lane])
+
+    def fits(self, packet_id: PacketId, num_elements: int) -> bool:
+        """True if the plan contains a packet with this id and this number of elements."""
+        count = self.count(packet_id)
+        return 1 <= num_elements <= count if self.packetization.hashed else num_elements == count > 0
+
+    def block_elements(self, block: int) -> int:
+        """Number of elements of a block."""
+        return self._span(block).block_elements(block)
+
+    def name_hashed(self, place: int) -> PacketId:
+        """Returns the id of the packet that begins with a given element, for hashed grouping.
+
+        Args:
+            place: Position of the packet's first element in `groups().ranks`.
+        """
+        span = self.spans[bisect.bisect_right(self._first_places, place) - 1]
+        block, position = divmod(place - span.first, span.block_size)
+        return PacketId(span.first_block + block, position)
+
+    def _span(self, block: int) -> Span:
+        return self.spans[self.tier_of(block)]
+
+    def _hash_order(self, block: int) -> np.ndarray:
+        start = self._span(block).block_start(block)
+        return hash_order(start, start + self.block_elements(block), self.packetization.seed)
+
+    def _check_fixed(self) -> None:
+        if self.packetization.hashed:
+            raise InvalidValueError("packets of hashed grouping are cut by their size: a plan does not know them")
+
+    def _lanes_of(self, span: Span) -> np.ndarray:
+        """Returns the lane of each element of a tier: the index of the element's packet within its block.
+
+        Args:
+            span: Blocks of the tier.
+
+        Returns:
+            uint8, one entry for each element of the tier, in coding order.
+        """
+        p = self.packetization
+        if p.grouping == "stratified":
+            return stratified_lanes(span.first, span.first + span.num_elements, span.lanes, p.seed)
+        num_full, rest = divmod(span.num_elements, span.block_size)
+        full = contiguous_lanes(span.block_size, span.lanes)
+        return np.concatenate([np.tile(full, num_full), contiguous_lanes(rest, span.lanes)])
+
+    def _block_lanes(self, packet_id: PacketId) -> tuple[int, np.ndarray]:
+        """Returns the lane of each element in the block of a packet.
+
+        The lane of an element is the index of its packet within the block.
+
+        Args:
+            packet_id: A packet of the block.
+
+        Returns:
+            Rank of the block's first element; and the lanes, uint8, one for each element of the block.
+        """
+        p = self.packetization
+        span = self._span(packet_id.block)
+        check_range("lane", packet_id.lane, 0, span.lanes - 1)
+        if packet_id.part not in self.parts:
+            raise InvalidValueError(f"{p.packaging} packaging has no packet {packet_id.filename}")
+        start, size = span.block_start(packet_id.block), span.block_elements(packet_id.block)
+        if p.grouping == "stratified":
+            return start, stratified_lanes(start, start + size, span.lanes, p.seed)
+        return start, contiguous_lanes(size, span.lanes)
+
+    def _counts(self) -> np.ndarray:
+        """Returns the number of elements of each packet, int64 (S * lanes); 0 for packets that do not exist.
+
+        The entry of a packet has the index `block * lanes + lane`, as in `packet_index_of`.
+        """
+        lanes = self.packetization.lanes
+        counts = np.zeros((self.num_blocks, lanes), np.int64)
+        if self.packetization.grouping == "stratified":
+            for span in self.spans:
+                _count_lanes(span, self.packetization.seed, counts[span.first_block :][: span.num_blocks])
+            return counts.ravel()
+        for span in self.spans:
+            num_full, rest = divmod(span.num_elements, span.block_size)
+            rows = counts[span.first_block :, : span.lanes]
+            rows[:num_full] = np.diff(contiguous_bounds(span.block_size, span.lanes))
+            if rest:
+                rows[num_full] = np.diff(contiguous_bounds(rest, span.lanes))
+        return counts.ravel()
+
+
+def _count_lanes(span: Span, seed: int, counts: np.ndarray) -> None:
+    """Counts the elements of each packet of an importance tier, for the lane hash (stratified grouping).
+
+    Args:
+        span: Blocks of the tier.
+        seed: Seed of the lane hash.
+        counts: Output: number of elements by block and lane (index of the packet within its block), int64 (blocks,
+            lanes).
+    """
+    blocks = max(CHUNK // max(span.block_size, counts.shape[1]), 1)
+    for block in range(0, span.num_blocks, blocks):
+        begin, end = block * span.block_size, min((block + blocks) * span.block_size, span.num_elements)
+        lanes = stratified_lanes(span.first + begin, span.first + end, span.lanes, seed)
+        here = counts[block : block + blocks]
+        index = np.arange(end - begin) // span.block_size * here.shape[1] + lanes
+        here[:] = np.bincount(index, minlength=here.size).reshape(here.shape)
+
+
+@functools.lru_cache(maxsize=2048)
+def _lane_counts(plan: PacketPlan, block: int) -> np.ndarray:
+    """Returns the number of elements in each packet (lane) of a block, int64 (lanes).
+
+    The result is cached, because it is needed for every packet of the block.
+    """
+    _, lanes = plan._block_lanes(PacketId(block, 0, plan.parts[0]))
+    return np.bincount(lanes, minlength=plan.packetization.lanes)

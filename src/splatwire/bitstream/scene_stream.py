@@ -1,0 +1,176 @@
+"""The stream: side information and packets, complete or after losses."""
+
+import hashlib
+import struct
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from splatwire.arguments import check_fields, checked
+from splatwire.bitstream.limits import UNNAMED_SCHEMA
+from splatwire.bitstream.manifest import Manifest, manifest_to_bytes, packetization_to_json
+from splatwire.bitstream.packet import HEADER_BYTES, Packet, make_packet
+from splatwire.bitstream.packet_id import PacketId
+from splatwire.bitstream.packetization import Packetization
+from splatwire.bitstream.plan import PacketPlan
+from splatwire.bitstream.tiers import TierShape
+from splatwire.errors import InvalidValueError
+from splatwire.reprs import summary_repr
+
+FILE_MAGIC = b"\x93SWZ"
+FILE_VERSION = 1
+FILE_PREFIX = struct.Struct("<4sBI")
+"""Start of a file: magic, version of the one-file layout, size of the manifest."""
+RECORD_PREFIX = struct.Struct("<I")
+"""Start of a packet record: size of the packet that follows."""
+
+
+@dataclass(frozen=True)
+class SceneStream:
+    """An encoded scene: manifest, side information and packets, some of which may be missing after losses.
+
+    Attributes:
+        manifest: Description of the complete stream.
+        side_info: Data shared by all packets; never lost.
+        packets: Available packets, ascending by id.
+
+    Raises:
+        InvalidValueError: If packets are out of order or duplicated.
+    """
+
+    manifest: Manifest
+    side_info: bytes
+    packets: tuple[Packet, ...]
+
+    __repr__ = summary_repr
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if any(a.id >= b.id for a, b in zip(self.packets, self.packets[1:], strict=False)):
+            raise InvalidValueError("packets of a stream must be ascending by id, each there once")
+
+    @property
+    def num_bytes(self) -> int:
+        """Size of the stream as one file, bytes."""
+        return sum(self.parts().values())
+
+    def parts(self) -> dict[str, int]:
+        """Bytes of manifest, side information and packets, and of the one-file layout's overhead (`container`)."""
+        return {
+            "manifest": len(manifest_to_bytes(self.manifest)),
+            "side_info": len(self.side_info),
+            "packet_headers": HEADER_BYTES * len(self.packets),
+            "packet_payloads": sum(packet.num_bytes - HEADER_BYTES for packet in self.packets),
+            "container": FILE_PREFIX.size + RECORD_PREFIX.size * len(self.packets),
+        }
+
+    def still(self, source: object = "the stream") -> "SceneStream":
+        """Returns this stream after checking that it contains a static scene, not a sequence.
+
+        Args:
+            source: Source of the stream, for the message.
+
+        Raises:
+            InvalidValueError: If the stream is a sequence.
+        """
+        if self.manifest.schema.timed:
+            raise InvalidValueError(f"{source} is a clip, and this takes scenes; `decode` writes its frames as scenes")
+        return self
+
+    def with_packets(self, packets: Iterable[Packet]) -> "SceneStream":
+        """Returns a copy with other packets, given in any order, and the same manifest and side information."""
+        return replace(self, packets=tuple(sorted(packets, key=lambda packet: packet.id)))
+
+
+@checked
+def make_stream_id(packetization: Packetization, side_info: bytes, packets: Sequence[Packet]) -> int:
+    """Id of a stream: the first 32 bits of a SHA-256 over its whole content.
+
+    Two encodings of a scene get different ids if they differ in one byte, so their packets are never mixed up.
+
+    Args:
+        packetization: Parameters of the split into packets.
+        side_info: The side information.
+        packets: All packets of the complete stream, in order.
+    """
+    digest = hashlib.sha256(b"splatwire/stream-id/1\0" + packetization_to_json(packetization))
+    digest.update(struct.pack("<Q", len(side_info)))
+    digest.update(side_info)
+    for packet in packets:
+        payload = packet.payload
+        head = (packet.id.block, packet.id.lane, packet.id.part, packet.num_elements, len(payload))
+        digest.update(struct.pack("<5I", *head))
+        digest.update(payload)
+    return int.from_bytes(digest.digest()[:4], "little")
+
+
+@checked
+def make_stream(
+    *,
+    packetization: Packetization,
+    num_elements: int,
+    side_info: bytes,
+    packets: Iterable[Packet],
+    symbols_digest: str,
+    writer: str,
+    tiers: tuple[TierShape, ...] = (),
+    codec: str = UNNAMED_SCHEMA,
+    feature_dim: int = 0,
+    num_offsets: int = 0,
+    feature_groups: tuple[int, ...] = (),
+) -> SceneStream:
+    """Builds a complete stream: sorts the packets, computes the id and creates the manifest.
+
+    Args:
+        packetization: Parameters of the split into packets.
+        num_elements: Elements of the scene, N.
+        side_info: The side information.
+        packets: All packets of the plan, with any stream id.
+        symbols_digest: SHA-256 of all decoded integers, hexadecimal.
+        writer: Name and version of the program.
+        tiers: Sizes of the tiers; empty for a single tier.
+        codec: Schema of the elements.
+        feature_dim: Channels of the anchor feature, F; 0 for Gaussians.
+        num_offsets: Offsets per anchor, K; 0 for Gaussians.
+        feature_groups: Sizes of the feature's channel groups.
+
+    Raises:
+        InvalidValueError: If the packets are not exactly the packets of the plan.
+    """
+    ordered = sorted(packets, key=lambda packet: packet.id)
+    manifest = Manifest(
+        packetization=packetization,
+        num_elements=num_elements,
+        codec=codec,
+        feature_dim=feature_dim,
+        num_offsets=num_offsets,
+        feature_groups=feature_groups,
+        num_packets=len(ordered),
+        stream_id=make_stream_id(packetization, side_info, ordered),
+        side_info_bytes=len(side_info),
+        side_info_digest=hashlib.sha256(side_info).hexdigest(),
+        symbols_digest=symbols_digest,
+        writer=writer,
+        tiers=tiers,
+    )
+    if not _complete(manifest.plan, ordered):
+        raise InvalidValueError("the packets of a new stream must be exactly those of its plan")
+    # In place: if the caller has released its packets, a large stream is not in memory twice.
+    for i, packet in enumerate(ordered):
+        ordered[i] = make_packet(packet.id, packet.num_elements, packet.payload, manifest.stream_id)
+    return SceneStream(manifest, side_info, tuple(ordered))
+
+
+def _complete(plan: PacketPlan, packets: Sequence[Packet]) -> bool:
+    """True if packets, ascending by id, contain every element of the packet plan exactly once."""
+    if not plan.packetization.hashed:
+        expected = [(packet_id, plan.count(packet_id)) for packet_id in plan.ids]
+        return [(packet.id, packet.num_elements) for packet in packets] == expected
+    block, position = 0, 0
+    for packet in packets:
+        if block < plan.num_blocks and position == plan.block_elements(block):
+            block, position = block + 1, 0
+        too_large = packet.num_bytes > plan.packetization.packet_bytes
+        if packet.id != PacketId(block, position) or not plan.fits(packet.id, packet.num_elements) or too_large:
+            return False
+        position += packet.num_elements
+    return block == plan.num_blocks - 1 and position == plan.block_elements(block) if packets else not plan.num_elements

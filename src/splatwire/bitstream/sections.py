@@ -1,0 +1,145 @@
+"""Optional named sections, stored after the fixed part of the side information (docs/format.md)."""
+
+import hashlib
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+
+from splatwire.arguments import checked
+from splatwire.bitstream.limits import MAX_SECTION_BYTES, MAX_SECTION_NAME, MAX_SECTIONS, RESERVED_SECTIONS, SCHEMAS
+from splatwire.bitstream.scene_stream import SceneStream
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.files.byte_io import ByteReader, ByteWriter
+
+_NAME = re.compile(f"[a-z][a-z0-9_]{{0,{MAX_SECTION_NAME - 1}}}", re.ASCII)
+
+
+def write_sections(sections: Mapping[str, bytes]) -> bytes:
+    """Serialises named sections: for each, sorted by name, the name and the content, each preceded by its size.
+
+    Args:
+        sections: Content by name; an empty mapping gives no bytes.
+
+    Raises:
+        InvalidValueError: If a name is invalid, or the number or a size exceeds its limit.
+    """
+    if wrong := _problem(sections):
+        raise InvalidValueError(wrong)
+    writer = ByteWriter()
+    for name in sorted(sections):
+        writer.blob(name.encode())
+        writer.blob(sections[name])
+    return writer.bytes()
+
+
+def read_sections(data: bytes) -> dict[str, bytes]:
+    """Parses the named sections written by `write_sections`, by name; includes sections unknown to this release.
+
+    Raises:
+        BitstreamError: If the bytes are damaged, or a name is duplicated or out of order.
+    """
+    reader, sections, last = ByteReader(data, "side information sections"), dict[str, bytes](), ""
+    while reader.left:
+        name = reader.blob().decode("latin-1")
+        if not _NAME.fullmatch(name):
+            raise BitstreamError(f"side information: {ascii(name)[:40]} is no name of a section")
+        if name <= last:
+            raise BitstreamError(f"side information: section '{name}' is there twice or out of order")
+        sections[name], last = reader.blob(), name
+        if wrong := _problem(sections):
+            raise BitstreamError(f"side information: {wrong}")
+    return sections
+
+
+def _problem(sections: Mapping[str, bytes]) -> str | None:
+    """Returns a message about the first section with an invalid name or size; None if all sections are valid."""
+    if len(sections) > MAX_SECTIONS:
+        return f"{len(sections)} named sections, at most {MAX_SECTIONS} are possible"
+    for name, data in sections.items():
+        if not _NAME.fullmatch(name) or name in RESERVED_SECTIONS:
+            return f"a section cannot be called {ascii(name)[:40]}"
+        if len(data) > MAX_SECTION_BYTES:
+            return f"section '{name}' has {len(data):,} bytes, at most {MAX_SECTION_BYTES:,} are possible"
+    return None
+
+
+def split_sections(side_info: bytes, codec: str) -> tuple[bytes, dict[str, bytes]]:
+    """Splits side information into its fixed part (bytes) and its named sections (content by name).
+
+    Raises:
+        BitstreamError: If the bytes are not side information.
+    """
+    reader = ByteReader(side_info, "side information")
+    for _ in SCHEMAS[codec].sections:
+        reader.blob()
+    rest = reader.rest()
+    return side_info[: len(side_info) - len(rest)], read_sections(rest)
+
+
+def sections_of(stream: SceneStream) -> dict[str, bytes]:
+    """Returns the named sections in a stream's side information, content by name.
+
+    Raises:
+        BitstreamError: If its side information is damaged or missing.
+    """
+    return split_sections(stream.side_info, stream.manifest.codec)[1]
+
+
+@checked
+def side_info_parts(data: bytes, codec: str) -> dict[str, int]:
+    """Returns the size of each section of side information, bytes, by section name.
+
+    A size includes the bytes that frame the section: its stored size, and the name of a named section.
+
+    Raises:
+        BitstreamError: If the bytes are not side information.
+    """
+    fixed, sections = split_sections(data, codec)
+    reader, sizes = ByteReader(fixed, "side information"), dict[str, int]()
+    for name in SCHEMAS[codec].sections:
+        before = reader.left
+        reader.blob()
+        sizes[name] = before - reader.left
+    return sizes | {name: len(write_sections({name: content})) for name, content in sections.items()}
+
+
+@checked
+def add_concealment(stream: SceneStream, name: str, data: bytes) -> SceneStream:
+    """Adds a named section for a concealer to a stream's side information, or replaces the one with this name.
+
+    Packets and the stream's id stay unchanged: a receiver may combine packets of the old and the new stream.
+
+    Args:
+        stream: The stream, complete or not.
+        name: Name of the section, for example that of the concealer that reads it.
+        data: Content of the section.
+
+    Returns:
+        The stream with new side information and a manifest with its digest.
+
+    Raises:
+        InvalidValueError: If the name is invalid or the section is too large.
+        BitstreamError: If the stream's side information is damaged or missing.
+    """
+    fixed, sections = split_sections(stream.side_info, stream.manifest.codec)
+    return _with_side_info(stream, fixed + write_sections({**sections, name: data}))
+
+
+@checked
+def without_concealment(stream: SceneStream, name: str) -> SceneStream:
+    """Removes a named section from a stream's side information.
+
+    Returns:
+        The stream without the section; an equal stream if the section is absent.
+
+    Raises:
+        BitstreamError: If the stream's side information is damaged or missing.
+    """
+    fixed, sections = split_sections(stream.side_info, stream.manifest.codec)
+    return _with_side_info(stream, fixed + write_sections({n: d for n, d in sections.items() if n != name}))
+
+
+def _with_side_info(stream: SceneStream, side_info: bytes) -> SceneStream:
+    digest = hashlib.sha256(side_info).hexdigest()
+    manifest = replace(stream.manifest, side_info_bytes=len(side_info), side_info_digest=digest)
+    return replace(stream, manifest=manifest, side_info=side_info)

@@ -1,0 +1,70 @@
+"""Byte counts of a stream: manifest, side information, packets, and packets of each importance tier."""
+
+import statistics
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from splatwire.arguments import CheckedFields, checked
+from splatwire.bitstream.scene_stream import SceneStream
+
+
+@dataclass(frozen=True)
+class StreamSizes(CheckedFields):
+    """Sizes of a stream, in bytes; packets are counted with their headers.
+
+    Attributes:
+        num_bytes: Size of the stream as one file.
+        parts: Bytes of each constituent of the file, by name; they add up to `num_bytes`.
+        num_elements: Elements of the complete scene.
+        num_packets: Available packets.
+        packet_min: Size of the smallest packet; 0 if there are no packets.
+        packet_median: Median packet size.
+        packet_max: Size of the largest packet.
+        bytes_per_element: `num_bytes` over `num_elements`; 0 for an empty scene.
+        tiers: Elements, lanes, packets and packet bytes of each tier; empty for a single tier.
+    """
+
+    num_bytes: int
+    parts: dict[str, int]
+    num_elements: int
+    num_packets: int
+    packet_min: int
+    packet_median: float
+    packet_max: int
+    bytes_per_element: float
+    tiers: dict[str, dict[str, int]] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Returns the sizes as numbers and strings only."""
+        return asdict(self)
+
+
+@checked
+def measure_sizes(stream: SceneStream) -> StreamSizes:
+    """Counts the bytes of a stream by constituent and importance tier."""
+    sizes = [packet.num_bytes for packet in stream.packets] or [0]
+    num_elements = stream.manifest.num_elements
+    return StreamSizes(
+        num_bytes=stream.num_bytes,
+        parts=stream.parts(),
+        num_elements=num_elements,
+        num_packets=len(stream.packets),
+        packet_min=min(sizes),
+        packet_median=float(statistics.median(sizes)),
+        packet_max=max(sizes),
+        bytes_per_element=stream.num_bytes / num_elements if num_elements else 0.0,
+        tiers=_by_tier(stream),
+    )
+
+
+def _by_tier(stream: SceneStream) -> dict[str, dict[str, int]]:
+    plan = stream.manifest.plan
+    tiers = [
+        {"num_elements": shape.num_elements, "lanes": shape.lanes, "num_packets": 0, "packet_bytes": 0}
+        for shape in plan.tiers
+    ]
+    for packet in stream.packets if tiers else ():
+        tier = tiers[plan.tier_of(packet.id.block)]
+        tier["num_packets"] += 1
+        tier["packet_bytes"] += packet.num_bytes
+    return {str(number): tier for number, tier in enumerate(tiers)}

@@ -1,0 +1,159 @@
+"""Importance tiers: elements grouped by importance, in separate packets, so that each tier has its own protection.
+
+With tiers, each element has a *place* in addition to its rank (index in coding order): the index after sorting by tier,
+then rank. A packet plan is computed from places, blocks are ranges of consecutive places, and no block contains two
+tiers: a packet's block determines its tier. With one tier, place and rank are equal.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from splatwire.arguments import CheckedFields, array_of, checked
+from splatwire.bitstream.limits import MAX_ELEMENTS, MAX_SPANS, MAX_TIERS
+from splatwire.bitstream.packetization import Packetization, check_range
+from splatwire.errors import InvalidValueError
+
+LANE_ELEMENTS = 64
+"""Minimum number of elements per packet of a tier; smaller tiers get fewer lanes than the packetization has."""
+
+
+@dataclass(frozen=True)
+class TierShape(CheckedFields):
+    """Size of an importance tier: number of elements, and number of packets per block.
+
+    Attributes:
+        num_elements: Elements of the tier.
+        lanes: Packets per block of the tier, at most the packetization's number of lanes.
+    """
+
+    num_elements: int
+    lanes: int
+
+
+class Span(NamedTuple):
+    """Consecutive blocks of one importance tier; all blocks but the last have equal size.
+
+    Attributes:
+        first: Place (index after sorting by tier, then rank) of the tier's first element.
+        num_elements: Number of elements.
+        block_size: Maximum number of elements of a block.
+        lanes: Packets per block.
+        first_block: Index of the first block.
+    """
+
+    first: int
+    num_elements: int
+    block_size: int
+    lanes: int
+    first_block: int
+
+    @property
+    def num_blocks(self) -> int:
+        """Number of blocks of the tier."""
+        return -(-self.num_elements // self.block_size)
+
+    def block_elements(self, block: int) -> int:
+        """Number of elements of a block; `block` is the index within the stream."""
+        return min(self.block_size, self.num_elements - (block - self.first_block) * self.block_size)
+
+    def block_start(self, block: int) -> int:
+        """Place of a block's first element, that is, its index after sorting by tier.
+
+        `block` is an index in the stream.
+        """
+        return self.first + (block - self.first_block) * self.block_size
+
+
+@checked
+def shape_tiers(tiers: np.ndarray, packetization: Packetization) -> tuple[TierShape, ...]:
+    """Counts the elements of each tier, and chooses the number of packets per block for each tier.
+
+    Returns an empty tuple if all elements are in one tier.
+
+    Args:
+        tiers: Tier of each element, integers from 0 (most important), N.
+        packetization: Parameters of the split into packets.
+
+    Raises:
+        InvalidValueError: If the number of tiers exceeds its limit, or a tier before the last is empty.
+    """
+    tiers = array_of(tiers, "tiers", ("N",), "i", 0)
+    counts = np.bincount(tiers.astype(np.int64)).tolist() if tiers.max(initial=0) < MAX_TIERS else []
+    if not counts and tiers.size:
+        raise InvalidValueError(f"{tiers.max() + 1} tiers, at most {MAX_TIERS} are possible")
+    for tier, count in enumerate(counts):
+        if not count:
+            raise InvalidValueError(
+                f"tier {tier} of {len(counts)} has no element: choose larger shares, or fewer tiers"
+            )
+    if len(counts) < 2:
+        return ()
+    return tuple(TierShape(n, _lanes(packetization, n)) for n in counts)
+
+
+def _lanes(packetization: Packetization, num_elements: int) -> int:
+    return min(packetization.lanes, max(1, min(num_elements, packetization.block_size) // LANE_ELEMENTS))
+
+
+@checked
+def tier_order(tiers: np.ndarray) -> np.ndarray:
+    """Sorts elements by tier, and within a tier by rank (index in coding order).
+
+    Args:
+        tiers: Tier of each element in coding order, N.
+
+    Returns:
+        Rank of the element at each place of the sorted order, int64, N.
+    """
+    return np.argsort(array_of(tiers, "tiers", ("N",), "i"), kind="stable").astype(np.int64)
+
+
+def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
+    """Checks the number of a stream's tiers, and that no tier of a static scene is empty.
+
+    A sequence has a pair of tiers for each group of pictures: keyframe Gaussians and motion. These may be empty.
+
+    Args:
+        tiers: Sizes of the tiers; empty for a single tier.
+        timed: True for the tiers of a sequence, see `StreamSchema.timed`.
+
+    Raises:
+        InvalidValueError: If a tier of a static scene is empty, or a sequence has no tiers or an odd number.
+    """
+    if timed and (len(tiers) % 2 or not tiers):
+        raise InvalidValueError(f"{len(tiers)} tiers are no pairs, one for each group of frames")
+    if not timed and not all(tier.num_elements for tier in tiers):
+        raise InvalidValueError("a tier has no element")
+
+
+def check_tiers(tiers: tuple[TierShape, ...], num_elements: int, packetization: Packetization) -> None:
+    """Checks that sizes of tiers fit the number of elements and the packetization, without allocating arrays.
+
+    Raises:
+        InvalidValueError: If they contradict each other or the packetization.
+    """
+    if not tiers:
+        return
+    check_range("number of tiers", len(tiers), 2, MAX_SPANS)
+    for tier in tiers:
+        check_range("number of elements of a tier", tier.num_elements, 0, MAX_ELEMENTS)
+        check_range("number of lanes of a tier", tier.lanes, 1, packetization.lanes)
+    if sum(tier.num_elements for tier in tiers) != num_elements:
+        raise InvalidValueError(f"the tiers' elements do not add up to {num_elements}")
+    if packetization.packaging != "atomic":
+        raise InvalidValueError(f"{packetization.packaging} packaging knows no tiers")
+
+
+def spans_of(tiers: tuple[TierShape, ...], num_elements: int, packetization: Packetization) -> tuple[Span, ...]:
+    """Divides each tier into blocks of nearly equal size; returns the blocks of each tier as a range."""
+    if not tiers:
+        return (Span(0, num_elements, packetization.block_size, packetization.lanes, 0),)
+    spans: list[Span] = []
+    for tier in tiers:
+        last = spans[-1] if spans else Span(0, 0, 1, 1, 0)
+        size = -(-tier.num_elements // max(1, -(-tier.num_elements // packetization.block_size))) or 1
+        first, block = last.first + last.num_elements, last.first_block + last.num_blocks
+        spans.append(Span(first, tier.num_elements, size, tier.lanes, block))
+    return tuple(spans)

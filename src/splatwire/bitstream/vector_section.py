@@ -1,0 +1,77 @@
+"""Named sections of side information with three numbers, absent if these have their default values."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from splatwire.bitstream.scene_stream import SceneStream
+from splatwire.bitstream.sections import sections_of, split_sections
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.files.byte_io import ByteReader, ByteWriter
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class VectorSection:
+    """Reader and writer of a section that contains three numbers.
+
+    Attributes:
+        name: Name of the section.
+        usual: Default numbers, which apply to streams without the section.
+        check: Function that validates the numbers and returns them, or raises `InvalidValueError`.
+        wide: True if the numbers are stored as `f64`, False for `f32`.
+    """
+
+    name: str
+    usual: Vector
+    check: Callable[[Vector], Vector]
+    wide: bool = False
+
+    def sections(self, values: Vector) -> dict[str, bytes]:
+        """Serialises three numbers; returns a dict from section name to bytes, empty if the numbers are the default."""
+        if values == self.usual:
+            return {}
+        writer = ByteWriter()
+        for value in values:
+            (writer.f64 if self.wide else writer.f32)(value)
+        return {self.name: writer.bytes()}
+
+    def of_stream(self, stream: SceneStream) -> Vector:
+        """Returns the numbers of a stream's scene without decoding the scene.
+
+        Raises:
+            BitstreamError: If the side information or the section is damaged.
+        """
+        return self.read(sections_of(stream))
+
+    def of_side_info(self, side_info: bytes, codec: str) -> Vector:
+        """Returns the numbers from the side information of a stream.
+
+        Args:
+            side_info: The side information.
+            codec: Schema of the stream.
+
+        Raises:
+            BitstreamError: If the bytes are not side information, or the section is damaged.
+        """
+        return self.read(split_sections(side_info, codec)[1])
+
+    def read(self, sections: Mapping[str, bytes]) -> Vector:
+        """Returns the three numbers that the section contains, or the default numbers if the section is absent.
+
+        Args:
+            sections: All named sections of a stream's side information, by name.
+
+        Raises:
+            BitstreamError: If the section is damaged.
+        """
+        if self.name not in sections:
+            return self.usual
+        reader = ByteReader(sections[self.name], f"section '{self.name}'")
+        number = reader.f64 if self.wide else reader.f32
+        values = (number(), number(), number())
+        reader.finish()
+        try:
+            return self.check(values)
+        except InvalidValueError as error:
+            raise BitstreamError(f"side information: {error}") from None

@@ -1,0 +1,180 @@
+"""Selects the tiles to draw and to request for a viewpoint.
+
+`web/src/codec/levels/cut.ts` implements the same selection.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatwire.arguments import CheckedFields, array_of, checked
+from splatwire.bitstream.tiles import Tiles
+from splatwire.reprs import summary_repr
+
+BUDGET = 1_000_000
+"""Default maximum number of Gaussians to draw."""
+FINE_ENOUGH = 0.48
+"""Largest acceptable screen error of centres, pixels. Tiles with a smaller error are not refined."""
+BEHIND = 0.05
+"""Factor of the error of tiles outside the picture; above 0, because the camera may soon show them."""
+NEAREST = 0.02
+"""Smallest assumed distance between camera and tile, as a fraction of the tile's diagonal."""
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint(CheckedFields):
+    """Viewpoint: camera pose, focal length and picture size.
+
+    Attributes:
+        viewmat: World to camera, x right, y down, z ahead, float64 (4, 4).
+        focal: Focal length, pixels.
+        width: Picture width, pixels.
+        height: Picture height, pixels.
+        origin: World coordinates that `viewmat` is relative to.
+    """
+
+    viewmat: np.ndarray
+    focal: float
+    width: int
+    height: int
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    __repr__ = summary_repr
+
+    def relative_to(self, origin: tuple[float, float, float]) -> "Viewpoint":
+        """Returns the same viewpoint relative to another origin, usually the stream's."""
+        if origin == self.origin:
+            return self
+        viewmat = np.array(self.viewmat, dtype=np.float64)
+        viewmat[:3, 3] += viewmat[:3, :3] @ (np.array(origin) - np.array(self.origin))
+        return replace(self, viewmat=viewmat, origin=origin)
+
+
+@dataclass(frozen=True)
+class Cut(CheckedFields):
+    """Tiles of a scene to draw and tiles to request for a viewpoint.
+
+    Attributes:
+        drawn: Received tiles to draw, including the coarser tiles that finer tiles in this list refine. A Gaussian of a
+            coarser tile is drawn unless the finer tile that replaces it (`replaces_tile`) is in the list.
+        wanted: Tiles not yet received, most useful first.
+    """
+
+    drawn: tuple[int, ...]
+    wanted: tuple[int, ...]
+
+
+def pixel_errors(tiles: Tiles, viewpoint: Viewpoint | None) -> np.ndarray:
+    """Returns each tile's error in the picture if its coarser parent is drawn instead, pixels, float64 (B).
+
+    Errors of tiles outside the picture are multiplied by `BEHIND`. Without a viewpoint, errors are in world units. The
+    error of tiles of the coarsest level is infinite, because these tiles have no parent.
+    """
+    return _errors_and_usefulness(tiles, viewpoint)[0]
+
+
+def _errors_and_usefulness(tiles: Tiles, viewpoint: Viewpoint | None) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the results of `pixel_errors`, and the usefulness of each tile, float64 (B) each.
+
+    The usefulness is the visible area of the tile in square pixels per byte. It is infinite in the coarsest level.
+    """
+    errors = np.where(tiles.parents < 0, np.inf, tiles.errors[tiles.parents])
+    if viewpoint is None:
+        return errors, errors.copy()
+    distance, seen, covered = _project_boxes(tiles, viewpoint)
+    counts = np.where(seen, 1.0, BEHIND)
+    useful = np.where(tiles.parents < 0, np.inf, covered * counts / np.maximum(tiles.sizes, 1))
+    return errors * viewpoint.focal / distance * counts, useful
+
+
+def _project_boxes(tiles: Tiles, viewpoint: Viewpoint) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Projects tile boxes: returns distances, a mask of boxes in the picture, and areas in the picture, square pixels.
+
+    For a box in the picture, the area is that of its bounding rectangle, clipped to the picture. For a box outside, it
+    is the estimated area if the camera were turned towards the box, averaged over all orientations of the box.
+    """
+    middle, half = (tiles.low + tiles.high) / 2, (tiles.high - tiles.low) / 2
+    eye = np.array(
+        [-sum(viewpoint.viewmat[row, axis] * viewpoint.viewmat[row, 3] for row in range(3)) for axis in range(3)]
+    )
+    outside = np.maximum(np.abs(eye - middle) - half, 0)
+    distance = np.maximum(_length(outside), np.maximum(2 * NEAREST * _length(half), 1e-9))
+    # Written out, so that every language adds in the same order.
+    place = [
+        row[0] * middle[:, 0] + row[1] * middle[:, 1] + row[2] * middle[:, 2] + row[3] for row in viewpoint.viewmat[:3]
+    ]
+    reach = [
+        abs(row[0]) * half[:, 0] + abs(row[1]) * half[:, 1] + abs(row[2]) * half[:, 2] for row in viewpoint.viewmat[:3]
+    ]
+    near = np.maximum(place[2] - reach[2], distance)
+    far = np.maximum(place[2] + reach[2], near)
+    seen, rectangle = place[2] + reach[2] > 0, np.ones(tiles.num_tiles)
+    for axis, edge in enumerate((viewpoint.width / 2 / viewpoint.focal, viewpoint.height / 2 / viewpoint.focal)):
+        low, high = place[axis] - reach[axis], place[axis] + reach[axis]
+        low, high = low / np.where(low < 0, near, far), high / np.where(high < 0, far, near)
+        extent = np.minimum(high, edge) - np.maximum(low, -edge)
+        seen &= extent > 0
+        rectangle = rectangle * extent * viewpoint.focal
+    a, b, c = half.T
+    scale = viewpoint.focal / distance
+    anywhere = np.minimum(2 * (a * b + b * c + c * a) * scale * scale, float(viewpoint.width * viewpoint.height))
+    return distance, seen, np.where(seen, rectangle, anywhere)
+
+
+def _length(vectors: np.ndarray) -> np.ndarray:
+    """Euclidean length of each row, (N, 3) to (N)."""
+    x, y, z = vectors.T
+    return np.sqrt(x * x + y * y + z * z)
+
+
+@checked
+def cut_of(tiles: Tiles, received: np.ndarray, viewpoint: Viewpoint | None, budget: int = BUDGET) -> Cut:
+    """Selects the tiles to draw and to request, in order of visible area per byte.
+
+    Tiles are added until the budget is used up or the error in the picture is small everywhere.
+
+    Args:
+        tiles: The tiles.
+        received: True for tiles that were received, bool (B).
+        viewpoint: The viewpoint; None refines the whole scene from coarse to fine.
+        budget: Maximum number of Gaussians to draw; the coarsest level is drawn in any case.
+    """
+    received = array_of(received, "received", (tiles.num_tiles,), "b")
+    chosen = _chosen(tiles, viewpoint, budget)
+    real = np.zeros(tiles.num_tiles, dtype=bool)
+    real[chosen] = received[chosen]
+    for level in range(int(tiles.levels.max(initial=0)) - 1, -1, -1):
+        here = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))
+        real[here] &= real[tiles.parents[here]]
+    return Cut(tuple(np.flatnonzero(real).tolist()), tuple(chosen[~received[chosen]].tolist()))
+
+
+def _chosen(tiles: Tiles, viewpoint: Viewpoint | None, budget: int) -> np.ndarray:
+    """Selects the tiles to draw or request, most useful first; every tile comes after the coarser tile it refines."""
+    errors, useful = _errors_and_usefulness(tiles, viewpoint)
+    for level in range(int(tiles.levels.max(initial=0)) - 1, -1, -1):
+        here = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))
+        for values in (errors, useful):
+            values[here] = np.minimum(values[here], values[tiles.parents[here]])
+    some = np.flatnonzero(errors > (FINE_ENOUGH if viewpoint is not None else 0.0))
+    order = some[np.argsort(-useful[some], kind="stable")]
+    over = np.flatnonzero((np.cumsum(tiles.counts[order]) > budget) & (tiles.parents[order] >= 0))
+    return order[: over[0]] if len(over) else order
+
+
+def replaces_tile(tiles: Tiles, tile: int, means: np.ndarray) -> np.ndarray:
+    """Finds the finer tile that replaces each Gaussian of a tile: the child with the nearest bounding box.
+
+    Args:
+        tiles: The tiles.
+        tile: Index of the coarser tile.
+        means: Centres of some of its Gaussians, float64 (N, 3).
+
+    Returns:
+        Tiles, int64 (N); -1 for Gaussians of the finest level.
+    """
+    finer = np.flatnonzero(tiles.parents == tile)
+    if not len(finer):
+        return np.full(len(means), -1, dtype=np.int64)
+    outside = np.maximum(np.maximum(tiles.low[finer][:, None] - means, means - tiles.high[finer][:, None]), 0)
+    return finer[outside.max(axis=2).argmin(axis=0)]

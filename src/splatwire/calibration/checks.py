@@ -1,0 +1,24 @@
+"""Validation of the fields of settings dataclasses."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from splatwire.errors import InvalidValueError
+
+
+def check_settings(settings: Any, what: str, counts: Sequence[str], **sensible: bool) -> None:
+    """Checks the fields of a settings dataclass.
+
+    Args:
+        settings: A dataclass instance.
+        what: Name of the operation that the settings are for, used in the error message.
+        counts: Names of the fields that must be 1 or more.
+        sensible: Result of the caller's check for other fields, by field name: True if the value is valid.
+
+    Raises:
+        InvalidValueError: If a field is invalid; the message names all invalid fields.
+    """
+    bad = [name for name in counts if getattr(settings, name) < 1]
+    bad += [name for name, fine in sensible.items() if not fine]
+    if bad:
+        raise InvalidValueError(f"{what} cannot run with {', '.join(f'{n}={getattr(settings, n)}' for n in bad)}")

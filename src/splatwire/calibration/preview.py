@@ -1,0 +1,357 @@
+"""Fits a preview to the training photos: a low-quality scene of as many explicit Gaussians as fit one datagram."""
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.anchors.appearance import Scene
+from splatwire.arguments import check_fields, checked
+from splatwire.calibration.checks import check_settings
+from splatwire.calibration.views import CalibrationViews, Progress, References, spread_evenly
+from splatwire.codec.preview import (
+    MAX_PREVIEW_BYTES,
+    MOST_AWAY,
+    Preview,
+    PreviewFrame,
+    gaussians_within,
+    preview_gaussians,
+    write_preview,
+)
+from splatwire.errors import InvalidValueError
+from splatwire.ops.arrays import lower_median, to_numpy
+from splatwire.ops.knn import nearest_neighbors
+from splatwire.render import iterate_views
+from splatwire.render.cpu import Picture, float_arrays, keep_freed_memory, render_cpu
+from splatwire.render.importance import footprint_importance
+from splatwire.types import Cameras, Gaussians
+
+_PLACE, _SIZE, _COLOR, _OPACITY = 0.02, 0.04, 0.03, 0.03
+RATES = (_PLACE, _PLACE, _PLACE, _SIZE, _SIZE, _SIZE, _COLOR, _COLOR, _COLOR, _OPACITY)
+"""Learning rates of a Gaussian's parameters, in the order of `PreviewFrame.values`."""
+BACKGROUND_RATE = 0.01
+_LOWEST = (*[-MOST_AWAY] * 3, *[-6.0] * 3, 0.0, 0.0, 0.0, 1 / 32)
+_HIGHEST = (*[MOST_AWAY] * 3, *[3.0] * 3, 1.0, 1.0, 1.0, 31 / 32)
+_FIRST_OPACITY = 0.8
+_SPLIT_SHIFT, _SPLIT_SHRINK = 0.6, 0.5
+"""Split of a Gaussian along its longest axis: shift of the halves in standard deviations, decrease of the log size."""
+_ERROR_VIEWS = 12
+_DECAYS, _LEAST = (0.9, 0.99), 1e-8
+"""Decay rates of Adam's moments; epsilon of its division."""
+
+
+@dataclass(frozen=True)
+class PreviewConfig:
+    """Settings of the fit of a preview.
+
+    Attributes:
+        num_bytes: Maximum size of the preview in bytes.
+        steps: Number of optimisation steps; each step renders one view.
+        rounds: Number of relocations, which move the least visible Gaussians to regions with a large error.
+        moved: Share of the Gaussians that a relocation moves, 0 to 1.
+        still: Point in the optimisation after which Gaussians are no longer relocated, as a share of the steps, 0 to 1.
+        rounding: Point in the optimisation after which parameters are rounded to values that can be sent, as a share
+            of the steps, 0 to 1.
+        views: Maximum number of views that the preview is fitted to.
+        width: Maximum width of these views, pixels.
+        scored_views: Maximum number of views for measuring the quality of the result.
+        scored_width: Maximum width of the views for measuring the quality, pixels.
+        seed: Seed of all random numbers.
+    """
+
+    num_bytes: int = MAX_PREVIEW_BYTES
+    steps: int = 3000
+    rounds: int = 20
+    moved: float = 0.05
+    still: float = 0.6
+    rounding: float = 0.7
+    views: int = 100
+    width: int = 120
+    scored_views: int = 25
+    scored_width: int = 400
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_settings(
+            self, "the fit of a preview", ("steps", "views", "width", "scored_views", "scored_width"),
+            moved=0 < self.moved < 1, still=0 < self.still < 1, rounding=0 < self.rounding < 1,
+            num_bytes=gaussians_within(self.num_bytes) > 0, rounds=self.rounds >= 0, seed=self.seed >= 0,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class PreviewResult:
+    """Result of the fit of a preview.
+
+    Attributes:
+        section: Bytes of the section `preview` of the side information.
+        num_gaussians: Number of Gaussians of the preview.
+        psnr: Mean PSNR over the views in decibels, by name. `background`: pictures of the background colour only;
+            `preview`: pictures of the preview; `complete`: pictures of the complete scene.
+        seconds: Duration of the fit in seconds.
+    """
+
+    section: bytes
+    num_gaussians: int
+    psnr: dict[str, float]
+    seconds: float
+
+
+@checked
+def preview_for_scene(
+    scene: Scene,
+    views: CalibrationViews,
+    config: PreviewConfig | None = None,
+    *,
+    test: CalibrationViews | None = None,
+    progress: Progress | None = None,
+) -> PreviewResult:
+    """Fits a preview to a scene and returns it as the section `preview` of the side information.
+
+    Args:
+        scene: The complete scene. It provides the initial Gaussians, and the target pictures if `views` has no photos.
+        views: Views that the preview is fitted to.
+        config: The settings; None for the defaults.
+        test: Views for measuring the quality of the result; None for `views`.
+        progress: Called with the name of the current task and its completed share, 0 to 1.
+
+    Raises:
+        InvalidValueError: If no element of the scene is visible in any view.
+    """
+    config, show, started = config or PreviewConfig(), progress or (lambda task, share: None), time.perf_counter()
+    scene = views.in_front(scene)
+    preview = _Fit(scene, References.of(scene, views.reduced(config.views, config.width)), config).run(show)
+    section = write_preview(preview)
+    scored = (views if test is None else test).reduced(config.scored_views, config.scored_width)
+    quality = _scores(scene, section, References.of(scene, scored), show)
+    return PreviewResult(section, preview.num_gaussians, quality, time.perf_counter() - started)
+
+
+class _Fit:
+    """Gradient descent on the Gaussians of a preview.
+
+    The parameters are the ten numbers of each Gaussian (`PreviewFrame.values`), divided by their learning rates, so
+    that the Adam optimiser needs only one learning rate.
+    """
+
+    def __init__(self, scene: Scene, pictures: References, config: PreviewConfig) -> None:
+        keep_freed_memory()
+        self._pictures, self._config, self._rng = pictures, config, np.random.default_rng(config.seed)
+        self._rates = np.array(RATES, np.float32)
+        self.frame, values = self._first(scene, gaussians_within(config.num_bytes))
+        self._raw = _Adam(values / self._rates)
+        self._behind = _Adam(np.array(scene.background, np.float32) / np.float32(BACKGROUND_RATE))
+        self._rounded = False
+
+    def run(self, show: Progress) -> Preview:
+        """Fits the Gaussians and returns the rounded preview."""
+        config, num_views = self._config, self._pictures.cameras.num_views
+        every = max(1, round(config.still * config.steps / (config.rounds + 1)))
+        moments = {every * (number + 1) for number in range(config.rounds)}
+        for step in range(config.steps):
+            if step == round(config.rounding * config.steps):
+                self._round()
+            elif step in moments and not self._rounded:
+                self._move()
+            rate = 0.02 + 0.98 * (0.5 + 0.5 * math.cos(math.pi * step / config.steps))
+            gradients = self._gradients(int(self._rng.integers(num_views)))
+            for part, gradient in zip((self._raw, self._behind), gradients, strict=True):
+                part.step(gradient, rate)
+            self._clamp()
+            if step % 50 == 0:
+                show("fitting a preview", step / config.steps)
+        show("fitting a preview", 1.0)
+        if not self._rounded:
+            self._round()
+        levels = np.rint(self.frame.levels(self._raw.values * self._rates)).astype(np.int64)
+        red, green, blue = np.rint(self._background * 255).astype(int).tolist()
+        return Preview(self.frame, (red, green, blue), levels)
+
+    @property
+    def _background(self) -> Float[np.ndarray, "3"]:
+        return self._behind.values * np.float32(BACKGROUND_RATE)
+
+    def _first(self, scene: Scene, count: int) -> tuple[PreviewFrame, Float[np.ndarray, "G 10"]]:
+        """Returns the value ranges for quantisation (`PreviewFrame`), and the parameters of the initial Gaussians.
+
+        The initial Gaussians are at the positions of random elements of the scene. The probability of an element is
+        proportional to its share of the blending weights in all pictures. Sizes follow from the distances to the
+        nearest neighbours.
+        """
+        share = footprint_importance(scene, self._pictures.cameras).share.astype(np.float64)
+        shown = int((share > 0).sum())
+        if not shown:
+            raise InvalidValueError("no view shows anything of the scene: there is nothing to preview")
+        chosen = self._rng.choice(len(share), min(count, shown), replace=False, p=share / share.sum())
+        places = to_numpy(scene.positions)[chosen]
+        middle = lower_median(places)
+        spread = 0.5 * float(lower_median(np.linalg.norm(to_numpy(self._pictures.cameras.centers) - middle, axis=1)))
+        frame = PreviewFrame.fitting(middle.tolist(), max(spread, 1e-3), (*_LOWEST[:3], -6.0), (*_HIGHEST[:3], 3.0))
+        values = np.full((len(places), len(RATES)), 0.5, np.float32)
+        values[:, :3] = np.arcsinh((places - middle) / frame.spread)
+        near = nearest_neighbors(places, places, 3)[1].max(axis=1, keepdims=True)
+        values[:, 3:6] = np.log(np.maximum(near / 2 / frame.spread, 1e-2))
+        values[:, 9] = _FIRST_OPACITY
+        return frame, values
+
+    def _now(self) -> tuple[Float[np.ndarray, "G 10"], Gaussians]:
+        """Returns the Gaussians of the preview in the current state of the optimisation.
+
+        In the last part of the fit, the parameters are rounded to the values that the preview can store. This begins
+        with the call of `_round`.
+
+        Returns:
+            Parameters as in `PreviewFrame.values`, float64 (G, 10); and the Gaussians with these parameters.
+        """
+        values = (self._raw.values * self._rates).astype(np.float64)
+        if self._rounded:
+            values = self.frame.values(np.rint(self.frame.levels(values)))
+        return values, self.frame.gaussians(values)
+
+    def _gradients(self, view: int) -> tuple[Float[np.ndarray, "G 10"], Float[np.ndarray, "3"]]:
+        """Returns the gradients of a view's mean squared error with respect to Gaussian parameters and background.
+
+        Rounding of the parameters is treated as the identity function (straight-through).
+        """
+        values, gaussians = self._now()
+        drawn = _Drawn(gaussians, self._pictures.cameras, view, self._background)
+        mask = self._pictures.masks[view]
+        error = drawn.image - self._pictures.images[view]
+        error = error if mask is None else error * mask[:, :, None]
+        found, behind = drawn.gradients(2 / (3 * (drawn.image[..., 0].size if mask is None else mask.sum())) * error)
+        means, _, scales, opacities, colors = found
+        away = self.frame.spread * np.cosh(values[:, :3])
+        back = np.concatenate([means * away, scales * gaussians.scales, colors, opacities[:, None]], axis=1)
+        return (back * self._rates).astype(np.float32), behind * np.float32(BACKGROUND_RATE)
+
+    def _round(self) -> None:
+        """Fits the quantisation ranges to the current parameters; later renderings use rounded parameters."""
+        values = self._raw.values * self._rates
+        low, high = values.min(axis=0), values.max(axis=0)
+        least, most = [*low[:3].tolist(), float(low[3:6].min())], [*high[:3].tolist(), float(high[3:6].max())]
+        self.frame = PreviewFrame.fitting(self.frame.middle, self.frame.spread, least, most)
+        self._rounded = True
+
+    def _clamp(self) -> None:
+        bounds = (np.array(bound, np.float32) / self._rates for bound in (_LOWEST, _HIGHEST))
+        np.clip(self._raw.values, *bounds, out=self._raw.values)
+        np.clip(self._behind.values, 0, 1 / BACKGROUND_RATE, out=self._behind.values)
+
+    def _move(self) -> None:
+        """Relocates the least visible Gaussians to regions with a large error.
+
+        The Gaussians with the largest error are split in two along their longest axis. A relocated Gaussian becomes one
+        of the two halves.
+        """
+        shown, wrong = self._shares()
+        count = max(1, round(self._config.moved * len(shown)))
+        least = np.argsort(shown, kind="stable")[:count]
+        wrong[least] = -1
+        worst = np.argsort(-wrong, kind="stable")[:count]
+        values = self._raw.values * self._rates
+        halves, rows = values[worst], np.arange(count)
+        axis = halves[:, 3:6].argmax(axis=1)
+        shift = np.zeros((count, 3), np.float32)
+        shift[rows, axis] = _SPLIT_SHIFT * np.exp(halves[rows, 3 + axis]) / np.cosh(halves[rows, axis])
+        halves[rows, 3 + axis] -= _SPLIT_SHRINK
+        for places, sign in ((worst, -1), (least, 1)):
+            values[places] = np.concatenate([halves[:, :3] + sign * shift, halves[:, 3:]], axis=1)
+            self._raw.forget(places)
+        self._raw.values[:] = values / self._rates
+
+    def _shares(self) -> tuple[Float[np.ndarray, "G"], Float[np.ndarray, "G"]]:
+        """Returns two sums over the pixels of some views for each Gaussian.
+
+        The first is the sum of its blending weights. The second is the sum of blending weight times squared error.
+        """
+        now = self._now()[1]
+        shown, wrong = np.zeros(now.num_gaussians, np.float32), np.zeros(now.num_gaussians, np.float32)
+        for view in spread_evenly(self._pictures.cameras.num_views, _ERROR_VIEWS):
+            drawn = _Drawn(now, self._pictures.cameras, view, self._background)
+            error = ((drawn.image - self._pictures.images[view]) ** 2).sum(axis=2, keepdims=True)
+            mask = self._pictures.masks[view]
+            error = error if mask is None else error * mask[:, :, None]
+            shown += drawn.gradients(np.ones_like(drawn.image))[0][4][:, 0]
+            wrong += drawn.gradients(np.broadcast_to(error, drawn.image.shape))[0][4][:, 0]
+        return shown, wrong
+
+
+class _Adam:
+    """Parameters with the Adam optimiser (Kingma and Ba 2015).
+
+    Args:
+        values: Initial values, float32; changed in place.
+    """
+
+    def __init__(self, values: np.ndarray) -> None:
+        self.values = values
+        self._mean, self._square, self._steps = np.zeros_like(values), np.zeros_like(values), 0
+
+    def step(self, gradient: np.ndarray, rate: float) -> None:
+        """Updates the parameters with a gradient and a learning rate."""
+        self._steps += 1
+        self._mean += (1 - _DECAYS[0]) * (gradient - self._mean)
+        self._square += (1 - _DECAYS[1]) * (gradient**2 - self._square)
+        mean, square = self._mean / (1 - _DECAYS[0] ** self._steps), self._square / (1 - _DECAYS[1] ** self._steps)
+        self.values -= np.float32(rate) * mean / (np.sqrt(square) + np.float32(_LEAST))
+
+    def forget(self, rows: np.ndarray) -> None:
+        """Sets the first moment of Adam to zero for the Gaussians with the given indices, after these were moved."""
+        self._mean[rows] = 0
+
+
+class _Drawn:
+    """Rendered picture of a view that can be differentiated with respect to the Gaussians.
+
+    Args:
+        gaussians: The Gaussians to draw.
+        cameras: The cameras.
+        view: Index of the camera.
+        background: RGB of the background, float32.
+    """
+
+    def __init__(self, gaussians: Gaussians, cameras: Cameras, view: int, background: np.ndarray) -> None:
+        self._arrays = float_arrays(gaussians)
+        self._picture = Picture(self._arrays, cameras, view, kept=True)
+        self.image, self._left_over = self._picture.draw(background)
+
+    def gradients(self, d_image: np.ndarray) -> tuple[list[np.ndarray], Float[np.ndarray, "3"]]:
+        """Returns the gradients of the Gaussians' parameters and of the background, given the gradient of the image.
+
+        Args:
+            d_image: Gradient of a loss with respect to the pixels, or weights of the pixels.
+
+        Returns:
+            The gradients of means, quats, scales, opacities and colors as a list, and the gradient of the background.
+        """
+        weights = np.ascontiguousarray(d_image, np.float32)
+        found = self._picture.gradients(self._arrays, self.image, weights)
+        return found[:5], np.einsum("hw,hwc->c", self._left_over, weights)
+
+
+def _scores(scene: Scene, section: bytes, pictures: References, show: Progress) -> dict[str, float]:
+    """Measures the picture quality of an encoded preview, for `PreviewResult.psnr`.
+
+    Args:
+        scene: The scene.
+        section: The section `preview`, from which the preview and its background colour are decoded.
+        pictures: Reference pictures.
+        show: Called with the name of the current task and its completed share, 0 to 1.
+    """
+    gaussians, background = preview_gaussians(section)
+    behind = np.array(background, np.float32)
+    totals = dict.fromkeys(("background", "preview", "complete"), 0.0)
+    for view, complete in enumerate(iterate_views(scene, pictures.cameras)):
+        drawn = render_cpu(gaussians, pictures.cameras.select([view]), background=behind)[0]
+        rows = {
+            "background": np.broadcast_to(behind, drawn.shape),
+            "preview": np.clip(drawn, 0, 1),
+            "complete": complete,
+        }
+        for name, picture in rows.items():
+            totals[name] += pictures.psnr(view, picture)
+        show("comparing pictures", (view + 1) / len(pictures.images))
+    return {name: total / len(pictures.images) for name, total in totals.items()}

@@ -1,0 +1,94 @@
+"""Data for calibrations by the sender: the complete scene, and simulated losses of packets (paper, Section 3.4)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool
+
+from splatwire.arguments import checked
+from splatwire.bitstream import PacketGroups, SceneStream
+from splatwire.bitstream.limits import MAX_ELEMENTS
+from splatwire.codec.tiers import arrange_stream
+from splatwire.errors import InvalidValueError, shown, whole_number
+from splatwire.ops.arrays import to_arrays
+from splatwire.types import AnchorScene, Cameras, ReceivedScene
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationData:
+    """Complete scene and its division into packets, with which a calibration simulates packet losses.
+
+    Attributes:
+        complete: The complete scene as a decoder returns it.
+        groups: Indices of the anchors in each packet.
+        cameras: Cameras for a training loss on rendered pictures; None if there is no such loss.
+    """
+
+    complete: ReceivedScene[AnchorScene]
+    groups: PacketGroups
+    cameras: Cameras | None = None
+
+    @property
+    def scene(self) -> AnchorScene:
+        """The complete scene."""
+        return self.complete.scene
+
+    def pseudo_losses(self, rates: Sequence[float], seed: int | np.random.SeedSequence) -> list[Bool[np.ndarray, "N"]]:
+        """Simulates one packet loss (pseudo-loss) per rate; returns the masks of received anchors, bool (N) each."""
+        seeds = np.random.SeedSequence(seed) if isinstance(seed, int) else seed
+        each = zip(rates, seeds.generate_state(len(rates)).tolist(), strict=True)
+        return [pseudo_loss(self.groups, self.complete.scene.num_elements, rate, number) for rate, number in each]
+
+
+@checked
+def calibration_data(
+    stream: SceneStream, complete: ReceivedScene[AnchorScene], cameras: Cameras | None = None
+) -> CalibrationData:
+    """Prepares a decoded stream for calibration.
+
+    Args:
+        stream: The complete stream; determines the anchors of each packet.
+        complete: The decoded scene.
+        cameras: Cameras for a training loss on rendered pictures; None if there is no such loss.
+
+    Raises:
+        InvalidValueError: If a packet was lost, or the stream has fewer than two packets.
+    """
+    groups = arrange_stream(stream).groups
+    if complete.erasures.num_lost:
+        raise InvalidValueError("calibration needs the complete scene, and of this one packets were lost")
+    if len(groups.starts) < 3:
+        raise InvalidValueError("calibration needs a stream of at least two packets")
+    return CalibrationData(to_arrays(complete), groups, cameras)
+
+
+@checked
+def dropped_packets(count: int, rate: float, seed: int) -> list[int]:
+    """Returns the indices of `rate * count` randomly chosen packets to drop, at least 1, at most `count - 1`.
+
+    Raises:
+        InvalidValueError: If an argument is out of range.
+    """
+    whole_number(count, "count", 1, MAX_ELEMENTS)
+    whole_number(seed, "seed")
+    if not 0 <= rate <= 1:
+        raise InvalidValueError(f"rate must be from 0 to 1, not {shown(rate)}")
+    return np.random.default_rng(seed).permutation(count)[: min(max(round(rate * count), 1), count - 1)].tolist()
+
+
+@checked
+def pseudo_loss(groups: PacketGroups, num_anchors: int, rate: float, seed: int) -> Bool[np.ndarray, "N"]:
+    """Simulates the loss of a random share of the packets; returns the mask of received anchors.
+
+    Args:
+        groups: Anchors of each packet.
+        num_anchors: Number of anchors of the scene, N.
+        rate: Share of the packets that is lost, 0 to 1.
+        seed: Seed of the random choice.
+    """
+    count = len(groups.starts) - 1
+    known = np.ones(whole_number(num_anchors, "num_anchors", len(groups.ranks), MAX_ELEMENTS), np.bool_)
+    for group in dropped_packets(count, rate, seed):
+        known[groups.ranks[groups.starts[group] : groups.starts[group + 1]]] = False
+    return known

@@ -1,0 +1,229 @@
+"""Calibration of a sketch: coarse copies of the most important elements of a scene, sent as side information.
+
+Elements are anchors or explicit Gaussians. A sketch also sets the growth: the amount by which a receiver enlarges
+received elements next to lost ones. The growth is chosen by comparing rendered pictures after simulated packet losses.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from splatwire.anchors.appearance import Scene
+from splatwire.arguments import checked
+from splatwire.bitstream import SceneStream
+from splatwire.bitstream.sections import add_concealment
+from splatwire.calibration.pseudo_loss import dropped_packets
+from splatwire.calibration.sketch_anchors import AnchorSketch
+from splatwire.calibration.sketch_config import SketchConfig
+from splatwire.calibration.sketch_gaussians import GaussianSketch
+from splatwire.calibration.views import CalibrationViews, Progress, References
+from splatwire.codec import decode_stream
+from splatwire.concealment import Concealed, conceal
+from splatwire.concealment.conceal import drawn
+from splatwire.errors import InvalidValueError
+from splatwire.ops.arrays import to_arrays
+from splatwire.render import iterate_views
+from splatwire.types import Prior, ReceivedScene
+
+
+@dataclass(frozen=True, eq=False)
+class SketchResult:
+    """Result of a sketch calibration.
+
+    Attributes:
+        section: Bytes of the section `sketch` of the side information.
+        num_sketched: Number of elements that have a coarse copy in the sketch.
+        exponent: Exponent of the growth, that is, of the enlargement of received elements next to lost ones.
+        trust: Factor on the correction of this enlargement by the neural network of the concealer `scene_free`: 0 for
+            no correction, 1 for the full correction.
+        psnr: Mean PSNR in decibels, by name: `no loss` without loss; `drop`, `grow` and `sketch` with these concealers
+            after simulated packet losses that were not used for the calibration. Empty if no such losses were
+            simulated.
+        seconds: Duration in seconds.
+    """
+
+    section: bytes
+    num_sketched: int
+    exponent: float
+    trust: float
+    psnr: dict[str, float]
+    seconds: float
+
+
+@runtime_checkable
+class Sketch(Protocol):
+    """Protocol of a sketch: coarse copies of elements, and parameters of the concealer `sketch`.
+
+    Attributes:
+        num_sketched: Number of elements that have a coarse copy in the sketch.
+        growth: Parameters of the enlargement of received elements next to lost ones: first the exponents (one for
+            anchors, two for explicit Gaussians), then the factor on the correction of the enlargement by the neural
+            network of the concealer `scene_free` (trust).
+        growths: Candidates for the exponents, the default first.
+        trusts: Candidates for the factor on this correction, the default first.
+    """
+
+    @property
+    def num_sketched(self) -> int:
+        """Number of elements that have a coarse copy in the sketch."""
+
+    @property
+    def growth(self) -> tuple[float, ...]:
+        """Parameters of the enlargement of received elements next to lost ones.
+
+        These are the exponents, then the factor on the correction of the enlargement by a neural network.
+        """
+
+    @property
+    def growths(self) -> Sequence[tuple[float, ...]]:
+        """Candidate exponents of the enlargement of received elements, the default first."""
+
+    @property
+    def trusts(self) -> Sequence[float]:
+        """Candidate factors on the correction of the enlargement by a neural network, the default first."""
+
+    def with_growth(self, growth: tuple[float, ...]) -> "Sketch":
+        """Returns this sketch with other parameters of the enlargement; the coarse copies stay the same.
+
+        Args:
+            growth: New parameters of the enlargement of received elements next to lost ones, see the attribute
+                `growth`.
+        """
+
+    def section(self) -> bytes:
+        """Encodes the sketch as the section `sketch` of the side information."""
+
+    def around(self, partial: ReceivedScene) -> Any:
+        """Replaces lost elements of a received scene by the copies of this sketch; prepares the call of `proposal`.
+
+        The result does not depend on the parameters of the enlargement (`growth`). It can therefore be passed to
+        `proposal` of several sketches that differ only in these parameters.
+
+        Args:
+            partial: The received scene.
+
+        Returns:
+            The received scene with copies, and statistics on the neighbours of its elements.
+        """
+
+    def proposal(self, around: Any) -> tuple[ReceivedScene, Concealed]:
+        """Applies the concealer `sketch` to a received scene, with the copies and the growth of this sketch.
+
+        Args:
+            around: Result of `around` for the received scene.
+
+        Returns:
+            The received scene with copies, and the concealer's result.
+        """
+
+
+@checked
+def sketch_of(
+    stream: SceneStream,
+    complete: ReceivedScene,
+    views: CalibrationViews,
+    config: SketchConfig,
+    *,
+    progress: Progress | None = None,
+) -> SketchResult:
+    """Creates the section `sketch` of a stream's side information: coarse copies of the most important elements.
+
+    Args:
+        stream: The complete stream, without a section `sketch`.
+        complete: The decoded scene.
+        views: Views in which importance and picture quality are measured.
+        config: The settings.
+        progress: Called with the name of the current task and its completed share, 0 to 1.
+
+    Raises:
+        InvalidValueError: If a packet was lost, or the stream has fewer than two packets. Also if the sketch is too
+            small for a single copy, or no element is visible in any view.
+    """
+    started, show = time.perf_counter(), progress or (lambda task, share: None)
+    if complete.erasures.num_lost:
+        raise InvalidValueError("calibration needs the complete scene, and of this one packets were lost")
+    if len(stream.packets) < 2:
+        raise InvalidValueError("calibration needs a stream of at least two packets")
+    complete = replace(to_arrays(complete), scene=views.in_front(to_arrays(complete.scene)))
+    fit: Callable[..., Sketch] = GaussianSketch.fitted if complete.find(Prior) is None else AnchorSketch.fitted
+    most = round(config.share * stream.num_bytes)
+    sketch = fit(stream, complete, views.reduced(config.views, config.width).cameras, most, config, show)
+    quality: dict[str, float] = {}
+    if config.masks + config.held_out_masks:
+        scored = _Scores(stream, complete.scene, views.reduced(config.scored_views, config.width), config)
+        sketch = scored.best_growth(sketch, show) if config.masks else sketch
+        quality = scored.held_out(sketch, show) if config.held_out_masks else {}
+    seconds = time.perf_counter() - started
+    return SketchResult(sketch.section(), sketch.num_sketched, sketch.growth[0], sketch.growth[-1], quality, seconds)
+
+
+class _Scores:
+    """Measures the mean PSNR of concealed scenes after simulated packet losses; keeps the reference pictures."""
+
+    def __init__(self, stream: SceneStream, scene: Scene, views: CalibrationViews, config: SketchConfig) -> None:
+        self._stream, self._scene, self._config = stream, scene, config
+        self._references = References.of(scene, views)
+        number = config.masks + config.held_out_masks
+        self._seeds = np.random.SeedSequence(config.seed).generate_state(number).tolist()
+
+    def best_growth(self, sketch: Sketch, show: Progress) -> Sketch:
+        """Returns the sketch with the enlargement parameters that give the highest PSNR after simulated packet losses.
+
+        First, the factor on the correction of the enlargement by a neural network (trust) is chosen, with the default
+        exponents. Then the exponents are chosen.
+        """
+        losses = [sketch.around(self._decoded(self._stream, seed)) for seed in self._seeds[: self._config.masks]]
+        tried: dict[tuple[float, ...], float] = {}
+
+        def best_of(growths: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
+            for growth in growths:
+                candidate = sketch.with_growth(growth)
+                tried[growth] = sum(self._quality_of(*candidate.proposal(loss)) for loss in losses)
+                show("choosing the growth", len(tried) / (len(sketch.growths) + len(sketch.trusts) - 1))
+            return max(tried, key=lambda growth: tried[growth])
+
+        trust = best_of([(*sketch.growths[0], trust) for trust in sketch.trusts])[-1]
+        return sketch.with_growth(best_of([(*growth, trust) for growth in sketch.growths[1:]]))
+
+    def held_out(self, sketch: Sketch, show: Progress) -> dict[str, float]:
+        """Measures the picture quality of the scene without loss, and after simulated packet losses (pseudo-losses).
+
+        These losses are held out: they were not used for choosing the growth. Each of them is concealed by the
+        concealers `drop`, `grow` and `sketch`.
+
+        Args:
+            sketch: The sketch, which is added to the stream.
+            show: Called with the name of the current task and its completed share, 0 to 1.
+
+        Returns:
+            Mean PSNR in decibels for `no loss` and for each concealer (`SketchResult.psnr`).
+        """
+        found, richer = (
+            {"no loss": self._quality(self._scene)},
+            add_concealment(self._stream, "sketch", sketch.section()),
+        )
+        losses = [self._decoded(richer, seed) for seed in self._seeds[self._config.masks :]]
+        for number, name in enumerate(("drop", "grow", "sketch")):
+            found[name] = sum(self._quality(conceal(partial, name)) for partial in losses) / len(losses)
+            show("held-out losses", (number + 1) / 3)
+        return found
+
+    def _decoded(self, stream: SceneStream, seed: int) -> ReceivedScene:
+        """Decodes the stream after a random packet loss with the given seed."""
+        dropped = set(dropped_packets(len(stream.packets), self._config.drop_rate, seed))
+        partial = decode_stream(
+            stream.with_packets([packet for k, packet in enumerate(stream.packets) if k not in dropped])
+        )
+        return replace(partial, scene=replace(partial.scene, background=self._scene.background))
+
+    def _quality_of(self, partial: ReceivedScene, proposal: Concealed) -> float:
+        return self._quality(drawn(partial, proposal, "sketch"))
+
+    def _quality(self, scene: Scene) -> float:
+        """Returns the mean PSNR of a scene over the views, decibels."""
+        pictures = enumerate(iterate_views(scene, self._references.cameras))
+        each = [self._references.psnr(view, picture) for view, picture in pictures]
+        return sum(each) / len(each)

@@ -1,0 +1,203 @@
+"""Sketch of a scene of anchors: coarse copies of the most important anchors."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from splatwire.bitstream import SceneStream
+from splatwire.calibration.sketch_config import SketchConfig
+from splatwire.calibration.sketch_fit import (
+    BITS_OF_COPY,
+    SketchFit,
+    SketchMaterial,
+    fit_sketch,
+    num_candidates,
+    sketch_material,
+)
+from splatwire.calibration.views import Progress
+from splatwire.concealment import Concealed
+from splatwire.concealment.sketch.concealer import SketchedLoss, buckets_of, with_sketch
+from splatwire.concealment.sketch.section import SketchSection, write_sketch
+from splatwire.errors import InvalidValueError
+from splatwire.render.quick_sensitivity import quick_sensitivity
+from splatwire.render.sensitivity import Sensitivity, render_sensitivity
+from splatwire.types import AnchorScene, Cameras, ReceivedScene
+
+_PRICE_STEPS = 24
+_CLOSE = 0.98
+"""The search for the price of a bit ends when the sketch has at least this share of the maximum size."""
+_FURTHEST = 4.0
+"""Maximum change of the price of a bit in a search step, as a binary logarithm."""
+
+
+@dataclass(frozen=True, eq=False)
+class AnchorSketch:
+    """Sketch of anchors; implements the protocol `splatwire.calibration.sketch.Sketch`.
+
+    Attributes:
+        copies: The coarse copies of anchors, with the parameters of the concealer.
+        buckets: Size class of each anchor (0: largest), a context of the entropy coder, int64 (N); from `buckets_of`.
+        growths: Candidate exponents of the enlargement of received anchors, the default first.
+        trusts: Candidate factors on the correction of the enlargement by a neural network, the default first.
+    """
+
+    copies: SketchSection
+    buckets: np.ndarray
+    growths: ClassVar = tuple((exponent,) for exponent in (0.25, 0.0, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5))
+    trusts: ClassVar = (1.0, 0.0, 0.5)
+
+    @staticmethod
+    def fitted(
+        stream: SceneStream,
+        complete: ReceivedScene[AnchorScene],
+        cameras: Cameras,
+        most: int,
+        config: SketchConfig,
+        show: Progress,
+    ) -> "AnchorSketch":
+        """Chooses the anchors to copy and quantises the copies.
+
+        Args:
+            stream: The complete stream.
+            complete: The decoded scene, with its background.
+            cameras: Views in which the importance of anchors is measured.
+            most: Maximum size of the sketch in bytes.
+            config: Settings of the calibration.
+            show: Called with the name of the current task and its completed share, 0 to 1.
+
+        Raises:
+            InvalidValueError: If the sketch is too small for a single copy, or no element is visible in any view.
+        """
+        sensitivity = _sensitivity(complete.scene, cameras, most, config, show)
+        if not float(sensitivity.removal.sum()) > 0:
+            raise InvalidValueError("no view shows anything of the scene: there is nothing to calibrate on")
+        buckets = buckets_of(complete)
+        copies = _of_size(
+            sketch_material(complete, sensitivity, most), lambda section: len(write_sketch(section, buckets)), most,
+            config.fit, lambda share: show("choosing anchors and steps", share),
+        )  # fmt: skip
+        return AnchorSketch(copies, buckets).with_growth((*AnchorSketch.growths[0], AnchorSketch.trusts[0]))
+
+    @property
+    def num_sketched(self) -> int:
+        """Number of anchors that have a coarse copy in the sketch."""
+        return len(self.copies.values)
+
+    @property
+    def growth(self) -> tuple[float, ...]:
+        """Parameters of the enlargement of received anchors next to lost ones.
+
+        These are the exponent, and the factor on the correction of the enlargement by a neural network.
+        """
+        return self.copies.exponent, self.copies.trust
+
+    def with_growth(self, growth: tuple[float, ...]) -> "AnchorSketch":
+        """Returns this sketch with other parameters of the enlargement; the coarse copies stay the same.
+
+        Args:
+            growth: New parameters of the enlargement of received anchors next to lost ones: the exponent, and the
+                factor on the correction of the enlargement by a neural network.
+        """
+        exponent, trust = growth
+        return replace(self, copies=replace(self.copies, exponent=exponent, trust=trust))
+
+    def section(self) -> bytes:
+        """Returns the bytes of the section `sketch` of the side information."""
+        return write_sketch(self.copies, self.buckets)
+
+    def around(self, partial: ReceivedScene[AnchorScene]) -> SketchedLoss:
+        """Replaces lost anchors of a received scene by the coarse copies of this sketch.
+
+        Received anchors and copies are drawn, other lost anchors are not. A drawn anchor next to anchors that are not
+        drawn is enlarged later, in `proposal`. This method prepares the enlargement: for each drawn anchor, it computes
+        the share of the anchor's neighbours that are drawn, too.
+
+        The result does not depend on the parameters of the enlargement (`growth`). It can therefore be passed to
+        `proposal` of several sketches that differ only in these parameters.
+
+        Args:
+            partial: The received scene.
+        """
+        return SketchedLoss.of(with_sketch(partial, self.copies))
+
+    def proposal(self, around: SketchedLoss) -> tuple[ReceivedScene[AnchorScene], Concealed]:
+        """Applies the concealer `sketch` to a received scene, with the parameters of the enlargement of this sketch.
+
+        Args:
+            around: Received scene with coarse copies in place of lost anchors, from the method `around`.
+
+        Returns:
+            The received scene with coarse copies, and the concealer's result.
+        """
+        return around.filled, around.proposal(self.copies)
+
+
+def _sensitivity(scene: AnchorScene, cameras: Cameras, most: int, config: SketchConfig, show: Progress) -> Sensitivity:
+    """Returns the sensitivity of rendered pictures to errors in each anchor.
+
+    With `SketchConfig.quick`, the sensitivity is estimated from pictures of half the width and height. It is then
+    estimated only for the anchors that are candidates for a copy.
+
+    Args:
+        scene: The complete scene.
+        cameras: Views to render.
+        most: Maximum size of the sketch in bytes, which determines the number of candidates.
+        config: Settings of the calibration.
+        show: Called with the name of the current task and its completed share, 0 to 1.
+    """
+
+    def progress(share: float) -> None:
+        show("measuring importance", share)
+
+    if config.quick and cameras.num_views > 1:
+        half = cameras.scaled(0.5)
+        return quick_sensitivity(scene, half, chosen=num_candidates(most), seed=config.seed, progress=progress)
+    return render_sensitivity(scene, cameras, probes=config.probes, seed=config.seed, progress=progress)
+
+
+def _of_size(
+    material: SketchMaterial,
+    size_of: Callable[[SketchSection], int],
+    most: int,
+    options: SketchFit,
+    show: Callable[[float], None],
+) -> SketchSection:
+    """Returns the sketch with the most copies and the highest precision that takes at most `most` bytes.
+
+    The search varies the price of a bit in squared error (Lagrange multiplier), and interpolates linearly between
+    logarithms of price and size.
+
+    Args:
+        material: Data of the scene and of the candidate anchors.
+        size_of: Function that returns the encoded size of a sketch in bytes.
+        most: Maximum size in bytes.
+        options: Settings for the choice and quantisation.
+        show: Called with the completed share, 0 to 1.
+    """
+    best: SketchSection | None = None
+    large: tuple[float, float] | None = None
+    small: tuple[float, float] | None = None
+    price = math.log2(material.price_of(8 * most / BITS_OF_COPY, options))
+    for step in range(_PRICE_STEPS):
+        section = fit_sketch(material, 2.0**price, options)
+        size = size_of(section) if len(section.values) else 0
+        over = math.log2(max(size, 1) / most)
+        if size > most:
+            large = price, over
+        else:
+            small, best = (price, over), section if size else best
+            if size > _CLOSE * most:
+                break
+        if large is None or small is None:
+            price += min(max(2 * over, -_FURTHEST), _FURTHEST) or -1.0
+        else:
+            share = large[1] / (large[1] - small[1])
+            price = large[0] + min(max(share + 0.02, 0.1), 0.9) * (small[0] - large[0])
+        show((step + 1) / _PRICE_STEPS)
+    show(1.0)
+    if best is None:
+        raise InvalidValueError(f"no sketch fits into {most:,} bytes: give it a larger share of the stream")
+    return best

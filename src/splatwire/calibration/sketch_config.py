@@ -1,0 +1,54 @@
+"""Settings of the calibration of a sketch."""
+
+from dataclasses import dataclass, field
+
+from splatwire.arguments import check_fields
+from splatwire.calibration.checks import check_settings
+from splatwire.calibration.sketch_fit import SketchFit
+
+MAX_WIDTH = 400
+
+
+@dataclass(frozen=True)
+class SketchConfig:
+    """Settings of a sketch calibration.
+
+    Attributes:
+        share: Maximum size of the sketch, as a share of the size of the stream.
+        drop_rate: Share of the packets that a pseudo-loss (simulated packet loss) drops.
+        masks: Number of pseudo-losses for choosing the growth, that is, the enlargement of received elements next to
+            lost ones; 0 for the default growth.
+        held_out_masks: Number of further pseudo-losses, not used for choosing the growth, for reporting the improvement
+            of PSNR; 0 for no report.
+        views: Maximum number of views for measuring the importance of elements.
+        scored_views: Maximum number of views for comparing rendered pictures.
+        width: Maximum width of the pictures, pixels.
+        probes: Number of random sign patterns per view for measuring importance (`render_sensitivity`).
+        quick: True to measure the importance of anchors with the faster `quick_sensitivity`.
+        fit: Settings for the choice and quantisation of the copied anchors.
+        seed: Seed of all random numbers.
+    """
+
+    share: float = 0.04
+    drop_rate: float = 0.2
+    masks: int = 2
+    held_out_masks: int = 2
+    views: int = 24
+    scored_views: int = 6
+    width: int = MAX_WIDTH
+    probes: int = 2
+    quick: bool = False
+    fit: SketchFit = field(default_factory=SketchFit)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_settings(
+            self, "a calibration", ("views", "scored_views", "width", "probes"),
+            masks=self.masks >= 0, held_out_masks=self.held_out_masks >= 0,
+            drop_rate=0 < self.drop_rate < 1, share=0 < self.share <= 0.5, seed=self.seed >= 0,
+        )  # fmt: skip
+
+
+QUICK = SketchConfig(share=0.01, masks=0, held_out_masks=0, views=8, width=224, probes=3, quick=True)
+"""Fast settings for a sketch that is created while encoding: `quick_sensitivity`, and the default growth."""

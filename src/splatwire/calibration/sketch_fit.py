@@ -1,0 +1,282 @@
+"""Rate-distortion optimisation of a sketch of anchors: which anchors to copy, and with which precision.
+
+The distortion is the error in rendered pictures, estimated to first order from the sensitivity of the pictures.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.arguments import CheckedFields
+from splatwire.concealment.sketch.concealer import MAX_LOG_SIZE, expected_scalings
+from splatwire.concealment.sketch.section import MAX_DIRECTION, OFFSET_STEPS, SketchBasis, SketchSection
+from splatwire.ops.arrays import to_arrays
+from splatwire.render.sensitivity import Sensitivity
+from splatwire.types import AnchorScene, ExpectedPlaces, Prior, ReceivedScene
+
+BITS_OF_COPY = 60
+"""Approximate minimum size of the copy of an anchor, bits."""
+_CANDIDATES, _MOST_CANDIDATES = 4, 0.3
+"""Number of candidate anchors per copy that fits into the sketch; maximum number as a share of all anchors."""
+_BASIS_SHARE = 0.05
+"""Share of the anchors, most important first, from which the basis for coding channels is computed.
+
+It is about the share of anchors that will be copied.
+"""
+_ROUNDS = 4
+_MAGNITUDES = 16
+_ROUND_UP = 0.42
+"""Added to magnitudes before rounding down; below 0.5, because the bits saved outweigh the larger rounding error."""
+
+
+@dataclass(frozen=True)
+class SketchFit(CheckedFields):
+    """Settings for the choice and quantisation of a sketch.
+
+    Attributes:
+        num_levels: Number of precision levels of copies; the quantisation step halves from each level to the next.
+        max_columns: Maximum number of vectors in the basis for coding features and scalings.
+        crowding: Factor on the estimated cost of losing an anchor or one of its Gaussians. The factor is applied when
+            this cost is compared with the cost of errors in a copy, which is only estimated to first order.
+        exponent: Exponent of the enlargement of received anchors next to lost ones (`Grow.exponent`).
+        max_excess: Upper limit of the enlargement, as a multiple of the enlargement for the average loss
+            (`Grow.max_excess`).
+        trust: Factor on the correction of the enlargement by a neural network (`SceneFree.trust`).
+    """
+
+    num_levels: int = 4
+    max_columns: int = 40
+    crowding: float = 0.6
+    exponent: float = 0.2
+    max_excess: float = 1.08
+    trust: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class SketchMaterial:
+    """Scene data for choosing the anchors to copy; it does not depend on the size of the sketch.
+
+    Attributes:
+        candidates: Indices of the anchors that may be copied (candidates), ascending, int64 (M).
+        channels: Features and logarithms of relative scalings of the candidates, float64 (M, D).
+        mean: Mean of the channels over the most important anchors, float64 (D).
+        forward: Transform of the channels to coordinates in the order of their variance, largest first, float64 (D, D).
+            A squared error of 1 in any of these coordinates has the same cost, `weight`.
+        backward: Inverse of `forward`, float64 (D, D).
+        spread: Standard deviation of each coordinate, float64 (D).
+        weight: Cost (squared error in the pictures) of a squared error of 1 in the transformed channels of each
+            candidate, float64 (M).
+        offset_weight: Cost of a squared error of 1 in a coordinate of each offset, float64 (M, K).
+        removal: Cost of the loss of each candidate, float64 (M).
+        offset_removal: Cost of the loss of each Gaussian of a candidate, float64 (M, K).
+        offsets: Offsets from the position that a receiver assumes for the lost anchor, float64 (M, 3 K).
+        mask: Mask of the offsets that exist, bool (M, K).
+        num_anchors: Number of anchors of the scene, N.
+    """
+
+    candidates: np.ndarray
+    channels: np.ndarray
+    mean: np.ndarray
+    forward: np.ndarray
+    backward: np.ndarray
+    spread: np.ndarray
+    weight: np.ndarray
+    offset_weight: np.ndarray
+    removal: np.ndarray
+    offset_removal: np.ndarray
+    offsets: np.ndarray
+    mask: np.ndarray
+    num_anchors: int
+
+    def price_of(self, count: float, options: SketchFit) -> float:
+        """Returns the price of a bit (in squared error) at which approximately `count` anchors are copied.
+
+        At this price, the bits for copying the least important of these anchors cost as much as the loss of the anchor.
+        """
+        ranked = np.sort(self.removal)[::-1]
+        return max(options.crowding * float(ranked[min(round(count), len(ranked) - 1)]) / BITS_OF_COPY, 2.0**-40)
+
+
+def num_candidates(most: int) -> int:
+    """Returns the number of anchors from which the anchors to copy are chosen.
+
+    Args:
+        most: Maximum size of the sketch in bytes.
+    """
+    return _CANDIDATES * 8 * most // BITS_OF_COPY
+
+
+def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivity, most: int) -> SketchMaterial:
+    """Computes the data for choosing the anchors that get a coarse copy in the side information (a sketch).
+
+    Args:
+        complete: The complete scene.
+        sensitivity: Sensitivity of the rendered pictures to the attributes and the loss of each anchor.
+        most: Maximum size of the sketch in bytes.
+    """
+    anchors, found = to_arrays(complete.scene.anchors), dict[str, np.ndarray](vars(to_arrays(sensitivity)))
+    removal = found["removal"]
+    num = len(removal)
+    order = np.argsort(-removal, kind="stable")
+    important = order[: max(round(_BASIS_SHARE * num), min(num, 64))]
+    candidates = np.sort(order[: max(min(num_candidates(most), round(_MOST_CANDIDATES * num)), 1)])
+    relative = np.log(np.maximum(anchors.scalings, np.float32(1e-9)) / expected_scalings(complete[Prior]))
+    relative = np.clip(relative, -MAX_LOG_SIZE, MAX_LOG_SIZE)
+    channels = np.concatenate([anchors.features, relative], axis=1).astype(np.float64)
+    metric = found["metric"] / num
+    metric = metric + np.eye(len(metric)) * max(np.trace(metric) / len(metric) * 1e-4, 1e-30)
+    eigenvalues, vectors = np.linalg.eigh(metric)
+    whiten, color = np.sqrt(eigenvalues)[:, None] * vectors.T, vectors / np.sqrt(eigenvalues)
+    mean = channels[important].mean(axis=0)
+    covariance = np.atleast_2d(np.cov((channels[important] - mean) @ whiten.T, rowvar=False))
+    variances, axes = np.linalg.eigh(covariance)
+    variances, axes = variances[::-1], axes[:, ::-1]
+    detail = found["channels"][candidates]
+    return SketchMaterial(
+        candidates, channels[candidates], mean, axes.T @ whiten, color @ axes, np.sqrt(np.maximum(variances, 0)),
+        np.maximum((detail / np.diag(metric)).mean(axis=1), 1e-12), found["offsets"][candidates],
+        removal[candidates], found["offset_removal"][candidates],
+        _offsets_of_copies(complete)[candidates], anchors.mask[candidates], num,
+    )  # fmt: skip
+
+
+def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray, "N O"]:
+    """Returns the offsets of each anchor's Gaussians as its copy must contain them.
+
+    An offset is the position of a Gaussian relative to its anchor, in units of the anchor's first three scalings. In
+    some streams, only packets contain the exact positions of anchors. A receiver then draws the copy of a lost anchor
+    at an approximate position (`ExpectedPlaces`), so the offsets are changed to be relative to this position.
+    """
+    anchors, guessed = to_arrays(complete.scene.anchors), complete.find(ExpectedPlaces)
+    offsets, rows = anchors.offsets.astype(np.float64), anchors.num_anchors
+    if guessed is None:
+        return offsets.reshape(rows, -1)
+    sizes = np.maximum(anchors.scalings[:, :3].astype(np.float64), 1e-9)
+    moved = (anchors.positions - guessed.positions).astype(np.float64) / sizes
+    return (offsets + moved[:, None] * anchors.mask[:, :, None]).reshape(rows, -1)
+
+
+def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> SketchSection:
+    """Chooses which anchors to copy and with which precision level and offset mask; returns the quantised sketch.
+
+    Minimises the squared error in the pictures plus `price` times the bits of the sketch.
+
+    Args:
+        material: Data of the scene and of the candidate anchors.
+        price: Squared error that one bit may save (Lagrange multiplier).
+        options: Settings for the choice and quantisation.
+    """
+    basis, step = _basis(material, price, options)
+    plans = [_Plan.of(material, basis, step, level, price, options) for level in range(1, options.num_levels + 1)]
+    chosen = np.zeros(len(material.candidates), dtype=np.int64)
+    lost = options.crowding * material.removal
+    for _ in range(_ROUNDS):
+        costs = np.stack([lost, *(plan.error + price * plan.bits(chosen == i + 1) for i, plan in enumerate(plans))])
+        chosen = costs.argmin(axis=0)
+    levels = np.zeros(material.num_anchors, dtype=np.int64)
+    levels[material.candidates] = chosen
+    rows = np.flatnonzero(chosen)
+    mask, values, offsets = (
+        np.stack([getattr(plan, name) for plan in plans])[chosen[rows] - 1, rows]
+        for name in ("mask", "values", "offsets")
+    )
+    growth = (options.exponent, options.max_excess, options.trust)
+    return SketchSection(*growth, basis, levels, mask.astype(np.uint8), values, offsets)
+
+
+def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[SketchBasis, float]:
+    """Returns the quantised basis for coding channels, and the quantisation step of the coarsest precision level.
+
+    At this step, one more bit of precision costs as much as the error that it saves. For a small quantisation step s
+    and a weight w, the error is `w s^2 / 12`, and one more bit reduces the error to a quarter.
+    """
+    likely = options.crowding * material.removal > price * BITS_OF_COPY
+    weight = np.quantile(material.weight[likely], 0.1) if likely.any() else material.weight.max()
+    ideal = 6 / math.log(2) * price
+    step = math.sqrt(ideal / weight)
+    exists = material.mask & likely[:, None] if likely.any() else material.mask
+    seen = material.offset_weight[exists & (material.offset_weight > 0)]
+    offset_weight = np.quantile(seen, 0.1) if len(seen) else 1.0
+    finest = step * 0.5 ** (options.num_levels - 1)
+    columns = int(np.clip((material.spread > 0.7 * finest).sum(), 1, options.max_columns))
+    directions = material.backward[:, :columns] * step
+    # a basis vector whose coefficients are small integers needs less precision
+    precise = np.clip(material.spread[:columns] / finest, 10, MAX_DIRECTION)
+    scales = (np.abs(directions).max(axis=0) / precise).astype(np.float16).astype(np.float32)
+    integers = np.rint(directions / np.maximum(scales, np.float32(1e-7)))
+    integers = np.clip(integers, -MAX_DIRECTION, MAX_DIRECTION).astype(np.int16)
+    mean = material.mean.astype(np.float16).astype(np.float32)
+    offset_step = float(np.clip(np.float32(math.sqrt(ideal / offset_weight)), *OFFSET_STEPS))
+    return SketchBasis(mean, integers, scales, offset_step, options.num_levels), step
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """Copies of all M candidate anchors, quantised at one precision level.
+
+    Attributes:
+        mask: Mask of the offsets that the copy of each candidate contains, bool (M, K).
+        values: Quantised coefficients of features and scalings, int64 (M, C).
+        offsets: Quantised offsets, int64 (M, 3 K); 0 for offsets that are not in the mask.
+        error: Cost (squared error in the pictures) of drawing the copy in place of the anchor, float64 (M); infinite
+            for a copy without offsets.
+    """
+
+    mask: np.ndarray
+    values: np.ndarray
+    offsets: np.ndarray
+    error: np.ndarray
+
+    @staticmethod
+    def of(
+        material: SketchMaterial, basis: SketchBasis, step: float, level: int, price: float, options: SketchFit
+    ) -> "_Plan":
+        columns, half = basis.directions.shape[1], 0.5 ** (level - 1)
+        target = (material.channels - material.mean) @ material.forward.T
+        values = _rounded(target[:, :columns] / (step * half))
+        left = (target[:, columns:] ** 2).sum(axis=1)
+        left = left + ((target[:, :columns] - values * step * half) ** 2).sum(axis=1)
+        unit = basis.offset_step * half
+        offsets = _rounded(material.offsets / unit)
+        wrong = ((material.offsets - offsets * unit) ** 2).reshape(*material.mask.shape, 3).sum(axis=2)
+        wrong = wrong * material.offset_weight
+        size = 3 + 2 * np.log2(1 + np.abs(offsets)).reshape(*material.mask.shape, 3).sum(axis=2)
+        gone = options.crowding * material.offset_removal
+        mask = material.mask & (wrong + price * size < gone)
+        error = material.weight * left + np.where(mask, wrong, np.where(material.mask, gone, 0)).sum(axis=1)
+        error = np.where(mask.any(axis=1), error, np.inf)
+        return _Plan(mask, values, offsets * np.repeat(mask, 3, axis=1), error)
+
+    def bits(self, members: np.ndarray) -> np.ndarray:
+        """Returns the estimated size of each candidate's copy at this precision level in bits, float64 (M).
+
+        Args:
+            members: Mask of the candidates whose symbol frequencies are used for the estimate, bool (M): those that
+                currently have this level.
+        """
+        used = members if members.sum() >= 16 else np.ones_like(members)
+        total = np.full(len(members), 6.0)
+        for c in range(self.values.shape[1]):
+            total += _ideal_bits(self.values[:, c], self.values[used, c])
+        exists = np.repeat(self.mask, 3, axis=1)
+        bits = _ideal_bits(self.offsets.ravel(), self.offsets[used][exists[used]]).reshape(self.offsets.shape)
+        total += (bits * exists).sum(axis=1)
+        share = np.clip(self.mask[used].mean(axis=0), 0.02, 0.98)
+        return total - np.where(self.mask, np.log2(share), np.log2(1 - share)).sum(axis=1)
+
+
+def _rounded(numbers: np.ndarray) -> np.ndarray:
+    return (np.sign(numbers) * np.floor(np.abs(numbers) + _ROUND_UP)).astype(np.int64)
+
+
+def _ideal_bits(values: np.ndarray, sample: np.ndarray) -> np.ndarray:
+    """Returns the ideal code length in bits of each integer, given the frequencies of magnitudes in a sample.
+
+    Large magnitudes use an escape code.
+    """
+    counts = np.bincount(np.minimum(np.abs(sample), _MAGNITUDES), minlength=_MAGNITUDES + 1) + 0.3
+    magnitude = np.abs(values)
+    bits = -np.log2(counts / counts.sum())[np.minimum(magnitude, _MAGNITUDES)] + (magnitude > 0)
+    return bits + np.where(magnitude >= _MAGNITUDES, 2 * np.log2(np.maximum(magnitude - _MAGNITUDES + 1, 1)) + 1, 0)

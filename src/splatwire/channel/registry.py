@@ -1,0 +1,119 @@
+"""Registry of loss models, extensible by installed packages (`splatwire.plugins`, docs/your-own-concealer.md)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from splatwire.arguments import checked
+from splatwire.channel.loss_models import LossModel
+from splatwire.errors import InvalidValueError, SplatwireError
+from splatwire.plugins import Registry, source_of
+
+GROUP = "splatwire.loss_models"
+"""Entry point group in which installed packages declare loss models."""
+Make = TypeVar("Make", bound=Callable[..., LossModel])
+
+
+@dataclass(frozen=True)
+class LossText:
+    """Entry of the registry: creates one kind of loss model from its parameters as text.
+
+    Attributes:
+        make: Function or class that returns the loss model. Called with the text after the colon of `NAME:PARAMETERS`
+            (an empty text if there is no colon) and the keyword `unit`.
+        form: Syntax of the model's text, such as `bernoulli:RATE`; appears in error messages.
+    """
+
+    make: Callable[..., LossModel]
+    form: str
+
+
+LOSS_MODELS: Registry[LossText] = Registry("loss model", GROUP)
+
+
+@checked
+def register_loss_model(name: str, *, form: str | None = None) -> Callable[[Make], Make]:
+    """Returns a decorator that registers a function or class as a loss model that users select by name.
+
+    The decorated function or class is called with the parameters of the model as text and with the keyword `unit`, one
+    of `splatwire.channel.UNITS`, and returns the loss model.
+
+    Args:
+        name: Name of the model: the text before the colon of `NAME:PARAMETERS`.
+        form: Syntax of the model's text in error messages, such as `bernoulli:RATE`; None for `NAME:...`.
+
+    Raises:
+        InvalidValueError: If another loss model has that name, or the decorated object is not callable.
+    """
+
+    def register(make: Make) -> Make:
+        if not callable(make):
+            raise InvalidValueError(f"loss model '{name}' is a {type(make).__name__}, not a class or function")
+        LOSS_MODELS.register(name, LossText(make, form or f"{name}:..."), source_of(make))
+        return make
+
+    return register
+
+
+def make_loss(name: str, text: str, unit: str) -> LossModel:
+    """Creates the registered loss model of a name with given parameters.
+
+    Args:
+        name: Name under which the model is registered, such as `bernoulli`.
+        text: Parameters of the model: the text after the colon, such as `0.2`.
+        unit: Unit of loss: `pak` (whole packets of the stream) or `datagram`.
+
+    Raises:
+        UnknownNameError: If the model is unknown.
+        InvalidValueError: If the parameters are invalid, or the model does not implement `LossModel`.
+    """
+    known = LOSS_MODELS[name]
+    try:
+        made = known.make(text, unit=unit)
+    except SplatwireError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise InvalidValueError(f"'{name}:{text}' should look like {known.form}: {error}") from error
+    if not isinstance(made, LossModel):
+        lacking = ", ".join(word for word in ("name", "received", "unit") if not hasattr(made, word))
+        raise InvalidValueError(f"loss model '{name}'{LOSS_MODELS.brought_by(name)} is not one: it lacks {lacking}")
+    return made if type(made).__module__.startswith("splatwire.") else CheckedLoss(made, unit)
+
+
+@dataclass(frozen=True)
+class CheckedLoss:
+    """Wrapper of a loss model from another package that checks the masks which the wrapped model returns.
+
+    Attributes:
+        model: Wrapped loss model.
+        unit: Unit of loss: `pak` (whole packets of the stream) or `datagram`.
+    """
+
+    model: LossModel
+    unit: str
+
+    @property
+    def name(self) -> str:
+        """Name of the wrapped model with its parameters."""
+        return self.model.name
+
+    def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """Draws with the wrapped model which of n packets or datagrams are received.
+
+        Args:
+            n: Number of packets or datagrams sent.
+            rng: Random generator.
+
+        Returns:
+            True for each received packet or datagram, in sending order, bool, shape (n,).
+
+        Raises:
+            InvalidValueError: If the wrapped model does not return n booleans.
+        """
+        found = np.asarray(self.model.received(n, rng))
+        if found.shape != (n,) or found.dtype != np.bool_:
+            what = f"{found.dtype} of shape {found.shape}, not {n} booleans"
+            raise InvalidValueError(f"loss model '{self.name}' returned {what}")
+        return found

@@ -1,0 +1,22 @@
+"""Validation of concealer names before any work."""
+
+from splatwire.concealment import create_concealer
+from splatwire.concealment.temporal.concealers import BUILT_IN, clip_concealer
+from splatwire.errors import UnknownNameError
+
+
+def check_concealer(name: str) -> None:
+    """Raises an error if no concealer of static scenes or clips has this name.
+
+    Raises:
+        UnknownNameError: If there is no such concealer.
+    """
+    if name in BUILT_IN:
+        return
+    try:
+        create_concealer(name)
+    except UnknownNameError as error:
+        try:
+            clip_concealer(name)
+        except UnknownNameError:
+            raise error from None

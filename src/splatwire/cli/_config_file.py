@@ -1,0 +1,106 @@
+"""Configuration file of `splatwire serve`: a TOML file whose keys are the names of the options."""
+
+import dataclasses
+import difflib
+import tomllib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from splatwire.errors import InvalidValueError
+from splatwire.files.capped import read_capped
+
+OPTION = "config"
+"""Name of the option with the path of the configuration file."""
+MAX_BYTES = 1 << 20
+"""Maximum size of a configuration file, bytes."""
+
+
+def config_path(words: Sequence[str]) -> Path | None:
+    """Returns the value of `--config` among command-line arguments; None without this option."""
+    for place, word in enumerate(words):
+        name, equals, value = word.partition("=")
+        if name == f"--{OPTION}":
+            return Path(value) if equals else Path(words[place + 1]) if place + 1 < len(words) else None
+    return None
+
+
+def words_of_file(path: Path, settings: type, positional: str) -> list[str]:
+    """Returns the command-line arguments that are equal to a configuration file.
+
+    Args:
+        path: TOML file. A key is the name of an option, with dashes or underscores; a flag is true or false, and an
+            option with several values is a list.
+        settings: Options class of the verb.
+        positional: Name of the positional argument, which has several values.
+
+    Raises:
+        InvalidValueError: If the file is missing or no TOML, or has a key or a type of value that no option has.
+    """
+    names = set(_names(settings)) - {OPTION}
+    first, options = list[str](), list[str]()
+    for key, value in _content(path).items():
+        name = key.replace("-", "_")
+        if name not in names:
+            near = difflib.get_close_matches(name, names, n=1)
+            hint = f"; is it '{near[0].replace('_', '-')}'?" if near else ""
+            raise InvalidValueError(f"{path}: '{key}' is no option of this verb{hint}")
+        if name == positional:
+            first = _texts(path, key, value)
+        elif isinstance(value, bool):
+            options += [f"--{name.replace('_', '-')}"] * value
+        elif value != []:
+            options += [f"--{name.replace('_', '-')}", *_texts(path, key, value)]
+    return [*first, *options]
+
+
+def without_flags(options: Any) -> Any:
+    """Returns a copy of options with all flags off.
+
+    The parser names a flag `--no-NAME` instead of `--NAME` if its default is on.
+    """
+    off = {field.name: False for field in dataclasses.fields(options) if getattr(options, field.name) is True}
+    nested = {
+        field.name: without_flags(getattr(options, field.name))
+        for field in dataclasses.fields(options)
+        if dataclasses.is_dataclass(getattr(options, field.name))
+    }
+    return dataclasses.replace(options, **off, **nested)
+
+
+def with_flags(options: Any, configured: Any) -> Any:
+    """Returns options with the flags on that are on in either of two instances."""
+    on = {field.name: True for field in dataclasses.fields(options) if getattr(configured, field.name) is True}
+    nested = {
+        field.name: with_flags(getattr(options, field.name), getattr(configured, field.name))
+        for field in dataclasses.fields(options)
+        if dataclasses.is_dataclass(getattr(options, field.name))
+    }
+    return dataclasses.replace(options, **on, **nested)
+
+
+def _names(settings: type) -> Iterator[str]:
+    kinds = get_type_hints(settings)
+    for field in dataclasses.fields(settings):
+        if dataclasses.is_dataclass(kinds[field.name]):
+            yield from _names(kinds[field.name])
+        else:
+            yield field.name
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(read_capped(path, MAX_BYTES, InvalidValueError).decode())
+    except OSError as error:
+        raise InvalidValueError(f"--{OPTION} {path}: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise InvalidValueError(f"{path}: is no TOML file: {error}") from error
+
+
+def _texts(path: Path, key: str, value: object) -> list[str]:
+    """Returns a value or list of values as words of a command line."""
+    values = value if isinstance(value, list) else [value]
+    for one in values:
+        if isinstance(one, bool) or not isinstance(one, (str, int, float)):
+            raise InvalidValueError(f"{path}: '{key}' is text, a number, true or false, or a list of texts or numbers")
+    return [str(one) for one in values]

@@ -1,0 +1,121 @@
+"""Files of other formats that `splatwire serve --downloads` makes from its streams, in processes of their own."""
+
+import asyncio
+import hashlib
+import logging
+import mmap
+import sys
+from pathlib import Path
+
+from splatwire.errors import InvalidValueError, SplatwireError
+from splatwire.transport.event_log import log_event
+from splatwire.transport.http.downloads import DownloadedFile
+
+LOG = logging.getLogger("splatwire.transport.downloads")
+FORMATS = ("ply", "spz", "sog", "glb", "splat")
+"""Formats that can be offered."""
+MOST_BYTES = 4 << 30
+"""Maximum bytes of all files on the disk; the oldest are removed first, and made again on request."""
+
+
+def check_formats(formats: tuple[str, ...]) -> None:
+    """Checks the value of `--downloads`.
+
+    Raises:
+        InvalidValueError: If a format is unknown.
+    """
+    if unknown := [form for form in formats if form not in FORMATS]:
+        raise InvalidValueError(f"--downloads takes {', '.join(FORMATS)}, not {', '.join(unknown)}")
+
+
+class MadeDownloads:
+    """Files made from streams by `splatwire convert`: each once, one at a time, and kept in a folder.
+
+    Args:
+        folder: Folder of the files; the caller removes it.
+        formats: File name suffixes without their dot.
+        most_bytes: Maximum bytes of all files.
+    """
+
+    def __init__(self, folder: Path, formats: tuple[str, ...], most_bytes: int = MOST_BYTES) -> None:
+        self._folder, self._formats, self._most_bytes = folder, formats, most_bytes
+        self._turn = asyncio.Semaphore(1)
+        self._files: dict[tuple[str, str], asyncio.Task[DownloadedFile]] = {}
+
+    @property
+    def formats(self) -> tuple[str, ...]:
+        """File name suffixes without their dot."""
+        return self._formats
+
+    async def file(self, stream: bytes, tag: str, form: str) -> DownloadedFile:
+        """Returns the file of a stream; all requests wait for the same process.
+
+        A stream that cannot be converted is not tried again.
+
+        Args:
+            stream: Content of the stream's `.swz` file.
+            tag: Entity tag of the stream.
+            form: One of `formats`.
+
+        Raises:
+            SplatwireError: If the stream cannot be converted.
+        """
+        key = (tag, form)
+        if key not in self._files:
+            self._files[key] = asyncio.get_running_loop().create_task(self._make(stream, tag, form))
+        found = await asyncio.shield(self._files[key])
+        self._evict(key)
+        return found
+
+    async def close(self) -> None:
+        """Ends the process that makes a file, if one runs."""
+        for task in self._files.values():
+            task.cancel()
+        await asyncio.gather(*self._files.values(), return_exceptions=True)
+
+    async def _make(self, stream: bytes, tag: str, form: str) -> DownloadedFile:
+        try:
+            return await self._convert(stream, tag, form)
+        except OSError as error:  # such as a full disk: the next request tries again
+            del self._files[tag, form]
+            log_event(LOG, logging.ERROR, "download failed", format=form, error=str(error))
+            raise SplatwireError(str(error)) from error
+
+    async def _convert(self, stream: bytes, tag: str, form: str) -> DownloadedFile:
+        source, target = self._folder / f"{tag}.swz", self._folder / f"{tag}.{form}"
+        async with self._turn:
+            words = ["-m", "splatwire", "convert", str(source), str(target), "--json"]
+            try:
+                source.write_bytes(stream)
+                process = await asyncio.create_subprocess_exec(
+                    sys.executable, *words, stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL,
+                    stderr=asyncio.subprocess.PIPE,
+                )  # fmt: skip
+                try:
+                    _, errors = await process.communicate()
+                except asyncio.CancelledError:
+                    process.kill()
+                    await process.wait()
+                    raise
+            finally:
+                source.unlink(missing_ok=True)
+        if process.returncode:
+            text = " ".join(errors.decode(errors="replace").split())[-500:]
+            log_event(LOG, logging.ERROR, "download failed", format=form, error=text)
+            raise SplatwireError(text)
+        with target.open("rb") as file:
+            data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        log_event(LOG, logging.INFO, "download made", format=form, bytes=len(data))
+        return DownloadedFile(data, hashlib.sha256(data).hexdigest()[:16])
+
+    def _evict(self, kept: tuple[str, str]) -> None:
+        """Removes the oldest files above the limit; responses that send one of them keep its content."""
+        done = {key: task for key, task in self._files.items() if task.done() and not task.exception()}
+        total = sum(len(task.result().data) for task in done.values())
+        for key, task in done.items():
+            if total <= self._most_bytes:
+                return
+            if key != kept:
+                total -= len(task.result().data)
+                (self._folder / ".".join(key)).unlink(missing_ok=True)
+                del self._files[key]

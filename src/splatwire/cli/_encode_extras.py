@@ -1,0 +1,33 @@
+"""Parts of `splatwire encode` that most scenes are encoded without: cameras, pruning, targets, sketch, refitting."""
+
+from collections.abc import Callable
+from functools import partial
+
+from splatwire.anchors.appearance import Scene, origin_of
+from splatwire.cli._calibration import with_quick_sketch
+from splatwire.cli.encode import Encode
+from splatwire.data import load_cameras, open_dataset
+from splatwire.rate_control import encode_controlled
+from splatwire.render.pruning import prune
+from splatwire.types import Cameras
+
+__all__ = ["cameras_of", "encode_controlled", "prune", "refiner", "with_quick_sketch"]
+
+
+def cameras_of(command: Encode, scene: Scene) -> Cameras:
+    """Returns the cameras of `--cameras` or `--data` relative to the scene's origin."""
+    if command.cameras is not None:
+        return load_cameras(command.cameras).relative_to(origin_of(scene))
+    assert command.data is not None
+    return open_dataset(command.data, split="train").cameras.relative_to(origin_of(scene))
+
+
+def refiner(steps: int) -> Callable[..., Scene]:
+    """Returns the function that refits the context model to a scene.
+
+    Raises:
+        InvalidValueError: If there cannot be so many steps.
+    """
+    from splatwire.neural.training import refine  # imports torch
+
+    return partial(refine.refine_context, config=refine.RefineConfig(steps=steps))

@@ -1,0 +1,76 @@
+"""Warnings while a clip is encoded live: few of them, and none that could block the encoder."""
+
+import logging
+import select
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+WARN_S = 5.0
+"""Minimum interval between two printed warnings, seconds; warnings in between are only counted."""
+MAX_WARNING = 1000
+"""Maximum length of a warning, characters."""
+LOGGERS = ("splatwire.types.rows", "splatwire.codec.gaussians.outliers")
+"""Loggers that may emit warnings for every frame."""
+
+
+class Warnings:
+    """Prints warnings on standard error, at most one per `WARN_S`; never blocks on a full pipe.
+
+    Args:
+        clock: Returns the current time, seconds.
+        show: Prints one line.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic, show: Callable[[str], None] | None = None) -> None:
+        self._clock, self._show = clock, show or print_if_read
+        self._next_at = -float("inf")
+        self._held = 0
+
+    def __call__(self, text: str) -> None:
+        """Prints a warning, or only counts it if another one was printed recently."""
+        now = self._clock()
+        if now < self._next_at:
+            self._held += 1
+            return
+        more = f" ({self._held:,} other warnings since the last one)" if self._held else ""
+        self._show(f"splatwire: warning: {' '.join(text.split())[:MAX_WARNING]}{more}")
+        self._next_at, self._held = now + WARN_S, 0
+
+
+def print_if_read(text: str) -> None:
+    """Prints a line on standard error, unless that is a full pipe, on which printing would block the encoder."""
+    try:
+        writable = bool(select.select([], [sys.stderr], [], 0)[1])
+    except (OSError, ValueError, TypeError, AttributeError):  # not a file with a descriptor
+        writable = sys.stderr is not None
+    if writable:
+        print(text, file=sys.stderr, flush=True)
+
+
+class _Passed(logging.Filter):
+    """Log filter that passes records to a function instead of the logger's handlers."""
+
+    def __init__(self, warn: Callable[[str], None]) -> None:
+        super().__init__()
+        self._warn = warn
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Passes a record to the function; returns False, so that no handler receives it."""
+        if record.levelno >= logging.WARNING:
+            self._warn(record.getMessage())
+        return False
+
+
+@contextmanager
+def few_warnings(warn: Callable[[str], None]) -> Iterator[None]:
+    """Context in which the per-frame warnings of `LOGGERS` are passed to a rate-limited function."""
+    passed, loggers = _Passed(warn), [logging.getLogger(name) for name in LOGGERS]
+    for logger in loggers:
+        logger.addFilter(passed)
+    try:
+        yield
+    finally:
+        for logger in loggers:
+            logger.removeFilter(passed)

@@ -1,0 +1,95 @@
+"""Parsing of options with tyro, whose import takes 0.1 s; `splatwire --help` works without it."""
+
+import importlib
+from collections.abc import Sequence
+from pathlib import Path
+from types import UnionType
+from typing import Any, get_args, get_origin
+
+import tyro
+
+from splatwire.cli._config_file import OPTION, config_path, with_flags, without_flags, words_of_file
+from splatwire.cli._deprecated_options import DEPRECATED_OPTIONS, with_current_names
+from splatwire.cli._help import tell
+from splatwire.cli._verbs import DESCRIPTION, VERBS
+
+_CONFIG = (
+    tyro.conf.FlagCreatePairsOff,
+    tyro.conf.OmitArgPrefixes,
+    tyro.conf.OmitSubcommandPrefixes,
+    tyro.conf.DisallowNone,
+)
+
+
+def _spare_typeguard() -> None:
+    """Makes tyro check the types of defaults itself, but for items of tuples, instead of importing typeguard.
+
+    That import, with those of asyncio and ssl, takes longer than parsing. A type checker has checked our defaults.
+    """
+    resolver: Any = getattr(tyro, "_resolver", None)  # private: a release without it checks as before
+    checked: Any = getattr(resolver, "is_instance", None)
+
+    def is_instance(kind: Any, value: Any) -> Any:
+        origin = get_origin(kind)
+        if origin is UnionType:
+            return any(is_instance(part, value) for part in get_args(kind))
+        return isinstance(value, origin) if origin in (tuple, list) else checked(kind, value)
+
+    if checked is not None:
+        resolver.is_instance = is_instance
+
+
+_spare_typeguard()
+
+
+def parse_verb(verb: str, arguments: Sequence[str]) -> Any:
+    """Parses the options of one verb; only the module of that verb is imported.
+
+    Args:
+        verb: Name of the verb.
+        arguments: Command-line arguments after the verb.
+
+    Returns:
+        Instance of the verb's options class.
+
+    Raises:
+        SystemExit: If help was printed, or a word cannot be parsed.
+    """
+    words = with_current_names(verb, arguments, DEPRECATED_OPTIONS)
+    settings = settings_of(verb)
+    if hasattr(settings, OPTION) and (path := config_path(words)) is not None:
+        return _parse_with_file(verb, settings, words, path)
+    return tyro.cli(settings, prog=f"splatwire {verb}", args=words, config=_CONFIG)
+
+
+def _parse_with_file(verb: str, settings: Any, words: Sequence[str], path: Path) -> Any:
+    """Parses options whose defaults are those of a configuration file; options of the command line win."""
+    in_file = words_of_file(path, settings, "streams")
+    configured = tyro.cli(settings, prog=f"splatwire {verb} --{OPTION} {path}:", args=in_file, config=_CONFIG)
+    given = tyro.cli(
+        settings, prog=f"splatwire {verb}", args=words, config=_CONFIG, default=without_flags(configured)
+    )  # fmt: skip
+    return with_flags(given, configured)
+
+
+def parse_any(arguments: Sequence[str]) -> Any:
+    """Parses arguments with the options of all verbs, as required to generate shell completions.
+
+    Args:
+        arguments: Command-line arguments after the program name.
+
+    Raises:
+        SystemExit: If a completion was printed, or a word cannot be parsed.
+    """
+    verbs = {verb: settings_of(verb) for verb in VERBS}
+    return tyro.extras.subcommand_cli_from_dict(
+        verbs, prog="splatwire", description=DESCRIPTION, args=arguments, config=_CONFIG
+    )
+
+
+def settings_of(verb: str) -> Any:
+    """Returns the options class of a verb with its help texts; only the module of that verb is imported."""
+    found = VERBS[verb]
+    settings = getattr(importlib.import_module(f"splatwire.cli.{found.module}"), found.settings)
+    tell(settings)
+    return settings

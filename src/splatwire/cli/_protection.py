@@ -1,0 +1,43 @@
+"""Parity of `splatwire serve` and `splatwire live`: from a plan, or from options."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from splatwire.errors import InvalidValueError
+from splatwire.planning.plan_file import MOST_BYTES, read_plan
+from splatwire.transport import Protection
+
+
+def plan_of_file(path: Path) -> tuple[Protection, int]:
+    """Reads a plan written by `splatwire plan`; see `splatwire.planning.plan_file.read_plan`."""
+    with path.open("rb") as file:
+        return read_plan(file.read(MOST_BYTES + 1), str(path))
+
+
+def protection_of(side_repair: float, texts: Sequence[str]) -> Protection:
+    """Parses redundancy options: motion=REPAIR for clips, or tierN=REPAIR for importance tiers (`parse_tiers`).
+
+    Raises:
+        InvalidValueError: If the text has another form, or a number is out of range.
+    """
+    motion = [match for match in (re.fullmatch(r"motion=([0-9]*\.?[0-9]+)", text.strip()) for text in texts) if match]
+    tiers = parse_tiers([text for text in texts if not text.strip().startswith("motion=")])
+    return Protection(
+        side_repair=side_repair, tier_repair=tiers, motion=tuple((1.0, float(match[1])) for match in motion[-1:])
+    )
+
+
+def parse_tiers(texts: Sequence[str]) -> tuple[float, ...]:
+    """Parses tierN=REPAIR options in any order: share of parity per importance tier, 0 for tiers that are not named.
+
+    Raises:
+        InvalidValueError: If the text has another form, or a tier is named twice.
+    """
+    found: dict[int, float] = {}
+    for text in texts:
+        match = re.fullmatch(r"tier([0-7])=([0-9]*\.?[0-9]+)", text.strip())
+        if match is None or int(match[1]) in found:
+            raise InvalidValueError(f"'{text}' is not parity for a tier such as tier0=0.4, or names one again")
+        found[int(match[1])] = float(match[2])
+    return tuple(found.get(tier, 0.0) for tier in range(max(found, default=-1) + 1))

@@ -1,0 +1,62 @@
+"""QUIC with the certificates, the page and the trust of the options; needs the package `aioquic`."""
+
+import contextlib
+import logging
+import socket
+from collections.abc import Callable, Mapping
+
+from splatwire.cli._options import Listening, TrustOptions
+from splatwire.errors import InvalidValueError
+from splatwire.transport import ServedStream, ServerLimits
+from splatwire.transport.event_log import log_event
+from splatwire.transport.http.proxies import parse_networks
+from splatwire.transport.quic.certificate import FileIdentity, Identity, RenewedIdentity
+from splatwire.transport.quic.client import Trust, receive_quic
+from splatwire.transport.quic.page import Page, open_quic_server
+from splatwire.transport.running_server import RunningServer
+
+_LOG = logging.getLogger("splatwire.transport.serve")
+__all__ = ["open_server", "receive_quic", "trust_of"]
+
+
+async def open_server(
+    streams: Mapping[str, ServedStream], listening: Listening, limits: ServerLimits,
+    stack: contextlib.AsyncExitStack, origins: tuple[str, ...], live: str | None, public: str | None,
+) -> RunningServer:  # fmt: skip
+    """Starts a server over QUIC; see `splatwire.cli._listening.open_server`."""
+    page = None
+    if listening.page is not None:
+        page = Page(listening.page, public, listening.certificate is None, live, parse_networks(listening.proxy))
+    return await open_quic_server(
+        streams, listening.host, listening.port, identity(listening), limits, stack, origins=origins, page=page
+    )
+
+
+def identity(listening: Listening) -> "Callable[[], Identity]":
+    """Returns the source of the certificate and key of a QUIC server; self-signed certificates are renewed.
+
+    Raises:
+        InvalidValueError: If only one of certificate and key is given, or their files are invalid.
+    """
+    if (listening.certificate is None) != (listening.key is None):
+        raise InvalidValueError("--certificate and --key belong together")
+    if listening.certificate is None or listening.key is None:
+        hosts = ("localhost", "127.0.0.1", "::1", socket.gethostname(), listening.host)
+        return RenewedIdentity(hosts, on_renewed=_told_renewed)
+    return FileIdentity(listening.certificate, listening.key)
+
+
+def _told_renewed(identity: "Identity") -> None:
+    """Logs the fingerprint of a renewed certificate."""
+    log_event(_LOG, logging.WARNING, "certificate renewed", fingerprint=identity.fingerprint)
+
+
+def trust_of(options: TrustOptions) -> Trust:
+    """Returns the certificate checks of the options.
+
+    Raises:
+        InvalidValueError: If the fingerprint is invalid, or more than one of these options is set.
+        OSError: If the authority's file cannot be read.
+    """
+    authority = None if options.authority is None else options.authority.read_bytes()
+    return Trust(authority, options.fingerprint, options.insecure)

@@ -1,0 +1,65 @@
+"""Scenes, frames and previews of received streams; needs libraries that a relay lacks."""
+
+from pathlib import Path
+
+from splatwire.bitstream import SceneStream, write_stream
+from splatwire.bitstream.stream import FILE_SUFFIX
+from splatwire.bitstream.view import Viewpoint
+from splatwire.cli._concealers import check_concealer
+from splatwire.cli._files import STANDARD, prepared_output
+from splatwire.cli._output import Reporter
+from splatwire.cli._scenes import tell_lost_harmonics
+from splatwire.cli.receive import Receive
+from splatwire.codec import decode_stream
+from splatwire.codec.preview import preview_scene
+from splatwire.concealment import create_concealer
+from splatwire.data import load_cameras
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.evaluation.walkthrough.path import viewpoint_of
+from splatwire.io import save_decoded
+from splatwire.io.formats.ply import write_ply
+from splatwire.sequence.written_frames import check_num_frames, write_frames
+
+
+def viewpoint_of_options(command: Receive) -> Viewpoint | None:
+    """Returns the viewpoint of the first camera in the cameras file; None without one. Checks the concealer, too."""
+    if command.conceal is not None:
+        check_concealer(command.conceal)
+    return None if command.camera is None else viewpoint_of(load_cameras(command.camera))
+
+
+def keep_preview(command: Receive, preview: bytes) -> str:
+    """If no scene arrived, writes the received preview as a PLY; returns a text about that for the message."""
+    try:
+        shown = preview_scene(preview)
+    except BitstreamError as error:
+        return f", and what should have been its {error}"
+    if command.output == STANDARD:
+        return "; its preview did, but standard output is for the scene: name a file with -o to keep it"
+    path = prepared_output(Path(command.output).resolve().with_suffix(".preview.ply"))
+    write_ply([shown.splats], path)
+    behind = " ".join(f"{value:.3f}" for value in shown.background)
+    return f"; its preview did: {shown.num_elements} Gaussians before {behind} (RGB) -> {path}"
+
+
+def write_scene(command: Receive, stream: SceneStream, path: Path, show: Reporter) -> None:
+    """Decodes and conceals a received stream, and writes the scene or the frames of the clip.
+
+    Raises:
+        InvalidValueError: If the name of the output is that of another kind of scene; the stream is kept beside it.
+    """
+    explicit = command.explicit
+    if stream.manifest.schema.timed and not explicit:
+        check_num_frames(stream, None, f"receive it to a {FILE_SUFFIX} file, and decode that with --max-frames")
+        path.mkdir(exist_ok=True)
+        write_frames(stream, path, ".ply", command.conceal or "", None, show)
+        return
+    if explicit != stream.manifest.schema.explicit or stream.manifest.schema.timed:
+        kept = Path(command.output).resolve().with_suffix(FILE_SUFFIX)
+        write_stream(stream, prepared_output(kept))
+        raise InvalidValueError(
+            f"{command.url} sent {stream.manifest.elements}, which {command.output} is no name for; what arrived is in "
+            f"{kept}: `splatwire decode` or `splatwire export` take it from there"
+        )
+    concealer = None if command.conceal is None else create_concealer(command.conceal)
+    tell_lost_harmonics(save_decoded(decode_stream(stream), concealer, path), command.output)

@@ -1,0 +1,305 @@
+"""Implementation of `splatwire convert`: selects the verb for each pair of formats, and runs it for each input."""
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from splatwire.bitstream import read_stream
+from splatwire.bitstream.stream import FILE_SUFFIX
+from splatwire.cli import _run_decode, _run_encode, _run_export
+from splatwire.cli._files import STANDARD, check_folder, check_inputs, input_path, output_folder, prepared_output
+from splatwire.cli._left_out import DAMAGED
+from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
+from splatwire.cli.convert import Convert
+from splatwire.cli.decode import Decode
+from splatwire.cli.encode import Encode
+from splatwire.cli.export import Export
+from splatwire.concealment import create_concealer
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.files.kinds import STREAMS, file_kind
+from splatwire.files.scene_formats import FORMATS
+from splatwire.io import drawable_scene
+from splatwire.io.formats import format_for
+from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.kinds import format_named
+from splatwire.lod.tileset import write_tileset
+from splatwire.sequence.clip_files import (
+    CLIP_FORMATS,
+    ClipFormat,
+    clip_format_for,
+    contents_of_clip,
+    contents_of_sequence,
+)
+from splatwire.sequence.frames import is_sequence, open_sequence
+from splatwire.sequence.options import FRAME_RATE
+from splatwire.sequence.written_frames import write_frame_files
+
+STREAM = FILE_SUFFIX.removeprefix(".")
+"""Name of the stream format in `--to`."""
+TILES = "3dtiles"
+"""Name of 3D Tiles in `--to`."""
+MOST_JOBS = 256
+"""Maximum number of processes at the same time."""
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """One input and its output.
+
+    Attributes:
+        source: Path of the input, or `-` for standard input.
+        output: Path of the output, or `-` for standard output.
+        form: Name of the format of the output: `swz`, `3dtiles`, or a writable format of explicit Gaussians.
+    """
+
+    source: str
+    output: str
+    form: str
+
+
+def run(command: Convert) -> None:
+    """Runs `splatwire convert`."""
+    if not 1 <= command.jobs <= MOST_JOBS:
+        raise InvalidValueError(f"--jobs is from 1 to {MOST_JOBS}, {command.jobs} is not")
+    form = None if command.to is None else _checked_form(command.to)
+    if command.output is not None and form is not None:
+        _convert_each(command, form)
+        return
+    sources = command.sources if command.output is None else (*command.sources, command.output)
+    if len(sources) != 2:
+        raise InvalidValueError(
+            "one input and one output are converted, as in `convert IN OUT`; several inputs need --to FORMAT -o FOLDER"
+        )
+    source, output = sources
+    check_inputs(*([] if source == STANDARD else [Path(source)]))
+    convert(Conversion(source, output, form or _form_of_name(output)), command)
+
+
+def convert(chosen: Conversion, command: Convert) -> None:
+    """Converts one input with the verb for its kind and the output format; prints the result of that verb.
+
+    Args:
+        chosen: The input, the output and its format.
+        command: Options of `splatwire convert`.
+
+    Raises:
+        SplatwireError: If the input cannot be read or the output cannot be written.
+    """
+    with input_path(chosen.source) as path:
+        source, kind = str(path), file_kind(path)
+        if chosen.form == TILES:
+            _convert_to_tiles(path, chosen, as_json=command.json)
+        elif chosen.form == STREAM:
+            _run_encode.run(Encode(source, chosen.output, json=command.json))
+        elif _is_timed(path) and (form := clip_format_for(chosen.output)) is not None:
+            _convert_clip(path, chosen, form, as_json=command.json)
+        elif _is_timed(path) and Path(chosen.output).suffix:
+            raise InvalidValueError(
+                f"{chosen.output}: the frames of a clip are written to a folder, whose name has no suffix, with --to "
+                f"{chosen.form.replace('.', '-')}; `decode --frame` writes one frame"
+            )
+        elif kind in STREAMS and _is_timed(path):
+            suffix = format_named(chosen.form).suffix
+            options: dict[str, Any] = {"accept_damage": command.accept_damage, "json": command.json}
+            _run_decode.run(Decode(source, chosen.output, format=suffix.removeprefix("."), **options))
+        elif is_sequence(path):
+            _convert_frames(path, chosen, as_json=command.json)
+        else:
+            _run_export.run(Export(chosen.form.replace(".", "-"), source, Path(chosen.output), json=command.json))
+
+
+def _convert_frames(path: Path, chosen: Conversion, *, as_json: bool) -> None:
+    """Writes the frames of a sequence as files of another format."""
+    started, suffix = time.perf_counter(), format_named(chosen.form).suffix
+    with progress_bars() as report, output_folder(chosen.output) as folder:
+        count = write_frame_files(open_sequence(path), folder, suffix, report)
+    seconds = time.perf_counter() - started
+    if as_json:
+        print_json({"output": chosen.output, "num_frames": count, "seconds": seconds})
+    else:
+        print_summary(f"{count:,} frames, {seconds:.1f} s -> {chosen.output}")
+
+
+def _convert_to_tiles(path: Path, chosen: Conversion, *, as_json: bool) -> None:
+    """Writes the levels of detail of a still scene as 3D Tiles into a new folder."""
+    started = time.perf_counter()
+    if _is_timed(path):
+        raise InvalidValueError(f"{chosen.source}: 3D Tiles are for still scenes; `decode --frame` writes one frame")
+    scene = drawable_scene(path, create_concealer("drop"))[0]
+    with progress_bars() as report, output_folder(chosen.output) as folder:
+        written = write_tileset(scene, folder, progress=lambda share: report("writing tiles", share))
+    seconds = time.perf_counter() - started
+    if as_json:
+        print_json({"output": chosen.output, **asdict(written), "seconds": seconds})
+    else:
+        where = "on the Earth" if written.geocentric else "without geographic place"
+        text = f"{written.num_gaussians:,} Gaussians in {written.num_tiles:,} tiles of {written.num_levels} levels"
+        print_summary(f"{text}, {where}, {written.num_bytes:,} bytes, {seconds:.1f} s -> {chosen.output}")
+
+
+def _convert_clip(path: Path, chosen: Conversion, form: ClipFormat, *, as_json: bool) -> None:
+    """Writes the frames of a sequence to one file."""
+    started = time.perf_counter()
+    output = prepared_output(Path(chosen.output))
+    with progress_bars() as report:
+        if file_kind(path) in STREAMS:
+            frames, count, rate = contents_of_clip(read_stream(path)[0])
+        else:
+            sequence = open_sequence(path)
+            frames, count = contents_of_sequence(sequence), sequence.num_frames
+            rate = float(FRAME_RATE) if sequence.rate is None else sequence.rate
+        num_frames = form.write(_reported(frames, count, report), output, rate)
+    facts = {"num_frames": num_frames, "fps": rate, "num_bytes": output.stat().st_size}
+    seconds = time.perf_counter() - started
+    if as_json:
+        print_json({"output": chosen.output, **facts, "seconds": seconds})
+    else:
+        print_summary(f"{num_frames:,} frames, {facts['num_bytes']:,} bytes, {seconds:.1f} s -> {chosen.output}")
+
+
+def _reported(frames: Iterator[FileContent], count: int, report: Reporter) -> Iterator[FileContent]:
+    for number, frame in enumerate(frames, 1):
+        yield frame
+        report("writing frames", number / count)
+
+
+def _checked_form(name: str) -> str:
+    """Returns the name of an output format of `--to` as it is registered.
+
+    Raises:
+        UnknownNameError: If nothing of that name can be written.
+    """
+    name = name.replace("-", ".")
+    if name in (STREAM, TILES, *(clip.name for clip in CLIP_FORMATS)):
+        return name
+    try:
+        return format_named(name).name
+    except UnknownNameError:
+        raise UnknownNameError(
+            "format to write", name, [STREAM, TILES, *(clip.name for clip in CLIP_FORMATS), *_writable()]
+        ) from None
+
+
+def _writable() -> list[str]:
+    return [form.name for form in FORMATS.all().values() if form.write is not None and form.scene_type is None]
+
+
+def _form_of_name(output: str) -> str:
+    """Returns the name of the format of an output file by its suffix.
+
+    Raises:
+        InvalidValueError: If the suffix is not that of a writable format.
+    """
+    if output.lower().endswith(FILE_SUFFIX):
+        return STREAM
+    try:
+        clip = clip_format_for(output)
+        return format_for(output).name if clip is None else clip.name
+    except UnknownNameError as error:
+        text = f"{output}: its suffix names no format to write: {error}, {STREAM}; or give --to FORMAT"
+        raise InvalidValueError(text) from None
+
+
+def _convert_each(command: Convert, form: str) -> None:
+    """Converts several inputs to outputs in a folder; prints one result for all of them.
+
+    Raises:
+        InvalidValueError: If no input is given, or two outputs would have one name.
+        SystemExit: If an input could not be converted, with its exit status.
+    """
+    assert command.output is not None
+    if not command.sources or STANDARD in command.sources:
+        raise InvalidValueError("name the files to convert; standard input is converted by `convert - OUT`")
+    folder = Path(command.output)
+    check_folder(folder)
+    chosen = [Conversion(name, str(folder / _output_name(name, form)), form) for name in command.sources]
+    named: dict[str, str] = {}
+    for each in chosen:
+        other = named.setdefault(each.output, each.source)
+        if other != each.source or command.sources.count(each.source) > 1:
+            raise InvalidValueError(f"{other} and {each.source} would both be written to {each.output}: rename one")
+    folder.mkdir(exist_ok=True)
+    started, results = time.perf_counter(), list[dict[str, Any]]()
+    with progress_bars() as report, ThreadPoolExecutor(command.jobs) as pool:
+        report("converting", 0.0)
+        for result in pool.map(lambda each: _in_process(each, accept_damage=command.accept_damage), chosen):
+            results.append(result)
+            for line in result.pop("messages"):
+                print(line, file=sys.stderr)
+            report("converting", len(results) / len(chosen))
+    failed = [result for result in results if result["status"]]
+    if command.json:
+        print_json({"converted": results, "num_failed": len(failed), "seconds": time.perf_counter() - started})
+    else:
+        for result in results:
+            size = "failed" if result["num_bytes"] is None else f"{result['num_bytes']:,} bytes"
+            print_summary(f"{result['source']}: {size} -> {result['output']}")
+        text = f"{len(results) - len(failed)} of {len(results)} converted"
+        print_summary(f"{text}, {time.perf_counter() - started:.1f} s -> {command.output}")
+    if failed:
+        raise SystemExit(DAMAGED if all(result["status"] == DAMAGED for result in failed) else 2)
+
+
+def _output_name(source: str, form: str) -> str:
+    """Returns the name of an output: that of its input with the suffix of the output format, or none for frames."""
+    path = Path(source).resolve()
+    clips = (suffix for clip in CLIP_FORMATS for suffix in clip.suffixes)
+    suffixes = sorted((FILE_SUFFIX, *clips, *(known.suffix for known in FORMATS.all().values())), key=len, reverse=True)
+    found = next((suffix for suffix in suffixes if path.name.lower().endswith(suffix)), path.suffix)
+    stem = path.name if path.is_dir() else path.name[: len(path.name) - len(found)]
+    if form in (STREAM, TILES):
+        return stem if form == TILES else f"{stem}{FILE_SUFFIX}"
+    if path.exists() and _is_timed(path):
+        return stem if clip_format_for(f"x.{form}") is None else f"{stem}.{form}"
+    return f"{stem}{format_named(form).suffix}"
+
+
+def _is_timed(path: Path) -> bool:
+    """True if a path contains a clip: a stream of moving Gaussians, a folder of frames or a `.splatv` file."""
+    return read_stream(path)[0].manifest.schema.timed if file_kind(path) in STREAMS else is_sequence(path)
+
+
+def _in_process(chosen: Conversion, *, accept_damage: bool) -> dict[str, Any]:
+    """Converts one input in a process of its own, so that memory is returned and an error ends no other conversion.
+
+    Returns:
+        Source, output, exit status, facts printed by the verb, size of the output in bytes (None if it failed), and
+        messages on standard error.
+    """
+    names = (chosen.source, chosen.output)
+    source, output = (f"./{name}" if name.startswith("-") else name for name in names)  # no options
+    words = [source, output, "--to", chosen.form.replace(".", "-"), "--json"]
+    words += ["--accept-damage"] * accept_damage
+    command = [sys.executable, "-m", "splatwire", "convert", *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
+    messages = [line for line in done.stderr.splitlines() if line.startswith("splatwire: ") or done.returncode]
+    if done.returncode < 0:
+        messages.append(f"splatwire: error: {chosen.source}: the conversion was ended by signal {-done.returncode}")
+    written = done.returncode in (0, DAMAGED)
+    facts = json.loads(done.stdout) if written and done.stdout else {}
+    return {
+        "source": chosen.source,
+        "output": chosen.output,
+        "status": done.returncode,
+        "num_bytes": _size(Path(chosen.output)) if written else None,
+        "error": _error(messages) if done.returncode else None,
+        "facts": facts,
+        "messages": messages,
+    }
+
+
+def _error(messages: Sequence[str]) -> str:
+    return next((line for line in messages if line.startswith("splatwire: error: ")), "".join(messages[-1:]))
+
+
+def _size(path: Path) -> int:
+    """Returns the size of a file, or of all files in a folder, bytes."""
+    return (
+        sum(file.stat().st_size for file in path.rglob("*") if file.is_file()) if path.is_dir() else path.stat().st_size
+    )

@@ -1,0 +1,258 @@
+"""Implementation of `splatwire encode`: encodes a scene file or a folder of frames to a stream."""
+
+import math
+import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from splatwire.anchors.appearance import Scene, metadata_of
+from splatwire.bitstream import Packetization, SceneStream, measure_sizes, packetization_named, write_stream
+from splatwire.bitstream.limits import UNNAMED_SCHEMA
+from splatwire.cli._files import input_path, output_path
+from splatwire.cli._options import quality_option
+from splatwire.cli._output import print_json, print_summary, progress_bars, refuse_options
+from splatwire.cli._scenes import chosen_background
+from splatwire.cli.encode import Encode
+from splatwire.codec import add_concealment, encode_scene, schema_of
+from splatwire.codec.gaussians.quality import Quality, quality_of
+from splatwire.codec.viewpoint import SECTION as VIEWPOINT
+from splatwire.codec.viewpoint import UP_SECTION, viewpoint_section
+from splatwire.errors import InvalidValueError
+from splatwire.files.kinds import SOG_LEVELS, file_kind
+from splatwire.io import open_scene
+from splatwire.lod import encode_levels
+from splatwire.rate_control.targets import Target, parse_size
+from splatwire.render.importance import footprint_importance, surrounding_cameras
+from splatwire.render.precision import classes_of
+from splatwire.render.up import estimate_up_axis
+from splatwire.sequence.frames import is_sequence
+from splatwire.types import Cameras
+
+if TYPE_CHECKING:
+    from splatwire.rate_control import EncodedScene  # imports renderers, which most scenes are encoded without
+
+_STILL = (
+    "preset", "block_size", "lanes", "tiers", "keep", "data", "cameras", "refine", "levels", "no_sketch", "size",
+    "psnr", "effort",
+)  # fmt: skip
+"""Options that apply only to static scenes."""
+
+
+def run(command: Encode) -> None:
+    """Runs `splatwire encode`."""
+    with input_path(command.scene) as source:
+        _run(command, source)
+
+
+def _run(command: Encode, source: Path) -> None:
+    is_clip = is_sequence(source)
+    if is_clip:
+        refuse_options(command, _STILL, "is for a still scene, not for a clip")
+    _check(command)
+    if is_clip:
+        from splatwire.cli._encoded_clips import encode_clip_of  # still scenes are encoded without its libraries
+
+        encode_clip_of(command, source)
+        return
+    if (command.fps, command.group, command.frames) != (None, None, None):
+        raise InvalidValueError(
+            f"--fps, --group and --frames are for clips: a folder with one file per frame, or a .splatv, which "
+            f"{command.scene} is not"
+        )
+    _encode_scene(command, source)
+
+
+def _check(command: Encode) -> None:
+    """Checks names and numbers in the options before the scene is read."""
+    if command.no_sketch and not _sketched(command):
+        raise InvalidValueError("--no-sketch needs --preset datagram and no levels: only then `encode` adds a sketch")
+    packetization_of(command, UNNAMED_SCHEMA, 1)
+    chosen_background(command.background)
+    if not all(0 < share < 1 for share in command.tiers) or sum(command.tiers) >= 1:
+        raise InvalidValueError(f"--tiers takes shares above 0 that add up to less than 1, not {command.tiers}")
+    if not 0 < command.keep <= 1:
+        raise InvalidValueError(f"--keep takes a share above 0 and at most 1, not {command.keep:g}")
+    if command.quality is not None:
+        quality_of(quality_option(command.quality))
+    chosen = [name for name in ("size", "psnr", "quality") if getattr(command, name) is not None]
+    if len(chosen) > 1:
+        raise InvalidValueError(f"give either --{chosen[0]} or --{chosen[1]}: the first determines the second")
+    if command.size is not None:
+        parse_size(command.size)
+    if command.psnr is not None and not 0 < command.psnr < math.inf:
+        raise InvalidValueError(f"--psnr takes decibels above 0, not {command.psnr:g}")
+    if command.keep != 1 and _effort(command) != "fast":
+        raise InvalidValueError("--keep is for --effort fast: otherwise the encoder chooses the share to keep")
+
+
+def _effort(command: Encode) -> str:
+    """Returns the value of `--effort`; by default targets are searched with pruning, other scenes kept whole."""
+    if command.effort is not None:
+        return command.effort
+    return "fast" if command.size is None and command.psnr is None else "default"
+
+
+def _controlled(command: Encode) -> bool:
+    """Returns True if the encoder has a target, or chooses which Gaussians to keep."""
+    return command.size is not None or command.psnr is not None or _effort(command) != "fast"
+
+
+def _sketched(command: Encode) -> bool:
+    """Returns True if the stream gets a sketch (a low-quality copy of the scene for concealment)."""
+    return command.preset == "datagram" and command.levels != "auto"
+
+
+def _encode_scene(command: Encode, source: Path) -> None:
+    """Encodes a static scene."""
+    if command.data is not None and command.cameras is not None:
+        raise InvalidValueError("give either --cameras FILE or --data FOLDER")
+    background, seen = chosen_background(command.background), command.data is not None or command.cameras is not None
+    refine = _extras().refiner(command.refine) if command.refine else None
+    scene: Any = open_scene(source)
+    levels = command.levels == "auto" or (command.levels is None and file_kind(source) == SOG_LEVELS)
+    schema = schema_of(scene)
+    if levels and (command.tiers or not schema.explicit):
+        raise InvalidValueError("levels need explicit Gaussians, and replace --tiers")
+    if command.quality is not None and not schema.explicit:
+        raise InvalidValueError(
+            "--quality is for explicit Gaussians; a scene of anchors has its own quantisation steps"
+        )
+    if _controlled(command) and not schema.explicit:
+        raise InvalidValueError(
+            "--size, --psnr and --effort default are for explicit Gaussians; a scene of anchors has its own "
+            "quantisation steps"
+        )
+    if refine is not None and schema.explicit:
+        raise InvalidValueError("--refine fits a context model, which explicit Gaussians do not have")
+    scene = scene if background is None else replace(scene, background=background)
+    cameras = _extras().cameras_of(command, scene) if seen else None
+    with progress_bars() as report, output_path(command.output, suffix=".swz", json=command.json) as path:
+        if refine is not None:
+            scene = refine(scene, progress=lambda share: report("fitting the context model", share))
+        started, lost = time.perf_counter(), None
+        if command.keep != 1:
+            left = _extras().prune(scene, command.keep, cameras, progress=lambda share: report("pruning", share))
+            scene, lost = left.scene, left.psnr
+        up = _up(command, scene, cameras)
+
+        def encode(some: Any, classes: Any, quality: str | int | float | Quality | None) -> SceneStream:
+            packetization = packetization_of(command, schema.name, int(some.drawable.sum()))
+            options: Any = {"classes": classes, "quality": quality, "progress": lambda share: report("encoding", share)}
+            if levels:
+                stream = encode_levels(some, packetization, **options)
+            else:
+                stream = encode_scene(some, packetization, tiers=_tiers(command, some, cameras), **options)
+            if cameras is not None:
+                stream = add_concealment(stream, VIEWPOINT, viewpoint_section(cameras))
+            if up:
+                stream = add_concealment(stream, UP_SECTION, up.encode())
+            if _sketched(command) and not levels and not command.no_sketch:
+                stream = _extras().with_quick_sketch(stream, cameras, report)
+            return stream
+
+        found = None
+        if _controlled(command):
+            found = _extras().encode_controlled(
+                scene, _target(command), encode, effort=_effort(command), cameras=cameras, progress=report
+            )
+            stream = found.stream
+        else:
+            report("choosing precision", 0.0)
+            look = partial(classes_of, scene, cameras, recompute=command.quality is not None)
+            classes = look if levels else look()
+            report("choosing precision", 1.0)
+            stream = encode(scene, classes, None if command.quality is None else quality_option(command.quality))
+        seconds = time.perf_counter() - started
+        write_stream(stream, path)
+        if found is not None:
+            report("measuring quality", 0.0)
+            _ = found.psnr
+    _tell(command, stream, seconds, lost, found)
+
+
+def _extras() -> ModuleType:
+    """Returns the module with the parts that most scenes are encoded without; its libraries take a second to load."""
+    from splatwire.cli import _encode_extras
+
+    return _encode_extras
+
+
+def _target(command: Encode) -> Target:
+    """Returns the target of the options; without one the default quality."""
+    if command.size is not None:
+        return Target(size=parse_size(command.size))
+    if command.psnr is not None:
+        return Target(psnr=command.psnr)
+    return Target(quality=quality_of(quality_option(command.quality or "default")))
+
+
+def _tell(
+    command: Encode, stream: SceneStream, seconds: float, kept_psnr: float | None, reached: "EncodedScene | None"
+) -> None:
+    if command.json:
+        content: dict[str, Any] = {
+            "output": command.output,
+            "num_bytes": stream.num_bytes,
+            "parts": stream.parts(),
+            "num_packets": len(stream.packets),
+            "num_elements": stream.manifest.num_elements,
+            "tiers": measure_sizes(stream).tiers,
+            "kept_psnr": kept_psnr,
+            "seconds": seconds,
+        }
+        if reached is not None:
+            content["reached"] = {
+                "psnr": reached.psnr, "kept": reached.kept, "level": reached.quality.level,
+                "classes": reached.quality.classes, "effort": _effort(command),
+            }  # fmt: skip
+        print_json(content)
+    else:
+        text = f"{stream.manifest.num_elements:,} {stream.manifest.elements} in {len(stream.packets):,} packets"
+        if kept_psnr is not None:
+            text = f"{text} ({command.keep:.0%} kept: {kept_psnr:.2f} dB against pictures of all)"
+        if reached is not None:
+            text = f"{text} ({reached.kept:.0%} kept, level {reached.quality.level:.2f})"
+            text = f"{text}, {reached.psnr:.2f} dB against pictures of the source"
+        print_summary(f"{text}, {stream.num_bytes:,} bytes, {seconds:.1f} s -> {command.output}", command.output)
+
+
+def _up(command: Encode, scene: Scene, cameras: Cameras | None) -> str | None:
+    """Returns the up axis to store in the stream for viewers; None if the metadata or the default defines it."""
+    if command.up != "auto":
+        return command.up
+    known = metadata_of(scene)
+    if known.up is not None or known.view is not None or cameras is not None:
+        return None
+    return up if (up := estimate_up_axis(scene)) != "-y" else None
+
+
+def _tiers(command: Encode, scene: Scene, cameras: Cameras | None) -> np.ndarray | None:
+    """Returns the importance tier of each element; None for a single tier."""
+    if not command.tiers:
+        return None
+
+    seen_from = surrounding_cameras(scene) if cameras is None else cameras
+    return footprint_importance(scene, seen_from).tiers(command.tiers, scene.drawable)
+
+
+def packetization_of(command: Encode, schema: str, num_elements: int) -> Packetization:
+    """Returns the packetization preset with the changes of the options applied.
+
+    Args:
+        command: Options of `splatwire encode`.
+        schema: Codec schema of the scene.
+        num_elements: Number of elements to encode.
+
+    Raises:
+        UnknownNameError: If there is no such preset.
+        InvalidValueError: If a number is out of range.
+    """
+    chosen = command.block_size is not None or command.lanes is not None
+    start = packetization_named(command.preset or ("paper" if chosen else None), schema, num_elements)
+    block_size = start.block_size if command.block_size is None else command.block_size
+    return replace(start, block_size=block_size, lanes=start.lanes if command.lanes is None else command.lanes)

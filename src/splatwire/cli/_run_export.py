@@ -1,0 +1,169 @@
+"""Implementation of `splatwire export`: converts a scene to a file format of other programs."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from splatwire.anchors.appearance import Scene, antialiased, explicit_gaussians, metadata_of, origin_of
+from splatwire.anchors.export.counts import FitCounts
+from splatwire.anchors.export.fit import fit_splats
+from splatwire.cli._files import check_inputs, input_path, prepared_output
+from splatwire.cli._output import print_json, print_summary, progress_bars
+from splatwire.cli._scenes import chosen_outliers, tell_lost_harmonics
+from splatwire.cli.export import Export
+from splatwire.concealment import create_concealer
+from splatwire.data import Dataset, load_cameras, open_dataset
+from splatwire.errors import InvalidValueError
+from splatwire.evaluation.exported import compare_export
+from splatwire.files.scene_formats import FileFormat
+from splatwire.io import drawable_scene, open_scene
+from splatwire.io.formats.kinds import format_named, kept_facts, write_with
+from splatwire.io.formats.outliers import Outliers
+from splatwire.io.formats.spz_writer import FULL_BITS
+from splatwire.ops.spherical_harmonics import num_functions
+from splatwire.render.cpu import each_gradient_cpu
+from splatwire.render.importance import surrounding_cameras
+from splatwire.types import Cameras
+from splatwire.types.origin import NO_ORIGIN
+from splatwire.types.splats import Splats
+
+_VIEWS = 64
+"""Number of views around the scene to which Gaussians are fitted, and in which the export is measured."""
+
+
+def run(options: Export) -> None:
+    """Runs `splatwire export`."""
+    num_functions(_degree(options))
+    _outliers(options)
+    concealer = create_concealer(options.conceal)
+    _check(options)
+    with input_path(options.scene) as source:
+        scene, num_lost = drawable_scene(source, concealer)
+    started, counts, measured = time.perf_counter(), FitCounts(), None
+    with progress_bars() as show:
+        views = _views(options, scene)
+        splats = explicit_gaussians(scene)
+        if splats is None:
+            assert views is not None
+            degree = _degree(options)
+            parts = fit_splats(scene, views.fitted_to, each_gradient_cpu, degree=degree, counts=counts, progress=show)
+            _write(options, parts, scene)
+        else:
+            degree = min(splats.degree, _degree(options))
+            counts.possible = counts.written = _write(options, iter([splats.at_most_degree(degree)]), scene)
+            tell_lost_harmonics(scene, options.output)
+        if views is not None:
+            measured = compare_export(scene, _written(options, scene), views.measured_on, views.photos, show)
+    result = {
+        "output": str(options.output),
+        "num_gaussians": counts.written,
+        "num_bytes": options.output.stat().st_size,
+        "degree": degree,
+        "left_out": {"unseen": counts.unseen, "faint": counts.faint},
+        "num_lost": num_lost,
+        "seconds": time.perf_counter() - started,
+        "measured": measured,
+    }
+    if options.json:
+        print_json(result)
+    else:
+        lost = f"; {num_lost:,} lost {scene.ELEMENTS} were concealed by '{options.conceal}'" if num_lost else ""
+        print_summary(f"{_sentence(result)}{lost}")
+
+
+def _check(options: Export) -> None:
+    """Checks that the options do not contradict each other, before any work."""
+    if str(options.output) == "-":
+        raise InvalidValueError("an export is read back to be measured: give -o a file")
+    prepared_output(options.output, suffix=Path(f"x{_format(options).suffix}").suffix)
+    if options.kind == "splat" and options.degree:
+        raise InvalidValueError(f"--degree {options.degree}: a .splat file has one colour for all directions, degree 0")
+    if options.harmonic_bits is not None and options.kind != "spz":
+        raise InvalidValueError("--harmonic-bits is for spz: other formats have harmonics of one width")
+    if options.harmonic_bits is not None and not all(1 <= bits <= 8 for bits in options.harmonic_bits):
+        raise InvalidValueError(f"--harmonic-bits takes two numbers from 1 to 8, not {options.harmonic_bits}")
+    if options.spz_version is not None and options.kind != "spz":
+        raise InvalidValueError("--spz-version is for spz")
+    if options.spz_version not in (None, 3, 4):
+        raise InvalidValueError(f"--spz-version is 3 or 4, not {options.spz_version}")
+    if sum(value is not None for value in (options.data, options.cameras, options.views)) > 1:
+        raise InvalidValueError("give either --data FOLDER, --cameras FILE or --views NUMBER")
+    check_inputs(options.data, options.cameras)
+    if options.views is not None and options.views < 9:
+        raise InvalidValueError(f"--views must be 9 or more, not {options.views}")
+
+
+def _degree(options: Export) -> int:
+    return options.degree if options.degree is not None else 0 if options.kind == "splat" else 3
+
+
+def _write(options: Export, parts: Iterator[Splats], scene: Scene) -> int:
+    facts = kept_facts(
+        _format(options),
+        options.output,
+        antialiased=antialiased(scene),
+        origin=origin_of(scene),
+        outliers=_outliers(options),
+        metadata=metadata_of(scene),
+    )
+    if options.kind == "spz":
+        facts |= {"harmonic_bits": options.harmonic_bits or FULL_BITS, "version": options.spz_version or 4}
+    return write_with(_format(options), parts, options.output, **facts)
+
+
+def _format(options: Export) -> FileFormat:
+    """Returns the file format of the export.
+
+    Raises:
+        UnknownNameError: If no writable format has that name.
+    """
+    return format_named(options.kind.replace("-", "."))
+
+
+def _outliers(options: Export) -> Outliers:
+    return chosen_outliers(options.outliers, f"x{_format(options).suffix}")
+
+
+def _written(options: Export, scene: Scene) -> Scene:
+    """Returns the exported Gaussians as drawn, relative to the scene's origin."""
+    written: Any = open_scene(options.output)
+    return written if written.origin != NO_ORIGIN else replace(written, origin=origin_of(scene))
+
+
+def _views(options: Export, scene: Scene) -> "_Views | None":
+    """Returns the cameras for fitting and measuring; None for explicit Gaussians if no measurement is requested."""
+    if options.data is not None:
+        test = open_dataset(options.data, split="test", background=scene.background)
+        return _Views(open_dataset(options.data, split="train").cameras, test.cameras, test)
+    if options.cameras is not None:
+        cameras = load_cameras(options.cameras)
+        return _Views(cameras, cameras)
+    if options.views is None and explicit_gaussians(scene) is not None:
+        return None
+    cameras = surrounding_cameras(scene, options.views or _VIEWS)
+    held_out = [view for view in range(cameras.num_views) if view % 8 == 4]
+    fitted_to = [view for view in range(cameras.num_views) if view not in held_out]
+    return _Views(cameras.select(fitted_to), cameras.select(held_out))
+
+
+@dataclass(frozen=True)
+class _Views:
+    fitted_to: Cameras
+    measured_on: Cameras
+    photos: Dataset | None = None
+
+
+def _sentence(result: dict[str, Any]) -> str:
+    text = f"{result['num_gaussians']:,} Gaussians, {result['num_bytes']:,} bytes -> {result['output']}"
+    measured = result["measured"]
+    if measured is None:
+        return text
+    quality = f"PSNR to the scene's own pictures {measured['psnr_to_scene']:.2f} dB"
+    if "psnr_loss" in measured:
+        quality = (
+            f"test PSNR {measured['psnr_export']:.2f} dB instead of {measured['psnr_scene']:.2f} dB "
+            f"(loss {measured['psnr_loss']:.2f} dB), {quality}"
+        )
+    return f"{text}; {quality} over {measured['num_views']} views"

@@ -1,0 +1,102 @@
+"""Implementation of `splatwire live`: encodes the frames of a clip as they appear, and serves the stream to clients."""
+
+import asyncio
+import contextlib
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from splatwire.cli._background import first_of, start_thread
+from splatwire.cli._clip_options import clip_options
+from splatwire.cli._files import STANDARD
+from splatwire.cli._listening import check_listening, open_server, stop_on_signals, tell_ready
+from splatwire.cli._live_warnings import Warnings, few_warnings, print_if_read
+from splatwire.cli._protection import plan_of_file, protection_of
+from splatwire.cli.live import Live
+from splatwire.errors import InvalidValueError
+from splatwire.sequence import ClipOptions
+from splatwire.sequence.arriving import FolderSource, FrameSource, PipeSource
+from splatwire.sequence.live_encoder import LiveEncoder
+from splatwire.sequence.live_encoding import LiveEncoding, new_stream_id
+from splatwire.transport import Protection, ServedStream, ServerLimits
+from splatwire.transport.protocol.live_session import PROTECTION
+from splatwire.transport.running_server import RunningServer
+
+NAME = "live"
+LAST_S = 3.0
+"""Maximum time that clients can request lost packets after the last frame was encoded, seconds."""
+STOP_S = 10.0
+"""Maximum time for the encoder to end after Ctrl-C, seconds; it may be blocked by reading a file."""
+STUCK = 1
+"""Exit status if the encoder did not end in time."""
+
+
+def run(command: Live) -> None:
+    """Runs `splatwire live`."""
+    check_listening(command)
+    if command.frames != STANDARD and not Path(command.frames).is_dir():
+        raise InvalidValueError(
+            f"{command.frames} is not a folder: give the folder of the frames, or - for file names on standard input"
+        )
+    protection = _protection(command)
+    if not asyncio.run(_serve(command, clip_options(command.fps, command.group, command.quality, None), protection)):
+        os._exit(STUCK)  # the interpreter would wait for threads of the encoder, which may never end
+
+
+def _protection(command: Live) -> Protection:
+    if command.plan is None:
+        protection = protection_of(PROTECTION.side_repair, command.protect)
+    elif command.protect:
+        raise InvalidValueError("--plan sets the protection: give either --plan or --protect")
+    else:
+        protection = plan_of_file(command.plan)[0]
+    if protection.tier_repair:
+        raise InvalidValueError("a clip has parity for motion packets, not for tiers: --protect motion=0.2")
+    return protection
+
+
+async def _serve(command: Live, options: ClipOptions, protection: Protection) -> bool:
+    """Serves until a signal, or the end of the frames; returns False if the encoder did not end in time."""
+    stop, loop, warn = stop_on_signals(), asyncio.get_running_loop(), Warnings()
+    async with contextlib.AsyncExitStack() as stack:
+        limits = ServerLimits(fixed_rate=command.fixed_rate, total_rate=command.total_bytes_s)
+        opened = await open_server({}, command, limits, stack, live=NAME)
+        server = opened.server
+        tell_ready(command, server.port, opened.facts, "live")
+
+        def publish(state: ServedStream) -> None:
+            loop.call_soon_threadsafe(server.update, NAME, state)
+
+        work = _encoding(command, options, protection, publish, stop.is_set, warn)
+        with few_warnings(warn):
+            encoding = start_thread(work.run, "encoding")
+            await first_of(encoding, stop, STOP_S)
+        if encoding.done():
+            encoding.result()
+            await _last(opened)
+        else:
+            warn(f"the encoder did not end within {STOP_S:g} s and was abandoned")
+    left_out = f", {work.num_skipped:,} skipped, {work.num_dropped:,} dropped"
+    print_if_read(f"{work.num_frames} frames{left_out}, {opened.served()}")
+    return encoding.done()
+
+
+def _encoding(command: Live, options: ClipOptions, protection: Protection, publish: Callable[[ServedStream], None],
+    stop: Callable[[], bool], warn: Warnings,
+) -> LiveEncoding:  # fmt: skip
+    source: FrameSource
+    if command.frames == STANDARD:
+        source = PipeSource(sys.stdin.fileno(), warn)
+    else:
+        source = FolderSource(Path(command.frames), warn)
+    clip = LiveEncoder(options, new_stream_id, protection)
+    return LiveEncoding(source, clip, options, publish, stop, warn)
+
+
+async def _last(opened: RunningServer) -> None:
+    """Waits until all clients have received the complete stream, for at most `LAST_S`."""
+    end = time.monotonic() + LAST_S
+    while opened.server.core.num_transfers and time.monotonic() < end:
+        await asyncio.sleep(0.05)

@@ -1,0 +1,175 @@
+"""Implementation of `splatwire plan`: chooses redundancy for a given channel and byte budget."""
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from splatwire.bitstream import SceneStream, read_stream
+from splatwire.channel import LossModel, parse_loss
+from splatwire.cli._datagrams import in_datagrams
+from splatwire.cli._files import check_inputs, input_path, prepared_output
+from splatwire.cli._output import print_json, progress_bars, refuse_options
+from splatwire.cli.plan import PlanCommand
+from splatwire.data import open_dataset
+from splatwire.errors import InvalidValueError
+from splatwire.files.whole import write_whole
+from splatwire.planning.distortion import StreamVariant
+from splatwire.planning.feedback import plan_retransmission
+from splatwire.planning.measure import measured_variant
+from splatwire.planning.plan_file import plan_content
+from splatwire.planning.planner import ScenePlan, plan_protection
+from splatwire.planning.sequence.planner import SequencePlan, plan_sequence
+from splatwire.planning.sequence.variants import clip_variants, common_timeline
+from splatwire.planning.transfer_model import model_transfer
+from splatwire.transport.protocol.protection import Protection
+
+_BUDGET, _TRIALS, _VIEWS = 1.3, 100, 7
+_STILL = ("data", "feedback", "most_protection", "drawn")
+"""Options that apply only to static scenes."""
+
+
+def run(options: PlanCommand) -> None:
+    """Runs `splatwire plan`."""
+    _check(options)
+    loss = parse_loss(options.loss)
+    streams = [_read(path) for path in options.streams]
+    if any(stream.manifest.schema.timed for stream in streams):
+        _plan_clips(options, streams, loss)
+        return
+    if options.reference is not None:
+        raise InvalidValueError("--reference is for clips: a still scene is compared with --data")
+    cameras = None if options.data is None else open_dataset(options.data, split="train").cameras
+    with progress_bars() as report:
+        offers = [
+            measured_variant(
+                stream, cameras=cameras, num_views=_num_views(options), concealer=options.conceal, seed=options.seed,
+                progress=lambda share: report("measuring damage", share),
+            )
+            for stream in streams
+        ]  # fmt: skip
+        bare = [model_transfer(offer.load, Protection(side_repair=0.0)) for offer in offers]
+        plain = min(int(outline.num_bytes.sum()) for outline in bare)
+        budget = _budget_bytes(options, plain)
+        plan = _plan(options, offers, loss, budget, lambda share: report("planning", share))
+    path, stream = options.streams[plan.variant], streams[plan.variant]
+    facts = {**asdict(plan), "protection_share": plan.protection_share, "loss": loss.name,
+             "budget_bytes": budget, "plain_bytes": plain, "stream": path}  # fmt: skip
+    content = plan_content(plan.protection, stream.manifest.stream_id, facts)
+    _tell(options, content, path, lambda how: _print_plan(plan, stream.manifest.elements, how))
+
+
+def _plan_clips(options: PlanCommand, streams: Sequence[SceneStream], loss: LossModel) -> None:
+    if not all(stream.manifest.schema.timed for stream in streams):
+        raise InvalidValueError("a plan cannot compare a clip with a still scene: give streams of one kind")
+    refuse_options(options, _STILL, "is for a still scene, not for a clip")
+    timeline = common_timeline(streams)
+    with progress_bars() as report:
+        variants = clip_variants(
+            streams, options.reference, concealer=options.conceal, views=options.views, seed=options.seed,
+            progress=lambda share: report("measuring damage", share),
+        )  # fmt: skip
+        smallest, limited = min(variant.load.num_bytes for variant in variants), options.deadline is not None
+        budget = _budget_bytes(options, smallest)
+        plan = plan_sequence(
+            variants, loss, budget_bytes=math.inf if limited else budget,
+            group_bytes=[budget] * timeline.num_groups if limited else None, trials=_num_trials(options),
+            seed=options.seed, progress=lambda share: report("planning", share),
+        )  # fmt: skip
+    path, stream = options.streams[plan.variant], streams[plan.variant]
+    facts = {**asdict(plan), "loss": loss.name, "stream": path}
+    content = plan_content(plan.protection, stream.manifest.stream_id, facts)
+    _tell(options, content, path, lambda how: _print_clip_plan(plan, how))
+
+
+def _check(options: PlanCommand) -> None:
+    """Checks that the options do not contradict each other, before any work."""
+    if not options.streams:
+        raise InvalidValueError("name at least one stream to plan for")
+    if options.output is not None:
+        prepared_output(options.output)
+    check_inputs(options.data, options.reference)
+    if (options.deadline is None) != (options.rate is None) or (
+        options.deadline is not None and options.budget is not None
+    ):
+        raise InvalidValueError("give --budget, or --deadline and --rate together")
+    above = {"--budget": options.budget, "--deadline": options.deadline, "--rate": options.rate}
+    for name, value in above.items():
+        if value is not None and not 0 < value < math.inf:
+            raise InvalidValueError(f"{name} must be above 0, not {value:g}")
+    if min(_num_views(options), options.drawn, _num_trials(options)) < 1:
+        raise InvalidValueError("--views, --trials and --drawn are at least 1")
+    if not 0 < options.most_protection <= 1:
+        raise InvalidValueError(f"--most-protection is above 0 and at most 1, not {options.most_protection:g}")
+    if options.feedback and options.trials is not None:
+        raise InvalidValueError("--trials has no effect with --feedback, which simulates no transfers")
+    if options.seed < 0:
+        raise InvalidValueError(f"--seed is 0 or more, not {options.seed}")
+
+
+def _num_trials(options: PlanCommand) -> int:
+    return _TRIALS if options.trials is None else options.trials
+
+
+def _num_views(options: PlanCommand) -> int:
+    return _VIEWS if options.views is None else options.views
+
+
+def _budget_bytes(options: PlanCommand, plain: int) -> float:
+    """Returns the maximum number of bytes that may be sent; `plain` is the size of the stream without protection."""
+    if options.deadline is None or options.rate is None:
+        return (_BUDGET if options.budget is None else options.budget) * plain
+    return options.deadline * options.rate * 1e6 / 8
+
+
+def _tell(options: PlanCommand, content: dict[str, Any], path: str, show: Callable[[str], None]) -> None:
+    """Writes the plan for a stream to a file and prints a summary."""
+    if options.output is not None:
+        write_whole(options.output, (json.dumps(content, indent=1) + "\n").encode())
+    if options.json:
+        print_json(content)
+    else:
+        show(f"splatwire serve {path} --plan {options.output or 'FILE (-o FILE writes it)'}")
+
+
+def _plan(
+    options: PlanCommand,
+    offers: list[StreamVariant],
+    loss: LossModel,
+    budget: float,
+    progress: Callable[[float], None],
+) -> ScenePlan:
+    if options.feedback:
+        return plan_retransmission(
+            offers, loss, budget_bytes=budget, max_protection=options.most_protection, rendered_trials=options.drawn,
+            seed=options.seed, progress=progress,
+        )  # fmt: skip
+    return plan_protection(
+        offers, loss, budget_bytes=budget, trials=_num_trials(options), rendered_trials=options.drawn,
+        seed=options.seed, max_protection=options.most_protection, progress=progress,
+    )  # fmt: skip
+
+
+def _read(path: str) -> SceneStream:
+    with input_path(path) as file:
+        stream = read_stream(file)[0]
+    if len(stream.packets) != stream.manifest.num_packets:
+        raise InvalidValueError(f"only {len(stream.packets)} of {stream.manifest.num_packets} packets are there")
+    return in_datagrams(stream, path)
+
+
+def _print_plan(plan: ScenePlan, elements: str, how: str) -> None:
+    lost = ", ".join(f"{share:.1%}" for share in plan.lost)
+    print(f"expected {plan.psnr:.2f} dB; side information arrives in {plan.head_arrives:.1%} of transfers")
+    print(f"{elements} lost, tier by tier: {lost}")
+    print(f"protection {plan.protection_share:.1%} of all bytes; {plan.sent_bytes:,} bytes sent within the budget")
+    print(how)
+
+
+def _print_clip_plan(plan: SequencePlan, how: str) -> None:
+    print(f"expected {plan.psnr:.2f} dB, without parity {plan.unprotected:.2f} dB")
+    for group, ((share, repair), lost) in enumerate(zip(plan.protection.motion, plan.lost, strict=True)):
+        print(f"group {group}: parity {repair:.0%} for {share:.0%} of the motion, of which {lost:.1%} is lost")
+    print(f"parity {plan.parity_bytes / plan.sent_bytes:.1%} of {plan.sent_bytes:,} bytes")
+    print(how)

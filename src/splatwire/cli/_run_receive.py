@@ -1,0 +1,210 @@
+"""Implementation of `splatwire receive`: receives a stream over the network and writes it to a file."""
+
+import asyncio
+import contextlib
+import itertools
+import re
+import signal
+import sys
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from types import ModuleType
+
+from splatwire.bitstream import SceneStream, write_stream
+from splatwire.bitstream.stream import FILE_SUFFIX
+from splatwire.cli._files import output_path, prepared_output, read_report_json
+from splatwire.cli._left_out import DAMAGED
+from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
+from splatwire.cli._receiving import transfer_of
+from splatwire.cli.receive import Receive
+from splatwire.errors import InvalidValueError, MissingSideInfoError
+from splatwire.sequence.live_frames import LiveFrames
+from splatwire.transport import (
+    Event,
+    Finished,
+    PacketArrived,
+    Receiver,
+    ReceiverOptions,
+    SideInfoArrived,
+    StreamReplaced,
+    Welcomed,
+)
+from splatwire.transport.address import Address, parse_url
+from splatwire.transport.pcap import Capture
+from splatwire.transport.protocol.events import Interrupted, Resumed
+
+
+def run(command: Receive) -> None:
+    """Runs `splatwire receive`."""
+    address = parse_url(command.url)
+    deadline = None if command.deadline is None else parse_seconds(command.deadline)
+    viewpoint = None
+    if command.camera is not None or command.conceal is not None:
+        viewpoint = _scenes().viewpoint_of_options(command)
+    options = ReceiverOptions(name=address.name, deadline_s=deadline, nack=not command.no_nack, viewpoint=viewpoint)
+    moments, periods = Moments(), itertools.count()
+    with progress_bars() as show, _output(command) as path, LiveFrames(path, command.conceal, show) as live:
+
+        def note(event: Event) -> None:
+            moments.note(event, show)
+            live.note(event)
+            if isinstance(event, StreamReplaced) and not live.began:
+                _write_period(command, event.stream, next(periods))
+
+        receiver, stopped = _transfer(command, address, options, note)
+        stream, over = receiver.stream(), receiver.finished
+        reason = over.reason if over else "stopped"
+        if stream is None:
+            instead = _scenes().keep_preview(command, receiver.preview) if receiver.preview else ""
+            missing = receiver.describe_missing()
+            why = f"{reason}: {missing}" if missing else reason
+            raise MissingSideInfoError(f"{command.url}: no scene arrived ({why}){instead}")
+        if live.began:
+            live.finish()
+        elif command.conceal is None and not command.explicit:
+            write_stream(stream, path)
+        else:
+            _scenes().write_scene(command, stream, path, show)
+    _tell(command, receiver, stream, reason, moments)
+    if stopped:
+        raise KeyboardInterrupt  # sets the exit status; the received data is already written
+    if not (command.partial or _is_all(reason, live=receiver.is_live, num_missed=receiver.num_missed)):
+        print(
+            f"splatwire: error: {command.url}: the stream is incomplete ({reason}: {receiver.describe_missing()}); "
+            f"what arrived is in {command.output}. Receive it again, or accept this with --partial", file=sys.stderr,
+        )  # fmt: skip
+        sys.exit(DAMAGED)
+
+
+def _scenes() -> ModuleType:
+    """Returns the module that decodes what arrived, with libraries that a relay lacks."""
+    from splatwire.cli import _received_scenes
+
+    return _received_scenes
+
+
+def _transfer(
+    command: Receive, address: Address, options: ReceiverOptions, note: Callable[[Event], None]
+) -> tuple[Receiver, bool]:
+    """Receives the stream, with a packet capture if requested; also returns True if the user stopped it."""
+    transfer = transfer_of(command.trust, address)
+    with contextlib.ExitStack() as stack:
+        tap = None
+        if command.pcap is not None:
+            capture = Capture(stack.enter_context(command.pcap.open("wb")).write)
+            tap = lambda source, target, data: capture.add(source, target, data, time.time())  # noqa: E731
+        return asyncio.run(_stoppable(lambda stop: transfer(options, note, tap=tap, stop=stop)))
+
+
+def _write_period(command: Receive, stream: SceneStream, number: int) -> None:
+    """Writes a finished period of an endless live clip to a numbered file.
+
+    The last period is written to the regular output.
+    """
+    path = prepared_output(Path(command.output).resolve().with_suffix(f".{number:03}{FILE_SUFFIX}"))
+    write_stream(stream, path)
+
+
+def _output(command: Receive) -> contextlib.AbstractContextManager[Path]:
+    suffix = Path(command.output).suffix if command.explicit else FILE_SUFFIX if command.conceal is None else ""
+    return output_path(command.output, suffix=suffix, json=command.json)
+
+
+def _tell(command: Receive, receiver: Receiver, stream: SceneStream, reason: str, moments: "Moments") -> None:
+    report, collector = receiver.report(), receiver.collector
+    assert report is not None
+    assert collector is not None
+    if command.json:
+        print_json(
+            {
+                "output": command.output,
+                "finished": reason,
+                "packets_missed": receiver.num_missed,
+                "seconds": moments.seconds(),
+                "seconds_to_preview": moments.preview,
+                "seconds_to_side_info": moments.side_info,
+                "bytes_received": receiver.num_bytes,
+                "datagrams_received": receiver.num_datagrams,
+                "datagrams_rejected": receiver.num_rejected + collector.num_bad,
+                "packets_repaired": collector.num_repaired,
+                "stream_id": f"{stream.manifest.stream_id:08x}",
+                "packets": read_report_json(report),
+            }
+        )
+    else:
+        text = f"{report.num_received} of {report.num_expected} packets in {moments.seconds():.2f} s ({reason})"
+        print_summary(f"{text} -> {command.output}", command.output)
+
+
+def _is_all(reason: str, *, live: bool, num_missed: int) -> bool:
+    """Returns True if the result is complete.
+
+    A stream is complete if all packets arrived; a stream with levels of detail, if everything that the camera sees
+    arrived; a live clip, if the server ended it and everything sent since this receiver joined arrived. A transfer
+    ended by a deadline is not complete.
+    """
+    over = reason in ("complete", "seen") or (reason == "sent" and live)
+    return over and not num_missed
+
+
+class Moments:
+    """When what happened, in seconds from the beginning."""
+
+    def __init__(self) -> None:
+        self._began = time.perf_counter()
+        self._packets = 0
+        self._expected = 1
+        self.preview: float | None = None
+        self.side_info: float | None = None
+        self.end: float | None = None
+
+    def seconds(self) -> float:
+        """Returns the duration of the transfer, seconds."""
+        return time.perf_counter() - self._began if self.end is None else self.end
+
+    def note(self, event: Event, show: Reporter) -> None:
+        """Records the time of an event of the receiver."""
+        match event:
+            case Welcomed():
+                self._expected = max(event.num_packets, 1)
+                if event.preview and self.preview is None:
+                    self.preview = time.perf_counter() - self._began
+            case Interrupted():
+                print("splatwire: warning: the server sends nothing; reconnecting", file=sys.stderr, flush=True)
+            case Resumed():
+                how = "going on" if event.kept else "it sends another stream, which begins anew"
+                print(f"splatwire: warning: the server answers again: {how}", file=sys.stderr, flush=True)
+                self._packets = self._packets if event.kept else 0
+            case SideInfoArrived():
+                self.side_info = self.side_info or time.perf_counter() - self._began
+            case PacketArrived():
+                self._packets += 1
+                if self._packets % 64 == 0:
+                    show("receiving", self._packets / self._expected)
+            case Finished():
+                self.end = time.perf_counter() - self._began
+
+
+async def _stoppable(
+    transfer: Callable[[asyncio.Future[None]], Awaitable[Receiver]],
+) -> tuple[Receiver, bool]:
+    """Runs a transfer that SIGINT or SIGTERM stops; also returns True if it was stopped."""
+    loop = asyncio.get_running_loop()
+    stop = loop.create_future()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.cancel)
+    receiver = await transfer(stop)
+    return receiver, receiver.finished is not None and receiver.finished.reason == "stopped"
+
+
+def parse_seconds(text: str) -> float:
+    """Parses a time such as 2s, 1.5 or 500ms; returns seconds.
+
+    Raises:
+        InvalidValueError: If the text is not a time.
+    """
+    match = re.fullmatch(r"([0-9]*\.?[0-9]+)\s*(ms|s|)", text.strip())
+    if match is None:
+        raise InvalidValueError(f"'{text}' is not a time such as 2s or 500ms")
+    return float(match[1]) * (1e-3 if match[2] == "ms" else 1.0)

@@ -1,0 +1,100 @@
+"""Implementation of `splatwire render`: renders a scene to image files."""
+
+import time
+from pathlib import Path
+
+from splatwire.bitstream import SceneStream, is_stream, read_stream
+from splatwire.cli._files import check_folder, input_path, prepared_output
+from splatwire.cli._output import print_json, print_summary, progress_bars
+from splatwire.cli._scenes import chosen_background
+from splatwire.cli.render import Render
+from splatwire.concealment import create_concealer
+from splatwire.data import load_cameras, open_dataset, save_cameras
+from splatwire.errors import InvalidValueError
+from splatwire.evaluation.pixels import png_bytes, to_pixels
+from splatwire.evaluation.sequence.moving_picture import draw_clip
+from splatwire.evaluation.views import views_of
+from splatwire.files.names import distinct_names
+from splatwire.files.whole import write_whole
+from splatwire.io import drawable_scene
+from splatwire.render.framing import framing_cameras
+from splatwire.types import Cameras
+from splatwire.types.background import Background
+
+_AROUND, _AROUND_SIZE = 12, 512
+"""Views around a scene, and their width and height in pixels."""
+
+
+def run(options: Render) -> None:
+    """Runs `splatwire render`."""
+    cameras = find_cameras(options.cameras, options.data)
+    if not 0 < options.scale <= 16:
+        raise InvalidValueError(f"--scale must be above 0 and at most 16, not {options.scale:g}")
+
+    background = chosen_background(options.background)
+    with input_path(options.scene) as source:
+        if is_stream(source) and (stream := read_stream(source)[0]).manifest.schema.timed:
+            _draw_clip(options, stream, cameras)
+        else:
+            _draw_scene(options, source, cameras, background)
+
+
+def _draw_clip(options: Render, stream: SceneStream, cameras: Cameras | None) -> None:
+    if options.output.suffix.lower() != ".webp":
+        raise InvalidValueError(f"a clip becomes a moving picture: give a name such as name.webp, not {options.output}")
+    prepared_output(options.output, suffix=".webp")
+    if options.background is not None:
+        raise InvalidValueError("--background is for still scenes; a clip has the background that `encode` stored")
+    started = time.perf_counter()
+    with progress_bars() as show:
+        facts = draw_clip(stream, options.output, cameras, options.scale, options.conceal, options.renderer, show)
+    seconds = time.perf_counter() - started
+    if options.json:
+        print_json({"output": str(options.output), **facts, "seconds": seconds})
+    else:
+        print_summary(f"{facts['num_frames']} frames in {seconds:.1f} s -> {options.output}")
+
+
+def _draw_scene(options: Render, source: Path, cameras: Cameras | None, background: Background | None) -> None:
+    concealer = create_concealer(options.conceal or "drop")
+    check_folder(options.output)
+    scene, num_lost = drawable_scene(source, concealer)
+    cameras = framing_cameras(scene, _AROUND, _AROUND_SIZE) if cameras is None else cameras
+    cameras = cameras if options.scale == 1 else cameras.scaled(options.scale)
+    started, files = time.perf_counter(), [f"{name}.png" for name in distinct_names(cameras.names, "view")]
+    with progress_bars() as show:
+        for view, image in enumerate(views_of(scene, cameras, options.renderer, background)):
+            write_whole(options.output / files[view], png_bytes(to_pixels(image)), parents=True)
+            show("drawing", (view + 1) / cameras.num_views)
+    seconds = time.perf_counter() - started
+    save_cameras(cameras, options.output / "cameras.json")
+    if options.json:
+        print_json(
+            {
+                "output": str(options.output),
+                "pictures": files,
+                "num_views": cameras.num_views,
+                "width": cameras.width,
+                "height": cameras.height,
+                f"num_{scene.ELEMENTS.lower()}": scene.num_elements,
+                "num_lost": num_lost,
+                "seconds": seconds,
+            }
+        )
+    else:
+        size = f"{cameras.width} x {cameras.height}"
+        print_summary(f"{cameras.num_views} pictures of {size} in {seconds:.1f} s -> {options.output}")
+
+
+def find_cameras(cameras: Path | None, data: Path | None) -> Cameras | None:
+    """Reads a cameras file, or the test cameras of a dataset; returns None if neither is given.
+
+    Raises:
+        InvalidValueError: If both a cameras file and a dataset are given.
+        DatasetError: If the file or dataset cannot be read.
+    """
+    if cameras is not None and data is not None:
+        raise InvalidValueError("give either --cameras FILE or --data FOLDER")
+    if cameras is not None:
+        return load_cameras(cameras)
+    return None if data is None else open_dataset(data, split="test").cameras

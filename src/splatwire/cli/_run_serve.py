@@ -1,0 +1,216 @@
+"""Implementation of `splatwire serve`: sends streams to clients that request them."""
+
+import asyncio
+import contextlib
+import logging
+import sys
+import tempfile
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+
+from splatwire.bitstream import SceneStream, read_stream
+from splatwire.cli import _bundled
+from splatwire.cli._background import start_thread
+from splatwire.cli._datagrams import in_datagrams
+from splatwire.cli._downloads import MadeDownloads, check_formats
+from splatwire.cli._files import stream_name
+from splatwire.cli._listening import (
+    check_listening,
+    first_event,
+    open_server,
+    reload_on_hangup,
+    stop_on_signals,
+    tell_ready,
+)
+from splatwire.cli._protection import plan_of_file, protection_of
+from splatwire.cli._publishing import publish_stream
+from splatwire.cli.serve import Serve
+from splatwire.errors import InvalidValueError, SplatwireError
+from splatwire.transport import Protection, ServedStream, ServerLimits, make_served_stream
+from splatwire.transport.event_log import log_event
+from splatwire.transport.http.access import Access
+from splatwire.transport.http.content import PageContent
+from splatwire.transport.http.origins import parse_origin
+from splatwire.transport.protocol.preview import stream_preview
+from splatwire.transport.running_server import RunningServer
+
+LOG = logging.getLogger("splatwire.transport.serve")
+
+
+def run(command: Serve) -> None:
+    """Runs `splatwire serve`."""
+    check_listening(command)
+    if not command.over_quic and command.origins:
+        raise InvalidValueError("--certificate, --key and --origins are for --quic")
+    allowed_origins(command)
+    check_formats(command.downloads)
+    if command.downloads and command.page is None:
+        raise InvalidValueError("--downloads is for --page")
+    access = _access(command)
+    if command.moq is not None:
+        if command.over_quic or command.plan or command.protect or len(command.streams) > 1:
+            raise InvalidValueError("--moq publishes one stream, which the relay sends: no --page, --quic, --plan")
+        path = Path((command.streams or (str(_bundled.ASSETS / _bundled.SPLATS),))[0])
+        asyncio.run(publish_stream(command.moq, path, command.trust, json=command.json))
+        return
+    if command.trust.given:
+        raise InvalidValueError("--fingerprint, --authority and --insecure are for --moq")
+    (protected, planned), _ = protection(command), limits(command)  # reports invalid options before streams are read
+    asyncio.run(_serve(command, _programs(command, protected, planned), access))
+
+
+def _programs(command: Serve, protection: Protection, planned: int | None = None) -> dict[str, ServedStream]:
+    """Returns the streams to serve, prepared for sending, by name.
+
+    Raises:
+        InvalidValueError: If two streams have one name, or the plan is for another stream.
+    """
+    named: dict[str, str] = {}
+    for path in command.streams or (str(_bundled.ASSETS / _bundled.SPLATS),):
+        other = named.setdefault(stream_name(path), path)
+        if other != path:
+            raise InvalidValueError(
+                f"{other} and {path} are both called '{stream_name(path)}', by which clients ask: rename one"
+            )
+    streams = {name: (path, in_datagrams(read_stream(Path(path))[0], path)) for name, path in named.items()}
+    for path, stream in streams.values():
+        if planned is not None and stream.manifest.stream_id != planned:
+            raise InvalidValueError(
+                f"{command.plan} is for the stream {planned:08x}, and {path} is "
+                f"{stream.manifest.stream_id:08x}: plan for it"
+            )
+    return {name: program_of(stream, protection) for name, (_, stream) in streams.items()}
+
+
+def protection(command: Serve) -> tuple[Protection, int | None]:
+    """Returns the amount of redundancy, and the id of the stream that a plan was made for (None without a plan).
+
+    Raises:
+        InvalidValueError: If a number is out of range, the plan file is invalid, or both a plan and explicit
+            redundancy are given.
+    """
+    if command.plan is None:
+        side_repair = Protection().side_repair if command.side_repair is None else command.side_repair
+        return protection_of(side_repair, command.protect), None
+    if command.side_repair is not None or command.protect:
+        raise InvalidValueError("--plan sets the protection: give either --plan, or --side-repair and --protect")
+    return plan_of_file(command.plan)
+
+
+def limits(command: Serve) -> ServerLimits:
+    """Returns the limits of bandwidth and resources for clients.
+
+    Raises:
+        InvalidValueError: If the rate is not above 0, or another number is out of range.
+    """
+    if not 0.1 <= command.idle <= 3600:
+        raise InvalidValueError(f"--idle is from 0.1 to 3600 seconds, {command.idle} is not")
+    if not 0 <= command.drain <= 86_400:
+        raise InvalidValueError(f"--drain is from 0 to 86400 seconds, {command.drain} is not")
+    if min(command.clients, command.clients_per_address) < 1:
+        raise InvalidValueError("--clients and --clients-per-address are at least 1")
+    return ServerLimits(
+        command.clients,
+        command.clients_per_address,
+        silence_s=command.idle,
+        fixed_rate=command.fixed_rate,
+        total_rate=command.total_bytes_s,
+    )
+
+
+def allowed_origins(command: Serve) -> tuple[str, ...]:
+    """Returns the web origins of the option `origins` in the form that browsers send.
+
+    Raises:
+        InvalidValueError: If a value is not a web origin.
+    """
+    return tuple(map(parse_origin, command.origins))
+
+
+def _access(command: Serve) -> Access | None:
+    """Returns the rules of access of the options; None if all scenes are open and listed.
+
+    Raises:
+        InvalidValueError: If an option is missing, a name is no served scene, or the key is invalid.
+    """
+    if not command.private and not command.unlisted:
+        if command.token_key is not None:
+            raise InvalidValueError("--token-key is for --private")
+        return None
+    if command.page is None:
+        raise InvalidValueError("--private and --unlisted are for --page")
+    names = {stream_name(path) for path in command.streams or (str(_bundled.ASSETS / _bundled.SPLATS),)}
+    if unknown := sorted({*command.private, *command.unlisted} - names):
+        raise InvalidValueError(f"no stream is called {', '.join(unknown)}; names are {', '.join(sorted(names))}")
+    if bool(command.private) != (command.token_key is not None):
+        raise InvalidValueError("--private and --token-key belong together")
+    problem = None
+    if command.token_key is not None:
+        tokens = import_module("splatwire.transport.http.tokens")  # needs PyJWT, which other servers do without
+        problem = partial(tokens.token_problem, tokens.read_key(command.token_key))
+    return Access(frozenset(command.private), frozenset(command.unlisted), problem)
+
+
+async def _serve(command: Serve, programs: dict[str, ServedStream], access: Access | None) -> None:
+    stop, reload = stop_on_signals(), reload_on_hangup()
+    async with contextlib.AsyncExitStack() as stack:
+        private = access.private if access is not None else frozenset()
+        open_to_all = {name: program for name, program in programs.items() if name not in private}
+        opened = await open_server(open_to_all, command, limits(command), stack, origins=allowed_origins(command))
+        if access is not None and opened.page is not None and isinstance(opened.page.content, PageContent):
+            opened.page.content = replace(opened.page.content, programs=programs, access=access)
+        await _offer_downloads(command, opened, stack)
+        sizes = {name: program.sizes() for name, program in programs.items()}
+        for name, parts in () if command.json else sizes.items():
+            print(f"{name}: {sum(parts.values()):,} bytes, of which protection "
+                  f"{parts['side_protection'] + parts['packet_protection']:,}")  # fmt: skip
+        tell_ready(command, opened.server.port, opened.facts, "serving", streams=sizes)
+        while await first_event(stop, reload) is reload:
+            reload.clear()
+            await _reload(command, opened)
+        await opened.drain(command.drain)
+        log_event(LOG, logging.INFO, "stopped", transfers=opened.server.core.num_served, bytes=opened.server.bytes_sent)
+    if command.log_format == "text":
+        print(opened.served(), file=sys.stderr)
+
+
+async def _offer_downloads(command: Serve, opened: RunningServer, stack: contextlib.AsyncExitStack) -> None:
+    """Adds the files of `--downloads` to the page server; they are in a temporary folder."""
+    if not command.downloads or opened.page is None or not isinstance(opened.page.content, PageContent):
+        return
+    folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="splatwire-"))
+    downloads = MadeDownloads(Path(folder), command.downloads)
+    stack.push_async_callback(downloads.close)
+    opened.page.content = replace(opened.page.content, downloads=downloads)
+
+
+async def _reload(command: Serve, opened: RunningServer) -> None:
+    """Reads the streams and the certificate again; keeps the previous ones and logs an error if one is invalid."""
+
+    def read() -> dict[str, ServedStream]:
+        return _programs(command, *protection(command))
+
+    try:
+        streams = await start_thread(read, "reading")
+        opened.replace(streams)
+    except (SplatwireError, OSError) as error:
+        log_event(LOG, logging.ERROR, "reload failed", error=str(error))
+    else:
+        log_event(LOG, logging.INFO, "reloaded", streams=len(streams))
+
+
+def program_of(stream: SceneStream, protection: Protection) -> ServedStream:
+    """Prepares a stream, including its preview, for sending.
+
+    Raises:
+        InvalidValueError: If the stream is incomplete, or its packets do not fit into datagrams.
+    """
+    importance = None
+    if any(share < 1 for share, _ in protection.motion):  # the importance of motion is needed only then
+        from splatwire.sequence.importance import stream_importance  # decodes, with libraries that a relay lacks
+
+        importance = stream_importance(stream)
+    preview = stream_preview(stream.side_info, stream.manifest.codec)
+    return make_served_stream(stream, protection, preview=preview, importance=importance)

@@ -1,0 +1,31 @@
+"""Implementation of `splatwire thumb`: writes a picture of a scene."""
+
+from splatwire.bitstream import is_stream, read_stream
+from splatwire.cli._files import input_path, prepared_output
+from splatwire.cli._output import print_json, print_summary
+from splatwire.cli.thumb import Thumb
+from splatwire.concealment import create_concealer
+from splatwire.errors import InvalidValueError
+from splatwire.evaluation.thumbnail import MOST_SIDE, check_suffix, picture_bytes, stream_thumbnail, thumbnail
+from splatwire.files.whole import write_whole
+from splatwire.io import drawable_scene
+
+
+def run(command: Thumb) -> None:
+    """Runs `splatwire thumb`."""
+    check_suffix(command.output)
+    if not all(1 <= side <= MOST_SIDE for side in command.size):
+        raise InvalidValueError(f"--size takes a width and a height from 1 to {MOST_SIDE} pixels")
+    prepared_output(command.output)
+    with input_path(command.scene) as path:
+        if is_stream(path):
+            pixels = stream_thumbnail(read_stream(path)[0], command.size)
+        else:
+            pixels = thumbnail(drawable_scene(path, create_concealer("drop"))[0], command.size)
+    write_whole(command.output, picture_bytes(pixels, command.output.suffix))
+    width, height = command.size
+    num_bytes = command.output.stat().st_size
+    if command.json:
+        print_json({"output": str(command.output), "width": width, "height": height, "num_bytes": num_bytes})
+    else:
+        print_summary(f"{width} x {height} pixels, {num_bytes:,} bytes -> {command.output}")

@@ -1,0 +1,230 @@
+"""Implementation of `splatwire train`: trains a scene from photos with known cameras."""
+
+import dataclasses
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from splatwire.cli._files import prepared_output
+from splatwire.cli._output import print_json, print_summary
+from splatwire.cli._scenes import chosen_background
+from splatwire.cli._training import check_same_recipe, parsed_size, told_size, watch
+from splatwire.cli.train import Train
+from splatwire.data import Dataset, dataset_layout, open_dataset
+from splatwire.data.rounding import without_origin
+from splatwire.errors import BackendUnavailableError, InvalidValueError, NoViewsError, UnknownNameError
+from splatwire.files.whole import written_whole
+from splatwire.io import open_scene, save_scene
+from splatwire.neural.render.gsplat_backend import check_gsplat
+from splatwire.neural.training import (
+    QualityReport,
+    RunOptions,
+    TrainConfig,
+    TrainResult,
+    create_config,
+    load_checkpoint,
+    save_checkpoint,
+    train_scene,
+)
+from splatwire.neural.training.config import LossTraining
+from splatwire.neural.training.device import check_cuda, has_cuda
+from splatwire.neural.training.finetune import fine_tuning, model_of, state_of_scene
+from splatwire.neural.training.initial import initial_state, points_of
+from splatwire.neural.training.presets import DEFAULT_MODEL
+from splatwire.neural.training.state import TrainState
+from splatwire.types.background import BLACK
+
+_DEVICES = ("auto", "cpu", "cuda")
+_PLACES = {"cpu": "CPU", "cuda": "GPU"}
+_PICTURES = (".png", ".jpg", ".jpeg", ".webp")
+_PRESET_OF_LAYOUT = {"blender": "synthetic_nerf", "bungeenerf": "bungeenerf"}
+CPU_ITERATIONS = 2400
+"""Default number of iterations on a CPU: training then takes minutes instead of days."""
+FINE_TUNING_ITERATIONS = 720
+"""Default number of iterations when training continues from a finished scene."""
+
+
+def run(command: Train) -> None:
+    """Runs `splatwire train`."""
+    device = _check(command)
+    output = prepared_output(Path(command.output), suffix="")
+    checkpoint = output.with_name(output.name + ".checkpoint")
+    if command.resume:
+        state, config = load_checkpoint(checkpoint)
+        check_same_recipe(_given(command), _config(command), config)
+        train, test = _datasets(command, config)
+    else:
+        state, config, train, test = _start(command, _PLACES[device])
+        save_checkpoint(state, config, checkpoint)  # reports an unwritable checkpoint now instead of in an hour
+    options = RunOptions(checkpoint, command.checkpoint_interval)
+
+    def save_preview(report: QualityReport) -> None:
+        if command.preview:
+            pixels = np.rint(np.clip(report.preview, 0, 1) * 255).astype(np.uint8)
+            with written_whole(command.preview) as unfinished:
+                Image.fromarray(pixels).save(unfinished)
+
+    with watch(save_preview) as listener:
+        result = train_scene(train, test, config, state=state, options=options, listener=listener, device=device)
+    if result.stopped:
+        print(
+            f"stopped after iteration {result.state.iteration:,} of {config.marks.iterations:,}; "
+            "the same command with --resume continues from there",
+            file=sys.stderr,
+        )
+        raise KeyboardInterrupt
+    save_scene(result.scene, output)
+    _report(command, result, config)
+
+
+def _start(command: Train, place: str) -> tuple[TrainState, TrainConfig, Dataset, Dataset | None]:
+    """Returns the initial training state, the training configuration (recipe), and the views."""
+    chosen = " (chosen by the data)" if command.preset == "auto" else ""
+    start = None if command.init is None else open_scene(command.init)
+    if start is not None and (model := model_of(start)) is not None:
+        return _going_on(command, start, model, f"{chosen}, on the {place}")
+    config = _config(command)
+    train, test = _datasets(command, config)
+    more = f" and {config.marks.tuning:,} more for losses" if config.marks.tuning else ""
+    told = f"recipe {config.preset}{chosen}, {config.marks.settled:,} iterations{more} on the {place}"
+    print(told, file=sys.stderr)
+    if start is not None:
+        train = dataclasses.replace(train, points=points_of(start))
+    if train.points is None or not train.points.num_points:
+        print("the dataset has no points: the first anchors get random positions", file=sys.stderr)
+    return initial_state(train, config), config, train, test
+
+
+def _going_on(
+    command: Train, scene: Any, model: str, told: str
+) -> tuple[TrainState, TrainConfig, Dataset, Dataset | None]:
+    """Returns the same as `_start` for training that continues from a finished scene."""
+    if command.voxel_size is not None or command.growth_interval is not None:
+        raise InvalidValueError(
+            "--voxel-size and --growth-interval do not apply to a finished scene, whose anchors stay"
+        )
+    if command.model not in (None, model):
+        raise InvalidValueError(f"--model: {command.init} has model {model}, which cannot be changed")
+    iterations = FINE_TUNING_ITERATIONS if command.iterations is None else command.iterations
+    config = fine_tuning(_config(dataclasses.replace(command, iterations=iterations, model=model)), scene)
+    config = dataclasses.replace(config, background=chosen_background(command.background) or scene.background)
+    train, test = _datasets(command, config)
+    print(f"continuing {command.init} for {iterations:,} iterations with recipe {config.preset}{told}", file=sys.stderr)
+    return state_of_scene(scene, train, config), config, train, test
+
+
+def _check(command: Train) -> str:
+    if command.init is not None and command.resume:
+        raise InvalidValueError("--init is for the start of a run: the checkpoint of --resume has its anchors")
+    if command.output == "-":
+        raise InvalidValueError("training writes a scene file and a checkpoint beside it: give -o a file")
+    if command.preview is not None and prepared_output(Path(command.preview)).suffix.lower() not in _PICTURES:
+        raise InvalidValueError(f"--preview must end in {', '.join(_PICTURES)}, not {command.preview}")
+    if command.loss_share is not None and not command.loss:
+        raise InvalidValueError("--loss-share needs --loss")
+    if command.checkpoint_interval < 1:
+        raise InvalidValueError(f"--checkpoint-interval must be 1 or more, not {command.checkpoint_interval}")
+    return check_device(command.device)
+
+
+def _given(command: Train) -> list[str]:
+    """Returns the names of options whose values differ from their defaults."""
+    fields = [field for field in dataclasses.fields(command) if field.default is not dataclasses.MISSING]
+    return [field.name.replace("_", "-") for field in fields if getattr(command, field.name) != field.default]
+
+
+def _config(command: Train) -> TrainConfig:
+    preset = command.preset
+    if preset == "auto":
+        preset = _PRESET_OF_LAYOUT.get(dataset_layout(Path(command.data)) or "", "mipnerf360")
+    return create_config(
+        preset,
+        model=command.model or DEFAULT_MODEL,
+        lmbda=command.lmbda,
+        size=0 if command.size is None else parsed_size(command.size),
+        iterations=CPU_ITERATIONS if command.iterations is None else command.iterations,
+        voxel_size=command.voxel_size,
+        growth_interval=command.growth_interval,
+        refine_steps=command.refine,
+        losses=command.loss,
+        loss_share=LossTraining.share if command.loss_share is None else command.loss_share,
+        background=chosen_background(command.background) or BLACK,
+        seed=command.seed,
+    )
+
+
+def _datasets(command: Train, config: TrainConfig) -> tuple[Dataset, Dataset | None]:
+    def opened(split: str) -> Dataset:
+        found = open_dataset(
+            Path(command.data),
+            split=split,
+            images=command.images,
+            max_width=command.max_width,
+            test_views=config.test_views,
+            background=config.background,
+        )
+        return replace(found, cameras=without_origin(Path(command.data), found.cameras))  # anchors have no origin
+
+    train = opened("train")
+    try:
+        return train, opened("test")
+    except NoViewsError as error:
+        print(f"no test views: {error}", file=sys.stderr)
+        return train, None
+
+
+def _report(command: Train, result: TrainResult, config: TrainConfig) -> None:
+    test, scene, size = result.test, result.scene, told_size(result.scene, config.weights.size)
+    if command.json:
+        print_json(
+            {
+                "output": command.output,
+                "iterations": result.state.iteration,
+                "num_anchors": scene.anchors.num_anchors,
+                "num_gaussians": int(scene.anchors.mask.sum()),
+                "test_psnr": test.psnr if test else None,
+                "test_ssim": test.ssim if test else None,
+                **({"stream_bytes": size} if size else {}),
+                "seconds": result.seconds,
+                "recipe": dataclasses.asdict(config),
+            }
+        )
+        return
+    quality = f", test PSNR {test.psnr:.2f} dB, SSIM {test.ssim:.4f}" if test else ""
+    quality += f", {size:,} bytes as a stream" if size else ""
+    print_summary(f"{scene.anchors.num_anchors:,} anchors{quality}, {result.seconds:,.0f} s -> {command.output}")
+
+
+def check_device(name: str) -> str:
+    """Checks that the requested device is available for training, and returns its name, `cpu` or `cuda`.
+
+    `auto` selects the GPU if torch finds one and gsplat works on it; a message is printed if only gsplat is missing.
+
+    Raises:
+        UnknownNameError: There is no such device.
+        BackendUnavailableError: It is a GPU. The message names what is missing, first of all on this machine.
+    """
+    if name not in _DEVICES:
+        raise UnknownNameError("device", name, _DEVICES)
+    if name == "cpu":
+        return "cpu"
+    if name == "auto" and not has_cuda():
+        return "cpu"
+    try:
+        _check_gpu()
+    except BackendUnavailableError as error:
+        if name == "cuda":
+            raise
+        print(f"training on the CPU: {error}", file=sys.stderr)
+        return "cpu"
+    return "cuda"
+
+
+def _check_gpu() -> None:
+    check_cuda()
+    print("testing gsplat, which compiles its kernels on first use", file=sys.stderr)
+    check_gsplat()

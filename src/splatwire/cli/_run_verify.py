@@ -1,0 +1,49 @@
+"""Implementation of `splatwire verify`: checks whether streams are intact and complete."""
+
+from pathlib import Path
+from typing import Any
+
+from splatwire.bitstream import read_stream
+from splatwire.cli._files import STANDARD, check_inputs, input_path, read_report_json
+from splatwire.cli._left_out import DAMAGED
+from splatwire.cli._output import print_json
+from splatwire.cli.verify import Verify
+from splatwire.errors import BitstreamError, InvalidValueError
+
+
+def run(command: Verify) -> None:
+    """Runs `splatwire verify`."""
+    if not command.streams:
+        raise InvalidValueError("name a stream to verify")
+    check_inputs(*(Path(name) for name in command.streams if name != STANDARD))
+    found = {name: _check(command, name) for name in command.streams}
+    good = all(facts["ok"] for facts in found.values())
+    if command.json:
+        print_json({"ok": good, "streams": found})
+    else:
+        for name, facts in found.items():
+            _print_facts(name, facts)
+    if not good:
+        raise SystemExit(DAMAGED)
+
+
+def _check(command: Verify, name: str) -> dict[str, Any]:
+    try:
+        with input_path(name) as path:
+            report = read_stream(path)[1]
+    except BitstreamError as error:
+        return {"ok": False, "intact": False, "problems": [str(error)]}
+    intact = report.num_corrupt == report.num_foreign == report.num_duplicate == 0
+    return {"ok": intact and (report.complete or command.accept_losses), "intact": intact, **read_report_json(report)}
+
+
+def _print_facts(name: str, facts: dict[str, Any]) -> None:
+    if "num_expected" not in facts:
+        print(f"{name}: not ok: {facts['problems'][0]}")
+        return
+    kinds = [kind for kind in ("missing", "corrupt", "foreign", "duplicate") if facts[f"num_{kind}"]]
+    state = "ok" if facts["ok"] else "incomplete" if facts["intact"] else "damaged"
+    counts = [f"{facts['num_received']:,} of {facts['num_expected']:,} packets are good"]
+    print(f"{name}: {state}: " + ", ".join(counts + [f"{facts[f'num_{kind}']:,} {kind}" for kind in kinds]))
+    for problem in facts["problems"]:
+        print(f"  {problem}")

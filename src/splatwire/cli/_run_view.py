@@ -1,0 +1,103 @@
+"""Implementation of `splatwire view`: local web page that shows a stream, its losses and their concealment."""
+
+import asyncio
+import sys
+import webbrowser
+
+from splatwire.bitstream import SceneStream, is_stream, read_stream
+from splatwire.cli._background import start_thread
+from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE
+from splatwire.cli._files import input_path, stream_name
+from splatwire.cli._listening import check_port, stop_on_signals
+from splatwire.cli._output import print_json, print_summary
+from splatwire.cli._receiving import transfer_of
+from splatwire.cli.view import View
+from splatwire.data import load_cameras
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.transport import ReceiverOptions
+from splatwire.transport.address import parse_url
+from splatwire.transport.http.content import PageContent
+from splatwire.transport.http.server import PageServer
+from splatwire.types import Cameras
+from splatwire.view import Relay, page_of_relay, page_of_stream
+
+
+def run(command: View) -> None:
+    """Runs `splatwire view` until Ctrl-C."""
+    check_port(command.port)
+    if command.trust.given and "://" not in command.stream:
+        raise InvalidValueError("--fingerprint, --authority and --insecure are for quic://")
+    cameras = None if command.cameras is None else load_cameras(command.cameras)
+    if not command.stream and cameras is None:
+        cameras = load_cameras(ASSETS / CAMERAS)
+    if "://" in command.stream:
+        asyncio.run(_hand_on(command, cameras))
+    else:
+        name = stream_name(command.stream or SCENE)
+        asyncio.run(_serve(command, page_of_stream(name, _read(command), cameras, command.host)))
+
+
+def _read(command: View) -> SceneStream:
+    with input_path(command.stream or str(ASSETS / SCENE)) as path:
+        if not is_stream(path):
+            raise BitstreamError(f"{path} is not a splatwire stream; `splatwire encode` makes one of a scene")
+        return read_stream(path)[0]
+
+
+async def _hand_on(command: View, cameras: Cameras | None) -> None:
+    """Forwards a stream to the page while it is received from another server."""
+    name = parse_url(command.stream).name or "scene"
+    relay = _relay(command)
+    receiving = asyncio.create_task(relay.run())
+    try:
+        await (relay.begun() if cameras is None else relay.headed())
+        if receiving.done():
+            await receiving  # raises its exception
+        if relay.is_live:
+            print(
+                f"splatwire: {command.stream} is live: the page shows what there is when it is loaded", file=sys.stderr
+            )
+        receiving.add_done_callback(lambda task: _warn_of_rest(command.stream, relay) if _went_well(task) else None)
+        await _serve(command, page_of_relay(name, relay, cameras, command.host), receiving)
+    finally:
+        receiving.cancel()
+        await asyncio.gather(receiving, return_exceptions=True)
+
+
+async def _serve(command: View, content: PageContent, receiving: asyncio.Task[None] | None = None) -> None:
+    """Serves the page until a signal, or until receiving fails."""
+    stop = stop_on_signals()
+    if receiving is not None:
+        receiving.add_done_callback(lambda task: None if _went_well(task) else stop.set())
+    async with PageServer(content, command.port) as page:
+        if command.json:
+            print_json({"url": page.url})
+        else:
+            print_summary(f"{page.url} (Ctrl-C ends it)")
+            if command.open:
+                start_thread(
+                    lambda: webbrowser.open(page.url), "browser"
+                )  # a terminal browser blocks until it is closed
+        await stop.wait()
+    if receiving is not None and receiving.done():
+        receiving.result()
+
+
+def _relay(command: View) -> Relay:
+    """Returns the function that receives the stream from the given address."""
+    address = parse_url(command.stream)
+    transfer, options = transfer_of(command.trust, address), ReceiverOptions(name=address.name)
+    return Relay(command.stream, lambda note: transfer(options, note))
+
+
+def _warn_of_rest(url: str, relay: Relay) -> None:
+    """Prints a warning if a transfer ended before everything was received."""
+    if reason := relay.failure():
+        print(
+            f"splatwire: warning: {url}: the stream is incomplete ({reason}); the page shows what arrived",
+            file=sys.stderr,
+        )
+
+
+def _went_well(task: asyncio.Task[None]) -> bool:
+    return not task.cancelled() and task.exception() is None

@@ -1,0 +1,31 @@
+"""Options of `splatwire compare`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from splatwire.cli._options import BackgroundOption, JsonFlag
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Compare files of one scene: bytes, quality against a reference in held-out views, decoding time."""
+
+    files: tyro.conf.Positional[tuple[Path, ...]]
+    """Two or more streams, scene files or files of explicit Gaussians (PLY, SPZ, SOG, ...); one with --reference."""
+    reference: Path | None = None
+    """File whose renders are the references; the first file where absent."""
+    cameras: Path | None = None
+    """Cameras file; 15 views around the reference, from which nothing is fitted, where absent."""
+    views: int | None = None
+    """Maximum number of views, spread evenly; all where absent."""
+    renderer: str = "cpu"
+    """Renderer: cpu, reference or gsplat."""
+    background: BackgroundOption = None
+    """RGB from 0 to 1 behind all pictures; the background of the reference where absent."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Folder for an HTML report with pictures and difference pictures."""
+    json: JsonFlag = False
+    """Print one JSON object."""

@@ -1,0 +1,13 @@
+from splatwire.bitstream.sections import add_concealment as add_concealment
+from splatwire.bitstream.sections import side_info_parts as side_info_parts
+from splatwire.bitstream.sections import without_concealment as without_concealment
+from splatwire.codec.anchors.order import scene_in_order as scene_in_order
+from splatwire.codec.decoding import decode_stream as decode_stream
+from splatwire.codec.encoding import can_repack as can_repack
+from splatwire.codec.encoding import encode_scene as encode_scene
+from splatwire.codec.encoding import into_datagrams as into_datagrams
+from splatwire.codec.encoding import repack as repack
+from splatwire.codec.progressive import ProgressiveDecoder as ProgressiveDecoder
+from splatwire.codec.registry import register_schema as register_schema
+from splatwire.codec.registry import schema_named as schema_named
+from splatwire.codec.registry import schema_of as schema_of

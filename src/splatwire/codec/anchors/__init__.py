@@ -1,0 +1,1 @@
+"""Schemas of neural anchors: HAC++ streams (format 1) and the causal model (format 2)."""

@@ -1,0 +1,261 @@
+"""Numba kernels of schema `causal`: conversions between networks and coder, and the symbols of many packets at once.
+
+Arrays of anchors are ordered packet by packet; `starts[p]:starts[p + 1]` are the anchors of packet p. A packet contains
+the positions of its anchors, then their attributes stage by stage. The attributes of a stage are predicted at once
+(`context.Stage`). Masks, which indicate the offsets that exist, precede the stage of the scale. Only existing offsets
+are coded. `tests/reference/causal_packets.py` is the same in plain torch.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec.anchors.causal._place_kernels import encode_place, place_bits
+from splatwire.codec.fixed_point import ACTIVATION_LIMIT
+from splatwire.entropy.normal_kernels import ESCAPE, NORMAL, cumulative, decode_symbol, encode_symbol, window
+from splatwire.entropy.range_kernels import (
+    ONE,
+    ZERO,
+    decode_advance,
+    decode_target,
+    decoder_start,
+    encode_interval,
+    encoder_finish,
+    encoder_start,
+)
+from splatwire.entropy.tables import TOTAL_BITS
+from splatwire.ops.compiled import njit
+
+BYTES_PER_SYMBOL = 12
+"""Buffer space per symbol, bytes. The longest code is an escape of 86 bits."""
+INPUT_SHIFT = 4
+"""Right shift from numbers with 16 fractional bits to network inputs with 14, which also divides by four."""
+PLACE_SYMBOLS = 3
+"""Buffer space of a position, in symbols; a position takes at most 29 bytes."""
+LARGEST_SYMBOL = (1 << 14) - (1 << 10)
+MASK_BITS = np.int64(16)
+MASK_ROOM = np.int64(32)
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def activate(numbers, inputs):
+    """Converts quantised attributes of anchors to network inputs, clipped to the range of activations."""
+    for n in range(numbers.shape[0]):
+        for c in range(numbers.shape[1]):
+            value = np.int64(numbers[n, c]) >> INPUT_SHIFT
+            inputs[n, c] = min(max(value, -ACTIVATION_LIMIT), ACTIVATION_LIMIT)
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def scale_indices(spreads, powers, indices):
+    """Converts logarithms of standard deviations to indices into the entropy coder's scale table.
+
+    An index is 16 times the octave, plus the position within the octave in sixteenths.
+
+    Args:
+        spreads: Binary logarithms of standard deviations, 16 fractional bits.
+        powers: Table `exp2_table(8, 20)`.
+        indices: Output, same shape as `spreads`.
+    """
+    for n in range(spreads.shape[0]):
+        for c in range(spreads.shape[1]):
+            spread = np.int64(spreads[n, c]) + (6 << 16)
+            fraction = (powers[(spread >> 8) & 255] - (1 << 20)) >> 16
+            indices[n, c] = min(max(((spread >> 16) << 4) + fraction, 0), 319)
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def add_symbols(symbols, outputs, first, numbers):
+    """Dequantises symbols: adds them, in quantisation steps, to the means that the network predicts.
+
+    Args:
+        symbols: Symbols of one stage, (n, size).
+        outputs: Outputs of the stage's network, 16 fractional bits.
+        first: First column of the means in `outputs`.
+        numbers: Output: attributes in quantisation steps, 16 fractional bits, (n, size).
+    """
+    for n in range(numbers.shape[0]):
+        for c in range(numbers.shape[1]):
+            symbol = min(max(np.int64(symbols[n, c]), -LARGEST_SYMBOL), LARGEST_SYMBOL)
+            numbers[n, c] = np.int64(outputs[n, first + c]) + (symbol << 16)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def mask_size(weights, logit):
+    """Returns the probability that an offset exists, in units of 2**-16.
+
+    Args:
+        weights: Table of the logistic function, the probability for each of 256 quantised logits.
+        logit: Predicted logit, 16 fractional bits.
+    """
+    index = min(max(((np.int64(logit) + 2048) >> 12) + 128, 0), 255)
+    return min(max(weights[index], MASK_ROOM), (1 << 16) - MASK_ROOM)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _encode_packet(
+    begin, end, codes, unknown, chances, masks, logits, symbols, scales, firsts, form, weights, inverses, widths, table,
+    out, state,
+):  # fmt: skip
+    """Encodes the anchors from `begin` to `end` (exclusive) to `out`; returns the number of bytes.
+
+    `state` is the state of the range coder. See `encode_packets` for the other arguments.
+    """
+    last = len(firsts) - 2
+    encoder_start(state)
+    for n in range(begin, end):
+        encode_place(out, state, codes[n], unknown[n], chances)
+    for s in range(len(firsts) - 1):
+        if s == form:
+            for n in range(begin, end):
+                for k in range(masks.shape[1]):
+                    size = mask_size(weights, logits[n, k])
+                    if masks[n, k]:
+                        encode_interval(out, state, ZERO, size, MASK_BITS)
+                    else:
+                        encode_interval(out, state, size, (ONE << MASK_BITS) - size, MASK_BITS)
+        for n in range(begin, end):
+            for c in range(firsts[s], firsts[s + 1]):
+                if s < last or masks[n, (c - firsts[s]) // 3]:
+                    encode_symbol(
+                        out, state, np.int64(symbols[n, c]), ZERO, np.int64(scales[n, c]), ZERO, ZERO, NORMAL,
+                        inverses, widths, table,
+                    )  # fmt: skip
+    return encoder_finish(out, state)
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def encode_packets(
+    starts, codes, unknown, chances, masks, logits, symbols, scales, firsts, form, weights, inverses, widths, table,
+    buffer, lengths,
+):  # fmt: skip
+    """Encodes all packets, each into its own part of `buffer`, and writes their sizes in bytes to `lengths`.
+
+    Args:
+        starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
+        codes: Morton codes of the anchors' positions (`places.Places`).
+        unknown: Number of low bits of each Morton code that the packet contains (`places.Places`).
+        chances: Probabilities of these bits (`places.SharedPlaces`).
+        masks: 1 for offsets that exist (`packet_coder.Quantised`).
+        logits: Predicted logits of the masks (`packet_coder.Quantised`).
+        symbols: Quantised attributes, relative to the predicted means (`packet_coder.Quantised`).
+        scales: Scale table index of each symbol (`packet_coder.Quantised`).
+        firsts: Stage s codes the columns of `symbols` from `firsts[s]` to `firsts[s + 1]` (exclusive). The last stage
+            codes the offsets.
+        form: Index of the stage before which the masks are coded.
+        weights: Table of probabilities by logit, see `mask_size`.
+        inverses: Table of the entropy coder, see `entropy.coder.tables`.
+        widths: Table of the entropy coder, see `entropy.coder.tables`.
+        table: Table of the entropy coder, see `entropy.coder.tables`.
+        buffer: Output bytes.
+        lengths: Output: size of each packet in bytes.
+    """
+    room, state = (masks.shape[1] + symbols.shape[1] + PLACE_SYMBOLS) * BYTES_PER_SYMBOL, np.empty(3, np.int64)
+    for p in range(len(starts) - 1):
+        lengths[p] = _encode_packet(
+            starts[p], starts[p + 1], codes, unknown, chances, masks, logits, symbols, scales, firsts, form, weights,
+            inverses, widths, table, buffer[starts[p] * room + 64 * p :], state,
+        )  # fmt: skip
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def anchor_bits(
+    codes, unknown, chances, masks, logits, symbols, scales, offsets, weights, inverses, widths, table, bits
+):
+    """Estimates the code length of each anchor and writes it to `bits`.
+
+    `offsets` is the index of the first column of `symbols` with offsets. See `encode_packets` for the other arguments.
+    """
+    for n in range(masks.shape[0]):
+        total = place_bits(codes[n], unknown[n], chances)
+        for k in range(masks.shape[1]):
+            size = mask_size(weights, logits[n, k])
+            total += 16.0 - np.log2(float(size if masks[n, k] else 65536 - size))
+        for c in range(symbols.shape[1]):
+            if c >= offsets and not masks[n, (c - offsets) // 3]:
+                continue
+            symbol, scale = np.int64(symbols[n, c]), np.int64(scales[n, c])
+            low, high = window(ZERO, scale, ZERO, ZERO, NORMAL, widths)
+            if low <= symbol <= high:
+                inverse = inverses[scale]
+                a = cumulative(symbol, low, high, ZERO, inverse, ZERO, inverse, NORMAL, table)
+                b = cumulative(symbol + 1, low, high, ZERO, inverse, ZERO, inverse, NORMAL, table)
+                total += TOTAL_BITS - np.log2(float(b - a))
+            else:
+                excess = symbol - high - 1 if symbol > high else low - 1 - symbol
+                total += TOTAL_BITS - np.log2(float(ESCAPE)) + 2.0 + 2.0 * np.floor(np.log2(float(excess + 1)))
+        bits[n] = total
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def start_packets(data, ends, states):
+    """Initialises the range decoder of every packet.
+
+    Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`; the states are written to `states`.
+    """
+    for p in range(states.shape[0]):
+        decoder_start(data, ends[p], ends[p + 1], states[p])
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def decode_masks(data, ends, starts, states, logits, weights, masks):
+    """Decodes the offset masks of the anchors of all packets.
+
+    Args:
+        data: Bytes of all packets.
+        ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
+        starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
+        states: State of the range decoder of each packet, changed in place.
+        logits: Predicted logits of the masks.
+        weights: Table of probabilities by logit, see `mask_size`.
+        masks: Output: 1 for offsets that exist, else 0.
+    """
+    for p in range(states.shape[0]):
+        for n in range(starts[p], starts[p + 1]):
+            for k in range(masks.shape[1]):
+                size = mask_size(weights, logits[n, k])
+                exists = decode_target(states[p], MASK_BITS) < size
+                masks[n, k] = 1 if exists else 0
+                if exists:
+                    decode_advance(data, ends[p + 1], states[p], ZERO, size, MASK_BITS)
+                else:
+                    decode_advance(data, ends[p + 1], states[p], size, (ONE << MASK_BITS) - size, MASK_BITS)
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def decode_stage(data, ends, starts, states, scales, coded, inverses, widths, table, symbols):
+    """Decodes the attributes of one stage (attributes that are predicted together) for the anchors of all packets.
+
+    Args:
+        data: Bytes of all packets.
+        ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
+        starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
+        states: State of the range decoder of each packet, changed in place.
+        scales: Scale table index of each symbol.
+        coded: Mask of the coded symbols. Each entry applies to three columns, because an offset has three coordinates:
+            `coded[n, k]` is True if the packet contains columns 3 k to 3 k + 2 of anchor n.
+        inverses: Table of the entropy coder, see `entropy.coder.tables`.
+        widths: Table of the entropy coder, see `entropy.coder.tables`.
+        table: Table of the entropy coder, see `entropy.coder.tables`.
+        symbols: Output: symbols; 0 for symbols that are not coded.
+    """
+    for p in range(states.shape[0]):
+        for n in range(starts[p], starts[p + 1]):
+            for c in range(scales.shape[1]):
+                symbols[n, c] = 0
+                if coded[n, c // 3]:
+                    symbol = decode_symbol(
+                        data, ends[p + 1], states[p], ZERO, np.int64(scales[n, c]), ZERO, ZERO, NORMAL,
+                        inverses, widths, table,
+                    )  # fmt: skip
+                    symbols[n, c] = min(max(symbol, -LARGEST_SYMBOL), LARGEST_SYMBOL)  # malformed: up to 33 bits

@@ -1,0 +1,270 @@
+"""Numba kernels of positions: a tree over sorted Morton codes for the side information, the low bits for packets.
+
+A node of the tree is a range of Morton codes that agree in all higher bits. It is divided by the next bit. One bit
+indicates that all Morton codes of the node agree in the next bit, too. Otherwise, the number of Morton codes whose next
+bit is 0 is coded. A node of at most `leaf` Morton codes is not divided further.
+
+A packet contains the low bits of each anchor's Morton code as triples (one bit per axis). The index of the lowest
+non-zero triple is coded in unary, because anchors lie on grids of several widths. The bits above this triple follow as
+raw bits, then the triple itself, one of seven.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec._geometry_kernels import split
+from splatwire.entropy.range_kernels import (
+    ONE,
+    RAW_BITS,
+    ZERO,
+    decode_advance,
+    decode_below,
+    decode_bit,
+    decode_bits,
+    decode_raw,
+    decode_target,
+    decoder_start,
+    encode_below,
+    encode_bit,
+    encode_bits,
+    encode_interval,
+    encode_raw,
+    encoder_finish,
+    encoder_start,
+)
+from splatwire.ops.compiled import njit
+
+CHANCE_BITS = np.int64(8)
+DEPTH = 65
+RUNS = 4
+SIZES = 8
+NUM_CONTEXTS = SIZES * RUNS
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _context(n, run):
+    size = 0
+    while n >> (size + 1) and size < SIZES:
+        size += 1
+    return (size - 1) * RUNS + run
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _coarse(count):
+    """Returns the number of low bits of a number below `count` that are coded as raw bits.
+
+    Probability intervals have at most 16 bits, so larger numbers are split.
+    """
+    shift = 0
+    while ((count - 1) >> shift) >> RAW_BITS:
+        shift += 1
+    return shift
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def encode_tree(codes, bits, leaf, models, buffer):
+    """Encodes the positions of all anchors, given as sorted Morton codes, as a binary tree.
+
+    Args:
+        codes: Morton codes, ascending, int64 (N).
+        bits: Number of bits of a Morton code.
+        leaf: Maximum number of Morton codes of a node that is not divided further.
+        models: Adaptive bit models, changed in place.
+        buffer: Output bytes.
+
+    Returns:
+        Number of bytes written to `buffer`.
+    """
+    state, stack, top = np.empty(3, np.int64), np.empty((DEPTH, 4), np.int64), 0
+    encoder_start(state)
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0, len(codes), bits - 1, 0
+    while top >= 0:
+        begin, end, bit, run = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
+        n = end - begin
+        top -= 1
+        if bit < 0 or n <= leaf:
+            continue
+        middle = split(codes, begin, end, bit)
+        together = np.int64(1 if middle in (begin, end) else 0)
+        encode_bit(buffer, state, models, _context(n, run), together)
+        if together:
+            encode_raw(buffer, state, np.int64(1 if middle == end else 0))
+        else:
+            number, shift = middle - begin - 1, _coarse(n - 1)
+            encode_below(buffer, state, number >> shift, ((n - 2) >> shift) + 1)
+            if shift:
+                encode_interval(buffer, state, number & ((ONE << shift) - 1), ONE, shift)
+        run = min(run + 1, RUNS - 1) if together else 0
+        top += 2
+        stack[top - 1, 0], stack[top - 1, 1], stack[top - 1, 2], stack[top - 1, 3] = middle, end, bit - 1, run
+        stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = begin, middle, bit - 1, run
+    return encoder_finish(buffer, state)
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def decode_tree(data, bits, leaf, models, codes, unknown):
+    """Decodes the tree written by `encode_tree`.
+
+    The tree does not contain the low bits of Morton codes in leaves; these bits are estimated.
+
+    Args:
+        data: Bytes of the tree.
+        bits: Number of bits of a Morton code.
+        leaf: Maximum number of Morton codes of a node that is not divided further.
+        models: Adaptive bit models, changed in place.
+        codes: Output: Morton codes, ascending, int64 (N).
+        unknown: Output: number of low bits of each Morton code that are only estimated, int64 (N).
+    """
+    state, stack, top = np.empty(3, np.int64), np.empty((DEPTH, 5), np.int64), 0
+    decoder_start(data, ZERO, len(data), state)
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3], stack[0, 4] = 0, len(codes), bits - 1, 0, 0
+    while top >= 0:
+        begin, end, bit, run = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
+        n, prefix = end - begin, stack[top, 4]
+        top -= 1
+        if bit < 0 or n <= leaf:
+            for i in range(begin, end):
+                codes[i] = (prefix << (bit + 1)) | center_of_part(i - begin, n, bit + 1)
+                unknown[i] = bit + 1
+            continue
+        together = decode_bit(data, len(data), state, models, _context(n, run))
+        if together:
+            zeros = n if decode_raw(data, len(data), state) else 0
+        else:
+            shift = _coarse(n - 1)
+            number = decode_below(data, len(data), state, ((n - 2) >> shift) + 1)
+            if shift:
+                low = decode_target(state, shift)
+                decode_advance(data, len(data), state, low, ONE, shift)
+                number = (number << shift) | low
+            zeros = 1 + min(number, n - 2)
+        run = min(run + 1, RUNS - 1) if together else 0
+        top += 2
+        stack[top - 1, 0], stack[top - 1, 1], stack[top - 1, 2] = begin + zeros, end, bit - 1
+        stack[top - 1, 3], stack[top - 1, 4] = run, (prefix << 1) | 1
+        stack[top, 0], stack[top, 1], stack[top, 2] = begin, begin + zeros, bit - 1
+        stack[top, 3], stack[top, 4] = run, prefix << 1
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def center_of_part(i, n, bits):
+    """Estimates the low bits of a Morton code in a leaf of the tree, which the side information does not contain.
+
+    The range of possible values is divided into n equal parts, and the estimate is the centre of part i.
+
+    Args:
+        i: Index of the Morton code in the leaf, in ascending order.
+        n: Number of Morton codes in the leaf.
+        bits: Number of unknown low bits.
+    """
+    depth = 0
+    while (n - 1) >> depth:
+        depth += 1
+    value, shift = (((np.int64(i) << depth) // n) << 3) | 7, bits - depth - 3
+    return value << shift if shift >= 0 else value >> -shift
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def encode_place(out, state, code, unknown, chances):
+    """Encodes the low bits of the Morton code of an anchor's position, which the side information does not contain.
+
+    Args:
+        out: Output bytes of the range encoder.
+        state: State of the range encoder, changed in place.
+        code: Morton code of the anchor's position.
+        unknown: Number of low bits to encode.
+        chances: Table of probabilities, see `SharedPlaces.chances`.
+    """
+    rest, triples = code & ((ONE << unknown) - 1), (unknown + 2) // 3
+    level = np.int64(0)
+    while level < triples and not (rest >> (3 * level)) & 7:
+        stop = chances[triples, level]
+        encode_interval(out, state, stop, (ONE << CHANCE_BITS) - stop, CHANCE_BITS)
+        level += 1
+    if level == triples:
+        return
+    encode_interval(out, state, ZERO, chances[triples, level], CHANCE_BITS)
+    left = unknown - 3 * level
+    low = min(left, 3)
+    encode_bits(out, state, rest >> (3 * level + low), left - low)
+    if low > 1:
+        others = (ONE << low) - 1
+        encode_below(out, state, ((rest >> (3 * level)) & others) - 1, others)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def decode_place(data, end, state, code, unknown, chances):
+    """Decodes the low bits of an anchor's Morton code, written by `encode_place`; returns the complete Morton code.
+
+    Args:
+        data: Input bytes of the range decoder.
+        end: End of the packet in `data`.
+        state: State of the range decoder, changed in place.
+        code: Morton code with estimated low bits, which are replaced.
+        unknown: Number of low bits to decode.
+        chances: Table of probabilities, see `SharedPlaces.chances`.
+    """
+    triples, level = (unknown + 2) // 3, np.int64(0)
+    while level < triples:
+        stop = chances[triples, level]
+        if decode_target(state, CHANCE_BITS) < stop:
+            decode_advance(data, end, state, ZERO, stop, CHANCE_BITS)
+            break
+        decode_advance(data, end, state, stop, (ONE << CHANCE_BITS) - stop, CHANCE_BITS)
+        level += 1
+    known = (code >> unknown) << unknown
+    if level == triples:
+        return known
+    left = unknown - 3 * level
+    low = min(left, 3)
+    rest = decode_bits(data, end, state, left - low)
+    value = decode_below(data, end, state, (ONE << low) - 1) if low > 1 else ZERO
+    return known | (((rest << low) | (value + 1)) << (3 * level))
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def place_bits(code, unknown, chances):
+    """Returns the number of bits that `encode_place` needs for an anchor's position, float64.
+
+    Args:
+        code: Morton code of the anchor's position.
+        unknown: Number of low bits of the Morton code that are coded; the side information contains the others.
+        chances: Table of probabilities, see `SharedPlaces.chances`.
+    """
+    rest, triples, total = code & ((ONE << unknown) - 1), (unknown + 2) // 3, 0.0
+    for level in range(triples):
+        stop = chances[triples, level]
+        if (rest >> (3 * level)) & 7:
+            left = unknown - 3 * level
+            low = min(left, 3)
+            return total + 8.0 - np.log2(float(stop)) + left - low + np.log2(float((1 << low) - 1))
+        total += 8.0 - np.log2(256.0 - stop)
+    return total
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def decode_places(data, ends, starts, states, codes, unknown, chances):
+    """Decodes the low bits of the Morton codes of all packets' anchors, which the side information does not contain.
+
+    Args:
+        data: Bytes of all packets.
+        ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
+        starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
+        states: State of the range decoder of each packet, changed in place.
+        codes: Morton codes of all anchors; estimated low bits are replaced by the decoded bits.
+        unknown: Number of low bits to decode for each anchor.
+        chances: Table of probabilities, see `SharedPlaces.chances`.
+    """
+    for p in range(states.shape[0]):
+        for n in range(starts[p], starts[p + 1]):
+            codes[n] = decode_place(data, ends[p + 1], states[p], codes[n], unknown[n], chances)

@@ -1,0 +1,213 @@
+"""Integer arithmetic of the causal model: predicts table indices of the entropy coder from decoded attributes.
+
+Everything is integer arithmetic; matrix products use float64, which represents every partial sum exactly. An anchor's
+predictions depend only on its own position and its previously decoded numbers. `tests/reference/causal_packets.py` is
+the same in plain torch.
+"""
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.codec import _network_kernels
+from splatwire.codec.anchors.causal import _kernels as kernels
+from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo
+from splatwire.codec.fixed_point import ACTIVATION_BITS
+from splatwire.codec.integer_network import IntegerMlp
+from splatwire.entropy.tables import exp2_table
+from splatwire.types.causal_coding import OCTAVES, CausalConfig
+
+ONE = 1 << ACTIVATION_BITS
+NUMBER_BITS = 16
+"""Fractional bits of an anchor's attributes, in units of quantisation steps."""
+LARGEST = (1 << 30) - (1 << 26)
+"""Largest magnitude of an anchor's quantised attributes: 15,360 quantisation steps."""
+EXP2_CELLS = 10
+"""log2 of the number of cells per octave in the table of powers of two, with linear interpolation."""
+EXP2_BITS = 40
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Attributes of an anchor that one network predicts at once, given the attributes of earlier stages.
+
+    Attributes:
+        name: Name of the network that predicts them.
+        first: Column of the first attribute value.
+        size: Number of columns.
+        masks: Number of mask logits (one per offset) among the network outputs, before means and spreads; 0 in stages
+            without masks.
+    """
+
+    name: str
+    first: int
+    size: int
+    masks: int = 0
+
+
+def stages(config: CausalConfig) -> tuple[Stage, ...]:
+    """Returns the stages of an anchor in coding order: feature groups, logarithms of scale and size, offsets."""
+    found, first = [], 0
+    for group, size in enumerate(config.layout.feature_groups):
+        found.append(Stage(f"feature{group}", first, size))
+        first += size
+    return (
+        *found,
+        Stage("form", first, 1, config.layout.num_offsets),
+        Stage("size", first + 1, 3),
+        Stage("offset", first + 4, 3 * config.layout.num_offsets),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class CodingContext:
+    """Networks and constants for prediction, shared by encoder and decoder.
+
+    Attributes:
+        config: Shape of the model.
+        middle: int64 (3), centre of the scene, voxels.
+        spread: int64 (3), extent of the scene, voxels.
+        networks: Networks by name.
+        chances: Probabilities of position bits, int64, see `SharedPlaces`.
+    """
+
+    config: CausalConfig
+    middle: np.ndarray
+    spread: np.ndarray
+    networks: dict[str, IntegerMlp]
+    chances: np.ndarray
+
+    @staticmethod
+    def of(info: SideInfo) -> "CodingContext":
+        """Creates the context from side information, with networks converted to integers."""
+        networks = {name: network.integer() for name, network in info.networks.items()}
+        return CodingContext(info.config, info.middle, info.spread, networks, info.places.chances)
+
+    @functools.cached_property
+    def stages(self) -> tuple[Stage, ...]:
+        """Stages (attributes predicted together) of an anchor, in coding order."""
+        return stages(self.config)
+
+    def start(self, voxels: np.ndarray) -> "Chain":
+        """Evaluates the position network for anchors, given their voxels, int64 (n, 3)."""
+        return Chain(self, self.networks["position"](place_activations(voxels, self.middle, self.spread)))
+
+
+class Chain:
+    """Prediction of anchors, one group of attributes (stage) after another.
+
+    The attributes of a stage are inputs of the networks that predict later stages.
+
+    Args:
+        context: The coding context.
+        place: Outputs of the position network for n anchors, int32 (n, context).
+    """
+
+    def __init__(self, context: CodingContext, place: np.ndarray) -> None:
+        config = context.config
+        self._context = context
+        self._known = np.empty((len(place), config.context_dim + config.layout.feature_dim + 4))
+        self.place = np.empty((len(place), config.context_dim))
+        _network_kernels.narrow(place, self.place)
+        self._known[:, : config.context_dim] = self.place
+
+    def outputs(self) -> Iterator[tuple[Stage, np.ndarray]]:
+        """Yields each stage (group of attributes) in coding order with the outputs of its network, int32.
+
+        The caller must pass the attributes of a stage to `add_numbers` before the next stage is requested.
+        """
+        for stage in self._context.stages:
+            network = self._context.networks[stage.name]
+            yield stage, network(self._known[:, : self._context.config.context_dim + stage.first])
+
+    def add_numbers(self, stage: Stage, numbers: np.ndarray) -> None:
+        """Adds the quantised attributes of a stage, int32 (n, size), to the network inputs of later stages.
+
+        A stage is a group of attributes that one network predicts.
+
+        Offsets, the last stage, are not inputs.
+        """
+        first = self._context.config.context_dim + stage.first
+        if first < self._known.shape[1]:
+            kernels.activate(numbers, self._known[:, first : first + stage.size])
+
+
+def place_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Computes the inputs of the position network: contracted coordinates and a positional encoding of them.
+
+    The encoding consists of triangle waves with doubling frequencies.
+
+    Args:
+        voxels: Positions of the anchors, voxels, int64 (n, 3).
+        middle: Centre of the scene, voxels, int64 (3).
+        spread: Extent of the scene, voxels, above 0, int64 (3).
+
+    Returns:
+        float64 (n, 3 (1 + octaves)) whole numbers, `ACTIVATION_BITS` fractional bits.
+    """
+    away = np.clip(voxels - middle, -(1 << 40), 1 << 40)
+    relative = (away << ACTIVATION_BITS) // spread
+    contracted = (np.clip(relative, -(1 << 40), 1 << 40) << ACTIVATION_BITS) // (ONE + np.abs(relative))
+    waves = [contracted]
+    for octave in range(1, OCTAVES + 1):
+        waves.append(np.abs((((contracted << octave) - ONE) & (4 * ONE - 1)) - 2 * ONE) - ONE)
+    return np.concatenate(waves, axis=1).astype(np.float64)
+
+
+def scale_indices(spreads: np.ndarray) -> np.ndarray:
+    """Converts binary logarithms of standard deviations (in quantisation steps) to scale table indices, int16.
+
+    Args:
+        spreads: int32, `OUTPUT_BITS` fractional bits.
+    """
+    indices = np.empty(spreads.shape, dtype=np.int16)
+    kernels.scale_indices(spreads, exp2_table(8, 20), indices)
+    return indices
+
+
+def linear_values(numbers: np.ndarray, step: float | np.ndarray) -> np.ndarray:
+    """Dequantises features or offsets: multiplies them by the quantisation step.
+
+    The product is rounded once to float64 and once to float32, so that it is identical on every machine.
+
+    Args:
+        numbers: Features or offsets in quantisation steps, int32 (n, D), `NUMBER_BITS` fractional bits.
+        step: Quantisation step of all columns, or one step for each column.
+
+    Returns:
+        float32 (n, D).
+    """
+    return (numbers.astype(np.float64) * (step * 2.0**-NUMBER_BITS)).astype(np.float32)
+
+
+def form_logs(numbers: np.ndarray, info: SideInfo) -> np.ndarray:
+    """Dequantises the four logarithms from which the scalings of an anchor are computed.
+
+    Column 0 is the scale of the anchor's offsets, equal on all axes. Columns 1 to 3 are the base sizes of its
+    Gaussians, one per axis.
+
+    Args:
+        numbers: Quantised logarithms, int32 (n, 4), in quantisation steps with `NUMBER_BITS` fractional bits.
+        info: Side information, which contains the quantisation steps and zero points of the logarithms.
+
+    Returns:
+        Binary logarithms, int64 (n, 4), `LOG_BITS` fractional bits.
+    """
+    step = info.log_steps[[0, 1, 1, 1]]
+    return ((numbers.astype(np.int64) * step) >> NUMBER_BITS) + info.centres
+
+
+def exponential(logs: np.ndarray) -> np.ndarray:
+    """Returns two to the power of fixed-point logarithms, float32, identical on every machine.
+
+    Args:
+        logs: int64, `LOG_BITS` fractional bits; clipped to 2**-60 to 2**60.
+    """
+    logs = np.clip(logs, -60 << LOG_BITS, 60 << LOG_BITS)
+    whole, rest = logs >> LOG_BITS, logs & ((1 << LOG_BITS) - 1)
+    table, shift = exp2_table(EXP2_CELLS, EXP2_BITS), LOG_BITS - EXP2_CELLS
+    cell, fraction = rest >> shift, rest & ((1 << shift) - 1)
+    mantissa = table[cell] + (((table[cell + 1] - table[cell]) * fraction) >> shift)
+    return np.ldexp(mantissa.astype(np.float64), (whole - EXP2_BITS).astype(np.int32)).astype(np.float32)

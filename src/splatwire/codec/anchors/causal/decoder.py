@@ -1,0 +1,180 @@
+"""Decoder of schema `causal`."""
+
+import math
+
+import numpy as np
+
+from splatwire.bitstream import Manifest
+from splatwire.codec.anchors.causal.context import NUMBER_BITS, CodingContext, exponential, form_logs, linear_values
+from splatwire.codec.anchors.causal.packet_coder import anchor_rows, decode_packets, expected
+from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info
+from splatwire.codec.anchors.order import AnchorDecoder
+from splatwire.codec.background import BACKGROUND
+from splatwire.codec.fixed_point import ACTIVATION_BITS
+from splatwire.codec.heads import network_of
+from splatwire.codec.memory import check_memory
+from splatwire.codec.metadata import read_metadata
+from splatwire.codec.named_sections import concealer_sections
+from splatwire.codec.schema import Rows, Run
+from splatwire.errors import BitstreamError, MissingSideInfoError
+from splatwire.types import (
+    Anchors,
+    AnchorScene,
+    Attribute,
+    AttributePrior,
+    CausalCoding,
+    Erasures,
+    ExpectedPlaces,
+    GaussianHeads,
+    Prior,
+    ReceivedScene,
+)
+from splatwire.types.causal_coding import CausalConfig
+
+_SCALINGS = [0, 0, 0, 1, 2, 3]
+"""Index of the logarithm, out of an anchor's four, for each of its six scalings."""
+PLACE_BYTES = 32
+"""Memory of an anchor's position in the side information, bytes; its decoded form takes four times that."""
+
+
+def _width(config: CausalConfig) -> int:
+    """Returns the number of attribute values of an anchor."""
+    return config.layout.feature_dim + 6 + 3 * config.layout.num_offsets
+
+
+def _row_bytes(info: SideInfo) -> int:
+    """Returns the memory of an anchor during decoding, bytes.
+
+    Counts the inputs, hidden units and outputs of the largest network, and the quantised attributes.
+    """
+    hidden = max(len(network.hidden.symbols) for network in info.networks.values())
+    outputs = max(len(network.output.symbols) for network in info.networks.values())
+    inputs = 2 * info.config.context_dim + info.config.layout.feature_dim + 4
+    return 8 * (inputs + hidden + outputs) + 8 * (outputs + _width(info.config)) + 128
+
+
+class CausalDecoder(AnchorDecoder):
+    """Decodes streams of anchors that were encoded with the causal model.
+
+    Args:
+        manifest: The stream's manifest.
+        side_info: Its side information.
+        num_bytes: Number of received bytes of the stream, which determines the memory limit (`splatwire.codec.memory`).
+
+    Raises:
+        MissingSideInfoError: If there is no side information.
+        BitstreamError: If the side information is damaged, or has too many anchors for the memory limit.
+    """
+
+    def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
+        if not side_info:
+            raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
+        if manifest.packetization.order != "morton":
+            raise BitstreamError("anchors of the causal model are in Morton order, and the manifest says otherwise")
+        num = manifest.num_elements
+        check_memory(num * PLACE_BYTES, num_bytes, f"reading the places of {num:,} anchors")
+        info = read_side_info(side_info, num)
+        super().__init__(manifest, info.sections)
+        layout = info.config.layout
+        self._info, self._context = info, CodingContext.of(info)
+        self._features, self._offsets = layout.feature_dim, layout.num_offsets
+        self._step = np.repeat(info.steps[:-1], layout.feature_groups)
+        self.row_bytes = 4 * (3 + 4 * self._offsets + self._features + 4)
+        self.scene_bytes = self._num * (4 * PLACE_BYTES + 4 * (3 * _width(info.config) + info.config.context_dim))
+        self.chunk_bytes = _row_bytes(info)
+
+    def allocate(self) -> None:
+        """Allocates arrays for all anchors, zero for missing anchors."""
+        num, info = self._num, self._info
+        self._received = np.zeros((num, len(Attribute)), dtype=np.bool_)
+        self._mask = np.zeros((num, self._offsets), dtype=np.bool_)
+        widths = {"feature": self._features, "scaling": 6, "offset": 3 * self._offsets}
+        self._values = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
+        self._means = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
+        self._spreads = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
+        self._place = np.zeros((num, info.config.context_dim), dtype=np.float32)
+        self._guessed = self._positions_of(info.places.known.voxels)
+        self._positions = self._guessed.copy()
+
+    def predict(self, ranks: np.ndarray) -> None:
+        """Predicts the anchors with the given indices in coding order (ranks) from their positions alone."""
+        place, means, spreads = expected(self._context, self._info.places.known.select(ranks).voxels)
+        self._place[ranks] = place * 2.0**-ACTIVATION_BITS
+        deviations = np.exp2(np.clip(spreads * 2.0**-NUMBER_BITS, -6, 13))
+        for name, values in self._attributes(means).items():
+            self._means[name][ranks] = values
+        logs = deviations[:, self._features : self._features + 4] * self._info.log_steps[[0, 1, 1, 1]]
+        relative = logs[:, _SCALINGS] * (math.log(2) * 2.0**-LOG_BITS)
+        self._spreads["feature"][ranks] = deviations[:, : self._features] * self._step
+        self._spreads["scaling"][ranks] = self._means["scaling"][ranks] * relative
+        self._spreads["offset"][ranks] = deviations[:, self._features + 4 :] * self._info.steps[-1]
+
+    def decode(self, run: Run) -> Rows:
+        """Decodes packets; returns all integers of their anchors, packet by packet."""
+        places = self._info.places.known.select(run.ranks)
+        return (anchor_rows(*decode_packets(self._context, places, run.counts, run.payloads)),)
+
+    def store(self, run: Run, rows: Rows) -> None:
+        """Writes the dequantised attributes of decoded anchors."""
+        ranks = run.ranks
+        place, mask, numbers = np.split(rows[0], [3, 3 + self._offsets], axis=1)
+        self._received[ranks], self._mask[ranks] = True, mask
+        self._positions[ranks] = self._positions_of(place + self._info.places.known.origin)
+        for name, values in self._attributes(numbers).items():
+            self._values[name][ranks] = values
+
+    def _positions_of(self, voxels: np.ndarray) -> np.ndarray:
+        """World coordinates of voxels, float32 (n, 3)."""
+        return (voxels.astype(np.float64) * self._info.voxel_size).astype(np.float32)
+
+    def _attributes(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
+        """Dequantises decoded anchors; returns the attribute arrays (feature, scaling, offset) by name."""
+        feature, form, offset = np.split(numbers, [self._features, self._features + 4], axis=1)
+        return {
+            "feature": linear_values(feature, self._step),
+            "scaling": exponential(form_logs(form, self._info))[:, _SCALINGS],
+            "offset": linear_values(offset, self._info.steps[-1]),
+        }
+
+    def scene(self) -> ReceivedScene[AnchorScene]:
+        """Returns the scene, which shares memory with the arrays, and the stream's metadata."""
+        info, values = self._info, self._values
+        offsets = values["offset"].reshape(len(self._positions), self._offsets, 3)
+        positions, mask = self._positions, self._mask
+        anchors = Anchors(positions, values["feature"], values["scaling"], offsets, mask)
+        heads = GaussianHeads(*(network_of(head) for head in info.heads))
+        scene = AnchorScene(
+            anchors,
+            heads,
+            self._coding(),
+            background=BACKGROUND.read(info.sections),
+            metadata=read_metadata(info.sections),
+        )
+        left = concealer_sections(info.sections)
+        guessed = ExpectedPlaces(self._guessed)
+        records = (self._prior(), info.config.layout, guessed, *self._records)
+        return ReceivedScene(scene, Erasures(self._received), left, records)
+
+    def _coding(self) -> CausalCoding:
+        info, unit = self._info, math.log(2) * 2.0**-LOG_BITS
+        all_steps = np.concatenate([info.steps[:-1], info.log_steps * unit, info.steps[-1:]])
+        networks = {name: network_of(network) for name, network in info.networks.items()}
+        steps, centres, middle, spread = (
+            np.asarray(numbers, np.float32) for numbers in (all_steps, info.centres * unit, info.middle, info.spread)
+        )
+        return CausalCoding(networks, steps, centres, middle, spread, info.voxel_size, info.config)
+
+    def _prior(self) -> Prior:
+        """Returns the predicted distribution of every anchor: means, standard deviations and quantisation steps.
+
+        The quantisation step of a scaling is relative to its mean.
+        """
+        num, info = len(self._place), self._info
+        relative = self._means["scaling"].mean(axis=1, keepdims=True)
+        steps = {
+            "feature": np.full((num, 1), self._step.mean(), np.float32),
+            "scaling": relative * float(info.log_steps[1] * math.log(2) * 2.0**-LOG_BITS),
+            "offset": np.full((num, 1), info.steps[-1], np.float32),
+        }
+        parts = {name: AttributePrior(self._means[name], self._spreads[name], step) for name, step in steps.items()}
+        return Prior(**parts, context=self._place)

@@ -1,0 +1,163 @@
+"""Encoder of schema `causal`."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from splatwire.anchors.voxels import voxel_indices
+from splatwire.bitstream import Packetization
+from splatwire.codec.anchors.causal.context import CodingContext
+from splatwire.codec.anchors.causal.fit import fit_side_info
+from splatwire.codec.anchors.causal.packet_coder import Quantised, anchor_bits, cut_packets, encode_packets, quantise
+from splatwire.codec.anchors.causal.places import SharedPlaces, share_places
+from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
+from splatwire.codec.schema import CodedPackets
+from splatwire.errors import InvalidValueError
+from splatwire.ops.morton import morton_encode
+from splatwire.types import Anchors, AnchorScene
+
+_LOGS = [0, 3, 4, 5]
+"""Which of an anchor's six scalings are coded, as four logarithms: the offset scale (once) and the size along x, y,
+z."""
+HEAD_SHARE = 0.08
+"""Maximum share of side information in a stream; beyond it more position bits are moved to packets, up to `MOST_LEAF`.
+"""
+MOST_LEAF = 8
+SAMPLE_SEED = 0
+SAMPLE = 1000
+MAX_NUMBER = 14_000
+"""Largest magnitude of anchors' attributes, in quantisation steps, so that attributes and means fit into 32 bits."""
+
+
+def causal_encoder(
+    scene: AnchorScene, packetization: Packetization, sections: dict[str, bytes], noise: float | None
+) -> tuple["CausalEncoder", bytes]:
+    """Fits and quantises the side information; returns the encoder of the anchors, and the side information.
+
+    Args:
+        scene: The scene, with anchors in coding order.
+        packetization: Parameters of the split into packets.
+        sections: Named sections of the side information.
+        noise: Tolerated quantisation error of the context networks' outputs, relative to the predicted standard
+            deviation; None for the default.
+
+    Raises:
+        InvalidValueError: If packaging is separated or the order is not Morton, or the scene exceeds the format's
+            limits.
+    """
+    _check_common(packetization)
+    scene = replace(scene, anchors=_with_sizes(scene.anchors))
+    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
+    info = fit_side_info(scene, voxels, noise=noise)
+    places = _balanced(info, voxels, CausalEncoder(scene, info, voxels).expected_bytes())
+    side_info = write_side_info(replace(info, places=places, sections=sections))
+    # Predict from the side information as a decoder reads it, after quantisation.
+    info = read_side_info(side_info, scene.anchors.num_anchors)
+    return CausalEncoder(scene, info, voxels), side_info
+
+
+def causal_repack_encoder(
+    scene: AnchorScene, packetization: Packetization, side_info: bytes
+) -> tuple["CausalEncoder", bytes]:
+    """Returns the encoder of a decoded scene's anchors, and the unchanged side information of its stream.
+
+    Raises:
+        InvalidValueError: If packaging is separated or the order is not Morton.
+        BitstreamError: If the side information is damaged.
+    """
+    _check_common(packetization)
+    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
+    return CausalEncoder(scene, read_side_info(side_info, scene.anchors.num_anchors), voxels), side_info
+
+
+def _check_common(packetization: Packetization) -> None:
+    if not packetization.common:
+        raise InvalidValueError(
+            "anchors of the causal model are coded whole and in Morton order: preset 'hacpp' is for those of HAC++"
+        )
+
+
+def _balanced(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> SharedPlaces:
+    """Moves position bits from side information to packets until the share of side information is at most `HEAD_SHARE`.
+
+    The smallest sufficient number of bits is moved. At most `MOST_LEAF` anchors share a leaf of the position tree, even
+    if the side information is then larger.
+
+    Args:
+        info: Side information with nearly all position bits.
+        voxels: Positions of the anchors, voxels, int64 (N, 3).
+        packet_bytes: Expected bytes of all packets.
+
+    Returns:
+        The division of the position bits.
+    """
+    places, others = info.places, len(write_side_info(info)) - len(info.places.section)
+    most = HEAD_SHARE * (others + len(places.section) + packet_bytes) - others
+    for leaf in range(2, MOST_LEAF + 1):
+        if len(places.section) <= most:
+            break
+        places = share_places(voxels, leaf)
+    return places
+
+
+def _with_sizes(anchors: Anchors) -> Anchors:
+    """Replaces scalings of 0, which have no logarithm, by the smallest positive scaling."""
+    there = anchors.scalings > 0
+    if bool(there.all()):
+        return anchors
+    if not bool(there.any()):
+        raise InvalidValueError("no scaling of the scene's anchors is positive")
+    return replace(anchors, scalings=np.maximum(anchors.scalings, anchors.scalings[there].min()))
+
+
+class CausalEncoder:
+    """Encodes the anchors of one scene under the causal model.
+
+    Args:
+        scene: The scene, with anchors in coding order.
+        info: Side information of the scene's stream.
+        voxels: int64 (N, 3), voxel indices of the anchors.
+
+    Raises:
+        InvalidValueError: If an attribute is too large for its step.
+    """
+
+    def __init__(self, scene: AnchorScene, info: SideInfo, voxels: np.ndarray) -> None:
+        anchors, groups, known = scene.anchors, info.config.layout.feature_groups, info.places.known
+        self._context = CodingContext.of(info)
+        self._places = replace(known, codes=morton_encode(voxels - known.origin))
+        self._octaves = float(info.log_steps[0]) * 2.0**-LOG_BITS
+        self._masks = anchors.mask.astype(np.uint8)
+        logs = np.log2(anchors.scalings.astype(np.float64)[:, _LOGS]) * 2.0**LOG_BITS - info.centres
+        offsets = anchors.present_offsets.reshape(len(anchors.mask), -1).astype(np.float64)
+        parts = (
+            anchors.features.astype(np.float64) / np.repeat(info.steps[:-1], groups),
+            logs / info.log_steps[[0, 1, 1, 1]],
+            offsets / info.steps[-1],
+        )
+        for part in parts:
+            if np.abs(part).max(initial=0) > MAX_NUMBER:
+                raise InvalidValueError("an attribute is too large for its quantisation step")
+        self._values = np.concatenate(parts, axis=1)
+
+    def expected_bytes(self) -> float:
+        """Estimated bytes of all packets, from a sample of the anchors."""
+        ranks = np.random.default_rng(SAMPLE_SEED).permutation(len(self._masks))[:SAMPLE]
+        return float(anchor_bits(self._context, self._quantised(ranks)).mean()) * len(self._masks) / 8
+
+    def encode(self, ranks: np.ndarray, counts: np.ndarray, packet_bytes: int | None) -> CodedPackets:
+        """Encodes groups of anchors; each group becomes one packet, or several packets of limited size.
+
+        Args:
+            ranks: Indices of the anchors in coding order, group after group, int64 (n).
+            counts: Number of anchors of each group, int64 (groups).
+            packet_bytes: Maximum payload size, to which groups are divided; None for undivided groups.
+        """
+        found = self._quantised(ranks)
+        if packet_bytes is not None:
+            counts = cut_packets(self._context, found, counts, packet_bytes)
+        return CodedPackets(counts, encode_packets(self._context, found, counts), (found.rows(),))
+
+    def _quantised(self, ranks: np.ndarray) -> Quantised:
+        places = self._places.select(ranks)
+        return quantise(self._context, places, self._masks[ranks], self._values[ranks], self._octaves)

@@ -1,0 +1,218 @@
+"""Packets of schema `causal`: whole anchors as one stream of the range coder, independently decodable.
+
+Encoding and decoding share `Chain`. Packets are processed in chunks, which does not affect the bytes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatwire.codec.anchors.causal import _kernels as kernels
+from splatwire.codec.anchors.causal import _place_kernels as place_kernels
+from splatwire.codec.anchors.causal.context import CodingContext, Stage, scale_indices
+from splatwire.codec.anchors.causal.places import Places
+from splatwire.entropy.coder import tables
+from splatwire.entropy.tables import weight_table
+from splatwire.ops.morton import morton_decode
+
+
+@dataclass(frozen=True, eq=False)
+class Quantised:
+    """Quantised anchors with their predictions.
+
+    Attributes:
+        places: Positions of the anchors, with all bits.
+        masks: 1 for offsets that exist, uint8 (n, K).
+        logits: Predicted logits of the masks, int32 (n, K).
+        symbols: Differences of attributes from the predicted means, quantisation steps, int32 (n, attributes); 0
+            for missing offsets.
+        scales: Scale table index of each symbol, int16 (n, attributes).
+        numbers: Decoded attributes (features, four logarithms, offsets) in quantisation steps with 16 fractional
+            bits, int32 (n, attributes); 0 for missing offsets.
+    """
+
+    places: Places
+    masks: np.ndarray
+    logits: np.ndarray
+    symbols: np.ndarray
+    scales: np.ndarray
+    numbers: np.ndarray
+
+    def rows(self) -> np.ndarray:
+        """All integers of each anchor, int32 (n, 3 + K + attributes): position, masks, quantised attributes."""
+        return anchor_rows(self.places.codes, self.masks, self.numbers)
+
+
+def anchor_rows(codes: np.ndarray, masks: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """Returns all integers of each anchor: position relative to the origin, masks and quantised attributes."""
+    return np.concatenate([morton_decode(codes).astype(np.int32), masks.astype(np.int32), numbers], axis=1)
+
+
+def _empty(context: CodingContext, places: Places, masks: np.ndarray) -> Quantised:
+    last, num = context.stages[-1], len(masks)
+    width = last.first + last.size
+    return Quantised(
+        places, masks, np.empty(masks.shape, dtype=np.int32), np.zeros((num, width), dtype=np.int32),
+        np.empty((num, width), dtype=np.int16), np.zeros((num, width), dtype=np.int32),
+    )  # fmt: skip
+
+
+def _columns(stage: Stage) -> slice:
+    return slice(stage.first, stage.first + stage.size)
+
+
+def quantise(
+    context: CodingContext, places: Places, masks: np.ndarray, values: np.ndarray, octaves: float
+) -> Quantised:
+    """Quantises attributes of anchors: differences from the predicted means, in whole quantisation steps.
+
+    Offsets are in units of a scale that is quantised before them, so they compensate for its rounding error.
+
+    Args:
+        context: Coding context.
+        places: Positions of the anchors, with all bits.
+        masks: 1 for offsets that exist, uint8 (n, K).
+        values: Attribute values in quantisation steps, float64 (n, attributes).
+        octaves: Step of the scale's logarithm, in octaves.
+    """
+    values = values.copy()
+    found, chain = _empty(context, places, masks), context.start(places.voxels)
+    coded = np.repeat(masks.astype(bool), 3, axis=1)
+    for stage, outputs in chain.outputs():
+        columns, means = _columns(stage), outputs[:, stage.masks : stage.masks + stage.size]
+        if stage.masks:
+            found.logits[:] = outputs[:, : stage.masks]
+        symbols = np.rint(values[:, columns] - means * 2.0**-16).astype(np.int32)
+        if stage is context.stages[-1]:
+            symbols *= coded
+        numbers = np.empty(symbols.shape, dtype=np.int32)
+        kernels.add_symbols(symbols, outputs, stage.masks, numbers)
+        chain.add_numbers(stage, numbers)
+        if stage.masks:
+            lost = values[:, columns] - numbers * 2.0**-16
+            values[:, _columns(context.stages[-1])] *= np.exp2(lost * octaves)
+        if stage is context.stages[-1]:
+            numbers *= coded
+        found.symbols[:, columns], found.numbers[:, columns] = symbols, numbers
+        found.scales[:, columns] = scale_indices(np.ascontiguousarray(outputs[:, stage.masks + stage.size :]))
+    return found
+
+
+def encode_packets(context: CodingContext, found: Quantised, counts: np.ndarray) -> list[bytes]:
+    """Encodes the anchors of all packets; returns one payload per packet.
+
+    Args:
+        context: Coding context.
+        found: The anchors of all packets, packet by packet.
+        counts: int64 (packets), anchors of each packet.
+    """
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    room = (found.masks.shape[1] + found.symbols.shape[1] + kernels.PLACE_SYMBOLS) * kernels.BYTES_PER_SYMBOL
+    buffer = np.empty(len(found.masks) * room + 64 * len(starts), dtype=np.uint8)
+    lengths = np.zeros(len(counts), dtype=np.int64)
+    firsts = np.array([*(stage.first for stage in context.stages), found.symbols.shape[1]])
+    form = next(s for s, stage in enumerate(context.stages) if stage.masks)
+    kernels.encode_packets(
+        starts, found.places.codes, found.places.unknown, context.chances, found.masks, found.logits, found.symbols,
+        found.scales, firsts, form, weight_table(), *tables(), buffer, lengths,
+    )  # fmt: skip
+    begin = starts[:-1] * room + 64 * np.arange(len(lengths))
+    return [buffer[b : b + length].tobytes() for b, length in zip(begin, lengths, strict=True)]
+
+
+def anchor_bits(context: CodingContext, found: Quantised) -> np.ndarray:
+    """Estimates the code length of each anchor, bits, float64 (n)."""
+    bits = np.empty(len(found.masks))
+    kernels.anchor_bits(
+        found.places.codes, found.places.unknown, context.chances, found.masks, found.logits, found.symbols,
+        found.scales, context.stages[-1].first, weight_table(), *tables(), bits,
+    )  # fmt: skip
+    return bits
+
+
+def cut_packets(context: CodingContext, found: Quantised, counts: np.ndarray, payload_bytes: int) -> np.ndarray:
+    """Cuts blocks into packets of limited size, each with as many anchors as fit.
+
+    Args:
+        context: Coding context.
+        found: The anchors of all blocks, block by block.
+        counts: int64 (blocks), anchors of each block.
+        payload_bytes: Maximum size of a payload; only a single anchor may exceed it.
+
+    Returns:
+        Anchors of each packet, int64; packets never cross the end of a block.
+    """
+    # The last byte is rounded up, and the coder's range loses up to 2**-16 of itself with each symbol.
+    bits = anchor_bits(context, found)
+    budget, sizes, begin = 8.0 * (payload_bytes - 1) - 1.0, list[int](), 0
+    for count in counts.tolist():
+        first, total = begin, 0.0
+        for n in range(begin, begin + count):
+            if n > first and total + bits[n] > budget:
+                sizes.append(n - first)
+                first, total = n, 0.0
+            total += bits[n]
+        if count:
+            sizes.append(begin + count - first)
+        begin += count
+    return np.array(sizes, dtype=np.int64)
+
+
+def decode_packets(
+    context: CodingContext, places: Places, counts: np.ndarray, payloads: Sequence[bytes]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Decodes packets; any bytes decode without an error.
+
+    Args:
+        context: Coding context.
+        places: Positions of the anchors of all packets, packet by packet, as known from side information.
+        counts: int64 (packets), anchors of each packet.
+        payloads: One payload per packet.
+
+    Returns:
+        Exact Morton codes, int64 (n); masks, uint8 (n, K); and numbers, int32 (n, numbers).
+    """
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    ends = np.concatenate([[0], np.cumsum([len(p) for p in payloads])]).astype(np.int64)
+    data = np.frombuffer(b"".join(payloads), dtype=np.uint8)
+    states = np.zeros((len(payloads), 3), dtype=np.int64)
+    kernels.start_packets(data, ends, states)
+    exact = replace(places, codes=places.codes.copy())
+    place_kernels.decode_places(data, ends, starts, states, exact.codes, exact.unknown, context.chances)
+    num, last = len(exact.codes), context.stages[-1]
+    masks = np.zeros((num, context.config.layout.num_offsets), dtype=np.uint8)
+    all_numbers = np.zeros((num, last.first + last.size), dtype=np.int32)
+    everything = np.ones((num, -(-max(stage.size for stage in context.stages) // 3)), dtype=np.uint8)
+    chain = context.start(exact.voxels)
+    for stage, outputs in chain.outputs():
+        if stage.masks:
+            logits = np.ascontiguousarray(outputs[:, : stage.masks])
+            kernels.decode_masks(data, ends, starts, states, logits, weight_table(), masks)
+        scales = scale_indices(np.ascontiguousarray(outputs[:, stage.masks + stage.size :]))
+        symbols, numbers = np.empty(scales.shape, dtype=np.int32), np.empty(scales.shape, dtype=np.int32)
+        coded = masks if stage is last else everything
+        kernels.decode_stage(data, ends, starts, states, scales, coded, *tables(), symbols)
+        kernels.add_symbols(symbols, outputs, stage.masks, numbers)
+        chain.add_numbers(stage, numbers)
+        all_numbers[:, _columns(stage)] = numbers
+    all_numbers[:, last.first :] *= np.repeat(masks, 3, axis=1)
+    return exact.codes, masks, all_numbers
+
+
+def expected(context: CodingContext, voxels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Predicts all attributes of anchors from their positions alone.
+
+    Returns:
+        Position features as inputs of the networks, float64 (n, context); means, int32 (n, numbers), in steps with 16
+        fractional bits; and binary logarithms of standard deviations in the same format. Each standard deviation is
+        conditional: the attributes of earlier stages are taken as equal to their means.
+    """
+    last, chain = context.stages[-1], context.start(voxels)
+    means = np.empty((len(voxels), last.first + last.size), dtype=np.int32)
+    spreads = np.empty(means.shape, dtype=np.int32)
+    for stage, outputs in chain.outputs():
+        mean = np.ascontiguousarray(outputs[:, stage.masks : stage.masks + stage.size])
+        chain.add_numbers(stage, mean)
+        means[:, _columns(stage)], spreads[:, _columns(stage)] = mean, outputs[:, stage.masks + stage.size :]
+    return chain.place, means, spreads

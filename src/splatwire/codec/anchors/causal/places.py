@@ -1,0 +1,150 @@
+"""Positions of anchors: a coarse tree in the side information, the remaining bits in packets (docs/format.md)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.bitstream.limits import MAX_LEAF, MAX_PLACE, MAX_POSITION_BITS
+from splatwire.codec.anchors.causal import _place_kernels as kernels
+from splatwire.codec.geometry import origin_of
+from splatwire.entropy.coder import fresh_models
+from splatwire.errors import BitstreamError
+from splatwire.files.byte_io import ByteReader, ByteWriter
+from splatwire.ops.morton import MAX_AXIS_BITS, morton_decode, morton_encode
+
+CHANCES = 256
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Positions of N anchors in coding order; the lowest bits of a position may be unknown.
+
+    Attributes:
+        origin: Voxel that the Morton codes are relative to, int64 (3).
+        codes: Morton codes, ascending, int64 (N); unknown low bits are estimated.
+        unknown: Number of unknown low bits of each code, int64 (N).
+    """
+
+    origin: np.ndarray
+    codes: np.ndarray
+    unknown: np.ndarray
+
+    @property
+    def voxels(self) -> np.ndarray:
+        """Positions of the anchors in voxels, int64 (N, 3)."""
+        return morton_decode(self.codes) + self.origin
+
+    def select(self, ranks: np.ndarray) -> "Places":
+        """Returns the positions of the anchors with the given indices, int64 (n)."""
+        return Places(self.origin, self.codes[ranks], self.unknown[ranks])
+
+
+@dataclass(frozen=True, eq=False)
+class SharedPlaces:
+    """Positions of all anchors as far as the side information contains them; packets contain the other bits.
+
+    Attributes:
+        section: Bytes of the position section of the side information.
+        known: Positions of all anchors, without the bits in packets.
+        chances: Probabilities in units of 1 / `CHANCES`, int64 (T + 1, T + 1), for at most T unknown triples of
+            bits (one bit per axis). Entry (u, t) is the probability that triple t is the lowest non-zero one of u
+            unknown triples, given that all lower ones are 0.
+    """
+
+    section: bytes
+    known: Places
+    chances: np.ndarray
+
+
+def share_places(voxels: np.ndarray, leaf: int) -> SharedPlaces:
+    """Encodes the positions of all anchors as a section of the side information, without bits that packets contain.
+
+    Args:
+        voxels: Positions of the anchors, voxels, int64 (N, 3).
+        leaf: Maximum number of anchors of a node that is not split, 1 to 64.
+
+    Raises:
+        ValueError: If the points span 2**21 voxels or more.
+    """
+    origin = origin_of(voxels)
+    codes = np.sort(morton_encode(voxels - origin))
+    tree = _encode_tree(codes, origin, leaf)
+    known = _decode_tree(tree, len(voxels), leaf)
+    triples, lowest = triple_levels(codes, known.unknown)
+    rows, writer = int(triples.max(initial=0)), ByteWriter()
+    writer.u8(leaf)
+    writer.u8(rows)
+    for row in range(1, rows + 1):
+        counts = np.bincount(lowest[triples == row], minlength=row + 1)
+        left = counts[::-1].cumsum()[::-1]
+        for stops, reached in zip(counts[:row].tolist(), left.tolist(), strict=False):
+            writer.u8(min(max(round(CHANCES * (stops + 0.5) / (reached + 1)), 1), CHANCES - 1))
+    return read_places(writer.bytes() + tree, len(voxels))
+
+
+def _encode_tree(codes: np.ndarray, origin: np.ndarray, leaf: int) -> bytes:
+    bits = -(-(int(codes[-1]).bit_length() if len(codes) else 0) // 3) * 3
+    buffer = np.zeros(4 * len(codes) + 16 * MAX_AXIS_BITS, dtype=np.uint8)
+    length = kernels.encode_tree(codes, bits, leaf, fresh_models(kernels.NUM_CONTEXTS), buffer)
+    writer = ByteWriter()
+    for value in origin:
+        writer.signed(int(value))
+    writer.u8(bits)
+    # at least one bit per anchor, so that decoders can bound their memory by the number of bytes
+    return writer.bytes() + buffer[: max(length, -(-len(codes) // 8))].tobytes()
+
+
+def _decode_tree(data: bytes, count: int, leaf: int) -> Places:
+    reader = ByteReader(data, "positions")
+    origin = np.array([reader.signed() for _ in range(3)], dtype=np.int64)
+    bits = reader.u8()
+    if bits > MAX_POSITION_BITS or bits % 3 or np.abs(origin).max() > MAX_PLACE:
+        raise BitstreamError(f"positions: impossible extent of {bits} bits at {origin.tolist()}")
+    code = reader.rest()
+    if count > 8 * len(code):
+        raise BitstreamError(f"positions: {len(code)} bytes cannot hold {count} anchors")
+    codes, unknown = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+    models = fresh_models(kernels.NUM_CONTEXTS)
+    kernels.decode_tree(np.frombuffer(code, dtype=np.uint8), bits, leaf, models, codes, unknown)
+    return Places(origin, codes, unknown)
+
+
+def triple_levels(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns for each code the number of unknown triples of bits, and the index of its lowest non-zero triple.
+
+    Args:
+        codes: int64 (N), the exact codes.
+        unknown: int64 (N), number of unknown low bits of each.
+
+    Returns:
+        Two int64 (N); if all triples are 0, the second equals the first.
+    """
+    triples, rest = (unknown + 2) // 3, codes & ((np.int64(1) << unknown) - 1)
+    lowest = np.zeros(len(codes), dtype=np.int64)
+    for level in range(int(triples.max(initial=0))):
+        lowest += (rest & ((1 << (3 * level + 3)) - 1) == 0) & (level < triples)
+    return triples, lowest
+
+
+def read_places(section: bytes, num_anchors: int) -> SharedPlaces:
+    """Reads the position section of the side information.
+
+    Args:
+        section: Bytes of the position section.
+        num_anchors: Anchors of the scene.
+
+    Raises:
+        BitstreamError: If the bytes are damaged or not such a section.
+    """
+    reader = ByteReader(section, "positions")
+    leaf, rows = reader.u8(), reader.u8()
+    if not 0 < leaf <= MAX_LEAF or rows > MAX_AXIS_BITS:
+        raise BitstreamError(f"positions: nodes of {leaf} anchors, {rows} rows of chances")
+    chances = np.zeros((rows + 1, rows + 1), dtype=np.int64)
+    for row in range(1, rows + 1):
+        chances[row, :row] = np.frombuffer(reader.take(row), dtype=np.uint8)
+    known = _decode_tree(reader.rest(), num_anchors, leaf)
+    missing = int((known.unknown.max(initial=0) + 2) // 3)
+    if missing > rows or not chances[np.tril_indices(rows + 1, -1)].all():
+        raise BitstreamError(f"positions: no chances for {missing} triples of bits among {rows} rows")
+    return SharedPlaces(section, known, chances)

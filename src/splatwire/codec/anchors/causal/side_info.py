@@ -1,0 +1,176 @@
+"""Side information of schema `causal` (docs/format.md)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from splatwire.bitstream.limits import (
+    CAUSAL,
+    MAX_CAUSAL_CENTRE,
+    MAX_CAUSAL_CONTEXT,
+    MAX_CAUSAL_FEATURES,
+    MAX_CAUSAL_GROUPS,
+    MAX_CAUSAL_LOG_STEP,
+    MAX_CAUSAL_OFFSETS,
+    MAX_FAR,
+    MAX_PLACE,
+    SCHEMAS,
+)
+from splatwire.bitstream.sections import read_sections, write_sections
+from splatwire.codec.anchors.causal.places import SharedPlaces, read_places
+from splatwire.codec.weight_bytes import framed, read_heads, read_networks, write_networks
+from splatwire.codec.weights import QuantisedMlp
+from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
+from splatwire.files.byte_io import ByteReader, ByteWriter
+from splatwire.types import AnchorLayout
+from splatwire.types.causal_coding import FORM, CausalConfig
+
+VERSION = 2
+LOG_BITS = 24
+"""Fractional bits of binary logarithms of scale and size, and of their steps."""
+
+
+@dataclass(frozen=True, eq=False)
+class SideInfo:
+    """Side information of a stream of anchors with the causal model: data shared by all packets.
+
+    Attributes:
+        config: Shape of the model.
+        voxel_size: World units per voxel.
+        places: The high bits of all anchors' positions. The packets contain the low bits.
+        middle: int64 (3), centre of the scene, voxels.
+        spread: int64 (3), extent of the scene, voxels.
+        steps: Quantisation steps of each feature group, then of the offsets, float64 (groups + 1).
+        log_steps: Quantisation steps of the logarithms of offset scale and base size, int64 (2), `LOG_BITS` fractional
+            bits.
+        centres: int64 (4), zero points of an anchor's four logarithms (offset scale and three base sizes), `LOG_BITS`
+            fractional bits.
+        networks: Networks of `CausalConfig.shapes`, by name.
+        heads: Rendering networks: opacity, covariance, colour.
+        sections: Optional named sections, content by name.
+    """
+
+    config: CausalConfig
+    voxel_size: float
+    places: SharedPlaces
+    middle: np.ndarray
+    spread: np.ndarray
+    steps: np.ndarray
+    log_steps: np.ndarray
+    centres: np.ndarray
+    networks: Mapping[str, QuantisedMlp]
+    heads: tuple[QuantisedMlp, ...]
+    sections: Mapping[str, bytes] = field(default_factory=dict)
+
+
+def write_side_info(info: SideInfo) -> bytes:
+    """Serialises side information.
+
+    Raises:
+        InvalidValueError: If the model exceeds the format's limits, or a named section is invalid.
+    """
+    if wrong := _problem(info):
+        raise InvalidValueError(f"side information: {wrong}")
+    parts = {
+        "header": _header(info),
+        "positions": info.places.section,
+        "networks": write_networks(info.networks.values()),
+        "render_networks": write_networks(info.heads),
+    }
+    return b"".join(framed(parts[name]) for name in SCHEMAS[CAUSAL].sections) + write_sections(info.sections)
+
+
+def read_side_info(data: bytes, num_anchors: int) -> SideInfo:
+    """Parses side information written by `write_side_info`.
+
+    Args:
+        data: The bytes.
+        num_anchors: Anchors of the scene (from the manifest).
+
+    Raises:
+        UnsupportedVersionError: If a newer release wrote it.
+        BitstreamError: If the bytes are damaged or not side information.
+    """
+    reader = ByteReader(data, "side information")
+    header, positions, networks, render = (reader.blob() for _ in SCHEMAS[CAUSAL].sections)
+    sections = read_sections(reader.rest())
+    info = _read_header(header, read_places(positions, num_anchors))
+    config = info.config
+    shapes = [(name, *shape) for name, shape in config.shapes().items()]
+    found = read_networks(networks, shapes)
+    return replace(
+        info,
+        networks={name: network for (name, *_), network in zip(shapes, found, strict=True)},
+        heads=read_heads(render, config.layout),
+        sections=sections,
+    )
+
+
+def _header(info: SideInfo) -> bytes:
+    writer, layout = ByteWriter(), info.config.layout
+    writer.u8(VERSION)
+    for value in (layout.num_offsets, info.config.context_dim, len(layout.feature_groups), *layout.feature_groups):
+        writer.unsigned(value)
+    for step in (*info.steps, info.voxel_size):
+        writer.f64(float(step))
+    for value in (*info.log_steps, *info.spread):
+        writer.unsigned(int(value))
+    for value in (*info.centres, *info.middle):
+        writer.signed(int(value))
+    return writer.bytes()
+
+
+def _read_header(data: bytes, places: SharedPlaces) -> SideInfo:
+    """Parses the header of the side information; networks and named sections stay empty."""
+    reader = ByteReader(data, "side information header")
+    version = reader.u8()
+    if version != VERSION:
+        raise UnsupportedVersionError(f"side information has version {version}, this release reads version {VERSION}")
+    num_offsets, context_dim, num_groups = (reader.unsigned() for _ in range(3))
+    if not 0 < num_groups <= MAX_CAUSAL_GROUPS:
+        raise BitstreamError(f"side information: {num_groups} feature groups")
+    groups = tuple(reader.unsigned() for _ in range(num_groups))
+    steps = np.array([reader.f64() for _ in range(num_groups + 1)])
+    voxel_size = reader.f64()
+    unsigned = np.array([min(reader.unsigned(), MAX_PLACE + 1) for _ in range(5)], dtype=np.int64)
+    signed = np.array([_clipped(reader.signed()) for _ in range(FORM + 3)], dtype=np.int64)
+    reader.finish()
+    try:
+        config = CausalConfig(AnchorLayout(sum(groups), num_offsets, groups), context_dim)
+    except ValueError as error:
+        raise BitstreamError(f"side information: {error}") from None
+    info = SideInfo(
+        config, voxel_size, places, signed[FORM:], unsigned[2:], steps, unsigned[:2],
+        signed[:FORM], {}, (),
+    )  # fmt: skip
+    if wrong := _problem(info):
+        raise BitstreamError(f"side information: {wrong}")
+    return info
+
+
+def _clipped(value: int) -> int:
+    return max(-MAX_PLACE - 1, min(value, MAX_PLACE + 1))
+
+
+def _problem(info: SideInfo) -> str | None:
+    """Returns a message about the first field beyond the format's limits; None if all fields are valid."""
+    layout = info.config.layout
+    if not (layout.num_offsets <= MAX_CAUSAL_OFFSETS and layout.feature_dim <= MAX_CAUSAL_FEATURES):
+        return f"anchors of {layout.feature_dim} features and {layout.num_offsets} offsets"
+    if not (0 < info.config.context_dim <= MAX_CAUSAL_CONTEXT and len(layout.feature_groups) <= MAX_CAUSAL_GROUPS):
+        return f"{info.config.context_dim} numbers of context, {len(layout.feature_groups)} groups"
+    if not (np.isfinite(info.steps).all() and (info.steps > 1e-9).all() and (info.steps < 1e9).all()):
+        return f"steps {info.steps.tolist()}"
+    if not 1e-9 < info.voxel_size < 1e9:
+        return f"voxel size {info.voxel_size}"
+    if not ((info.log_steps > 0).all() and (info.log_steps <= MAX_CAUSAL_LOG_STEP).all()):
+        return f"logarithmic steps {info.log_steps.tolist()}"
+    if np.abs(info.centres).max() > MAX_CAUSAL_CENTRE:
+        return f"sizes around {info.centres.tolist()}"
+    if not ((info.spread > 0).all() and (info.spread <= MAX_PLACE).all() and np.abs(info.middle).max() <= MAX_PLACE):
+        return f"a scene {info.spread.tolist()} voxels around {info.middle.tolist()}"
+    distances = np.abs(info.places.known.origin - info.middle).tolist()
+    if any(distance > MAX_FAR * extent for distance, extent in zip(distances, info.spread.tolist(), strict=True)):
+        return f"anchors {distances} voxels from the middle of a scene of {info.spread.tolist()}"
+    return None

@@ -1,0 +1,353 @@
+"""Numba kernels that code the symbols of many packets at once; each packet is a separate stream.
+
+Arrays of anchors are ordered packet by packet; `starts[p]:starts[p + 1]` are the anchors of packet p. Inside a packet
+the order is: masks, feature groups one after another, scalings, unmasked offsets, each anchor by anchor.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.entropy.normal_kernels import ESCAPE, NORMAL, cumulative, decode_symbol, encode_symbol, window
+from splatwire.entropy.range_kernels import (
+    ZERO,
+    adaptive_size,
+    adaptive_update,
+    decode_bit,
+    decoder_start,
+    encode_bit,
+    encoder_finish,
+    encoder_start,
+)
+from splatwire.entropy.tables import TOTAL_BITS
+from splatwire.ops.compiled import njit
+
+BYTES_PER_SYMBOL = 12
+"""Buffer space per symbol, bytes. The longest code is an escape of 86 bits."""
+
+MASK_ONES = 4
+"""Mask contexts per offset: 0, 1, 2, or at least 3 earlier offsets of the anchor exist."""
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def scale_index(scale):
+    """Returns the scale table index of a standard deviation (12 fractional bits): octave and 4 bits of mantissa."""
+    value = min(max(scale, 64), (1 << 26) - 1)
+    exponent = 6
+    while value >> (exponent + 1):
+        exponent += 1
+    return ((exponent - 6) << 4) + ((value >> (exponent - 4)) & 15)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def step_index(q):
+    """Returns the step table index of a network output with 16 fractional bits, which is clipped to [-4, 4]."""
+    return min(max(((q + 32) >> 6) + 4096, 0), 8192)
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps, means, scales):
+    """Converts outputs of the prior network for one attribute to means and scale table indices.
+
+    Args:
+        outputs: Outputs of the prior network, 16 fractional bits.
+        mean_column: First column of the attribute's means.
+        scale_column: First column of the attribute's standard deviations.
+        q_column: Column of the number from which the quantisation step is computed (`step_index`).
+        inverse_steps: Reciprocals of the steps, from `inverse_step_table`.
+        means: Output: means in quantisation steps, 12 fractional bits.
+        scales: Output: scale table indices.
+    """
+    count = means.shape[1]
+    for n in range(means.shape[0]):
+        inverse = inverse_steps[step_index(np.int64(outputs[n, q_column]))]
+        for c in range(count):
+            mean = (np.int64(outputs[n, mean_column + c]) * inverse) >> 20
+            means[n, c] = min(max(mean, -2147483647), 2147483647)
+            scale = (max(np.int64(outputs[n, scale_column + c]), 1) * inverse) >> 20
+            scales[n, c] = scale_index(scale)
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
+    """Converts outputs of a channel network to the second mixture component of a feature group.
+
+    Args:
+        outputs: Outputs of the channel network: means, standard deviations and weight logits of the group's channels.
+        group: Index of the group.
+        prior_outputs: Outputs of the prior network.
+        weight_column: Column of the group's first weight logit in `prior_outputs`.
+        q_column: Column in `prior_outputs` of the number from which the quantisation step is computed.
+        inverse_steps: Reciprocals of the steps, from `inverse_step_table`.
+        means: Output: means in quantisation steps, 12 fractional bits.
+        scales: Output: scale table indices.
+        weights: Output: indices into the weight table.
+    """
+    size = means.shape[1]
+    for n in range(means.shape[0]):
+        inverse = inverse_steps[step_index(np.int64(prior_outputs[n, q_column]))]
+        for c in range(size):
+            mean = (np.int64(outputs[n, c]) * inverse) >> 20
+            means[n, c] = min(max(mean, -2147483647), 2147483647)
+            scales[n, c] = scale_index((max(np.int64(outputs[n, size + c]), 1) * inverse) >> 20)
+            logit = np.int64(prior_outputs[n, weight_column + c]) - np.int64(outputs[n, 2 * size + c])
+            weights[n, c] = min(max(((logit + 2048) >> 12) + 128, 0), 255)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def mask_context(offset, ones):
+    """Returns the context of a mask bit: index of the offset, and number of the anchor's earlier offsets that exist."""
+    return offset * MASK_ONES + min(ones, MASK_ONES - 1)
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def encode_packets(
+    starts, masks, features, scalings, offsets, mask_model,
+    mean0, scale0, mean1, scale1, weight, scaling_mean, scaling_scale, offset_mean, offset_scale,
+    group_starts, weights, inverses, widths, table, buffer, lengths,
+):  # fmt: skip
+    """Encodes all packets, each into its own part of `buffer`, and writes their sizes in bytes to `lengths`.
+
+    The part of packet p begins at `starts[p]` times the maximum size of an anchor, plus 64 bytes per preceding packet.
+
+    Args:
+        starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
+        masks: See `atomic.Symbols.mask`.
+        features: See `atomic.Symbols.feature`.
+        scalings: See `atomic.Symbols.scaling`.
+        offsets: See `atomic.Symbols.offset`.
+        mask_model: Initial state of the adaptive models of mask bits, for each packet.
+        mean0: Means of the first mixture component of the features (`atomic.Predictions.feature`).
+        scale0: Scale table indices of the first mixture component.
+        mean1: Means of the second mixture component of the features (`atomic.Mixture`).
+        scale1: Scale table indices of the second mixture component.
+        weight: Index into `weights` of the weight of the first mixture component.
+        scaling_mean: Means of the scalings (`atomic.Predictions.scaling`).
+        scaling_scale: Scale table indices of the scalings.
+        offset_mean: Means of the offsets (`atomic.Predictions.offset`).
+        offset_scale: Scale table indices of the offsets.
+        group_starts: First channel of each feature group, and the end of the last.
+        weights: Table of mixture weights.
+        inverses: Table of the entropy coder, see `entropy.coder.tables`.
+        widths: Table of the entropy coder, see `entropy.coder.tables`.
+        table: Table of the entropy coder, see `entropy.coder.tables`.
+        buffer: Output bytes.
+        lengths: Output: size of each packet in bytes.
+    """
+    num_offsets = masks.shape[1]
+    symbols = num_offsets + features.shape[1] + 6 + 3 * num_offsets
+    for p in range(len(starts) - 1):
+        begin, end = starts[p], starts[p + 1]
+        out = buffer[begin * symbols * BYTES_PER_SYMBOL + 64 * p :]
+        state = np.empty(3, np.int64)
+        encoder_start(state)
+        model = mask_model.copy()
+        for n in range(begin, end):
+            ones = ZERO
+            for k in range(num_offsets):
+                bit = np.int64(masks[n, k])
+                encode_bit(out, state, model, mask_context(k, ones), bit)
+                ones += bit
+        for g in range(len(group_starts) - 1):
+            for n in range(begin, end):
+                for c in range(group_starts[g], group_starts[g + 1]):
+                    encode_symbol(
+                        out, state, np.int64(features[n, c]), np.int64(mean0[n, c]), np.int64(scale0[n, c]),
+                        np.int64(mean1[n, c]), np.int64(scale1[n, c]), weights[weight[n, c]], inverses, widths, table,
+                    )  # fmt: skip
+        for n in range(begin, end):
+            for c in range(6):
+                encode_symbol(
+                    out, state, np.int64(scalings[n, c]), np.int64(scaling_mean[n, c]), np.int64(scaling_scale[n, c]),
+                    ZERO, ZERO, NORMAL, inverses, widths, table,
+                )  # fmt: skip
+        for n in range(begin, end):
+            for k in range(num_offsets):
+                if masks[n, k]:
+                    for c in range(3 * k, 3 * k + 3):
+                        encode_symbol(
+                            out, state, np.int64(offsets[n, c]),
+                            np.int64(offset_mean[n, c]), np.int64(offset_scale[n, c]),
+                            ZERO, ZERO, NORMAL, inverses, widths, table,
+                        )  # fmt: skip
+        lengths[p] = encoder_finish(out, state)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def bits_of(symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
+    """Returns the code length in bits of a symbol that `encode_symbol` encodes."""
+    low, high = window(mean0, scale0, mean1, scale1, weight, widths)
+    if low <= symbol <= high:
+        a = cumulative(symbol, low, high, mean0, inverses[scale0], mean1, inverses[scale1], weight, table)
+        b = cumulative(symbol + 1, low, high, mean0, inverses[scale0], mean1, inverses[scale1], weight, table)
+        return TOTAL_BITS - np.log2(float(b - a))
+    excess = symbol - high - 1 if symbol > high else low - 1 - symbol
+    return TOTAL_BITS - np.log2(float(ESCAPE)) + 2.0 + 2.0 * np.floor(np.log2(float(excess + 1)))
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def anchor_bits(
+    masks, features, scalings, offsets, mean0, scale0, mean1, scale1, weight,
+    scaling_mean, scaling_scale, offset_mean, offset_scale, weights, inverses, widths, table, bits,
+):  # fmt: skip
+    """Estimates the code length of every anchor without its mask and writes it to `bits`.
+
+    The code length of an anchor does not depend on the other anchors of its packet. See `encode_packets` for the
+    arguments.
+    """
+    for n in range(masks.shape[0]):
+        total = 0.0
+        for c in range(features.shape[1]):
+            total += bits_of(
+                np.int64(features[n, c]), np.int64(mean0[n, c]), np.int64(scale0[n, c]),
+                np.int64(mean1[n, c]), np.int64(scale1[n, c]), weights[weight[n, c]], inverses, widths, table,
+            )  # fmt: skip
+        for c in range(6):
+            total += bits_of(
+                np.int64(scalings[n, c]), np.int64(scaling_mean[n, c]), np.int64(scaling_scale[n, c]), ZERO, ZERO,
+                NORMAL, inverses, widths, table,
+            )  # fmt: skip
+        for c in range(offsets.shape[1]):
+            if masks[n, c // 3]:
+                total += bits_of(
+                    np.int64(offsets[n, c]), np.int64(offset_mean[n, c]), np.int64(offset_scale[n, c]), ZERO, ZERO,
+                    NORMAL, inverses, widths, table,
+                )  # fmt: skip
+        bits[n] = total
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def cut(masks, bits, mask_model, budget, counts):
+    """Divides consecutive anchors into packets of limited size.
+
+    Each packet has separate adaptive mask models, so the code length of a mask depends on the start of its packet.
+
+    Args:
+        masks: Offset masks of the anchors, uint8 (n, K).
+        bits: Code length of each anchor without its mask, from `anchor_bits`.
+        mask_model: Initial state of the adaptive models of mask bits, for each packet.
+        budget: Maximum size of a packet in bits.
+        counts: Output: number of anchors of each packet.
+
+    Returns:
+        Number of packets.
+    """
+    packets, first, total = 0, 0, 0.0
+    model = mask_model.copy()
+    for n in range(masks.shape[0]):
+        while True:
+            cost, ones = bits[n], ZERO
+            for k in range(masks.shape[1]):
+                context = mask_context(k, ones)
+                zero = adaptive_size(model, context)
+                bit = np.int64(masks[n, k])
+                cost += 16.0 - np.log2(float(65536 - zero if bit else zero))
+                adaptive_update(model, context, bit)
+                ones += bit
+            if n == first or total + cost <= budget:
+                break
+            counts[packets] = n - first
+            packets, first, total = packets + 1, n, 0.0
+            model = mask_model.copy()
+        total += cost
+    if masks.shape[0]:
+        counts[packets] = masks.shape[0] - first
+        packets += 1
+    return packets
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def decode_masks(data, ends, starts, mask_model, states, masks):
+    """Initialises the range decoder of every packet and decodes the offset masks of its anchors.
+
+    Args:
+        data: Bytes of all packets.
+        ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
+        starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
+        mask_model: Initial state of the adaptive models of mask bits, for each packet.
+        states: Output: state of the range decoder of each packet.
+        masks: Output: 1 for offsets that exist, else 0.
+    """
+    num_offsets = masks.shape[1]
+    for p in range(len(starts) - 1):
+        state = states[p]
+        decoder_start(data, ends[p], ends[p + 1], state)
+        model = mask_model.copy()
+        for n in range(starts[p], starts[p + 1]):
+            ones = ZERO
+            for k in range(num_offsets):
+                bit = decode_bit(data, ends[p + 1], state, model, mask_context(k, ones))
+                masks[n, k] = bit
+                ones += bit
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def decode_group(
+    data, ends, starts, states, first, mean0, scale0, mean1, scale1, weight, weights, inverses, widths, table, features
+):
+    """Decodes one feature group for the anchors of all packets.
+
+    Args:
+        data: Bytes of all packets.
+        ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
+        starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
+        states: State of the range decoder of each packet, changed in place.
+        first: First column of the group in `features`.
+        mean0: Means of the first mixture component, for the channels of all groups.
+        scale0: Scale table indices of the first mixture component, for the channels of all groups.
+        mean1: Means of the second mixture component, for the channels of this group only.
+        scale1: Scale table indices of the second mixture component, for this group only.
+        weight: Index into `weights` of the weight of the first mixture component, for this group only.
+        weights: Table of mixture weights.
+        inverses: Table of the entropy coder, see `entropy.coder.tables`.
+        widths: Table of the entropy coder, see `entropy.coder.tables`.
+        table: Table of the entropy coder, see `entropy.coder.tables`.
+        features: Output: feature symbols.
+    """
+    for p in range(len(starts) - 1):
+        for n in range(starts[p], starts[p + 1]):
+            for c in range(mean1.shape[1]):
+                features[n, first + c] = decode_symbol(
+                    data, ends[p + 1], states[p], np.int64(mean0[n, first + c]), np.int64(scale0[n, first + c]),
+                    np.int64(mean1[n, c]), np.int64(scale1[n, c]), weights[weight[n, c]], inverses, widths, table,
+                )  # fmt: skip
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def decode_rest(
+    data, ends, starts, states, masks, scaling_mean, scaling_scale, offset_mean, offset_scale,
+    inverses, widths, table, scalings, offsets,
+):  # fmt: skip
+    """Decodes the scalings and the existing offsets of every packet's anchors, after masks and features.
+
+    Results are written to `scalings` and `offsets`. See `decode_masks` and `encode_packets` for the other arguments.
+    """
+    for p in range(len(starts) - 1):
+        state, end = states[p], ends[p + 1]
+        for n in range(starts[p], starts[p + 1]):
+            for c in range(6):
+                scalings[n, c] = decode_symbol(
+                    data, end, state, np.int64(scaling_mean[n, c]), np.int64(scaling_scale[n, c]),
+                    ZERO, ZERO, NORMAL, inverses, widths, table,
+                )  # fmt: skip
+        for n in range(starts[p], starts[p + 1]):
+            for k in range(masks.shape[1]):
+                for c in range(3 * k, 3 * k + 3):
+                    offsets[n, c] = 0
+                    if masks[n, k]:
+                        offsets[n, c] = decode_symbol(
+                            data, end, state, np.int64(offset_mean[n, c]), np.int64(offset_scale[n, c]),
+                            ZERO, ZERO, NORMAL, inverses, widths, table,
+                        )  # fmt: skip

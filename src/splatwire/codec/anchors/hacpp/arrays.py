@@ -1,0 +1,161 @@
+"""Decoded attributes of anchors in coding order, and their conversion to a scene."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.codec.anchors.hacpp.atomic import Symbols
+from splatwire.codec.anchors.hacpp.coding_params import (
+    CodingContext,
+    dequantise,
+    factor_table,
+    prior_columns,
+    step_indices,
+)
+from splatwire.codec.anchors.hacpp.separated import SECTION as MASKS
+from splatwire.codec.anchors.hacpp.side_info import SideInfo
+from splatwire.codec.background import BACKGROUND
+from splatwire.codec.fixed_point import ACTIVATION_BITS, FACTOR_BITS, OUTPUT_BITS
+from splatwire.codec.heads import network_of
+from splatwire.codec.metadata import read_metadata
+from splatwire.codec.named_sections import concealer_sections
+from splatwire.types import (
+    Anchors,
+    AnchorScene,
+    Attribute,
+    AttributePrior,
+    ContextModel,
+    Erasures,
+    GaussianHeads,
+    HacppCoding,
+    HashGrid,
+    Prior,
+    ReceivedScene,
+)
+from splatwire.types.prior import MIN_SCALE
+
+
+@dataclass(frozen=True, eq=False)
+class DecodedArrays:
+    """Attributes and prior of N anchors in coding order, filled packet by packet; zero for missing anchors.
+
+    Attributes:
+        received: Mask of received attributes, bool (N, 4), one column per `Attribute`.
+        mask: Mask of the offsets that exist, bool (N, K).
+        values: Feature (N, F), scaling (N, 6) and offset (N, 3 K), float32.
+        outputs: Outputs of the prior network, int32 (N, outputs).
+        context: Hash-grid feature, float32 (N, H), whole numbers with `ACTIVATION_BITS` fractional bits.
+    """
+
+    received: np.ndarray
+    mask: np.ndarray
+    values: tuple[np.ndarray, np.ndarray, np.ndarray]
+    outputs: np.ndarray
+    context: np.ndarray
+
+    @staticmethod
+    def empty(info: SideInfo) -> "DecodedArrays":
+        """Allocates arrays before any packet is decoded; prior and context are uninitialised."""
+        num, layout, config = len(info.voxels), info.config.layout, info.config
+        widths = (layout.feature_dim, 6, 3 * layout.num_offsets)
+        return DecodedArrays(
+            np.zeros((num, len(Attribute)), dtype=np.bool_),
+            np.zeros((num, layout.num_offsets), dtype=np.bool_),
+            (
+                np.zeros((num, widths[0]), dtype=np.float32),
+                np.zeros((num, widths[1]), dtype=np.float32),
+                np.zeros((num, widths[2]), dtype=np.float32),
+            ),
+            np.empty((num, config.prior_dim), dtype=np.int32),
+            np.empty((num, config.grid.context_dim), dtype=np.float32),
+        )
+
+
+def store_symbols(
+    arrays: DecodedArrays,
+    ranks: np.ndarray,
+    symbols: Symbols,
+    factors: np.ndarray,
+    context: CodingContext,
+    received: np.ndarray | bool = True,
+) -> None:
+    """Writes the attributes of decoded anchors.
+
+    Args:
+        arrays: Destination.
+        ranks: Indices in coding order (ranks) of the anchors, int64 (n).
+        symbols: Quantised attributes of the anchors.
+        factors: Step factors of the anchors' feature, scaling and offset, int64 (n, 3).
+        context: Coding context.
+        received: Mask of received attributes, bool (n, 4); True for all.
+    """
+    arrays.received[ranks] = received
+    arrays.mask[ranks] = symbols.mask
+    coded = (symbols.feature, symbols.scaling, symbols.offset)
+    for a, (values, part) in enumerate(zip(arrays.values, coded, strict=True)):
+        values[ranks] = dequantise(part, factors[:, a], context.config.base_steps[a])
+
+
+def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[AnchorScene]:
+    """Builds a scene from arrays; its anchors share their memory.
+
+    Args:
+        info: The stream's side information.
+        arrays: Decoded attributes, and the prior of all anchors.
+    """
+    num, layout = len(info.voxels), info.config.layout
+    positions = (info.voxels.astype(np.float64) * info.voxel_size).astype(np.float32)
+    features, scalings, offsets = (v for v in arrays.values)
+    anchors = Anchors(
+        positions, features, scalings,
+        offsets.reshape(num, layout.num_offsets, 3), arrays.mask,
+    )  # fmt: skip
+    heads = GaussianHeads(*(network_of(head) for head in info.heads))
+    model = ContextModel(_grid(info), network_of(info.prior), tuple(network_of(mlp) for mlp in info.channel))
+    background = BACKGROUND.read(info.sections)
+    scene = AnchorScene(
+        anchors,
+        heads,
+        HacppCoding(model, info.voxel_size, info.config),
+        background=background,
+        metadata=read_metadata(info.sections),
+    )
+    erasures = Erasures(arrays.received)
+    return ReceivedScene(scene, erasures, concealer_sections(info.sections, MASKS), (_prior(info, arrays), layout))
+
+
+def _prior(info: SideInfo, arrays: DecodedArrays) -> Prior:
+    """Converts the predicted distributions to floats; the values equal those used for coding."""
+    columns, layout = prior_columns(info.config), info.config.layout
+    factors = factor_table()[step_indices(arrays.outputs, info.config)]
+    spans = (
+        (columns.feature_mean, columns.feature_scale, layout.feature_dim),
+        (columns.scaling_mean, columns.scaling_scale, 6),
+        (columns.offset_mean, columns.offset_scale, 3 * layout.num_offsets),
+    )
+    attributes = []
+    for a, (mean, scale, width) in enumerate(spans):
+        step = factors[:, a : a + 1].astype(np.float64) * (info.config.base_steps[a] / (1 << FACTOR_BITS))
+        attributes.append(
+            AttributePrior(
+                _to_float(arrays.outputs[:, mean : mean + width]),
+                np.maximum(_to_float(arrays.outputs[:, scale : scale + width]), np.float32(MIN_SCALE)),
+                step.astype(np.float32),
+            )
+        )
+    feature, scaling, offset = attributes
+    return Prior(feature, scaling, offset, arrays.context * np.float32(2.0**-ACTIVATION_BITS))
+
+
+def _to_float(outputs: np.ndarray) -> np.ndarray:
+    return outputs.astype(np.float32) * np.float32(2.0**-OUTPUT_BITS)
+
+
+def _grid(info: SideInfo) -> HashGrid:
+    rows = sum(info.config.grid.rows(3))
+    return HashGrid(
+        info.signs[:rows].copy(),
+        info.signs[rows:].reshape(3, -1, info.signs.shape[1]).copy(),
+        info.bounds_min,
+        info.bounds_max,
+    )

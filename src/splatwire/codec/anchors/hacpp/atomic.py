@@ -1,0 +1,283 @@
+"""Atomic packets: all attributes of anchors as one stream of the range coder, independently decodable (paper 3.2.1).
+
+Encoding and decoding share the prediction. Packets are processed in chunks, which does not affect the bytes.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.codec.anchors.hacpp import _packet_kernels as kernels
+from splatwire.codec.anchors.hacpp.coding_params import (
+    CodingContext,
+    PriorColumns,
+    factor_table,
+    inverse_step_table,
+    prior_columns,
+    step_indices,
+)
+from splatwire.entropy.coder import tables
+from splatwire.entropy.tables import weight_table
+from splatwire.types import AnchorLayout
+
+
+@dataclass(frozen=True, eq=False)
+class Symbols:
+    """Quantised attributes of N anchors.
+
+    Attributes:
+        mask: 1 for offsets that exist, uint8 (N, K).
+        feature: Feature channels in quantisation steps, int32 (N, F).
+        scaling: Scalings in quantisation steps, int32 (N, 6).
+        offset: Offsets in quantisation steps, int32 (N, 3 K); zero for offsets that do not exist.
+    """
+
+    mask: np.ndarray
+    feature: np.ndarray
+    scaling: np.ndarray
+    offset: np.ndarray
+
+    def select(self, index: np.ndarray) -> "Symbols":
+        """Returns the symbols of the anchors with the given indices."""
+        return Symbols(self.mask[index], self.feature[index], self.scaling[index], self.offset[index])
+
+    def rows(self) -> np.ndarray:
+        """All symbols of each anchor in one row, int32 (N, symbols): mask, feature, scaling, offset."""
+        return np.concatenate([self.mask.astype(np.int32), self.feature, self.scaling, self.offset], axis=1)
+
+    @staticmethod
+    def of_rows(rows: np.ndarray, layout: AnchorLayout) -> "Symbols":
+        """Splits the rows returned by `rows` into the attributes."""
+        return Symbols(*np.split(rows, np.cumsum([layout.num_offsets, layout.feature_dim, 6]), axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Predictions:
+    """Probability distributions that the prior network predicts from the position alone, as table indices.
+
+    The second mixture component of the features is missing, because it depends on decoded features (`Mixture`).
+
+    Attributes:
+        outputs: Outputs of the prior network, int32 (n, outputs).
+        factors: Factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).
+        feature: First mixture component of the features. Two arrays (n, F): means in quantisation steps with 12
+            fractional bits, int32; and scale table indices, int16.
+        scaling: Means and scale table indices of the scalings, two arrays (n, 6).
+        offset: Means and scale table indices of the offsets, two arrays (n, 3 K).
+    """
+
+    outputs: np.ndarray
+    factors: np.ndarray
+    feature: tuple[np.ndarray, np.ndarray]
+    scaling: tuple[np.ndarray, np.ndarray]
+    offset: tuple[np.ndarray, np.ndarray]
+
+
+def predict_packets(context: CodingContext, outputs: np.ndarray) -> Predictions:
+    """Converts outputs of the prior network to table indices of the entropy coder.
+
+    Args:
+        context: Coding context.
+        outputs: int32 (n, prior outputs).
+    """
+    config, columns = context.config, prior_columns(context.config)
+    f, o = config.layout.feature_dim, 3 * config.layout.num_offsets
+    factors = factor_table()[step_indices(outputs, config)]
+    feature = _indices(outputs, columns.feature_mean, columns.feature_scale, f, columns, 0, config.base_steps[0])
+    scaling = _indices(outputs, columns.scaling_mean, columns.scaling_scale, 6, columns, 1, config.base_steps[1])
+    offset = _indices(outputs, columns.offset_mean, columns.offset_scale, o, columns, 2, config.base_steps[2])
+    return Predictions(outputs, factors, feature, scaling, offset)
+
+
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """Second component of the features' mixture distributions, given preceding features, as table indices.
+
+    Attributes:
+        mean: Means in quantisation steps with 12 fractional bits, int32 (n, F).
+        scale: Scale table indices, int16 (n, F).
+        weight: Index of the first component's weight in the weight table, uint8 (n, F).
+    """
+
+    mean: np.ndarray
+    scale: np.ndarray
+    weight: np.ndarray
+
+
+def predict_mixture(context: CodingContext, predicted: Predictions, feature: np.ndarray) -> Mixture:
+    """Evaluates the channel networks of all feature groups at once; only possible if all features are known.
+
+    Args:
+        context: Coding context.
+        predicted: Prediction of the anchors.
+        feature: int32 (n, F), their feature symbols.
+    """
+    edges = _group_edges(context)
+    mean1 = np.empty((len(feature), int(edges[-1])), dtype=np.int32)
+    scale1 = np.empty(mean1.shape, dtype=np.int16)
+    weight = np.empty(mean1.shape, dtype=np.uint8)
+    activations = context.feature_activations(feature, predicted.factors[:, 0])
+    for group, shared in enumerate(context.shared_sums(predicted.outputs)):
+        columns = slice(edges[group], edges[group + 1])
+        parts = predict_group(context, group, shared, activations[:, : edges[group]], predicted.outputs)
+        mean1[:, columns], scale1[:, columns], weight[:, columns] = parts
+    return Mixture(mean1, scale1, weight)
+
+
+def cut_packets(
+    predicted: Predictions,
+    mixture: Mixture,
+    counts: np.ndarray,
+    symbols: Symbols,
+    mask_models: np.ndarray,
+    payload_bytes: int,
+) -> np.ndarray:
+    """Cuts blocks into packets of limited size, each with as many anchors as fit.
+
+    Args:
+        predicted: Prediction of the anchors of all blocks, block by block.
+        mixture: Their mixtures.
+        counts: int64 (blocks), anchors of each block.
+        symbols: The anchors' symbols.
+        mask_models: Initial mask models, int64 (contexts, 2).
+        payload_bytes: Maximum size of a payload; only a single anchor may exceed it.
+
+    Returns:
+        Anchors of each packet, int64; packets never cross the end of a block.
+    """
+    bits = np.empty(len(symbols.mask), dtype=np.float64)
+    kernels.anchor_bits(
+        symbols.mask, symbols.feature, symbols.scaling, symbols.offset,
+        *predicted.feature, mixture.mean, mixture.scale, mixture.weight, *predicted.scaling, *predicted.offset,
+        weight_table(), *tables(), bits,
+    )  # fmt: skip
+    # The last byte is rounded up, and the coder's range loses up to 2**-16 of itself with each symbol.
+    budget, pieces, begin = 8.0 * (payload_bytes - 1) - 1.0, [], 0
+    for count in counts.tolist():
+        block, sizes = slice(begin, begin + count), np.empty(count, dtype=np.int64)
+        used = kernels.cut(symbols.mask[block], bits[block], mask_models, budget, sizes)
+        pieces.append(sizes[:used])
+        begin += count
+    return np.concatenate(pieces) if pieces else np.empty(0, dtype=np.int64)
+
+
+def encode_packets(
+    context: CodingContext,
+    predicted: Predictions,
+    counts: np.ndarray,
+    symbols: Symbols,
+    mask_models: np.ndarray,
+    mixture: Mixture | None = None,
+) -> list[bytes]:
+    """Encodes the anchors of all packets; returns one payload per packet.
+
+    Args:
+        context: Coding context.
+        predicted: Prediction of the anchors of all packets, packet by packet.
+        counts: int64 (packets), anchors of each packet.
+        symbols: The anchors' symbols.
+        mask_models: Initial mask models, int64 (contexts, 2).
+        mixture: The anchors' mixtures; None to compute them.
+
+    Returns:
+        One payload per packet.
+    """
+    mixture = mixture or predict_mixture(context, predicted, symbols.feature)
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    num, offsets, features = len(symbols.mask), symbols.mask.shape[1], symbols.feature.shape[1]
+    per_anchor = (offsets + features + 6 + 3 * offsets) * kernels.BYTES_PER_SYMBOL
+    buffer = np.empty(num * per_anchor + 64 * len(starts), dtype=np.uint8)
+    lengths = np.zeros(len(starts) - 1, dtype=np.int64)
+    kernels.encode_packets(
+        starts, symbols.mask, symbols.feature, symbols.scaling, symbols.offset, mask_models,
+        *predicted.feature, mixture.mean, mixture.scale, mixture.weight, *predicted.scaling, *predicted.offset,
+        _group_edges(context), weight_table(), *tables(), buffer, lengths,
+    )  # fmt: skip
+    begin = starts[:-1] * per_anchor + 64 * np.arange(len(lengths))
+    return [buffer[b : b + length].tobytes() for b, length in zip(begin, lengths, strict=True)]
+
+
+def decode_packets(
+    context: CodingContext,
+    outputs: np.ndarray,
+    counts: np.ndarray,
+    payloads: list[bytes],
+    mask_models: np.ndarray,
+) -> tuple[Symbols, np.ndarray]:
+    """Decodes packets; any bytes decode without an error.
+
+    Args:
+        context: Coding context.
+        outputs: int32 (n, prior outputs) of the anchors of all packets, packet by packet.
+        counts: int64 (packets), anchors of each packet.
+        payloads: One payload per packet.
+        mask_models: Initial mask models, int64 (contexts, 2).
+
+    Returns:
+        Symbols of the anchors; and factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).
+    """
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    ends = np.concatenate([[0], np.cumsum([len(p) for p in payloads])]).astype(np.int64)
+    data = np.frombuffer(b"".join(payloads), dtype=np.uint8)
+    predicted, edges = predict_packets(context, outputs), _group_edges(context)
+    num, offsets = len(outputs), context.config.layout.num_offsets
+    states = np.zeros((len(payloads), 3), dtype=np.int64)
+    mask = np.empty((num, offsets), dtype=np.uint8)
+    feature = np.empty((num, int(edges[-1])), dtype=np.int32)
+    scaling, offset = np.empty((num, 6), dtype=np.int32), np.empty((num, 3 * offsets), dtype=np.int32)
+    kernels.decode_masks(data, ends, starts, mask_models, states, mask)
+    for group, shared in enumerate(context.shared_sums(outputs)):
+        before = context.feature_activations(feature[:, : edges[group]], predicted.factors[:, 0])
+        mean1, scale1, weight = predict_group(context, group, shared, before, outputs)
+        kernels.decode_group(
+            data, ends, starts, states, edges[group], *predicted.feature, mean1, scale1, weight,
+            weight_table(), *tables(), feature,
+        )  # fmt: skip
+    kernels.decode_rest(
+        data, ends, starts, states, mask, *predicted.scaling, *predicted.offset, *tables(), scaling, offset
+    )
+    return Symbols(mask, feature, scaling, offset), predicted.factors
+
+
+def _group_edges(context: CodingContext) -> np.ndarray:
+    return np.cumsum([0, *context.config.layout.feature_groups]).astype(np.int64)
+
+
+def _indices(
+    outputs: np.ndarray, mean: int, scale: int, count: int, columns: PriorColumns, attribute: int, base: float
+) -> tuple[np.ndarray, np.ndarray]:
+    means = np.empty((len(outputs), count), dtype=np.int32)
+    scales = np.empty((len(outputs), count), dtype=np.int16)
+    kernels.gaussian_indices(outputs, mean, scale, columns.steps + attribute, inverse_step_table(base), means, scales)
+    return means, scales
+
+
+def predict_group(
+    context: CodingContext, group: int, shared: np.ndarray, activations: np.ndarray, outputs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Evaluates the channel network of one feature group, for n anchors.
+
+    The network predicts the second component of the mixture distribution of each channel of the group. Its inputs are
+    the outputs of the prior network and the decoded features of the groups before.
+
+    Args:
+        context: Coding context, which contains the networks.
+        group: Index of the feature group.
+        shared: Part of the network's first layer that depends on the outputs of the prior network, float64 (n, hidden):
+            the group's entry in the result of `CodingContext.shared_sums`.
+        activations: Features of the groups before as inputs of the network, float64 (n, channels of these groups), from
+            `CodingContext.feature_activations`.
+        outputs: Outputs of the prior network, int32 (n, prior outputs).
+
+    Returns:
+        Three arrays (n, channels of the group): means, scale indices and weight indices, as in `Mixture`.
+    """
+    columns, size = prior_columns(context.config), context.config.layout.feature_groups[group]
+    means = np.empty((len(outputs), size), dtype=np.int32)
+    scales, weights = np.empty(means.shape, dtype=np.int16), np.empty(means.shape, dtype=np.uint8)
+    kernels.mixture_indices(
+        context.channel_outputs(group, shared, activations), group, outputs,
+        columns.feature_weight + int(_group_edges(context)[group]), columns.steps,
+        inverse_step_table(context.config.base_steps[0]), means, scales, weights,
+    )  # fmt: skip
+    return means, scales, weights

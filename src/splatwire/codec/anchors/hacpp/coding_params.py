@@ -1,0 +1,211 @@
+"""Prediction in integer arithmetic: from positions and side information to table indices of the entropy coder.
+
+Everything here is integer arithmetic; matrix products use float64, which represents every partial sum exactly. Results
+depend only on the anchor's own position, its own decoded symbols and the side information.
+`tests/reference/hacpp_params.py` is the same in plain torch.
+"""
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.codec import _network_kernels as kernels
+from splatwire.codec.anchors.hacpp.grid_lookup import lookup, unit_coordinates
+from splatwire.codec.fixed_point import FACTOR_BITS, INVERSE_STEP_BITS, OUTPUT_BITS, STEP_CELLS, STEP_LIMIT
+from splatwire.codec.integer_network import IntegerMlp
+from splatwire.entropy.tables import step_table
+from splatwire.types.anchor_config import ModelConfig
+
+
+@dataclass(frozen=True)
+class PriorColumns:
+    """Index of the first column of each predicted quantity in the prior network's outputs (HAC++).
+
+    Attributes:
+        feature_mean: Means of the F feature channels.
+        feature_scale: Standard deviations of the F feature channels.
+        feature_weight: Logits of the mixture weights of the F feature channels.
+        scaling_mean: Means of the six scalings.
+        scaling_scale: Standard deviations of the six scalings.
+        offset_mean: Means of the 3 K offset coordinates.
+        offset_scale: Standard deviations of the 3 K offset coordinates.
+        steps: Numbers from which the quantisation steps of feature, scaling and offset are computed, three columns.
+    """
+
+    feature_mean: int
+    feature_scale: int
+    feature_weight: int
+    scaling_mean: int
+    scaling_scale: int
+    offset_mean: int
+    offset_scale: int
+    steps: int
+
+
+def prior_columns(config: ModelConfig) -> PriorColumns:
+    """Returns the first column of each predicted quantity in the prior network's outputs."""
+    f, o = config.layout.feature_dim, 3 * config.layout.num_offsets
+    return PriorColumns(0, f, 2 * f, 3 * f, 3 * f + 6, 3 * f + 12, 3 * f + 12 + o, 3 * f + 12 + 2 * o)
+
+
+def factor_table() -> np.ndarray:
+    """Returns the table of factors `1 + tanh(q)` on quantisation steps, `FACTOR_BITS` fractional bits."""
+    return step_table(STEP_CELLS, STEP_LIMIT, FACTOR_BITS)
+
+
+@functools.cache
+def inverse_step_table(base: float) -> np.ndarray:
+    """Returns the reciprocals of all quantisation steps of an attribute, `INVERSE_STEP_BITS` fractional bits.
+
+    Args:
+        base: The attribute's base step, world units.
+
+    Returns:
+        int64, one entry for each entry of `factor_table`.
+    """
+    # one correctly rounded division and one correctly rounded product for each entry
+    numerator = float(1 << (INVERSE_STEP_BITS + FACTOR_BITS)) / base
+    return np.array([round(numerator / int(f)) for f in factor_table()], dtype=np.int64)
+
+
+def step_indices(outputs: np.ndarray, config: ModelConfig) -> np.ndarray:
+    """Returns the step table indices of feature, scaling and offset of each anchor.
+
+    Args:
+        outputs: int32 (N, prior outputs), `OUTPUT_BITS` fractional bits.
+        config: Shape of the model.
+
+    Returns:
+        int64 (N, 3).
+    """
+    first = prior_columns(config).steps
+    q = outputs[:, first : first + 3].astype(np.int64)
+    half = STEP_LIMIT * STEP_CELLS
+    shift = OUTPUT_BITS - (STEP_CELLS.bit_length() - 1)
+    return np.clip(((q + (1 << (shift - 1))) >> shift) + half, 0, 2 * half)
+
+
+def dequantise(symbols: np.ndarray, factors: np.ndarray, base: float) -> np.ndarray:
+    """Dequantises symbols to `symbol * base * factor`, with one rounding to float64 and one to float32.
+
+    Args:
+        symbols: int32 (N, D).
+        factors: int64 (N), `FACTOR_BITS` fractional bits.
+        base: The attribute's base step.
+
+    Returns:
+        float32 (N, D).
+    """
+    whole = symbols.astype(np.int64) * factors[:, None]
+    return (whole.astype(np.float64) * (base / (1 << FACTOR_BITS))).astype(np.float32)
+
+
+def quantise(values: np.ndarray, factors: np.ndarray, base: float) -> np.ndarray:
+    """Quantises values: returns the symbols that `dequantise` converts to the nearest values.
+
+    Args:
+        values: float (N, D).
+        factors: int64 (N), `FACTOR_BITS` fractional bits.
+        base: The attribute's base step.
+
+    Returns:
+        int32 (N, D).
+    """
+    step = factors.astype(np.float64)[:, None] * (base / (1 << FACTOR_BITS))
+    return np.rint(values.astype(np.float64) / step).astype(np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class CodingContext:
+    """Networks and constants for prediction, shared by encoder and decoder.
+
+    Attributes:
+        config: Shape of the model.
+        voxel_size: World units per voxel.
+        bounds_min: Lower corner of the hash grid's bounding box, world units, float32 (3).
+        bounds_max: Upper corner of the bounding box, world units, float32 (3).
+        signs: Binary hash tables of all grid levels, one after another, int8 (rows, D), entries -1 or +1.
+        prior: Network that predicts the distributions of all attributes from the hash-grid feature of an anchor.
+        channel: One network for each feature group, which predicts the group from the groups before it.
+    """
+
+    config: ModelConfig
+    voxel_size: float
+    bounds_min: np.ndarray
+    bounds_max: np.ndarray
+    signs: np.ndarray
+    prior: IntegerMlp
+    channel: tuple[IntegerMlp, ...]
+
+    def units(self, voxels: np.ndarray) -> np.ndarray:
+        """Converts voxels, int64 (N, 3), to fixed-point coordinates in the grid's bounding box, int64 (N, 3)."""
+        return unit_coordinates(voxels, self.voxel_size, self.bounds_min, self.bounds_max)
+
+    def predict(self, voxels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Evaluates the hash grid and the prior network for anchors at given voxels.
+
+        Args:
+            voxels: int64 (N, 3).
+
+        Returns:
+            The context, float64 (N, H) whole numbers with `ACTIVATION_BITS` fractional bits, and the prior outputs,
+            int32 with `OUTPUT_BITS` fractional bits.
+        """
+        context = lookup(self.units(voxels), self.signs, self.config.grid)
+        return context, self.prior(context)
+
+    @functools.cached_property
+    def shared_matrix(self) -> np.ndarray:
+        """First-layer weights of all channel networks for their inputs from the prior, float64 (3 F, hidden sum)."""
+        before = np.cumsum([0, *self.config.layout.feature_groups])
+        return np.concatenate(
+            [mlp.hidden.matrix[size:] for mlp, size in zip(self.channel, before[:-1], strict=True)], axis=1
+        )
+
+    def shared_sums(self, outputs: np.ndarray) -> list[np.ndarray]:
+        """Returns the contribution of the prior's outputs to the first layer of every channel network.
+
+        Args:
+            outputs: int32 (N, prior outputs).
+
+        Returns:
+            One float64 (N, hidden) array of whole numbers for each feature group.
+        """
+        inputs = np.empty((len(outputs), 3 * self.config.layout.feature_dim), dtype=np.float64)
+        kernels.narrow(outputs, inputs)
+        sums = inputs @ self.shared_matrix
+        edges = np.cumsum([len(mlp.hidden.weight) for mlp in self.channel])[:-1]
+        return np.split(sums, edges, axis=1)
+
+    def channel_outputs(self, group: int, shared: np.ndarray, activations: np.ndarray) -> np.ndarray:
+        """Evaluates the channel network of a feature group.
+
+        Args:
+            group: Index of the group.
+            shared: First-layer sums of the group's network over the prior's outputs, an entry of the result of
+                `shared_sums`.
+            activations: float64 (N, channels of the groups before) from `feature_activations`.
+
+        Returns:
+            int32 (N, 3 * size of the group): mean, scale and weight of the group's channels.
+        """
+        sums = shared.copy()
+        if activations.shape[1]:
+            sums += self.channel[group].accumulate(activations, slice(0, activations.shape[1]))
+        return self.channel[group].finish(sums)
+
+    def feature_activations(self, symbols: np.ndarray, factors: np.ndarray) -> np.ndarray:
+        """Converts decoded features to inputs of the channel networks.
+
+        Args:
+            symbols: int32 (N, channels).
+            factors: int64 (N), step factors of the feature.
+
+        Returns:
+            float64 (N, channels) whole numbers, `ACTIVATION_BITS` fractional bits.
+        """
+        activations = np.empty(symbols.shape, dtype=np.float64)
+        columns = np.ascontiguousarray(symbols), np.ascontiguousarray(factors)  # one compiled version
+        kernels.feature_activations(*columns, round(self.config.base_steps[0] * (1 << 16)), activations)
+        return activations

@@ -1,0 +1,194 @@
+"""Decoders of schema `hacpp`."""
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+
+from splatwire.bitstream import Manifest
+from splatwire.codec.anchors.hacpp.arrays import DecodedArrays, assemble_scene, store_symbols
+from splatwire.codec.anchors.hacpp.atomic import Symbols, decode_packets
+from splatwire.codec.anchors.hacpp.coding_params import factor_table, step_indices
+from splatwire.codec.anchors.hacpp.separated import decode_masks, decode_parts
+from splatwire.codec.anchors.hacpp.side_info import SideInfo, read_side_info
+from splatwire.codec.anchors.order import AnchorDecoder
+from splatwire.codec.memory import check_memory
+from splatwire.codec.schema import Decoder, Rows, Run
+from splatwire.errors import BitstreamError, MissingSideInfoError
+from splatwire.types import AnchorScene, Attribute, ReceivedScene
+
+PLACE_BYTES = 128
+"""Memory of an anchor's position while side information is read, bytes."""
+
+
+def open_side_info(manifest: Manifest, side_info: bytes, num_bytes: int) -> SideInfo:
+    """Reads the side information of a stream and checks it against the manifest.
+
+    Args:
+        manifest: The stream's manifest.
+        side_info: The side information, serialised.
+        num_bytes: Number of received bytes of the stream, which determines the memory limit (`splatwire.codec.memory`).
+
+    Raises:
+        MissingSideInfoError: If `side_info` is empty.
+        BitstreamError: If the side information is damaged, contradicts the manifest, or has too many anchors for the
+            memory limit.
+    """
+    if not side_info:
+        raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
+    num = manifest.num_elements
+    check_memory(num * PLACE_BYTES, num_bytes, f"reading the places of {num:,} anchors")
+    info = read_side_info(side_info, num, manifest.packetization.order)
+    layout = info.config.layout
+    stated = (manifest.feature_dim, manifest.num_offsets, manifest.feature_groups)
+    if stated != (layout.feature_dim, layout.num_offsets, layout.feature_groups):
+        raise BitstreamError(f"manifest and side information disagree on the layout of an anchor: {stated}, {layout}")
+    return info
+
+
+def scene_bytes(info: SideInfo) -> int:
+    """Returns the memory of the arrays of all anchors and of the scene built from them, bytes."""
+    config = info.config
+    width = config.layout.feature_dim + 6 + 3 * config.layout.num_offsets
+    return len(info.voxels) * (PLACE_BYTES + 4 * (3 * width + config.prior_dim + 2 * config.grid.context_dim))
+
+
+def row_bytes(info: SideInfo) -> int:
+    """Returns the memory of an anchor during decoding, bytes.
+
+    Counts the 64-bit inputs, hidden units and outputs of the networks, and the quantised attributes.
+    """
+    layout, hidden = info.config.layout, [len(network.hidden.symbols) for network in (info.prior, *info.channel)]
+    inputs = 2 * layout.feature_dim + info.config.grid.context_dim + info.config.prior_dim
+    symbols = layout.feature_dim + 6 + 4 * layout.num_offsets
+    return 8 * (sum(hidden) + max(hidden) + inputs) + 12 * symbols + 64
+
+
+def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int) -> Decoder:
+    """Reads the side information of a stream, and returns the decoder for the stream's packaging.
+
+    Args:
+        manifest: The stream's manifest.
+        side_info: The side information, serialised.
+        num_bytes: Number of received bytes of the stream, which determines the memory limit (`splatwire.codec.memory`).
+
+    Raises:
+        MissingSideInfoError: If `side_info` is empty.
+        BitstreamError: If the side information is damaged, contradicts the manifest, or has too many anchors for the
+            memory limit.
+    """
+    info = open_side_info(manifest, side_info, num_bytes)
+    return (SeparatedDecoder if manifest.packetization.separated else HacppDecoder)(manifest, info)
+
+
+class HacppDecoder(AnchorDecoder):
+    """Decodes streams of HAC++ anchors with atomic packets.
+
+    Args:
+        manifest: The stream's manifest.
+        info: Its side information.
+
+    Raises:
+        BitstreamError: If manifest and side information contradict each other.
+    """
+
+    def __init__(self, manifest: Manifest, info: SideInfo) -> None:
+        super().__init__(manifest, info.sections)
+        self._info, self._arrays = info, None
+        self._context, self._layout = info.coding_context(), info.config.layout
+        self._models = info.mask_models()
+        self.row_bytes = 4 * (self._layout.feature_dim + 6 + 4 * self._layout.num_offsets)
+        self.scene_bytes, self.chunk_bytes = scene_bytes(info), row_bytes(info)
+
+    _arrays: DecodedArrays | None
+
+    @property
+    def _room(self) -> DecodedArrays:
+        assert self._arrays is not None, "expect comes first"
+        return self._arrays
+
+    def allocate(self) -> None:
+        """Allocates arrays for all anchors, zero for missing anchors."""
+        self._arrays = DecodedArrays.empty(self._info)
+
+    def predict(self, ranks: np.ndarray) -> None:
+        """Computes the prior of the anchors with the given indices in coding order (ranks) from the hash grid."""
+        features, outputs = self._context.predict(self._info.voxels[ranks])
+        self._room.outputs[ranks], self._room.context[ranks] = outputs, features
+
+    def decode(self, run: Run) -> Rows:
+        """Decodes packets to integers: the offset masks and quantised attributes of the anchors in these packets.
+
+        Returns:
+            One array with a row for each anchor, packet by packet (`Symbols.rows`).
+        """
+        ranks = run.ranks
+        if self._arrays is None:
+            outputs = self._context.predict(self._info.voxels[ranks])[1]
+        else:
+            outputs = self._arrays.outputs[ranks]
+        return (decode_packets(self._context, outputs, run.counts, run.payloads, self._models)[0].rows(),)
+
+    def store(self, run: Run, rows: Rows) -> None:
+        """Writes the dequantised attributes of decoded anchors."""
+        ranks = run.ranks
+        factors = factor_table()[step_indices(self._room.outputs[ranks], self._info.config)]
+        store_symbols(self._room, ranks, Symbols.of_rows(rows[0], self._layout), factors, self._context)
+
+    def scene(self) -> ReceivedScene[AnchorScene]:
+        """Returns the scene, which shares memory with the arrays, and the stream's metadata."""
+        return assemble_scene(self._info, self._room).with_records(*self._records)
+
+
+class SeparatedDecoder(HacppDecoder):
+    """Decoder of separated packets, each of which contains one attribute of a group of anchors.
+
+    Decodes the received attributes of each group. If only some channel groups of a feature are received, the channels
+    before the first missing group are decoded. The feature nevertheless counts as not received.
+
+    Args:
+        manifest: The stream's manifest.
+        info: Its side information.
+
+    Raises:
+        BitstreamError: If manifest and side information contradict each other.
+    """
+
+    runs_are_blocks, packets_independent, redecode_on_demand = True, False, False
+
+    def __init__(self, manifest: Manifest, info: SideInfo) -> None:
+        super().__init__(manifest, info)
+        self._masks = decode_masks(info)
+
+    def allocate(self) -> None:
+        """Allocates arrays for all anchors, and fills in the offset masks, which side information contains."""
+        super().allocate()
+        self._room.mask[:], self._room.received[:, Attribute.MASK] = self._masks, True
+
+    def decode(self, run: Run) -> Rows:
+        """Decodes the received packets of a block, where each packet contains one attribute of a group of anchors.
+
+        Returns:
+            Three arrays with a row for each anchor: quantised attributes (`Symbols.rows`), factors on the quantisation
+            steps, int64 (n, 3), and the mask of received attributes.
+        """
+        empty = Symbols.of_rows(np.empty((0, self.row_bytes // 4), np.int32), self._layout).rows()
+        found: list[Rows] = [(empty, np.empty((0, 3), np.int64), np.empty((0, len(Attribute)), np.bool_))]
+        for ranks, payloads in _groups(run):
+            decoded = decode_parts(self._context, self._room.outputs[ranks], self._masks[ranks], payloads)
+            found.append((decoded.symbols.rows(), decoded.factors, decoded.received))
+        return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
+
+    def store(self, run: Run, rows: Rows) -> None:
+        """Writes the dequantised attributes of decoded anchors, with a mask of the received attributes."""
+        symbols, factors, received = rows
+        ranks = np.concatenate([np.empty(0, np.int64), *(ranks for ranks, _ in _groups(run))])
+        store_symbols(self._room, ranks, Symbols.of_rows(symbols, self._layout), factors, self._context, received)
+
+
+def _groups(run: Run) -> Iterator[tuple[np.ndarray, dict[int, bytes]]]:
+    """Yields the groups of anchors that share packets: their ranks, and the received payloads by attribute."""
+    both = zip(run.packets, run.members, strict=True)
+    for _, same in itertools.groupby(both, key=lambda pair: pair[0].id.lane):
+        pairs = list(same)
+        yield pairs[0][1], {packet.id.part: packet.payload for packet, _ in pairs}

@@ -1,0 +1,125 @@
+"""Fits the side information of schema `hacpp` to a scene: network precision and initial mask models."""
+
+import numpy as np
+
+from splatwire.codec.anchors.hacpp.coding_params import PriorColumns, prior_columns
+from splatwire.codec.anchors.hacpp.grid_lookup import lookup, unit_coordinates
+from splatwire.codec.anchors.hacpp.side_info import MASK_CONTEXTS, SideInfo
+from splatwire.codec.anchors.head_fit import SAMPLE_SEED, fit_heads
+from splatwire.codec.fixed_point import ACTIVATION_BITS
+from splatwire.codec.heads import quantised
+from splatwire.codec.weights import QuantisedMlp
+from splatwire.ops.arrays import lower_median
+from splatwire.types import AnchorScene, ModelConfig
+from splatwire.types.prior import MIN_SCALE
+
+SAMPLE_ANCHORS = 16_000
+
+NOISE_REFERENCE = 0.035
+ANCHORS_REFERENCE = 35_000
+"""Tolerated noise of a network output relative to its predicted spread: 0.035 at 35,000 anchors, proportional to the
+inverse square root of their number. Weight bytes decrease with the logarithm of the noise; attribute bytes grow with
+its square and the number of anchors. This rule minimises their sum (benchmarks/weight_precision.py).
+"""
+
+STEP_TOLERANCE = 0.05
+
+
+def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None = None) -> SideInfo:
+    """Computes the side information of a scene: quantised networks and initial mask models.
+
+    Args:
+        scene: The scene.
+        voxels: int64 (N, 3), voxel indices of its anchors.
+        noise: Tolerated quantisation error of the context networks' outputs, relative to the predicted standard
+            deviation; None for the default.
+
+    Returns:
+        The side information.
+
+    Raises:
+        InvalidValueError: If the box of the hash grid is too thin for the voxels.
+    """
+    config, context = scene.hacpp.config, scene.hacpp.context
+    if noise is None:
+        noise = float(np.clip(NOISE_REFERENCE * (ANCHORS_REFERENCE / max(len(voxels), 1)) ** 0.5, 0.01, 0.05))
+    index = np.random.default_rng(SAMPLE_SEED).permutation(len(voxels))[:SAMPLE_ANCHORS]
+    sample, columns = scene.anchors.select(index), prior_columns(config)
+    signs = np.concatenate([context.grid.volume, *context.grid.planes]).astype(np.int8)
+    bounds = context.grid.bounds_min.astype(np.float32), context.grid.bounds_max.astype(np.float32)
+    # inputs as computed by encoder and decoder, converted to floats
+    inputs = lookup(unit_coordinates(voxels[index], scene.hacpp.voxel_size, *bounds), signs, config.grid)
+    inputs = (inputs * 2.0**-ACTIVATION_BITS).astype(np.float32)
+    outputs = context.prior(inputs)
+    return SideInfo(
+        config, scene.hacpp.voxel_size, *bounds, voxels, signs,
+        quantised(context.prior, inputs, _prior_tolerance(outputs, columns, config) * noise),
+        _fit_channel(scene, sample.features, outputs[:, : columns.scaling_mean], noise),
+        fit_heads(scene.heads, sample),
+        _fit_masks(scene.anchors.mask),
+    )  # fmt: skip
+
+
+def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
+    """Returns the typical standard deviation of each channel, with the rounding error of symbols included.
+
+    Args:
+        scale: Predicted scales of a sample of anchors, (n, D).
+        step: Base step of the attribute.
+
+    Returns:
+        float64 (D).
+    """
+    typical = lower_median(np.maximum(scale.astype(np.float64), step * 1e-3))
+    return np.sqrt(typical**2 + step**2 / 12)
+
+
+def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelConfig) -> np.ndarray:
+    """Returns the tolerated error of each output of the prior network, up to a common factor.
+
+    The tolerance of a mean or scale is the channel's typical standard deviation, because an error then costs about as
+    many bits in every channel.
+
+    Args:
+        outputs: Outputs of the prior network for a sample of anchors.
+        columns: First column of each predicted quantity in `outputs`.
+        config: Shape of the model.
+    """
+    feature, scaling, offset = config.base_steps
+    spread_f = typical_spread(outputs[:, columns.feature_scale : columns.feature_weight], feature)
+    spread_s = typical_spread(outputs[:, columns.scaling_scale : columns.offset_mean], scaling)
+    spread_o = typical_spread(outputs[:, columns.offset_scale : columns.steps], offset)
+    weight, steps = np.ones(len(spread_f)), np.full(3, STEP_TOLERANCE)
+    return np.concatenate([spread_f, spread_f, weight, spread_s, spread_s, spread_o, spread_o, steps])
+
+
+def _fit_channel(scene: AnchorScene, features: np.ndarray, prior: np.ndarray, noise: float) -> tuple[QuantisedMlp, ...]:
+    """Quantises the channel networks, which predict each feature group from the groups before it.
+
+    Args:
+        scene: The scene.
+        features: Features of a sample of anchors.
+        prior: Prior's means, scales and weights of these features.
+        noise: Tolerated quantisation error of the networks' outputs, relative to the predicted standard deviation.
+    """
+    fitted, before = [], 0
+    for network, size in zip(scene.hacpp.context.channel, scene.hacpp.config.layout.feature_groups, strict=True):
+        inputs = np.concatenate([features[:, :before], prior], axis=1)
+        scale = np.maximum(network(inputs)[:, size : 2 * size], MIN_SCALE)
+        spread = typical_spread(scale, scene.hacpp.config.base_steps[0])
+        tolerance = np.concatenate([spread, spread, np.ones(size)]) * noise
+        fitted.append(quantised(network, inputs, tolerance))
+        before += size
+    return tuple(fitted)
+
+
+def _fit_masks(mask: np.ndarray) -> np.ndarray:
+    """Returns the initial probability of a zero in each mask model (its overall frequency), in units of 2**-8."""
+    ones = np.minimum(np.cumsum(mask, axis=1) - mask, MASK_CONTEXTS - 1)
+    zero = np.full((mask.shape[1], MASK_CONTEXTS), 128, dtype=np.int64)
+    for k in range(mask.shape[1]):
+        for c in range(MASK_CONTEXTS):
+            bits = mask[ones[:, k] == c, k]
+            if len(bits):
+                zero[k, c] = np.clip(round(256 * (1 - bits.mean())), 1, 255)
+    return zero.ravel()

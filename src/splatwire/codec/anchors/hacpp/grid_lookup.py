@@ -1,0 +1,116 @@
+"""Integer hash-grid lookup: table rows of an anchor, and the interpolated context (HAC++, hash grid)."""
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.codec.anchors.hacpp import _grid_kernels
+from splatwire.codec.fixed_point import UNIT_BITS
+from splatwire.errors import InvalidValueError
+from splatwire.types.anchor_config import PLANES, HashGridConfig
+
+_MAX_UNIT = 2.0**62
+_PRIMES = (1, 2654435761, 805459861)
+
+
+@dataclass(frozen=True)
+class GridLevels:
+    """Layout of all levels of the hash grid in the concatenated table: 3D levels, then the levels of the three planes.
+
+    Attributes:
+        starts: First row of each level in the concatenated table.
+        resolutions: Resolution of each level.
+        rows: Number of table rows of each level.
+        axes: (levels, 3) world axes of each level; -1 in the last column for a plane.
+    """
+
+    starts: np.ndarray
+    resolutions: np.ndarray
+    rows: np.ndarray
+    axes: np.ndarray
+
+    @property
+    def num_rows(self) -> int:
+        """Number of rows of the concatenated table."""
+        return int(self.rows.sum())
+
+
+@functools.cache
+def grid_levels(config: HashGridConfig) -> GridLevels:
+    """Returns the layout of the levels: the 3D table first, then the planes xy, xz, yz (HAC++)."""
+    resolutions = list(config.resolutions_3d)
+    rows = list(config.rows(3))
+    axes = [(0, 1, 2)] * len(resolutions)
+    for plane in PLANES:
+        resolutions += config.resolutions_2d
+        rows += config.rows(2)
+        axes += [(*plane, -1)] * len(config.resolutions_2d)
+    starts = np.concatenate([[0], np.cumsum(rows)[:-1]])
+    return GridLevels(*(np.array(a, dtype=np.int64) for a in (starts, resolutions, rows, axes)))
+
+
+def unit_coordinates(
+    voxels: np.ndarray, voxel_size: float, bounds_min: np.ndarray, bounds_max: np.ndarray
+) -> np.ndarray:
+    """Converts voxels to fixed-point coordinates within the grid's bounding box.
+
+    Slope and intercept are single correctly rounded float64 operations, the rest is integer arithmetic.
+
+    Args:
+        voxels: int64 (N, 3).
+        voxel_size: World units per voxel.
+        bounds_min: float32 (3), lower corner of the box.
+        bounds_max: float32 (3), upper corner.
+
+    Returns:
+        int64 (N, 3), `UNIT_BITS` fractional bits; outside [0, 1] means outside the box.
+
+    Raises:
+        InvalidValueError: If the box is too thin to represent positions with 64 bits.
+    """
+    units = np.empty(voxels.shape, dtype=np.int64)
+    for axis in range(3):
+        low, high = float(bounds_min[axis]), float(bounds_max[axis])
+        width = max(high - low, 0.0) or math.nan
+        factors = voxel_size / width * 2.0**UNIT_BITS, -low / width * 2.0**UNIT_BITS
+        largest = int(np.abs(voxels[:, axis]).max(initial=0)) * abs(factors[0]) + abs(factors[1])
+        if not largest < _MAX_UNIT:  # also rejects infinity and NaN
+            raise InvalidValueError(f"the grid's box from {low:g} to {high:g} is too thin for voxels of {voxel_size:g}")
+        slope, intercept = (round(factor) for factor in factors)
+        units[:, axis] = voxels[:, axis] * slope + intercept
+    return units
+
+
+def lookup(units: np.ndarray, signs: np.ndarray, config: HashGridConfig) -> np.ndarray:
+    """Interpolates the hash grid at fixed-point positions.
+
+    Args:
+        units: int64 (N, 3) from `unit_coordinates`.
+        signs: int8 (rows, D), all levels.
+        config: Shape of the grid.
+
+    Returns:
+        float64 (N, H) whole numbers, `ACTIVATION_BITS` fractional bits.
+    """
+    levels = grid_levels(config)
+    out = np.empty((len(units), len(levels.rows) * config.features_per_level), dtype=np.float64)
+    _grid_kernels.lookup(units, signs, levels.starts, levels.resolutions, levels.rows, levels.axes, out)
+    return out
+
+
+def touched_rows(units: np.ndarray, config: HashGridConfig) -> np.ndarray:
+    """Returns the mask of table rows that the interpolation of at least one anchor reads; only these are sent.
+
+    Args:
+        units: int64 (N, 3) from `unit_coordinates`.
+        config: Shape of the grid.
+
+    Returns:
+        bool (rows).
+    """
+    levels = grid_levels(config)
+    touched = np.zeros(levels.num_rows, dtype=np.bool_)
+    _grid_kernels.touch(units, levels.starts, levels.resolutions, levels.rows, levels.axes, touched)
+    return touched

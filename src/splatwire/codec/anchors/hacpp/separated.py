@@ -1,0 +1,197 @@
+"""Separated packets: HAC++'s own layout, with a separate packet for each attribute of a group of anchors.
+
+This is the baseline for atomic packets. The symbols and their distributions are those of atomic packets. A feature
+group is predicted from the groups before it, so its decoding requires them. The offset masks of the whole scene are one
+section of the side information, like HAC++'s `masks.b`, because decoding offsets requires them.
+"""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.bitstream.packet_id import FIRST_FEATURE, OFFSET, SCALING
+from splatwire.codec.anchors.hacpp import _packet_kernels as kernels
+from splatwire.codec.anchors.hacpp.atomic import Mixture, Predictions, Symbols, predict_group, predict_packets
+from splatwire.codec.anchors.hacpp.coding_params import CodingContext
+from splatwire.codec.anchors.hacpp.side_info import SideInfo
+from splatwire.entropy.coder import Mixtures, decode_symbols, encode_bits, encode_symbols
+from splatwire.entropy.tables import weight_table
+from splatwire.errors import BitstreamError
+from splatwire.types import Attribute
+
+SECTION = "masks"
+"""Name of the section of the side information with the masks."""
+
+
+def encode_masks(masks: np.ndarray, mask_models: np.ndarray) -> bytes:
+    """Encodes the offset masks of all anchors of a scene as one stream.
+
+    Args:
+        masks: Masks of the anchors in coding order, bool or uint8 (N, K).
+        mask_models: Initial mask models, int64 (contexts, 2).
+    """
+    bits = masks.astype(np.int64)
+    before = np.minimum(np.cumsum(bits, axis=1) - bits, kernels.MASK_ONES - 1)
+    contexts = np.arange(bits.shape[1])[None, :] * kernels.MASK_ONES + before
+    return encode_bits(bits.ravel(), contexts.ravel(), mask_models)
+
+
+def decode_masks(info: SideInfo) -> np.ndarray:
+    """Decodes the offset masks of all anchors of a stream with separated packets; any bytes decode without an error.
+
+    Returns:
+        Masks of the anchors in coding order, uint8 (N, K).
+
+    Raises:
+        BitstreamError: If the side information has no section of masks.
+    """
+    if SECTION not in info.sections:
+        raise BitstreamError(f"the side information lacks the section '{SECTION}', which separated packets need")
+    data = info.sections[SECTION]
+    masks = np.empty((len(info.voxels), info.config.layout.num_offsets), dtype=np.uint8)
+    kernels.decode_masks(
+        np.frombuffer(data, dtype=np.uint8), np.array([0, len(data)]), np.array([0, len(masks)]), info.mask_models(),
+        np.zeros((1, 3), dtype=np.int64), masks,
+    )  # fmt: skip
+    return masks
+
+
+def encode_parts(
+    context: CodingContext, predicted: Predictions, mixture: Mixture, counts: np.ndarray, symbols: Symbols
+) -> list[bytes]:
+    """Encodes groups of anchors with a separate packet for each attribute.
+
+    Args:
+        context: Coding context.
+        predicted: Prediction of the anchors, group by group.
+        mixture: Their mixtures.
+        counts: int64 (groups), anchors of each group.
+        symbols: The anchors' symbols.
+
+    Returns:
+        The payloads of each group's packets in the order of `PacketPlan.ids`: scalings, offsets, feature groups.
+    """
+    payloads, begin, edges = [], 0, _edges(context)
+    for count in counts.tolist():
+        rows = slice(begin, begin + count)
+        scaling = _normals(predicted.scaling, rows)
+        payloads.append(encode_symbols(symbols.scaling[rows].ravel(), scaling))
+        keep = np.repeat(symbols.mask[rows].astype(bool), 3, axis=1)
+        payloads.append(encode_symbols(symbols.offset[rows][keep], _normals(predicted.offset, rows, keep)))
+        for first, last in itertools.pairwise(edges):
+            columns = slice(int(first), int(last))
+            parts = (mixture.mean[rows, columns], mixture.scale[rows, columns], mixture.weight[rows, columns])
+            distribution = _features(predicted, rows, columns, *parts)
+            payloads.append(encode_symbols(symbols.feature[rows, columns].ravel(), distribution))
+        begin += count
+    return payloads
+
+
+@dataclass(frozen=True, eq=False)
+class DecodedParts:
+    """Decoded attributes of n anchors.
+
+    Attributes:
+        symbols: Quantised attributes of the anchors; zero for missing attributes.
+        factors: Factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).
+        received: bool (n, 4), one column per `Attribute`. If only the first channels of a feature were decoded, they
+            are in `symbols`, and the entry of the feature is False.
+    """
+
+    symbols: Symbols
+    factors: np.ndarray
+    received: np.ndarray
+
+
+def decode_parts(
+    context: CodingContext, outputs: np.ndarray, mask: np.ndarray, payloads: Mapping[int, bytes]
+) -> DecodedParts:
+    """Decodes the received attributes of one group of anchors; any bytes decode without an error.
+
+    Args:
+        context: Coding context.
+        outputs: int32 (n, prior outputs) of the anchors.
+        mask: uint8 (n, K), their masks.
+        payloads: Payloads of the received packets, by `PacketId.part`.
+    """
+    predicted, layout, num = predict_packets(context, outputs), context.config.layout, len(outputs)
+    symbols = Symbols(
+        mask,
+        np.zeros((num, layout.feature_dim), dtype=np.int32),
+        np.zeros((num, 6), dtype=np.int32),
+        np.zeros((num, 3 * layout.num_offsets), dtype=np.int32),
+    )
+    rows, received = slice(0, num), np.zeros((num, len(Attribute)), dtype=np.bool_)
+    received[:, Attribute.MASK] = True
+    if SCALING in payloads:
+        values = decode_symbols(payloads[SCALING], _normals(predicted.scaling, rows))
+        symbols.scaling[:] = values.reshape(num, 6)
+        received[:, Attribute.SCALING] = True
+    if OFFSET in payloads:
+        keep = np.repeat(mask.astype(bool), 3, axis=1)
+        symbols.offset[keep] = decode_symbols(payloads[OFFSET], _normals(predicted.offset, rows, keep))
+        received[:, Attribute.OFFSET] = True
+    received[:, Attribute.FEATURE] = _decode_features(context, predicted, symbols.feature, payloads)
+    return DecodedParts(symbols, predicted.factors, received)
+
+
+def _decode_features(
+    context: CodingContext, predicted: Predictions, feature: np.ndarray, payloads: Mapping[int, bytes]
+) -> bool:
+    """Decodes the feature groups of some anchors in order, up to the first group that was not received.
+
+    Args:
+        context: Coding context.
+        predicted: Prediction of the anchors.
+        feature: Output: feature symbols, int32 (n, F); channels of groups that are not decoded stay unchanged.
+        payloads: Payloads of the received packets, by `PacketId.part`.
+
+    Returns:
+        True if all feature groups were received.
+    """
+    edges, rows = _edges(context), slice(0, len(feature))
+    for group, shared in enumerate(context.shared_sums(predicted.outputs)):
+        if FIRST_FEATURE + group not in payloads:
+            return False
+        columns = slice(int(edges[group]), int(edges[group + 1]))
+        before = context.feature_activations(feature[:, : columns.start], predicted.factors[:, 0])
+        parts = predict_group(context, group, shared, before, predicted.outputs)
+        values = decode_symbols(payloads[FIRST_FEATURE + group], _features(predicted, rows, columns, *parts))
+        feature[:, columns] = values.reshape(len(feature), -1)
+    return True
+
+
+def _edges(context: CodingContext) -> np.ndarray:
+    return np.cumsum([0, *context.config.layout.feature_groups])
+
+
+def _normals(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep: np.ndarray | None = None) -> Mixtures:
+    """Returns the normal distributions of the scalings or offsets of some anchors.
+
+    Args:
+        pair: Means and scale indices of all anchors, (n, D) each.
+        rows: Range of the anchors.
+        keep: Mask of the values that are coded, bool (anchors, D); None for all.
+    """
+    mean, scale = (values[rows] if keep is None else values[rows][keep] for values in pair)
+    return Mixtures.normals(mean.ravel(), scale.ravel())
+
+
+def _features(
+    predicted: Predictions, rows: slice, columns: slice, mean: np.ndarray, scale: np.ndarray, weight: np.ndarray
+) -> Mixtures:
+    """Returns the mixture distributions of the channels of a feature group for some anchors.
+
+    Args:
+        predicted: Prediction of all anchors, which contains the first mixture component.
+        rows: Range of the anchors.
+        columns: Range of the group's channels.
+        mean: Means of the second mixture component for these anchors and channels, see `atomic.Mixture`.
+        scale: Scale table indices of the second mixture component.
+        weight: Indices of the first component's weights in the weight table.
+    """
+    first = (values[rows, columns] for values in predicted.feature)
+    parts = (*first, mean, scale, weight_table()[weight])
+    return Mixtures(*(part.astype(np.int64).ravel() for part in parts))

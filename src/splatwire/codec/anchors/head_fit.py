@@ -1,0 +1,39 @@
+"""Quantises the rendering networks of anchors; shared by all anchor schemas."""
+
+import numpy as np
+
+from splatwire.codec.heads import quantised
+from splatwire.codec.weights import QuantisedMlp
+from splatwire.ops.arrays import lower_median
+from splatwire.ops.twister import Twister
+from splatwire.types import Anchors, GaussianHeads
+
+SAMPLE_SEED = 0
+HEAD_TOLERANCE = 0.004
+"""Tolerated noise of a rendering network's output before its activation: a quarter of an 8-bit colour step."""
+
+
+def fit_heads(
+    heads: GaussianHeads, sample: Anchors, tolerance: float = HEAD_TOLERANCE
+) -> tuple[QuantisedMlp, QuantisedMlp, QuantisedMlp]:
+    """Quantises the rendering networks of a scene.
+
+    Args:
+        heads: The networks.
+        sample: Sample of the anchors they render.
+        tolerance: Tolerated standard deviation of the error of an output before its activation.
+    """
+    # Views are unknown: directions are sampled on the sphere, and distances from half to twice the distance from the
+    # scene's centre. Both are independent of features, as real views are.
+    features, positions = sample.features, sample.positions
+    count, rng = len(features), Twister(SAMPLE_SEED)
+    direction = rng.normal(3 * count).reshape(count, 3)
+    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
+    extent = np.linalg.norm(positions - lower_median(positions), axis=1, keepdims=True)
+    distance = extent * 2 ** (2 * rng.uniform(count)[:, None] - 1)
+    inputs = np.concatenate([features, direction, distance], axis=1)
+    opacity, covariance, color = (
+        quantised(head, inputs, np.full(head.output.weight.shape[0], tolerance))
+        for head in (heads.opacity, heads.covariance, heads.color)
+    )
+    return opacity, covariance, color

@@ -1,0 +1,248 @@
+"""Shared code of the anchor schemas: order, tiers, chunks of packets, and base classes of encoder and decoder."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Int64
+
+from splatwire.anchors.voxels import voxel_indices
+from splatwire.arguments import checked
+from splatwire.bitstream import (
+    HEADER_BYTES,
+    Manifest,
+    Packet,
+    Packetization,
+    PacketPlan,
+    SceneStream,
+    shape_tiers,
+    spread_packetization,
+    tier_order,
+)
+from splatwire.bitstream.sections import sections_of
+from splatwire.codec.background import BACKGROUND
+from splatwire.codec.geometry import anchor_order
+from splatwire.codec.metadata import metadata_sections
+from splatwire.codec.schema import CHUNK, CodedPackets, Options, Prepared, Rows
+from splatwire.codec.threads import ordered_map
+from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
+from splatwire.codec.tier_sizes import encode_tier_sizes, read_tier_sizes
+from splatwire.codec.tiers import SECTION as TIERS
+from splatwire.codec.tiers import encode_tiers, read_tiers
+from splatwire.errors import InvalidValueError
+from splatwire.types import AnchorScene, TierSizes
+
+
+@runtime_checkable
+class AnchorCoder(Protocol):
+    """Protocol of an encoder for the anchors of one scene, which are sorted in coding order."""
+
+    def encode(self, ranks: np.ndarray, counts: np.ndarray, packet_bytes: int | None) -> CodedPackets:
+        """Encodes groups of anchors; may be called from several threads.
+
+        Args:
+            ranks: int64 (n), indices in coding order (ranks) of the anchors of all groups, group by group.
+            counts: int64 (groups), anchors of each group.
+            packet_bytes: Maximum size of a payload if groups are cut into packets by size. None for one packet per
+                group, or, with separated attributes, one per part.
+        """
+
+
+Coder = Callable[[AnchorScene, Packetization, dict[str, bytes], float | None], tuple[AnchorCoder, bytes]]
+RepackCoder = Callable[[AnchorScene, Packetization, bytes], tuple[AnchorCoder, bytes]]
+
+
+def prepare_anchors(scene: AnchorScene, options: Options, coder: Coder, manifest_fields: Mapping[str, Any]) -> Prepared:
+    """Prepares a scene of anchors for encoding.
+
+    Args:
+        scene: The scene; all of its anchors are drawable.
+        options: Encoding options; the default packetization is `spread_packetization`.
+        coder: Function that fits the side information; returns the anchor coder and the side information.
+        manifest_fields: Further fields of the manifest.
+
+    Raises:
+        InvalidValueError: If the scene is empty, values are not finite or too large, a tier is empty, or the
+            packetization or an option does not apply to anchors.
+    """
+    if options.quality is not None or options.classes is not None:
+        raise InvalidValueError("qualities and classes of precision are for explicit Gaussians: anchors have own steps")
+    packetization = options.packetization
+    index = coding_order(scene, "morton" if packetization is None else packetization.order)
+    packetization = packetization or spread_packetization(len(index))
+    tier_of = np.zeros(len(index), np.uint8) if options.tiers is None else np.asarray(options.tiers)[index]
+    scene = scene.select(index)
+    plan = _plan(scene, packetization, tier_of)
+    sections = {**BACKGROUND.sections(scene.background), **metadata_sections(scene.metadata)}
+    if plan.tiers:
+        sections[TIERS] = encode_tiers(tier_of, len(plan.tiers))
+        sections[TIER_SIZES] = encode_tier_sizes(scene.anchors, tier_of, len(plan.tiers))
+    made, side_info = coder(scene, packetization, sections, options.noise)
+    return Prepared(AnchorEncoder(made, plan, tier_of), side_info, plan, manifest_fields)
+
+
+def prepare_anchor_repack(
+    stream: SceneStream, scene: AnchorScene, packetization: Packetization, coder: RepackCoder,
+    manifest_fields: Mapping[str, Any],
+    *own: str,
+) -> Prepared:  # fmt: skip
+    """Prepares a complete stream for repacketizing.
+
+    Args:
+        stream: The stream.
+        scene: Its decoded scene.
+        packetization: New split into packets.
+        coder: Function that returns the anchor coder for the stream's side information, and the side information.
+        manifest_fields: Further fields of the manifest.
+        own: Names of sections that `coder` writes again for the new packets, and which may therefore depend on the
+            order of anchors.
+
+    Raises:
+        InvalidValueError: If the stream has sections that depend on another order of anchors.
+    """
+    sections = sections_of(stream)
+    tier_of = read_tiers(sections, stream.manifest)
+    if packetization.order != stream.manifest.packetization.order:
+        if kept := sorted(set(sections) - {BACKGROUND.name, *own}):
+            order = stream.manifest.packetization.order
+            raise InvalidValueError(f"'{kept[0]}' of this stream is for anchors in {order} order")
+        scene = scene_in_order(scene, packetization.order)
+    plan = _plan(scene, packetization, tier_of)
+    made, side_info = coder(scene, packetization, stream.side_info)
+    return Prepared(AnchorEncoder(made, plan, tier_of), side_info, plan, manifest_fields)
+
+
+@checked
+def scene_in_order(scene: AnchorScene, order: str) -> AnchorScene:
+    """Returns a scene with its drawable anchors only, in coding order.
+
+    Args:
+        scene: The scene.
+        order: As in `Packetization.order`.
+
+    Returns:
+        The scene with its drawable anchors, without the factors on size and opacity that a loss concealer has set.
+
+    Raises:
+        InvalidValueError: If no anchor is left.
+    """
+    return scene.select(coding_order(scene, order))
+
+
+def coding_order(scene: AnchorScene, order: str) -> Int64[np.ndarray, "n"]:
+    """Returns the indices of a scene's drawable anchors in coding order.
+
+    Args:
+        scene: The scene, N anchors, n of them drawable (`splatwire.types.rows`).
+        order: As in `Packetization.order`.
+
+    Raises:
+        InvalidValueError: If no anchor is left.
+    """
+    drawable = np.flatnonzero(scene.drawable)
+    if not len(drawable):
+        raise InvalidValueError("the scene has no anchor that draws anything: there is nothing to encode")
+    voxels = voxel_indices(scene.anchors.positions[drawable], scene.coding.voxel_size)
+    return drawable[anchor_order(voxels, order)]
+
+
+def _plan(scene: AnchorScene, packetization: Packetization, tier_of: np.ndarray) -> PacketPlan:
+    groups = len(scene.coding.config.layout.feature_groups) if packetization.separated else 0
+    return PacketPlan(packetization, scene.anchors.num_anchors, shape_tiers(tier_of, packetization), groups)
+
+
+class AnchorEncoder:
+    """Encodes the anchors of a scene in chunks of whole packets with about `CHUNK` anchors each.
+
+    Args:
+        coder: Anchor coder.
+        plan: Packet plan.
+        tier_of: Tier of each anchor in coding order, uint8 (N).
+    """
+
+    def __init__(self, coder: AnchorCoder, plan: PacketPlan, tier_of: np.ndarray) -> None:
+        groups, p = plan.groups(), plan.packetization
+        self._coder, self._starts, self._rank_at = coder, groups.starts, tier_order(tier_of)[groups.ranks]
+        self._most = p.packet_bytes - HEADER_BYTES if p.hashed else None
+
+    def runs(self) -> Iterator[slice]:
+        """Yields slices of consecutive packets with about `CHUNK` anchors, which can be encoded in parallel."""
+        return chunks(np.diff(self._starts))
+
+    def encode(self, run: slice) -> CodedPackets:
+        """Encodes a slice of consecutive packets."""
+        starts = self._starts[run.start : run.stop + 1]
+        return self._coder.encode(self._rank_at[starts[0] : starts[-1]], np.diff(starts), self._most)
+
+
+def chunks(sizes: np.ndarray, most: int = CHUNK) -> Iterator[slice]:
+    """Divides packets into chunks of consecutive packets with about `most` anchors.
+
+    Args:
+        sizes: Number of anchors of each packet.
+        most: Number of anchors per chunk.
+    """
+    first, total = 0, 0
+    for p, size in enumerate(sizes):
+        if total and total + size > most:
+            yield slice(first, p)
+            first, total = p, 0
+        total += int(size)
+    if first < len(sizes):
+        yield slice(first, len(sizes))
+
+
+def update_digest(digest: Any, rows: Rows) -> None:
+    """Adds the decoded integers of anchors to a hashlib object, anchor by anchor."""
+    digest.update(np.ascontiguousarray(rows[0].astype("<i4")).data)
+
+
+class AnchorDecoder:
+    """Base class of the decoders of anchor streams.
+
+    Args:
+        manifest: The stream's manifest.
+        sections: Named sections of its side information.
+
+    Raises:
+        BitstreamError: If side information and manifest contradict each other.
+    """
+
+    runs_are_blocks, packets_independent, redecode_on_demand = False, True, False
+    chunk_bytes: int
+    """Memory of each anchor during decoding, bytes."""
+
+    def __init__(self, manifest: Manifest, sections: Mapping[str, bytes]) -> None:
+        self.sections, self._num = sections, manifest.num_elements
+        tiers, sizes = read_tiers(sections, manifest), read_tier_sizes(sections, manifest)
+        self.order = tier_order(tiers) if manifest.tiers else None
+        self._records = () if sizes is None else (TierSizes(sizes[tiers]),)
+
+    def working_bytes(self, packets: Sequence[Packet]) -> int:
+        """Returns the working memory of a decoding thread, for a chunk of anchors and the largest packet, bytes."""
+        return self.chunk_bytes * (max((packet.num_elements for packet in packets), default=0) + CHUNK)
+
+    def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
+        """Allocates arrays for all anchors and predicts every anchor from side information."""
+        self.allocate()
+
+        def predict(start: int) -> int:
+            ranks = np.arange(start, min(start + CHUNK, self._num))
+            self.predict(ranks)
+            return int(ranks[-1]) + 1
+
+        for done in ordered_map(predict, range(0, self._num, CHUNK), threads):
+            if progress:
+                progress(done / self._num)
+
+    def allocate(self) -> None:
+        """Allocates arrays for all anchors, zero for missing ones."""
+        raise NotImplementedError
+
+    def predict(self, ranks: np.ndarray) -> None:
+        """Predicts the anchors with the given indices in coding order (ranks) from side information alone."""
+        raise NotImplementedError
+
+    def update_digest(self, digest: Any, rows: Rows) -> None:
+        """Adds the decoded integers of anchors to a hashlib object, anchor by anchor."""
+        update_digest(digest, rows)

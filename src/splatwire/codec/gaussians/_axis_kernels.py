@@ -1,0 +1,165 @@
+"""Numba kernels that encode or decode the primary axis of a Gaussian."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec._coder_kernels import code_value
+from splatwire.codec.gaussians._gaussian_kernels import follow, octave_of
+from splatwire.codec.gaussians._neighbour_kernels import spread_context
+from splatwire.codec.gaussians.layout import AXIS, DIRECTION_BITS, R_DIRECTION
+from splatwire.ops.compiled import njit
+
+UNIT = 1 << DIRECTION_BITS
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def predict_axis(near, count, primary, axis):
+    """Predicts the primary axis of a Gaussian as the weighted sum of its neighbours' axes.
+
+    Only neighbours with a primary axis of the same kind (of the largest or of the smallest scale) are used. Their axes
+    are flipped to the side of the nearest neighbour's axis, because the sign of an axis is arbitrary.
+
+    Args:
+        near: Arrays of the packet, with the neighbours of this Gaussian.
+        count: Number of neighbours.
+        primary: Index of the primary axis: 0 for the largest scale, 2 for the smallest.
+        axis: Output: the weighted sum, int64 (3).
+
+    Returns:
+        Weighted mean deviation of the neighbours' axes from the prediction, and number of neighbours used.
+    """
+    axes, indices, weights = near.axes, near.indices, near.weights
+    total = x = y = z = nx = ny = nz = 0.0
+    kind, same = np.float64(primary), np.int64(0)
+    for m in range(count):
+        j = indices[m]
+        if axes[j, 3] == kind:
+            ax, ay, az = axes[j, 0], axes[j, 1], axes[j, 2]
+            if same == 0:
+                nx, ny, nz = ax, ay, az
+            w = weights[m]
+            total += w
+            w = w if ax * nx + ay * ny + az * nz >= 0.0 else -w
+            x, y, z = x + w * ax, y + w * ay, z + w * az
+            same += 1
+    if same == 0 or (x == 0.0 and y == 0.0 and z == 0.0):
+        axis[0], axis[1], axis[2] = 0, 0, UNIT
+        return np.int64(0), np.int64(0)
+    axis[0], axis[1], axis[2] = x, y, z
+    x, y, z = np.floor(x / total), np.floor(y / total), np.floor(z / total)
+    deviation = 0.0
+    for m in range(count):
+        j = indices[m]
+        if axes[j, 3] == kind:
+            ax, ay, az = axes[j, 0], axes[j, 1], axes[j, 2]
+            close, opposite = abs(ax - x) + abs(ay - y) + abs(az - z), abs(ax + x) + abs(ay + y) + abs(az + z)
+            deviation += weights[m] * min(close, opposite)
+    return np.int64(deviation / total), same
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def largest_of(axis):
+    """Returns the index of the coordinate with the largest magnitude; the first index on ties."""
+    pole = 0
+    for a in range(1, 3):
+        if abs(axis[a]) > abs(axis[pole]):
+            pole = a
+    return pole
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def round_axis(source, shift, axis):
+    """Rounds an axis to multiples of `1 << shift` with magnitudes that add up to `UNIT`.
+
+    Args:
+        source: The axis, float64 (3).
+        shift: log2 of the quantisation step.
+        axis: Output, int64 (3).
+    """
+    pole = largest_of(source)
+    first, second = (pole + 1) % 3, (pole + 2) % 3
+    length = abs(source[0]) + abs(source[1]) + abs(source[2])
+    sign = 2.0**-shift * UNIT / length if source[pole] >= 0 else -(2.0**-shift) * UNIT / length
+    axis[first] = np.int64(np.rint(source[first] * sign)) << shift
+    axis[second] = np.int64(np.rint(source[second] * sign)) << shift
+    axis[pole] = UNIT - abs(axis[first]) - abs(axis[second])
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _quotient(number, divisor):
+    """Returns the quotient of integers below 2**53, rounded down; faster than a division of integers."""
+    return np.int64(np.floor(np.float64(number) / np.float64(divisor)))
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def code_axis(coder, row, primary, source, shift, near, count, running, axis, other, absolute):
+    """Encodes or decodes the primary axis of a Gaussian relative to the mean axis of its neighbours.
+
+    The axis is scaled so that the magnitudes of its coordinates add up to `UNIT` (octahedral mapping). The coordinate
+    in which the mean axis is largest follows from the other two coordinates, which are coded. In streams of version 2,
+    their sum and difference are coded instead.
+
+    Args:
+        coder: Entropy coder.
+        row: Decoded integers of the Gaussian, int64 (COLUMNS); the axis is written.
+        primary: Index of the primary axis: 0 for the largest scale, 2 for the smallest.
+        source: The exact axis; only used by an encoder.
+        shift: log2 of the quantisation step.
+        near: Arrays of the packet, with the neighbours of this Gaussian.
+        count: Number of neighbours.
+        running: Moving average of the magnitudes of the Gaussian's residuals, in 16ths of a quantisation step.
+        axis: Working array, int64 (3).
+        other: Working array, int64 (3).
+        absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
+
+    Returns:
+        The updated moving average of magnitudes.
+    """
+    deviation, same = predict_axis(near, count, primary, axis)
+    spread, pole = spread_context(same, deviation, shift), largest_of(axis)
+    if axis[pole] < 0:
+        for a in range(3):
+            axis[a] = -axis[a]
+    first, second = (pole + 1) % 3, (pole + 2) % 3
+    norm = abs(axis[0]) + abs(axis[1]) + abs(axis[2])
+    p, q = axis[first], axis[second]
+    wanted_p, wanted_q = np.int64(0), np.int64(0)
+    if not absolute:
+        p, q = p + q, p - q
+    if not coder.decoding:
+        if absolute:
+            round_axis(source, shift, other)
+            side = -1 if other[pole] < 0 else 1
+            wanted_p, wanted_q = side * other[first], side * other[second]
+        else:
+            length = abs(source[0]) + abs(source[1]) + abs(source[2])
+            sign = UNIT / length if source[pole] >= 0 else -UNIT / length
+            wanted_p = np.int64(np.rint((source[first] + source[second]) * sign))
+            wanted_q = np.int64(np.rint((source[first] - source[second]) * sign))
+    x = y = np.int64(0)
+    # A loop, because numba would compile a copy of the entropy coder for each call.
+    for number in range(2):
+        mean, wanted = _quotient((q if number else p) << DIRECTION_BITS, norm), wanted_q if number else wanted_p
+        value, steps = code_value(coder, R_DIRECTION, spread, octave_of(running), mean, wanted, shift, absolute)
+        running = follow(running, steps)
+        most = UNIT - abs(x) if absolute else np.int64(UNIT)
+        value = min(max(value, -most), most)
+        if number:
+            y = value
+        else:
+            x = value
+    if not absolute:
+        x, y = (x + y) >> 1, (x - y) >> 1
+    axis[first], axis[second], axis[pole] = x, y, max(UNIT - abs(x) - abs(y), 0)
+    if absolute and axis[largest_of(axis)] < 0:
+        for a in range(3):
+            axis[a] = -axis[a]
+    for a in range(3):
+        row[AXIS + a] = axis[a]
+    return running

@@ -1,0 +1,70 @@
+"""Numba kernels that encode or decode the coarse positions of a packet's Gaussians: sorted Morton codes of grid cells.
+
+The codes form a binary tree: a node is a range of sorted codes that agree in all higher bits. A flag indicates that all
+codes of a node agree in the next bit, too; otherwise the number of codes with a zero in this bit is coded. The order of
+Gaussians is not coded, which saves log2(n!) bits for a packet of n.
+"""
+
+from typing import no_type_check
+
+from splatwire.codec._coder_kernels import code_below, code_bit, code_raw
+from splatwire.codec._geometry_kernels import split
+from splatwire.entropy.range_kernels import ONE, ZERO
+from splatwire.ops.compiled import njit
+
+RUNS = 4
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def code_cells(coder, codes, bits, stack):
+    """Encodes or decodes sorted Morton codes.
+
+    Args:
+        coder: Entropy coder.
+        codes: int64 (n), the codes in ascending order; filled by a decoder.
+        bits: Number of bits of a code.
+        stack: Working array, int64 (at least `bits` + 2, 5).
+    """
+    _push(stack, 0, 0, len(codes), bits - 1, 0, 0)
+    top = 0
+    while top >= 0:
+        begin, end, bit = stack[top, 0], stack[top, 1], stack[top, 2]
+        run, prefix = stack[top, 3], stack[top, 4]
+        top -= 1
+        if begin == end:
+            continue
+        if bit < 0 or end - begin == 1:
+            low = codes[begin] & ((1 << (bit + 1)) - 1)
+            low = code_raw(coder, low, bit + 1) if bit >= 0 else 0
+            for i in range(begin, end):
+                codes[i] = (prefix << (bit + 1)) | low
+            continue
+        zeros = split(codes, begin, end, bit) - begin if not coder.decoding else 0
+        zeros = _code_zeros(coder, end - begin, zeros, run)
+        run = min(run + 1, RUNS - 1) if zeros == 0 or zeros == end - begin else 0
+        _push(stack, top + 1, begin + zeros, end, bit - 1, run, (prefix << 1) | 1)
+        _push(stack, top + 2, begin, begin + zeros, bit - 1, run, prefix << 1)
+        top += 2
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _push(stack, top, begin, end, bit, run, prefix):
+    """Writes one row of a stack of tree nodes.
+
+    Each element is assigned separately, because numba takes seconds to compile the assignment of a tuple.
+    """
+    stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3], stack[top, 4] = begin, end, bit, run, prefix
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _code_zeros(coder, n, zeros, run):
+    size = 0
+    while n >> (size + 1) and size < 8:
+        size += 1
+    together = 1 if zeros == 0 or zeros == n else 0
+    if code_bit(coder, (size - 1) * RUNS + run, together):
+        return n if code_raw(coder, ONE if zeros == n else ZERO, ONE) else 0
+    return 1 + code_below(coder, zeros - 1, n - 1)

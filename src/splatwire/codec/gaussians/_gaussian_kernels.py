@@ -1,0 +1,222 @@
+"""Numba kernels that encode or decode a Gaussian, predicted from its nearest preceding neighbours in the packet."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec._coder_kernels import code_bit, code_value
+from splatwire.codec._step_kernels import place_shift, shift_of
+from splatwire.codec.gaussians._neighbour_kernels import (
+    OCTAVES,
+    P_LUMA,
+    spread_context,
+)
+from splatwire.codec.gaussians.layout import (
+    BITS,
+    FIRST_CLASS,
+    LUMA,
+    MAX_CLASSES,
+    MAX_COLOUR,
+    MAX_LOG,
+    MAX_OPACITY,
+    MAX_THIN,
+    MIN_OPACITY,
+    OPACITY,
+    R_LUMA,
+    R_OPACITY,
+    R_SCALE0,
+    R_SCALE1,
+    R_SCALE2,
+    S_COLOUR,
+    S_OPACITY,
+    S_SCALE0,
+    S_SCALE1,
+    S_SCALE2,
+    SECONDS,
+)
+from splatwire.entropy.range_kernels import ZERO
+from splatwire.ops.compiled import njit
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def follow(running, steps):
+    """Updates the moving average of residual magnitudes with the next residual of a Gaussian.
+
+    Args:
+        running: Moving average of the preceding residuals, in sixteenths of a quantisation step.
+        steps: The next residual, in quantisation steps.
+    """
+    return (running + (min(abs(steps), 1 << 14) << 4)) >> 1
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def octave_of(running):
+    """Returns the context of a residual: the octave of the average magnitude of the Gaussian's preceding residuals.
+
+    Args:
+        running: Moving average of these magnitudes from `follow`, in sixteenths of a quantisation step.
+    """
+    if running < 256:
+        return OCTAVES[running]
+    return min(8 + OCTAVES[min(running >> 8, 255)], SECONDS - 1)
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def code_class(coder, context, value):
+    """Encodes or decodes the precision class of a Gaussian as three bits; returns the class.
+
+    Args:
+        coder: Entropy coder.
+        context: Context from `predict`.
+        value: The class; only used by an encoder.
+    """
+    base, node = FIRST_CLASS + context * MAX_CLASSES, 1
+    for shift in range(2, -1, -1):
+        node = 2 * node + code_bit(coder, base + node, (value >> shift) & 1)
+    return node - MAX_CLASSES
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def thinness_of(ratio, thinness):
+    """Compands the ratio of the second to the third scale: returns the index of the nearest entry of `thinness_table`.
+
+    For an entry of the table, the result is exactly its index.
+
+    Args:
+        ratio: Base-2 logarithm of the ratio of the second to the third scale, in fixed point.
+        thinness: The table from `thinness_table`.
+    """
+    low, high = 0, len(thinness) - 1
+    while low < high:
+        middle = (low + high) >> 1
+        if thinness[middle] < ratio:
+            low = middle + 1
+        else:
+            high = middle
+    return low - 1 if low and ratio - thinness[low - 1] < thinness[low] - ratio else low
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def code_logs(coder, row, source, bases, level, near, count, thinness, absolute):
+    """Encodes or decodes opacity and scales of a Gaussian, predicted from its neighbours.
+
+    The quantisation step of each value depends on the values decoded before.
+
+    Args:
+        coder: Entropy coder.
+        row: Decoded integers of the Gaussian, int64 (COLUMNS); opacity and scales are written.
+        source: Logarithms of opacity and scales, int64 (4), see `Sources`; only used by an encoder.
+        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        level: Precision class of the Gaussian.
+        near: Means and deviations of its neighbours.
+        count: Number of its neighbours.
+        thinness: Table from `thinness_table`.
+        absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
+
+    Returns:
+        Decoded logarithms of the largest scale, of its ratio to the second scale, of the ratio of the second to the
+            third scale, and of the opacity; and the moving average of residual magnitudes, in 16ths of a quantisation
+            step.
+    """
+    s0 = long = thin = opacity = np.int64(0)
+    running = np.int64(16)
+    # A loop, because numba would compile a copy of the entropy coder for each call.
+    for stream in range(4):
+        mean, value, area = near.means[stream], source[stream], np.int64(0)
+        low, high, most = np.int64(0), np.int64(MAX_LOG), np.int64(BITS - 1)
+        if stream == R_OPACITY:
+            value = value + 1 if value == MAX_OPACITY else value
+            low, high, most = np.int64(MIN_OPACITY), np.int64(MAX_OPACITY), np.int64(BITS)
+        elif stream == R_SCALE0:
+            area = ZERO if absolute else 2 * mean - (2 << BITS)
+            low = np.int64(-MAX_LOG)
+        elif stream == R_SCALE1:
+            area, value = 2 * s0 - (2 << BITS), s0 - value
+        else:
+            area = 2 * s0 - long
+            value = ZERO if coder.decoding else thinness_of(max(s0 - long - value, 0), thinness)
+        shift = shift_of(bases, stream, level, area, long, ZERO, opacity, most)
+        spread = spread_context(count, near.deviations[stream], shift)
+        second = shift if stream < R_SCALE1 else octave_of(running)
+        value, steps = code_value(coder, stream, spread, second, mean, value, shift, absolute)
+        running = follow(running, steps)
+        if stream == R_SCALE2:
+            high = np.int64((MAX_THIN >> shift) << shift if absolute else MAX_THIN)
+        value = min(max(value, low), high)
+        row[OPACITY + stream] = value
+        if stream == R_OPACITY:
+            opacity = value
+        elif stream == R_SCALE0:
+            s0 = value
+        elif stream == R_SCALE1:
+            long = value
+        else:
+            thin = value
+    return s0, long, thinness[thin], opacity, running
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def code_colour(coder, row, source, bases, level, near, count, running, absolute):
+    """Encodes or decodes the base colour (Y Co Cg) of a Gaussian, predicted from its neighbours.
+
+    The context of each component includes the magnitude of the preceding residuals of the Gaussian.
+
+    Args:
+        coder: Entropy coder.
+        row: Decoded integers of the Gaussian, int64 (COLUMNS); the colour is written.
+        source: The exact colour, int64 (3); only used by an encoder.
+        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        level: Precision class of the Gaussian.
+        near: Means and deviations of its neighbours.
+        count: Number of its neighbours.
+        running: Moving average of residual magnitudes, in 16ths of a quantisation step.
+        absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
+    """
+    shift = shift_of(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO, BITS - 2)
+    for c in range(3):
+        spread, mean = spread_context(count, near.deviations[P_LUMA + c], shift), near.means[P_LUMA + c]
+        value, steps = code_value(coder, R_LUMA + c, spread, octave_of(running), mean, source[c], shift, absolute)
+        row[LUMA + c] = min(max(value, -MAX_COLOUR), MAX_COLOUR)
+        running = follow(running, steps)
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def place_shifts(logs, levels, bases, unit, coarsest, thinness, shifts):
+    """Computes the quantisation step of each Gaussian's position from its rounded opacity and scales.
+
+    Args:
+        logs: Logarithms of opacity and scales, int64 (n, 4), see `Sources`.
+        levels: Precision classes, int64 (n).
+        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        unit: `-log2` of the lattice spacing, relative to the scene's size.
+        coarsest: log2 of the largest position cell, in lattice units.
+        thinness: Table from `thinness_table`.
+        shifts: Output: log2 of the steps, in lattice units, int64 (n).
+    """
+    for i in range(len(logs)):
+        level, source = levels[i], logs[i]
+        shift = shift_of(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO, BITS)
+        opacity = source[0] + 1 if source[0] == MAX_OPACITY else source[0]
+        opacity = min(max(rounded(opacity, shift), MIN_OPACITY), MAX_OPACITY)
+        shift = shift_of(bases, S_SCALE0, level, ZERO, ZERO, ZERO, opacity, BITS - 1)
+        s0 = min(max(rounded(source[1], shift), -MAX_LOG), MAX_LOG)
+        shift = shift_of(bases, S_SCALE1, level, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1)
+        long = min(max(rounded(s0 - source[2], shift), 0), MAX_LOG)
+        shift = shift_of(bases, S_SCALE2, level, 2 * s0 - long, long, ZERO, opacity, BITS - 1)
+        thin = rounded(thinness_of(max(s0 - long - source[3], 0), thinness), shift)
+        thin = min(max(thin, 0), (MAX_THIN >> shift) << shift)
+        shifts[i] = place_shift(bases, level, s0, long, thinness[thin], opacity, unit, coarsest)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def rounded(value, shift):
+    """Rounds an integer to the nearest multiple of `2 ** shift`, halves up."""
+    return ((value + ((1 << shift) >> 1)) >> shift) << shift

@@ -1,0 +1,81 @@
+"""Numba kernels that encode or decode the spherical harmonics of a Gaussian."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec._coder_kernels import code_bit, code_escape, code_flag
+from splatwire.codec._step_kernels import exponent
+from splatwire.codec.gaussians.layout import (
+    BITS,
+    FIRST_HARMONIC,
+    FIRST_MAGNITUDE,
+    MAX_CLASSES,
+    MAX_HARMONIC,
+    S_HARMONICS,
+)
+from splatwire.entropy.range_kernels import ONE, ZERO
+from splatwire.ops.compiled import njit
+
+RUNNING = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
+"""Lower bound, for each context of a harmonic, of the moving average of the magnitudes of the preceding harmonics, in
+sixteenths of a quantisation step.
+"""
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def code_harmonics(coder, values, i, source, bases, level):
+    """Encodes or decodes the spherical harmonics of a Gaussian, transformed to Y, Co and Cg.
+
+    The order is by coefficient: Y, Co, Cg of the first, then of the second, and so on. Most harmonics are 0. The
+    context of a harmonic is the magnitude of those before it in the same Gaussian.
+
+    Args:
+        coder: Entropy coder.
+        values: Decoded harmonics of the packet's Gaussians, int32 (n, harmonics); the row of Gaussian `i` is written.
+        i: Index of the Gaussian in the packet.
+        source: Harmonics before quantisation, int64 (n, harmonics); only used by an encoder.
+        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        level: Precision class of the Gaussian.
+    """
+    shift = min(max(BITS - exponent(bases, S_HARMONICS, level, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
+    half = (1 << shift) >> 1
+    some = 0
+    if not coder.decoding:
+        for j in range(values.shape[1]):
+            values[i, j] = (source[i, j] + half) >> shift
+            some |= values[i, j] != 0
+    some = code_bit(coder, FIRST_HARMONIC + level, np.int64(some))
+    running = np.int64(0)
+    for j in range(values.shape[1]):
+        magnitude = np.int64(0)
+        if some:
+            context = 0
+            while context < 7 and running >= RUNNING[context + 1]:
+                context += 1
+            group = 0 if j < 3 else 1 if j < 9 else 2 if j < 21 else 3
+            value = np.int64(values[i, j]) if not coder.decoding else np.int64(0)
+            zero = FIRST_HARMONIC + MAX_CLASSES + (context * 4 + group) * 2 + (1 if j % 3 else 0)
+            value = _code_level(coder, value, zero, context)
+            magnitude = abs(value)
+            values[i, j] = min(max(value << shift, -MAX_HARMONIC), MAX_HARMONIC)
+        else:
+            values[i, j] = 0
+        running = ((running * 13) >> 4) + (min(magnitude, 1 << 16) << 4)
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _code_level(coder, value, zero_context, context):
+    if not code_bit(coder, zero_context, ONE if value != 0 else ZERO):
+        return np.int64(0)
+    negative = code_flag(coder, ONE if value < 0 else ZERO)
+    magnitude, base = abs(value), FIRST_MAGNITUDE + context * 3
+    found = np.int64(1)
+    while found < 15:
+        if not code_bit(coder, base + min(found - 1, 2), ONE if magnitude > found else ZERO):
+            return -found if negative else found
+        found += 1
+    found += min(code_escape(coder, magnitude - found), 1 << 20)
+    return -found if negative else found

@@ -1,0 +1,255 @@
+"""Numba kernels that find the nearest preceding neighbours of a Gaussian in its packet and predict it from them.
+
+Sums and quotients are float64. All operands are integers below 2**53, so that sums are exact. The quotient of such
+integers, rounded down, is exact, too: an inexact quotient is farther from the next integer than the rounding error.
+"""
+
+from typing import NamedTuple, no_type_check
+
+import numpy as np
+
+from splatwire.codec.gaussians.layout import AXIS, CLASS, FAR, LUMA, NUM_NEIGHBOURS, OPACITY, SPREADS, WINDOW
+from splatwire.ops.compiled import njit
+
+NARROW_BITS = 11
+"""Maximum number of bits of a cell for which a squared distance and an index of the window fit in an int32."""
+LANES = 8
+NONE = np.int32(0x7FFFFFFF)
+_AGE_BITS, _AGES = np.int32(6), np.int64(WINDOW - 1)
+P_LUMA, P_CLASS = np.int64(4), np.int64(7)
+"""Columns of luma and class in `Near.values`. Opacity and scales are columns 0 to 3, as in `layout.STREAMS`."""
+PREDICTED = 8
+OCTAVES = np.array([value.bit_length() for value in range(256)], dtype=np.int64)
+"""Number of bits of each integer below 256."""
+
+
+class Near(NamedTuple):
+    """Neighbours of the current Gaussian, the attributes predicted from them, and working arrays of the search.
+
+    A key of the search is the squared distance of a preceding Gaussian, times 64, plus its age: the number of Gaussians
+    between it and the current one. The smallest keys belong to the nearest neighbours.
+
+    Attributes:
+        cells: int64 (3, n), coordinates of the packet's grid cells.
+        narrow: int32 (3, n), the same coordinates if they have at most `NARROW_BITS` bits.
+        keys: int32 (`WINDOW`), key of each preceding Gaussian in the window.
+        close: int32 (`WINDOW` + 1), keys of the candidates for neighbours.
+        lanes: int32 (`LANES`), smallest key of each group of `WINDOW / LANES` Gaussians.
+        indices: int64 (`NUM_NEIGHBOURS`), indices of the neighbours, nearest first.
+        weights: float64 (`NUM_NEIGHBOURS`), weights of the neighbours by inverse squared distance.
+        values: float64 (n, `PREDICTED`), attributes of the packet's Gaussians that are predicted as means.
+        axes: float64 (n, 4), primary axis of each Gaussian, and the index of this axis (0 for the largest scale, 2 for
+            the smallest).
+        means: int64 (`PREDICTED`), weighted mean of each attribute over the neighbours.
+        deviations: int64 (`PREDICTED`), weighted mean deviation of the neighbours from this mean.
+    """
+
+    cells: np.ndarray
+    narrow: np.ndarray
+    keys: np.ndarray
+    close: np.ndarray
+    lanes: np.ndarray
+    indices: np.ndarray
+    weights: np.ndarray
+    values: np.ndarray
+    axes: np.ndarray
+    means: np.ndarray
+    deviations: np.ndarray
+
+
+@njit(error_model="numpy")
+@no_type_check
+def new_near(n):
+    """Returns the arrays for a packet of n Gaussians."""
+    return Near(
+        np.empty((3, n), np.int64),
+        np.empty((3, n), np.int32),
+        np.empty(WINDOW, np.int32),
+        np.empty(WINDOW + 1, np.int32),
+        np.empty(LANES, np.int32),
+        np.empty(NUM_NEIGHBOURS, np.int64),
+        np.empty(NUM_NEIGHBOURS, np.float64),
+        np.empty((n, PREDICTED), np.float64),
+        np.empty((n, 4), np.float64),
+        np.empty(PREDICTED, np.int64),
+        np.empty(PREDICTED, np.int64),
+    )
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def find_neighbours(near, i, bits):
+    """Finds the nearest neighbours of a Gaussian among the preceding `WINDOW` Gaussians of its packet.
+
+    Of two neighbours at equal distance, the later one counts as nearer.
+
+    Args:
+        near: Arrays of the packet. The indices and weights of the neighbours are written to `near.indices` and
+            `near.weights`.
+        i: Index of the Gaussian in the packet.
+        bits: Number of bits of the coordinates of grid cells (`near.cells`) on each axis.
+
+    Returns:
+        Number of neighbours found.
+    """
+    return _find_narrow(near, i) if bits <= NARROW_BITS else _find_wide(near, i)
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _find_narrow(near, i):
+    """Finds the six nearest neighbours as the six smallest keys (see `Near`).
+
+    The window is divided into eight groups. The sixth smallest of the groups' minima is at least as large as the sixth
+    smallest key, so only the few keys up to this bound are sorted. The loops have few branches and compile to vector
+    instructions.
+    """
+    keys, close, lanes, indices, weights = near.keys, near.close, near.lanes, near.indices, near.weights
+    cells = near.narrow
+    n = min(i, WINDOW)
+    first = i - n
+    x, y, z = cells[0, i], cells[1, i], cells[2, i]
+    for k in range(n):
+        a, b, c = x - cells[0, first + k], y - cells[1, first + k], z - cells[2, first + k]
+        keys[k] = ((a * a + b * b + c * c) << _AGE_BITS) | np.int32(n - 1 - k)
+    for k in range(n, WINDOW):
+        keys[k] = NONE
+    for lane in range(LANES):
+        lanes[lane] = keys[lane]
+    for group in range(1, WINDOW // LANES):
+        for lane in range(LANES):
+            lanes[lane] = min(lanes[lane], keys[LANES * group + lane])
+    largest = second = bound = np.int32(-1)  # the bound is the third largest of eight, the sixth smallest
+    for lane in range(LANES):
+        rest = lanes[lane]
+        largest, rest = max(largest, rest), min(largest, rest)
+        second, rest = max(second, rest), min(second, rest)
+        bound = max(bound, rest)
+    found = 0
+    for k in range(WINDOW):
+        close[found] = keys[k]
+        found += 1 if keys[k] <= bound else 0
+    k0 = k1 = k2 = k3 = k4 = k5 = NONE
+    for k in range(min(found, WINDOW)):
+        rest = close[k]
+        rest, k0 = max(k0, rest), min(k0, rest)
+        rest, k1 = max(k1, rest), min(k1, rest)
+        rest, k2 = max(k2, rest), min(k2, rest)
+        rest, k3 = max(k3, rest), min(k3, rest)
+        rest, k4 = max(k4, rest), min(k4, rest)
+        k5 = min(k5, rest)
+    indices[0], indices[1], indices[2], indices[3], indices[4], indices[5] = k0, k1, k2, k3, k4, k5
+    count = min(n, NUM_NEIGHBOURS)
+    nearest = np.float64(((np.int64(k0) >> _AGE_BITS) + 1) << 12)
+    for m in range(count):
+        key = indices[m]
+        weights[m] = np.floor(nearest / np.float64((key >> _AGE_BITS) + 1))
+        indices[m] = i - 1 - (key & _AGES)
+    return count
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _find_wide(near, i):
+    """Finds neighbours by insertion, for cells of any size."""
+    cells, neighbours, far = near.cells, near.indices, near.weights
+    count = 0
+    for j in range(i - 1, max(i - WINDOW, 0) - 1, -1):
+        x, y, z = cells[0, i] - cells[0, j], cells[1, i] - cells[1, j], cells[2, i] - cells[2, j]
+        d = np.float64(min(x * x + y * y + z * z, FAR))
+        if count == NUM_NEIGHBOURS and d >= far[count - 1]:
+            continue
+        at = count if count < NUM_NEIGHBOURS else count - 1
+        while at > 0 and far[at - 1] > d:
+            far[at], neighbours[at] = far[at - 1], neighbours[at - 1]
+            at -= 1
+        far[at], neighbours[at] = d, j
+        count = min(count + 1, NUM_NEIGHBOURS)
+    nearest = (far[0] + 1) * 4096.0
+    for m in range(count):
+        far[m] = np.floor(nearest / (far[m] + 1))
+    return count
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def predict(near, count, defaults):
+    """Predicts the attributes of a Gaussian as weighted means over its neighbours.
+
+    Writes `means` and `deviations`.
+
+    Args:
+        near: Arrays of the packet, with the neighbours of this Gaussian.
+        count: Number of neighbours.
+        defaults: Mean attributes of the block, int64 (7), used without neighbours.
+
+    Returns:
+        Context of the precision class: 0 without neighbours, otherwise 1 plus the neighbours' mean class in halves.
+    """
+    indices, weights, values, means, deviations = near.indices, near.weights, near.values, near.means, near.deviations
+    if count == 0:
+        for c in range(PREDICTED - 1):
+            means[c], deviations[c] = defaults[c], 0
+        return np.int64(0)
+    total = a = b = c = d = e = f = g = level = 0.0
+    for m in range(count):
+        j, w = indices[m], weights[m]
+        total += w
+        a += w * values[j, 0]
+        b += w * values[j, 1]
+        c += w * values[j, 2]
+        d += w * values[j, 3]
+        e += w * values[j, 4]
+        f += w * values[j, 5]
+        g += w * values[j, 6]
+        level += w * values[j, 7]
+    a, b, c, d = np.floor(a / total), np.floor(b / total), np.floor(c / total), np.floor(d / total)
+    e, f, g = np.floor(e / total), np.floor(f / total), np.floor(g / total)
+    aa = bb = cc = dd = ee = ff = gg = 0.0
+    for m in range(count):
+        j, w = indices[m], weights[m]
+        aa += w * abs(values[j, 0] - a)
+        bb += w * abs(values[j, 1] - b)
+        cc += w * abs(values[j, 2] - c)
+        dd += w * abs(values[j, 3] - d)
+        ee += w * abs(values[j, 4] - e)
+        ff += w * abs(values[j, 5] - f)
+        gg += w * abs(values[j, 6] - g)
+    means[0], means[1], means[2], means[3], means[4], means[5], means[6] = a, b, c, d, e, f, g
+    # Quotients of numbers that are not negative: conversion to an integer rounds down.
+    deviations[0], deviations[1], deviations[2] = aa / total, bb / total, cc / total
+    deviations[3], deviations[4], deviations[5], deviations[6] = dd / total, ee / total, ff / total, gg / total
+    return 1 + np.int64((4.0 * level + total) / (2.0 * total))
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def remember(near, row, i):
+    """Stores the decoded attributes of Gaussian `i`, int64 (COLUMNS), for the prediction of later ones."""
+    values = near.values
+    for c in range(4):
+        values[i, c] = row[OPACITY + c]
+    for c in range(3):
+        values[i, P_LUMA + c] = row[LUMA + c]
+    values[i, P_CLASS] = row[CLASS]
+    for c in range(4):
+        near.axes[i, c] = row[AXIS + c]  # the index of the primary axis follows its coordinates
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def spread_context(count, deviation, shift):
+    """Returns the context of a residual from the neighbours of the Gaussian.
+
+    The context is 0 without neighbours, 1 for one or two, and otherwise 2 plus the octave of the neighbours' mean
+    deviation in eighths of a quantisation step.
+
+    Args:
+        count: Number of neighbours.
+        deviation: Mean deviation of the neighbours from the prediction.
+        shift: log2 of the quantisation step.
+    """
+    if count < 3:
+        return 0 if count == 0 else 1
+    ratio = (deviation << 3) >> shift
+    return 2 + (min(OCTAVES[ratio], SPREADS - 3) if ratio < 256 else SPREADS - 3)

@@ -1,0 +1,399 @@
+"""Numba kernels that encode or decode whole packets: grid cells of all Gaussians first, then Gaussian by Gaussian."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec._coder_kernels import DECODING, ENCODING, code_below, code_raw, new_coder
+from splatwire.codec._step_kernels import exponent
+from splatwire.codec.gaussians._axis_kernels import code_axis
+from splatwire.codec.gaussians._cell_kernels import code_cells
+from splatwire.codec.gaussians._gaussian_kernels import (
+    code_class,
+    code_colour,
+    code_logs,
+    place_shift,
+)
+from splatwire.codec.gaussians._harmonic_kernels import code_harmonics
+from splatwire.codec.gaussians._neighbour_kernels import find_neighbours, new_near, predict, remember
+from splatwire.codec.gaussians.layout import (
+    AXIS,
+    CLASS,
+    DIRECTION_BITS,
+    LATTICE,
+    MAX_CELL_BITS,
+    PRIMARY,
+    S_DIRECTION,
+    S_SPIN,
+    SLOT_BITS,
+    SPIN,
+    SPIN_BITS,
+)
+from splatwire.entropy.range_kernels import ONE, ZERO, decoder_start, encoder_finish, encoder_start
+from splatwire.ops.compiled import njit
+
+CELLS_AT_BITS = np.int64(6)
+AIM, ENOUGH = 5, 3
+"""Parameters of the division of a block into packets of limited size. The encoder aims at a fraction `1 - 2 ** -AIM` of
+the maximum size, and accepts packets above a fraction `1 - 2 ** -ENOUGH`. Most packets are then encoded only once,
+which dominates the encoding time.
+"""
+FIRST = 20
+"""Assumed number of bytes per Gaussian in the first attempt of a block, which serves only to measure the actual size.
+"""
+SLACK = 64
+"""Size of an encoder's buffer in addition to the space for its Gaussians, bytes."""
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _spread_cells(codes, cells, narrow):
+    """Splits Morton codes into coordinates, by the inverse of the bit operations of `splatwire.ops.morton`."""
+    for a in range(3):
+        for i in range(len(codes)):
+            code = (codes[i] >> a) & 0x1249249249249249
+            code = (code | (code >> 2)) & 0x10C30C30C30C30C3
+            code = (code | (code >> 4)) & 0x100F00F00F00F00F
+            code = (code | (code >> 8)) & 0x1F0000FF0000FF
+            code = (code | (code >> 16)) & 0x1F00000000FFFF
+            cells[a, i] = narrow[a, i] = (code | (code >> 32)) & 0x1FFFFF
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def slot_of(code, bits):
+    """Reverses the lowest bits of a Morton code, which gives the slot of a cell (see `layout.SLOT_BITS`).
+
+    Cells in neighbouring slots are far apart and spread evenly over the block.
+
+    Args:
+        code: Morton code of the cell.
+        bits: Number of bits to reverse.
+    """
+    slot = np.int64(0)
+    for bit in range(bits):
+        slot |= ((code >> bit) & 1) << (bits - 1 - bit)
+    return slot
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _code_codes(coder, codes, bits, spread, slots, stack):
+    """Encodes or decodes the Morton codes of a packet's grid cells.
+
+    If the packet is spread over its block, slots (the lowest bits of the codes, see `slot_of`) are within a narrow
+    range and are coded separately.
+
+    Args:
+        coder: Entropy coder.
+        codes: int64 (n), the Morton codes; filled by a decoder.
+        bits: Number of bits of a code.
+        spread: 1 if the packet is spread over its block, otherwise 0; only used by an encoder.
+        slots: Working array, int64 (n).
+        stack: Working array of `code_cells`.
+    """
+    spread = code_raw(coder, spread, ONE)
+    size = min(bits, SLOT_BITS) if spread else 0
+    first, last = np.int64(1 << size), np.int64(0)
+    if not coder.decoding:
+        for i in range(len(codes)):
+            slots[i] = slot_of(codes[i], size)
+            codes[i] >>= size
+            first, last = min(first, slots[i]), max(last, slots[i])
+    first = code_raw(coder, first, size)
+    count = code_raw(coder, last - first, size) + 1
+    code_cells(coder, codes, bits - size, stack)
+    for i in range(len(codes)):
+        slot = code_below(coder, slots[i] - first, count) if spread else 0
+        codes[i] = (codes[i] << size) | slot_of((first + slot) & ((1 << size) - 1), size)
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _code_place(coder, row, cell, place, cells_at, shift, absolute):
+    """Encodes or decodes the position of a Gaussian within its cell of the packet's grid, as raw bits.
+
+    The cells of the grid have been coded before. The bits refine the cell to the Gaussian's quantisation step.
+
+    Args:
+        coder: Entropy coder.
+        row: Decoded integers of the Gaussian, int64 (COLUMNS); the position is written, in half lattice units.
+        cell: Grid cell of the Gaussian, int64 (3).
+        place: Position relative to the block's bounding box, in lattice units; only used by an encoder.
+        cells_at: log2 of the cell size of the packet's grid, in lattice units.
+        shift: log2 of the quantisation step of the position, in lattice units.
+        absolute: True to decode the centre of a cube with the size of the step, even if the grid cell is smaller. False
+            (stream version 2) to decode the centre of the grid cell in this case.
+    """
+    low = min(cells_at, shift)
+    for a in range(3):
+        fine = (cell[a] << (cells_at - low)) | code_raw(coder, place[a] >> low, cells_at - low)
+        if absolute:
+            fine, row[LATTICE + a] = fine >> (shift - low), 1 << shift
+            row[LATTICE + a] |= fine << (shift + 1)
+        else:
+            row[LATTICE + a] = (fine << (low + 1)) | (1 << low)
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _code_spin(coder, row, axes, primary, bits):
+    """Encodes or decodes the rotation of a Gaussian about its primary axis, as raw bits: 0 to pi in `1 << bits` steps.
+
+    Args:
+        coder: Entropy coder.
+        row: Decoded integers of the Gaussian, int64 (COLUMNS); the rotation is written.
+        axes: Exact principal axes as columns, float64 (3, 3); only used by an encoder.
+        primary: Index of the primary axis: 0 for the largest scale, 2 for the smallest.
+        bits: Number of bits of the rotation.
+    """
+    value = np.int64(0)
+    if not coder.decoding:
+        value = np.int64(np.rint(turn_of(row, axes, primary) / np.pi * (1 << bits))) & ((1 << bits) - 1)
+    row[SPIN_BITS], row[SPIN] = bits, code_raw(coder, value, bits)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def turn_of(row, axes, primary):
+    """Returns the rotation of a Gaussian about its decoded primary axis, as an angle in radians, -pi to pi.
+
+    It is the angle from a reference direction to the Gaussian's second axis, which is the column `(primary + 1) % 3` of
+    `axes`. The reference direction is the coordinate axis that is closest to perpendicular to the primary axis,
+    projected onto the plane perpendicular to it. The arguments are those of `_code_spin`.
+
+    The code is written element by element, because numba takes seconds longer to compile `np.cross` and array sums.
+    """
+    x, y, z = np.float64(row[AXIS]), np.float64(row[AXIS + 1]), np.float64(row[AXIS + 2])
+    norm = np.sqrt(x * x + y * y + z * z)
+    x, y, z = x / norm, y / norm, z / norm
+    if abs(x) <= abs(y) and abs(x) <= abs(z):
+        tx, ty, tz = -x * x + 1.0, -x * y, -x * z
+    elif abs(y) <= abs(z):
+        tx, ty, tz = -y * x, -y * y + 1.0, -y * z
+    else:
+        tx, ty, tz = -z * x, -z * y, -z * z + 1.0
+    norm = np.sqrt(tx * tx + ty * ty + tz * tz)
+    tx, ty, tz = tx / norm, ty / norm, tz / norm
+    after = (primary + 1) % 3
+    vx, vy, vz = axes[0, after], axes[1, after], axes[2, after]
+    across = vx * (y * tz - z * ty) + vy * (z * tx - x * tz) + vz * (x * ty - y * tx)
+    return np.arctan2(across, vx * tx + vy * ty + vz * tz)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, scratch):
+    """Encodes or decodes one packet of n Gaussians.
+
+    Args:
+        coder: Entropy coder.
+        stream: Constants of the stream, from `SideInfo.kernel_stream`.
+        box_bits: Number of bits of a coordinate within the block's bounding box.
+        defaults: Mean attributes of the block, int64 (7).
+        source: Fields of a `BlockSource` of the packet's Gaussians; ignored by a decoder.
+        rows: Output: decoded integers, int64 (n, COLUMNS).
+        harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
+        scratch: Working arrays from `new_scratch`.
+    """
+    bases, unit, coarsest, thinness = stream
+    absolute = coarsest >= 0
+    cells_at, spread, codes, places, classes, logs, axes, colours, levels = source
+    near, packed, stack, axis, other = scratch
+    cells, n = near.cells, len(rows)
+    at = code_raw(coder, cells_at, CELLS_AT_BITS)
+    at = min(max(at, box_bits - MAX_CELL_BITS), box_bits)
+    if not coder.decoding:
+        for i in range(n):
+            packed[i] = codes[i] >> (3 * (at - max(box_bits - MAX_CELL_BITS, 0)))
+    _code_codes(coder, packed, 3 * (box_bits - at), spread, cells[0], stack)
+    _spread_cells(packed, cells, near.narrow)
+    for i in range(n):
+        j = 0 if coder.decoding else i
+        row = rows[i]
+        count = find_neighbours(near, i, box_bits - at)
+        row[CLASS] = level = code_class(coder, predict(near, count, defaults), classes[j])
+        s0, long, thin, opacity, running = code_logs(
+            coder, row, logs[j], bases, level, near, count, thinness, absolute
+        )  # fmt: skip
+        area = 2 * s0 - long
+        shift = place_shift(bases, level, s0, long, thin, opacity, unit, coarsest if absolute else box_bits)
+        _code_place(coder, row, cells[:, i], places[j], at, shift, absolute)
+        row[PRIMARY] = primary = 2 if thin >= long else 0
+        e = exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
+        shift = min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2)
+        exact = axes[j, :, primary]
+        running = code_axis(coder, row, primary, exact, shift, near, count, running, axis, other, absolute)
+        e = exponent(bases, S_SPIN, level, area, long, thin, opacity)
+        _code_spin(coder, row, axes[j], primary, min(max(e, 0), DIRECTION_BITS))
+        code_colour(coder, row, colours[j], bases, level, near, count, running, absolute)
+        remember(near, row, i)
+        if harmonics.shape[1]:
+            code_harmonics(coder, harmonics, i, levels, bases, level)
+
+
+@njit(error_model="numpy")
+@no_type_check
+def new_scratch(n):
+    """Returns working arrays for a packet of n Gaussians: `Near` (neighbours), Morton codes, a stack, and two axes."""
+    return (
+        new_near(n),
+        np.zeros(n, np.int64),
+        np.empty((66, 5), np.int64),
+        np.empty(3, np.int64),
+        np.empty(3, np.int64),
+    )
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _encode_packet(tables, stream, models, statistics, box_bits, defaults, source, buffer, rows, harmonics):
+    coder = new_coder(ENCODING, buffer, ZERO, models.copy(), statistics, tables)
+    encoder_start(coder.state)
+    _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, new_scratch(len(rows)))
+    return encoder_finish(buffer, coder.state)
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _part(source, begin, n):
+    """Returns the `BlockSource` fields of n Gaussians from index `begin` on, sorted by their Morton codes."""
+    order = begin + np.argsort(source[2][begin : begin + n], kind="mergesort")
+    cells_at, spread, codes, places, classes, logs, axes, colours, levels = source
+    return (
+        cells_at,
+        spread,
+        codes[order],
+        places[order],
+        classes[order],
+        logs[order],
+        axes[order],
+        colours[order],
+        levels[order],
+    )
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def encode_fixed(tables, stream, models, statistics, box_bits, defaults, source, sizes, buffer, rows, harmonics, ends):
+    """Encodes a block in packets with given numbers of Gaussians.
+
+    Args:
+        tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
+        stream: Constants of the stream, from `SideInfo.kernel_stream`.
+        models: Initial adaptive bit models of every packet, int64 (contexts, 2).
+        statistics: Counters from `empty_statistics`, increased by each coded symbol.
+        box_bits: Number of bits of a coordinate within the block's bounding box.
+        defaults: Mean attributes of the block, int64 (7).
+        source: The block's Gaussians, a `BlockSource`.
+        sizes: Number of Gaussians in each packet, int64 (packets).
+        buffer: Output: the payloads one after another, uint8.
+        rows: Output: decoded integers, int64 (n, COLUMNS).
+        harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
+        ends: Output: end of each payload in the buffer, int64 (packets).
+    """
+    begin, at = 0, 0
+    for p in range(len(sizes)):
+        end = begin + sizes[p]
+        at += _encode_packet(
+            tables, stream, models, statistics, box_bits, defaults, _part(source, begin, sizes[p]),
+            buffer[at:], rows[begin:end], harmonics[begin:end],
+        )  # fmt: skip
+        ends[p] = at
+        begin = end
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def encode_cut(
+    tables, stream, models, statistics, box_bits, defaults, source, most, buffer, rows, harmonics, sizes, ends
+):
+    """Encodes a block in packets of limited size, each with as many Gaussians as fit.
+
+    A Gaussian that exceeds the limit alone forms a separate, oversized packet.
+
+    Args:
+        tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
+        stream: Constants of the stream, from `SideInfo.kernel_stream`.
+        models: Initial adaptive bit models of every packet, int64 (contexts, 2).
+        statistics: Counters from `empty_statistics`, increased by each coded symbol.
+        box_bits: Number of bits of a coordinate within the block's bounding box.
+        defaults: Mean attributes of the block, int64 (7).
+        source: The block's Gaussians, a `BlockSource`.
+        most: Maximum size of a payload, bytes.
+        buffer: Output: the payloads one after another, uint8.
+        rows: Output: decoded integers, int64 (n, COLUMNS).
+        harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
+        sizes: Output: number of Gaussians in each packet, int64 (n).
+        ends: Output: end of each payload in the buffer, int64 (n).
+
+    Returns:
+        Number of packets.
+    """
+    total, begin, at, packets = len(rows), 0, 0, 0
+    aim = most - (most >> AIM)
+    guess = max(most // FIRST, 1)
+    while begin < total:
+        left = total - begin
+        low, high, tries, last, length = 0, left + 1, 0, 0, 0
+        n = min(guess, left)
+        while high - low > 1:
+            length = _encode_packet(
+                tables, stream, models, statistics, box_bits, defaults, _part(source, begin, n),
+                buffer[at:], rows[begin : begin + n], harmonics[begin : begin + n],
+            )  # fmt: skip
+            tries, last = tries + 1, n
+            if length <= most or n == 1:
+                low = n
+                if n == left or length >= most - (most >> ENOUGH) or tries > 6:
+                    break
+            else:
+                high = n
+            n = min(max(n * aim // max(length, 1), low + 1), high - 1)
+        if last != low:
+            length = _encode_packet(
+                tables, stream, models, statistics, box_bits, defaults, _part(source, begin, low),
+                buffer[at:], rows[begin : begin + low], harmonics[begin : begin + low],
+            )  # fmt: skip
+        at += length
+        sizes[packets], ends[packets] = low, at
+        begin += low
+        guess = max(begin * aim // max(at, 1), 1)
+        packets += 1
+    return packets
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def decode_packets(tables, stream, models, data, ends, starts, box_bits, defaults, rows, harmonics):
+    """Decodes packets of Gaussians.
+
+    Args:
+        tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
+        stream: Constants of the stream, from `SideInfo.kernel_stream`.
+        models: Initial adaptive bit models of every packet, int64 (contexts, 2).
+        data: Payloads of P packets, one after another, uint8.
+        ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
+        starts: int64 (P + 1); packet p has the Gaussians `starts[p]` to `starts[p + 1]` (exclusive).
+        box_bits: Number of bits of a coordinate within the bounding box of each packet's block, int64 (P).
+        defaults: Mean attributes of each packet's block, int64 (P, 7).
+        rows: Output: decoded integers, int64 (n, COLUMNS).
+        harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
+    """
+    statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)
+    one, three, four = np.zeros(1, np.int64), np.zeros((1, 3), np.int64), np.zeros((1, 4), np.int64)
+    source = (ZERO, ZERO, one, three, one, four, np.zeros((1, 3, 3)), three, three)
+    for p in range(len(starts) - 1):
+        begin, end = starts[p], starts[p + 1]
+        coder = new_coder(DECODING, data, ends[p + 1], models.copy(), statistics, tables)
+        decoder_start(data, ends[p], ends[p + 1], coder.state)
+        _code_packet(
+            coder,
+            stream,
+            box_bits[p],
+            defaults[p],
+            source,
+            rows[begin:end],
+            harmonics[begin:end],
+            new_scratch(end - begin),
+        )

@@ -1,0 +1,97 @@
+"""Numba kernel that rounds Gaussians to their quantisation steps without coding them."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec._step_kernels import exponent, place_shift, shift_of
+from splatwire.codec.gaussians._axis_kernels import largest_of, round_axis
+from splatwire.codec.gaussians._gaussian_kernels import rounded, thinness_of
+from splatwire.codec.gaussians._packet_kernels import turn_of
+from splatwire.codec.gaussians.layout import (
+    AXIS,
+    BITS,
+    CLASS,
+    DIRECTION_BITS,
+    LATTICE,
+    LUMA,
+    MAX_COLOUR,
+    MAX_HARMONIC,
+    MAX_LOG,
+    MAX_OPACITY,
+    MAX_THIN,
+    MIN_OPACITY,
+    OPACITY,
+    PRIMARY,
+    S_COLOUR,
+    S_DIRECTION,
+    S_HARMONICS,
+    S_OPACITY,
+    S_SCALE0,
+    S_SCALE1,
+    S_SCALE2,
+    S_SPIN,
+    SCALE0,
+    SCALE1,
+    SCALE2,
+    SPIN,
+    SPIN_BITS,
+)
+from splatwire.entropy.range_kernels import ZERO
+from splatwire.ops.compiled import njit
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def round_rows(places, logs, axes, colours, levels, bases, unit, coarsest, thinness, harmonics, rows):
+    """Computes the integers that a decoder obtains, in streams whose values do not depend on their packets.
+
+    Args:
+        places: Lattice coordinates, int64 (n, 3).
+        logs: Logarithms of opacity and scales, int64 (n, 4), see `Sources`.
+        axes: Principal axes, float64 (n, 3, 3), see `Sources`.
+        colours: Base colours, int64 (n, 3), see `Sources`.
+        levels: Precision classes, int64 (n).
+        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        unit: `-log2` of the lattice spacing, relative to the scene's size.
+        coarsest: log2 of the largest position cell, in lattice units.
+        thinness: Table from `thinness_table`.
+        harmonics: Transformed harmonics, int32 (n, harmonics); rounded in place.
+        rows: Output: decoded integers, int64 (n, COLUMNS), with positions relative to the origin of the lattice.
+    """
+    axis = np.zeros(3, np.int64)
+    for i in range(len(rows)):
+        row, level = rows[i], levels[i]
+        row[CLASS] = level
+        value = logs[i, 0] + 1 if logs[i, 0] == MAX_OPACITY else logs[i, 0]
+        shift = shift_of(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO, BITS)
+        opacity = min(max(rounded(value, shift), MIN_OPACITY), MAX_OPACITY)
+        shift = shift_of(bases, S_SCALE0, level, ZERO, ZERO, ZERO, opacity, BITS - 1)
+        s0 = min(max(rounded(logs[i, 1], shift), -MAX_LOG), MAX_LOG)
+        shift = shift_of(bases, S_SCALE1, level, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1)
+        long = min(max(rounded(s0 - logs[i, 2], shift), 0), MAX_LOG)
+        area = 2 * s0 - long
+        shift = shift_of(bases, S_SCALE2, level, area, long, ZERO, opacity, BITS - 1)
+        flat = rounded(thinness_of(max(s0 - long - logs[i, 3], 0), thinness), shift)
+        flat = min(max(flat, 0), (MAX_THIN >> shift) << shift)
+        thin = thinness[flat]
+        row[OPACITY], row[SCALE0], row[SCALE1], row[SCALE2] = opacity, s0, long, flat
+        shift = place_shift(bases, level, s0, long, thin, opacity, unit, coarsest)
+        for a in range(3):
+            row[LATTICE + a] = (2 * (places[i, a] >> shift) + 1) << shift
+        row[PRIMARY] = primary = 2 if thin >= long else 0
+        e = exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
+        round_axis(axes[i, :, primary], min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2), axis)
+        sign = -1 if axis[largest_of(axis)] < 0 else 1
+        for a in range(3):
+            row[AXIS + a] = sign * axis[a]
+        e = exponent(bases, S_SPIN, level, area, long, thin, opacity)
+        bits = min(max(e, 0), DIRECTION_BITS)
+        turn = np.int64(np.rint(turn_of(row, axes[i], primary) / np.pi * (1 << bits)))
+        row[SPIN_BITS], row[SPIN] = bits, turn & ((1 << bits) - 1)
+        shift = shift_of(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO, BITS - 2)
+        for c in range(3):
+            row[LUMA + c] = min(max(rounded(colours[i, c], shift), -MAX_COLOUR), MAX_COLOUR)
+        shift = min(max(BITS - exponent(bases, S_HARMONICS, level, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
+        for k in range(harmonics.shape[1]):
+            harmonics[i, k] = min(max(rounded(np.int64(harmonics[i, k]), shift), -MAX_HARMONIC), MAX_HARMONIC)

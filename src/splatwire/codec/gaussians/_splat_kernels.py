@@ -1,0 +1,157 @@
+"""Numba kernels that convert decoded integers of Gaussians to floats."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec.gaussians.layout import (
+    AXIS,
+    BITS,
+    LATTICE,
+    LUMA,
+    OPACITY,
+    PRIMARY,
+    SCALE0,
+    SCALE1,
+    SCALE2,
+    SPIN,
+    SPIN_BITS,
+)
+from splatwire.ops.compiled import njit
+
+OCTAVES = 256
+WHOLES = 2.0 ** np.arange(-OCTAVES, OCTAVES)
+"""Powers of two of whole numbers, for logarithms within `OCTAVES` octaves."""
+FRACTION = (1 << BITS) - 1
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def convert(
+    rows, origins, size_log, unit, thinness, powers, colours, grey, means, quats, scales, opacities, base, room
+):
+    """Converts decoded integers to floats.
+
+    Args:
+        rows: Decoded integers, int64 (n, COLUMNS).
+        origins: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice units, int64 (n, 3).
+        size_log: log2 of the scene's size.
+        unit: `-log2` of the lattice spacing, relative to the scene's size.
+        thinness: Table from `thinness_table`.
+        powers: Table from `exponentials`.
+        colours: Transform from RGB to Y Co Cg divided by the harmonic of degree 0, float64 (3, 3).
+        grey: Y Co Cg of the colour of a Gaussian whose harmonics are 0, float64 (3).
+        means: Output, float32 (n, 3).
+        quats: Output, unit quaternions (w, x, y, z), float32 (n, 4).
+        scales: Output, standard deviations, float32 (n, 3).
+        opacities: Output, float32 (n).
+        base: Output, harmonics of degree 0, float32 (n, 3).
+        room: Working array, float64 (9).
+    """
+    half = WHOLES[size_log - unit - 1 + OCTAVES]
+    for i in range(len(rows)):
+        row = rows[i]
+        for a in range(3):
+            means[i, a] = np.float64(2 * origins[i, a] + row[LATTICE + a]) * half
+        log = row[SCALE0] + (size_log << BITS)
+        scales[i, 0] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
+        log -= row[SCALE1]
+        scales[i, 1] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
+        log -= thinness[row[SCALE2]]
+        scales[i, 2] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
+        log = row[OPACITY]
+        opacities[i] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
+        y, co, cg = row[LUMA] * 2.0**-BITS - grey[0], row[LUMA + 1] * 2.0**-BITS, row[LUMA + 2] * 2.0**-BITS
+        co, cg = co - grey[1], cg - grey[2]
+        for c in range(3):
+            base[i, c] = y * colours[0, c] + co * colours[1, c] + cg * colours[2, c]
+        _rotation(row, room, quats[i])
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _rotation(row, axes, quat):
+    """Computes a Gaussian's rotation as a quaternion, from the largest of its components (Shepperd, 1978).
+
+    The primary axis u was decoded. The second axis v is perpendicular to it, at the decoded angle of rotation about it.
+    The third axis w is their cross product.
+
+    Args:
+        row: Decoded integers of the Gaussian, int64 (COLUMNS).
+        axes: Working array for the three axes, float64 (9).
+        quat: Output, float32 (4).
+    """
+    ux, uy, uz = np.float64(row[AXIS]), np.float64(row[AXIS + 1]), np.float64(row[AXIS + 2])
+    norm = np.sqrt(ux * ux + uy * uy + uz * uz)
+    ux, uy, uz = ux / norm, uy / norm, uz / norm
+    if abs(ux) <= abs(uy) and abs(ux) <= abs(uz):
+        tx, ty, tz = 1.0 - ux * ux, -ux * uy, -ux * uz
+    elif abs(uy) <= abs(uz):
+        tx, ty, tz = -uy * ux, 1.0 - uy * uy, -uy * uz
+    else:
+        tx, ty, tz = -uz * ux, -uz * uy, 1.0 - uz * uz
+    norm = np.sqrt(tx * tx + ty * ty + tz * tz)
+    tx, ty, tz = tx / norm, ty / norm, tz / norm
+    angle = row[SPIN] * (np.pi * WHOLES[OCTAVES - row[SPIN_BITS]])
+    cos, sin = np.cos(angle), np.sin(angle)
+    vx = cos * tx + sin * (uy * tz - uz * ty)
+    vy = cos * ty + sin * (uz * tx - ux * tz)
+    vz = cos * tz + sin * (ux * ty - uy * tx)
+    at = 3 * row[PRIMARY]
+    axes[at], axes[at + 1], axes[at + 2] = ux, uy, uz
+    at = (at + 3) % 9
+    axes[at], axes[at + 1], axes[at + 2] = vx, vy, vz
+    at = (at + 3) % 9
+    axes[at], axes[at + 1], axes[at + 2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    xx, yx, zx, xy, yy, zy, xz, yz, zz = (
+        axes[0], axes[1], axes[2], axes[3], axes[4], axes[5], axes[6], axes[7], axes[8]
+    )  # fmt: skip
+    trace = xx + yy + zz
+    w, x, y, z = trace + 1, 2 * xx - trace + 1, 2 * yy - trace + 1, 2 * zz - trace + 1
+    if w >= x and w >= y and w >= z:
+        x, y, z = zy - yz, xz - zx, yx - xy
+    elif x >= y and x >= z:
+        w, y, z = zy - yz, xy + yx, xz + zx
+    elif y >= z:
+        w, x, z = xz - zx, xy + yx, yz + zy
+    else:
+        w, x, y = yx - xy, xz + zx, yz + zy
+    norm = np.sqrt(w * w + x * x + y * y + z * z)
+    quat[0], quat[1], quat[2], quat[3] = w / norm, x / norm, y / norm, z / norm
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def convert_harmonics(numbers, transform, colours, room, harmonics):
+    """Computes spherical harmonics from the transformed integers. Most integers are 0 and are skipped.
+
+    Args:
+        numbers: Transformed harmonics, int32 (n, 3 K): Y, Co and Cg of the first, then of the second, and so on.
+        transform: Numerators of the transform, whole numbers, float64 (K, K). Sums of products are exact.
+        colours: Transform from RGB to Y Co Cg, times the unit of these products, float64 (3, 3).
+        room: Working array, float64 (3 K).
+        harmonics: Output, float32 (n, 3 K): red, green and blue of the first harmonic, then of the second, and so on.
+    """
+    width = numbers.shape[1]
+    for i in range(len(numbers)):
+        empty = True
+        for k in range(0, width, 3):
+            y, co, cg = np.float64(numbers[i, k]), np.float64(numbers[i, k + 1]), np.float64(numbers[i, k + 2])
+            if y == 0.0 and co == 0.0 and cg == 0.0:
+                continue
+            if empty:
+                for b in range(width):
+                    room[b] = 0.0
+                empty = False
+            for b in range(width // 3):
+                share = transform[k // 3, b]
+                room[3 * b] += y * share
+                room[3 * b + 1] += co * share
+                room[3 * b + 2] += cg * share
+        for b in range(0, width, 3):
+            for c in range(3):
+                harmonics[i, b + c] = (
+                    0.0
+                    if empty
+                    else room[b] * colours[0, c] + room[b + 1] * colours[1, c] + room[b + 2] * colours[2, c]
+                )

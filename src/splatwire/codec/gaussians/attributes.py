@@ -1,0 +1,219 @@
+"""Converts the attributes of Gaussians to fixed-point integers and back.
+
+Only an encoder computes with floats before quantisation. A decoder works on integers and converts them to floats once,
+at the end.
+"""
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from splatwire.codec.gaussians.blocks import runs
+from splatwire.codec.gaussians.layout import (
+    BITS,
+    COLUMNS,
+    MAX_COLOUR,
+    MAX_LOG,
+    MAX_OPACITY,
+    MIN_OPACITY,
+    TRANSFORM_UNIT,
+)
+from splatwire.codec.gaussians.tables import exponentials, thinness_table
+from splatwire.ops.order_statistics import middle_ranks, order_statistics
+from splatwire.ops.quaternions import rotation_matrices
+from splatwire.ops.sort3 import sort3
+from splatwire.ops.spherical_harmonics import DC
+from splatwire.types.splats import Splats
+
+LUMA_CHROMA = np.array([[1, 1, 1], [1, 0, -1], [-1, 2, -1]]) / np.sqrt([[3.0], [2.0], [6.0]])
+"""Orthonormal transform from RGB to brightness (row 0), orange-blue (row 1) and green-purple (row 2), called Y Co Cg in
+this package.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """Encoder input: attributes of N Gaussians, mostly in fixed point.
+
+    Attributes:
+        logs: int64 (N, 4), base-2 logarithms of the opacity and of the three scales in decreasing order, with `BITS`
+            fractional bits. Scales are relative to the scene's size.
+        axes: float64 (N, 3, 3), principal axes as the columns of a matrix, in the order of decreasing scale.
+        colours: int64 (N, 3), base colour as Y Co Cg, with `BITS` fractional bits.
+        harmonics: float64 (N, K, 3), Y Co Cg of each spherical harmonic above degree 0, multiplied by `2**BITS`, not
+            rounded.
+    """
+
+    logs: np.ndarray
+    axes: np.ndarray
+    colours: np.ndarray
+    harmonics: np.ndarray
+
+
+def scene_middle(splats: Splats) -> np.ndarray:
+    """Returns the centre of a scene, float64 (3): on each axis the median of the Gaussians' positions."""
+    ranks = middle_ranks(splats.num_gaussians)
+    columns = splats.means.T
+    return np.array([order_statistics(functools.partial(runs, column), ranks).mean() for column in columns])
+
+
+def scene_log(splats: Splats) -> int:
+    """Returns the size of a scene as log2 of the median distance of its Gaussians from the centre, rounded down."""
+    means, ranks, middle = splats.means, middle_ranks(splats.num_gaussians), scene_middle(splats)
+
+    def squares(some: np.ndarray) -> np.ndarray:
+        x, y, z = (column.astype(np.float64) - m for column, m in zip(some.T, middle, strict=True))
+        return x * x + y * y + z * z
+
+    distance = np.sqrt(order_statistics(lambda: map(squares, runs(means)), ranks)).mean()
+    return int(np.clip(np.floor(np.log2(max(distance, 1e-12))), -32, 32))
+
+
+def to_sources(splats: Splats, size_log: int) -> Sources:
+    """Converts Gaussians to the encoder's input: fixed-point attributes and sorted principal axes.
+
+    Args:
+        splats: The Gaussians.
+        size_log: log2 of the scene's size, from `scene_log`.
+    """
+    order = np.argsort(-splats.scales, axis=1, kind="stable")
+    axes = np.take_along_axis(matrices_of(splats.quats.astype(np.float64)), order[:, None, :], axis=2)
+    return Sources(to_logs(splats, size_log), axes, to_colours(splats), to_harmonics(splats))
+
+
+def to_logs(splats: Splats, size_log: int) -> np.ndarray:
+    """Base-2 logarithms of the opacity and of the scales (largest first) in fixed point, int64 (N, 4).
+
+    Args:
+        splats: The Gaussians.
+        size_log: log2 of the scene's size, from `scene_log`; the logarithms of scales are relative to this size.
+    """
+    logs = np.empty((splats.num_gaussians, 4), np.int64)
+    logs[:, 0] = _fixed(np.log2(splats.opacities.astype(np.float64)), MIN_OPACITY, MAX_OPACITY)
+    for place, scales in zip((3, 2, 1), sort3(splats.scales), strict=True):
+        logs[:, place] = _fixed(np.log2(scales.astype(np.float64)) - size_log, -MAX_LOG, MAX_LOG)
+    return logs
+
+
+def to_colours(splats: Splats) -> np.ndarray:
+    """Converts base colours to Y Co Cg in fixed point with `BITS` fractional bits, int64 (N, 3)."""
+    base = splats.sh[:, 0].astype(np.float64) @ LUMA_CHROMA.T
+    return _fixed(LUMA_CHROMA.sum(axis=1) / 2 + DC * base, -MAX_COLOUR, MAX_COLOUR)
+
+
+def to_harmonics(splats: Splats) -> np.ndarray:
+    """Converts spherical harmonics above degree 0 to Y Co Cg multiplied by `2**BITS`, float64 (N, K, 3).
+
+    The result is not rounded: harmonics of a decoded scene lie between integers, and `transformed` must map them back
+    to exactly the integers of the stream.
+    """
+    flat = splats.sh[:, 1:].astype(np.float64).reshape(-1, 3) @ LUMA_CHROMA.T * (1 << BITS)
+    return np.clip(flat, -MAX_COLOUR, MAX_COLOUR, out=flat).reshape(splats.num_gaussians, -1, 3)
+
+
+def fit_transform(harmonics: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Fits the transform of spherical harmonics by principal component analysis (Karhunen-Loeve transform).
+
+    The axes are sorted by decreasing variance; the three colour channels share them.
+
+    Args:
+        harmonics: (n, K, 3), K harmonics above degree 0 of n Gaussians, from `to_harmonics`.
+        weights: (n), weight of each Gaussian's quantisation error.
+
+    Returns:
+        int64 (K, K), one axis per row, in fixed point with denominator `TRANSFORM_UNIT`.
+    """
+    values = (harmonics * weights[:, None, None]).swapaxes(1, 2).reshape(-1, harmonics.shape[1])
+    covariance = values.T @ values
+    # Axes without variance, and all signs, are ambiguous. A slope along the diagonal and a positive largest entry make
+    # the result identical on all machines.
+    slope = np.diag(np.linspace(1.0, 0.0, len(covariance)))
+    axes = np.linalg.eigh(covariance + (1e-7 * np.trace(covariance) + 1e-9) * slope)[1].T[::-1]
+    axes = axes * np.sign(axes[np.arange(len(axes)), np.abs(axes).argmax(axis=1)])[:, None]
+    return np.rint(axes * TRANSFORM_UNIT).astype(np.int64)
+
+
+def transformed(harmonics: np.ndarray, transform: np.ndarray) -> np.ndarray:
+    """Transforms spherical harmonics to the integers stored in packets, int64 (n, 3 K).
+
+    Columns 0 to 2 are Y Co Cg along the first axis of the transform, columns 3 to 5 along the second axis, and so on.
+
+    Args:
+        harmonics: float64 (n, K, 3), K harmonics above degree 0 of n Gaussians, from `to_harmonics`.
+        transform: int64 (K, K), from `fit_transform`.
+    """
+    if not transform.size:
+        return np.zeros((len(harmonics), 0), dtype=np.int64)
+    inverse = np.linalg.inv(transform / TRANSFORM_UNIT)
+    numbers = harmonics.reshape(len(harmonics), -1) @ np.kron(inverse, np.eye(3))
+    return np.rint(numbers, out=numbers).astype(np.int64)
+
+
+def to_splats(
+    rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray, unit: int, size_log: int, transform: np.ndarray
+) -> Splats:
+    """Converts decoded integers to Gaussians with float attributes.
+
+    Args:
+        rows: int64 (n, COLUMNS), decoded integers of each Gaussian except the harmonics, see `layout.COLUMNS`.
+        harmonics: int32 (n, harmonics), decoded integers of the transformed spherical harmonics.
+        origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice units.
+        unit: `-log2` of the lattice spacing, relative to the scene's size.
+        size_log: log2 of the scene's size.
+        transform: int64 (K, K), transform of the harmonics with denominator `TRANSFORM_UNIT`, from `fit_transform`.
+    """
+    from splatwire.codec.gaussians import _splat_kernels as kernels
+
+    count, width = len(rows), harmonics.shape[1]
+    means, quats, scales, base = (np.empty((count, size), np.float32) for size in (3, 4, 3, 3))
+    opacities, sh = np.empty(count, np.float32), np.empty((count, 3 + width), np.float32)
+    room = np.empty(max(9, width))
+    # Contiguous arrays only, because a kernel is compiled again for each layout of its arguments.
+    kernels.convert(
+        np.ascontiguousarray(rows), np.ascontiguousarray(origins), size_log, unit, thinness_table(), exponentials(),
+        LUMA_CHROMA / DC, LUMA_CHROMA.sum(axis=1) / 2, means, quats, scales, opacities, base, room,
+    )  # fmt: skip
+    sh[:, :3] = base
+    if width:
+        own, share = np.empty((count, width), np.float32), 2.0**-BITS / TRANSFORM_UNIT
+        kernels.convert_harmonics(
+            np.ascontiguousarray(harmonics), transform.astype(np.float64), LUMA_CHROMA * share, room, own
+        )
+        sh[:, 3:] = own
+    return Splats(means, quats, scales, opacities, sh.reshape(count, -1, 3))
+
+
+def empty_rows(count: int, num_harmonics: int) -> tuple[np.ndarray, np.ndarray]:
+    """Allocates zero arrays for the decoded integers of Gaussians.
+
+    Args:
+        count: Number of Gaussians.
+        num_harmonics: Number of integers of the spherical harmonics of each Gaussian.
+
+    Returns:
+        int64 (count, COLUMNS) for all attributes except harmonics, and int32 (count, num_harmonics) for the harmonics.
+    """
+    return np.zeros((count, COLUMNS), dtype=np.int64), np.zeros((count, num_harmonics), dtype=np.int32)
+
+
+def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
+    """Adds the decoded integers of one block, in the order of the packet plan, to a hash.
+
+    Args:
+        digest: hashlib object that is updated.
+        rows: The two integer arrays of the block, as returned by `empty_rows`.
+    """
+    digest.update(np.ascontiguousarray(rows[0].astype("<i8")).data)
+    if rows[1].size:
+        digest.update(np.ascontiguousarray(rows[1].astype("<i4")).data)
+
+
+def _fixed(values: np.ndarray, low: int, high: int) -> np.ndarray:
+    return np.clip(np.rint(values * (1 << BITS)), low, high).astype(np.int64)
+
+
+def matrices_of(quats: np.ndarray) -> np.ndarray:
+    """Returns rotation matrices of quaternions (w, x, y, z), which are normalised first, (n, 3, 3)."""
+    return rotation_matrices(quats / np.linalg.norm(quats, axis=1, keepdims=True))

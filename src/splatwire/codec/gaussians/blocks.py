@@ -1,0 +1,209 @@
+"""Divides Gaussians into spatial blocks with bounding boxes, and orders the Gaussians for coding.
+
+Positions are integer coordinates on a lattice: a cubic grid with a spacing of `2**-unit` times the scene's size.
+"""
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.bitstream import PacketPlan
+from splatwire.codec.gaussians.layout import MAX_CELL_BITS, MAX_LATTICE_BITS, SLOT_BITS
+from splatwire.errors import InvalidValueError
+from splatwire.ops.code_order import code_order
+from splatwire.ops.morton import MAX_AXIS_BITS, morton_encode
+from splatwire.ops.order_statistics import quantiles
+
+ROWS = 1 << 16
+_OUTSIDE, _MARGIN = 50, 2
+"""Parameters of the estimated extent of a packet's positions, which determines the cell size of its grid. One in
+`_OUTSIDE` positions (2 %) at either end of each axis is ignored as an outlier; the extent with outliers is limited to
+`_MARGIN` times the extent without them.
+"""
+TYPICAL_BLOCK, TYPICAL_SAMPLE = 3000, 1 << 14
+"""Number of Gaussians of a typical block, and maximum number of Gaussians sampled to estimate the extent of such a
+block.
+"""
+BOX_BITS = 8
+"""Maximum number of bits of a side of a bounding box, in spacings of its grid (see `Boxes`)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Bounding boxes of B blocks on the lattice of positions. The corners of each box lie on a coarser grid.
+
+    Attributes:
+        shifts: int64 (B), log2 of the spacing of each box's grid, in lattice units.
+        origins: int64 (B, 3), lower corner of each box, as coordinates on the grid of this box.
+        extents: int64 (B, 3), sides of each box in spacings of its grid, minus one.
+    """
+
+    shifts: np.ndarray
+    origins: np.ndarray
+    extents: np.ndarray
+
+    @functools.cached_property
+    def bits(self) -> np.ndarray:
+        """Number of bits of a lattice coordinate relative to the corner of each box, int64 (B)."""
+        return self.shifts + np.array(
+            [int(e).bit_length() for e in self.extents.max(axis=1, initial=0)], dtype=np.int64
+        )
+
+    @functools.cached_property
+    def corners(self) -> np.ndarray:
+        """Lower corners of the boxes in lattice units, int64 (B, 3)."""
+        return self.origins << self.shifts[:, None]
+
+
+def runs(values: np.ndarray) -> Iterator[np.ndarray]:
+    """Yields consecutive slices of an array, `ROWS` entries of the first axis each.
+
+    Working on slices keeps temporary arrays small even for millions of Gaussians.
+    """
+    for begin in range(0, len(values), ROWS):
+        yield values[begin : begin + ROWS]
+
+
+def pieces(values: np.ndarray) -> Iterator[np.ndarray]:
+    """Yields consecutive slices of an array, `ROWS` entries of the first axis each, converted to float64."""
+    return (some.astype(np.float64) for some in runs(values))
+
+
+def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
+    """Sorts Gaussians by tier and, within a tier, along a Morton curve.
+
+    Args:
+        means: (N, 3), positions.
+        tiers: Tier of each Gaussian, 0 for the most important, which is sorted first; None if all are in one tier.
+
+    Returns:
+        Indices of the Gaussians in sorted order, uint32 (N).
+    """
+    found = [quantiles(functools.partial(runs, column), len(means), (0.01, 0.99)) for column in means.T]
+    low, high = np.stack(found, axis=1)
+    middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
+
+    def near(some: np.ndarray) -> np.ndarray:
+        """Moves distant Gaussians closer to the centre, so that they do not enlarge the cells of the Morton curve."""
+        return np.arcsinh((some - middle) / spread * 2)
+
+    first, last = near(np.array([means.min(axis=0), means.max(axis=0)], dtype=np.float64))
+    size = max(float((last - first).max()), 1e-30)
+
+    def codes(some: np.ndarray) -> np.ndarray:
+        places = near(means.take(some, axis=0).astype(np.float64))
+        return morton_encode(np.rint((places - first) / size * ((1 << MAX_AXIS_BITS) - 1)).astype(np.int64))
+
+    return code_order(codes, len(means), 3 * MAX_AXIS_BITS, tiers)
+
+
+def block_sizes(plan: PacketPlan) -> np.ndarray:
+    """Returns the number of Gaussians in each block of a packet plan, int64 (B)."""
+    return np.array([plan.block_elements(block) for block in range(plan.num_blocks)], dtype=np.int64)
+
+
+def cell_shift(places: np.ndarray, bits: int) -> int:
+    """Chooses the cell size of the coarse grid on which a packet's positions are coded, as log2 in lattice units.
+
+    The box of a block with n Gaussians is divided into about `16 * sqrt(n)` cells per side, which suits Gaussians on a
+    surface. A few Gaussians far away from the others do not enlarge the cells.
+
+    Args:
+        places: int64 (n, 3), lattice positions relative to the corner of the block's box.
+        bits: Number of bits of a coordinate within the box.
+    """
+    depth = 4 + (len(places).bit_length() + 1) // 2
+    return max(_extent_bits(places) - depth, bits - MAX_CELL_BITS, 0)
+
+
+def _extent_bits(places: np.ndarray) -> int:
+    """Number of bits of the extent of lattice positions, int64 (n, 3).
+
+    A few Gaussians far away from the others have only a limited influence on the result.
+    """
+    ends = [(len(places) - 1) // _OUTSIDE, len(places) - 1 - (len(places) - 1) // _OUTSIDE]
+    axes = np.ascontiguousarray(places.T)
+    low, high = np.partition(axes, ends, axis=1)[:, ends].T
+    return int(np.minimum(np.ptp(axes, axis=1), _MARGIN * (high - low)).max()).bit_length()
+
+
+def arrange_block(codes: np.ndarray, contiguous: bool) -> np.ndarray:
+    """Returns the order in which a block's Gaussians are filled into packets, as indices of the Gaussians.
+
+    Args:
+        codes: int64 (n), Morton codes of the grid cells of the block's Gaussians.
+        contiguous: True to fill packets with adjacent Gaussians. False to spread each packet evenly over the block, so
+            that the loss of a packet leaves many small holes instead of one large hole.
+    """
+    if contiguous:
+        return np.argsort(codes, kind="stable")
+    slots = np.zeros_like(codes)
+    for bit in range(SLOT_BITS):
+        slots |= ((codes >> bit) & 1) << (SLOT_BITS - 1 - bit)
+    top = int(codes.max(initial=0)).bit_length()
+    return np.argsort(slots << top | codes, kind="stable") if top < 63 - SLOT_BITS else np.lexsort((codes, slots))
+
+
+def make_boxes(low: np.ndarray, high: np.ndarray, coarsest: int = 0) -> Boxes:
+    """Computes bounding boxes of blocks with corners on a coarser grid, which are shorter to code.
+
+    Args:
+        low: int64 (B, 3), smallest lattice coordinates of each block.
+        high: int64 (B, 3), largest lattice coordinates of each block.
+        coarsest: log2 of the largest position cell. Corners are multiples of `1 << coarsest` lattice units, so that
+            position cells are the same in every box.
+    """
+    shifts = np.array(
+        [max(int(e).bit_length() - BOX_BITS + 1, coarsest) for e in (high - low).max(axis=1)], dtype=np.int64
+    )
+    origins = low >> shifts[:, None]
+    return Boxes(shifts, origins, (high >> shifts[:, None]) - origins)
+
+
+def block_codes(places: np.ndarray, bits: int) -> np.ndarray:
+    """Returns Morton codes of lattice positions within a bounding box.
+
+    Args:
+        places: int64 (n, 3), lattice positions relative to the corner of the box.
+        bits: Number of bits of a coordinate within the box; only the highest `MAX_CELL_BITS` bits are used.
+    """
+    return morton_encode(places >> max(bits - MAX_CELL_BITS, 0))
+
+
+def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
+    """Estimates `cell_shift` of a typical block from a sample of the scene, before the blocks are known.
+
+    Args:
+        means: (N, 3), positions.
+        unit: `-log2` of the lattice spacing, relative to the scene's size.
+        size_log: log2 of the scene's size.
+
+    Returns:
+        log2 of the cell size, in lattice units.
+    """
+    some = means[:: -(-len(means) // TYPICAL_SAMPLE)]
+    order = gaussian_order(some, None)
+    parts = np.array_split(order, max(1, len(means) // TYPICAL_BLOCK))
+    places = [to_lattice(some.take(part, axis=0).astype(np.float64), unit, size_log) for part in parts]
+    depth = 4 + (min(len(means), TYPICAL_BLOCK).bit_length() + 1) // 2
+    bits = [_extent_bits(place) for place in places if len(place)]
+    return int(np.clip(np.median(bits) - depth, 0, MAX_LATTICE_BITS - BOX_BITS))
+
+
+def to_lattice(means: np.ndarray, unit: int, size_log: int) -> np.ndarray:
+    """Rounds positions down to lattice coordinates, int64 (N, 3).
+
+    Args:
+        means: float64 (N, 3), positions.
+        unit: `-log2` of the lattice spacing, relative to the scene's size.
+        size_log: log2 of the scene's size.
+
+    Raises:
+        InvalidValueError: If a position exceeds the range of the lattice.
+    """
+    scaled = np.floor(np.ldexp(means, unit - size_log))
+    if np.abs(scaled).max(initial=0) >= 2.0**MAX_LATTICE_BITS:
+        raise InvalidValueError("a Gaussian is too far away from the others for the precision of their places")
+    return scaled.astype(np.int64)

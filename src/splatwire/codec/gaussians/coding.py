@@ -1,0 +1,35 @@
+"""Serialises the quantisation parameters of a decoded scene.
+
+With these parameters, a scene saved to a file can be encoded to the same integers again.
+"""
+
+import numpy as np
+
+from splatwire.codec.gaussians.layout import MAX_CLASSES
+from splatwire.codec.gaussians.side_info import read_header, write_header
+from splatwire.errors import BitstreamError
+from splatwire.types import SplatCoding
+
+
+def coding_to_bytes(coding: SplatCoding) -> bytes:
+    """Serialises the quantisation parameters shared by all Gaussians of a scene, without the precision classes."""
+    return write_header(coding)
+
+
+def coding_from_bytes(data: bytes, classes: np.ndarray, degree: int) -> SplatCoding:
+    """Reads quantisation parameters serialised by `coding_to_bytes`.
+
+    Args:
+        data: Bytes from `coding_to_bytes`.
+        classes: Precision class of each Gaussian, uint8 (N).
+        degree: Degree of the scene's spherical harmonics.
+
+    Raises:
+        UnsupportedVersionError: If a newer release wrote the bytes.
+        BitstreamError: If the bytes are damaged or belong to a scene of another degree, or a class is out of range.
+    """
+    own, size_log, unit, bases, coarsest, transform = read_header(data)
+    if own != degree or coarsest < 0 or classes.max(initial=0) >= MAX_CLASSES:
+        raise BitstreamError(f"steps of Gaussians of degree {own} and classes up to {classes.max(initial=0)}")
+    steps = size_log, unit, coarsest, tuple(bases.tolist())
+    return SplatCoding(*steps, transform, classes)

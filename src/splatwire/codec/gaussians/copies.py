@@ -1,0 +1,133 @@
+"""Redundant copies of important Gaussians in the side information, drawn where packets are lost (docs/format.md)."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from splatwire.bitstream.limits import MAX_COPIES
+from splatwire.codec.gaussians import _packet_kernels as kernels
+from splatwire.codec.gaussians.attributes import empty_rows, to_splats
+from splatwire.codec.gaussians.side_info import SideInfo, read_blocks
+from splatwire.errors import BitstreamError, UnsupportedVersionError
+from splatwire.files.byte_io import ByteReader, ByteWriter
+from splatwire.types import Copies
+
+SECTION = "sketch"
+VERSION = 1
+GROWTH_UNIT = 64
+"""Denominator of the growth parameters of copies (see `Copies`) in the bitstream."""
+
+
+def write_places(places: np.ndarray, num_gaussians: int) -> bytes:
+    """Serialises the indices of the copied Gaussians as fixed-width integers, most significant bit first.
+
+    Args:
+        places: int64, index of each copied Gaussian in stream order.
+        num_gaussians: Number of Gaussians in the stream, which determines the width.
+    """
+    width = _place_bits(num_gaussians)
+    return np.packbits(places[:, None] >> np.arange(width)[::-1] & 1).tobytes()
+
+
+def _read_places(reader: ByteReader, count: int, num_gaussians: int) -> np.ndarray:
+    width = _place_bits(num_gaussians)
+    bits = np.unpackbits(np.frombuffer(reader.take((count * width + 7) // 8), np.uint8), count=count * width)
+    places = bits.reshape(count, width).astype(np.int64) @ (1 << np.arange(width)[::-1])
+    if places.max() >= num_gaussians or len(np.unique(places)) < count:
+        raise BitstreamError("section 'sketch': places of copies are not those of different Gaussians")
+    return places
+
+
+def _place_bits(num_gaussians: int) -> int:
+    return max((num_gaussians - 1).bit_length(), 1)
+
+
+def write_head(growth: tuple[float, float, float], count: int, blocks: bytes) -> bytes:
+    """Serialises the first part of the section of copies, before the indices of the copied Gaussians.
+
+    Args:
+        growth: Parameters of the enlargement of received Gaussians next to lost ones, see `Copies.growth`.
+        count: Number of copies.
+        blocks: Bounding box and mean attributes of the copies, from `write_blocks`.
+    """
+    writer = ByteWriter()
+    writer.u8(VERSION)
+    for value in growth:
+        writer.u8(min(max(round(value * GROWTH_UNIT), 0), 255))
+    writer.unsigned(count)
+    writer.blob(blocks)
+    return writer.bytes()
+
+
+def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
+    """Reads the redundant copies of Gaussians from a stream's side information.
+
+    Args:
+        info: The stream's side information.
+        num_gaussians: Number of Gaussians in the stream.
+
+    Returns:
+        The copies; None if the stream has none.
+
+    Raises:
+        UnsupportedVersionError: If a newer release wrote the section of copies.
+        BitstreamError: If the section is damaged or belongs to another stream.
+    """
+    if SECTION not in info.sections:
+        return None
+    reader = ByteReader(info.sections[SECTION], f"section '{SECTION}'")
+    version = reader.u8()
+    if version != VERSION:
+        raise UnsupportedVersionError(f"section '{SECTION}' has version {version}, this release reads {VERSION}")
+    size, opacity, trust = (reader.u8() / GROWTH_UNIT for _ in range(3))
+    count = reader.unsigned()
+    if not 1 <= count <= min(num_gaussians, MAX_COPIES):
+        raise BitstreamError(f"section '{SECTION}': {count} copies of {num_gaussians} Gaussians are impossible")
+    boxes, defaults = read_blocks(reader.blob(), 1)
+    places = _read_places(reader, count, num_gaussians)
+    here = replace(info, boxes=boxes, defaults=defaults)
+    rows, harmonics = _decode(here, count, reader.rest())
+    origins = np.broadcast_to(boxes.corners[0], (count, 3))
+    splats = to_splats(rows, harmonics, origins, info.unit, info.size_log, info.transform)
+    return Copies(places, splats, (size, opacity, trust))
+
+
+def moved_copies(section: bytes, place_at: np.ndarray) -> bytes:
+    """Returns the section `sketch` (redundant copies of Gaussians) for a repacketized stream.
+
+    Repacketizing changes the order of the Gaussians. The section identifies the Gaussian of each copy by its index in
+    the stream, which is replaced here. The attributes of the copies are not changed.
+
+    Args:
+        section: Content of the section in the old stream.
+        place_at: Index in the new stream of each Gaussian of the old stream, int64 (N).
+    """
+    reader = ByteReader(section, f"section '{SECTION}'")
+    head, count, blocks = reader.take(4), reader.unsigned(), reader.blob()
+    places, writer = _read_places(reader, count, len(place_at)), ByteWriter()
+    writer.unsigned(count)
+    writer.blob(blocks)
+    return bytes(head) + writer.bytes() + write_places(place_at[places], len(place_at)) + bytes(reader.rest())
+
+
+def _decode(info: SideInfo, count: int, payload: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Decodes the attributes of the redundant copies of Gaussians; any bytes decode without an error.
+
+    All copies are coded together, like the Gaussians of one packet.
+
+    Args:
+        info: Side information, with the bounding box and means of the copies as its only block.
+        count: Number of copies.
+        payload: Encoded attributes of all copies.
+
+    Returns:
+        Decoded integers of each copy: int64 (count, COLUMNS) for all attributes except harmonics, and int32 (count,
+        num_harmonics) for the spherical harmonics.
+    """
+    rows, harmonics = empty_rows(count, info.num_harmonics)
+    data, ends = np.frombuffer(payload, dtype=np.uint8).copy(), np.array([0, len(payload)], dtype=np.int64)
+    kernels.decode_packets(
+        info.kernel_tables, info.kernel_stream(), info.models(), data, ends, np.array([0, count], dtype=np.int64),
+        info.boxes.bits, info.block_defaults, rows, harmonics,
+    )  # fmt: skip
+    return rows, harmonics

@@ -1,0 +1,254 @@
+"""Decoder of explicit Gaussians."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from splatwire.bitstream import GAUSSIANS, Manifest, Packet
+from splatwire.bitstream.limits import LEVELS, MAX_BLOCK_SIZE
+from splatwire.bitstream.origin import ORIGIN
+from splatwire.codec.antialiasing import SECTION as ANTIALIASED
+from splatwire.codec.background import BACKGROUND
+from splatwire.codec.gaussians import _packet_kernels as kernels
+from splatwire.codec.gaussians.attributes import empty_rows, to_splats, update_digest
+from splatwire.codec.gaussians.copies import read_copies
+from splatwire.codec.gaussians.layout import (
+    AXIS,
+    CLASS,
+    COLUMNS,
+    DIRECTION_BITS,
+    LATTICE,
+    LUMA,
+    MAX_COLOUR,
+    MAX_LOG,
+    MAX_THIN,
+    SCALE0,
+    SCALE1,
+    SCALE2,
+)
+from splatwire.codec.gaussians.side_info import SideInfo, read_side_info
+from splatwire.codec.metadata import read_metadata
+from splatwire.codec.named_sections import concealer_sections
+from splatwire.codec.schema import Rows, Run
+from splatwire.errors import BitstreamError, MissingSideInfoError
+from splatwire.types import Erasures, ReceivedScene, SplatCoding, SplatScene
+from splatwire.types.splats import Splats
+
+PIECE = 1 << 13
+"""Maximum number of Gaussians that are converted to float64 at a time, to save memory."""
+_GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])
+"""Multiples of these numbers, modulo 1, fill a unit cube evenly (R-sequence, generalised golden ratio; Roberts, 2018).
+"""
+
+
+class GaussianDecoder:
+    """Decodes packets of explicit Gaussians to a scene; implements `splatwire.codec.schema.Decoder`.
+
+    A lost Gaussian gets opacity 0, the mean size and colour of its block, and the position of a received Gaussian.
+
+    Args:
+        manifest: The stream's manifest.
+        side_info: The stream's side information, serialised.
+        num_bytes: Number of bytes received of the stream; not used by this decoder.
+
+    Raises:
+        MissingSideInfoError: If the side information is empty.
+        BitstreamError: If the side information is damaged or contradicts the manifest.
+    """
+
+    order: np.ndarray | None = None
+    runs_are_blocks, packets_independent, redecode_on_demand = True, True, False
+
+    def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
+        info = open_side_info(manifest, side_info)
+        self._info, self._plan, self._num, self.sections = info, manifest.plan, manifest.num_elements, info.sections
+        self.scene_bytes = self._num * (4 * (11 + 3 * (info.degree + 1) ** 2) + 8)
+        self.row_bytes = 8 * int(COLUMNS) + 4 * info.num_harmonics
+        copies = read_copies(info, self._num)
+        self._records = () if copies is None else (copies,)
+
+    def working_bytes(self, packets: Sequence[Packet]) -> int:
+        """Returns the working memory needed in addition to the scene, bytes (see `Decoder.working_bytes`).
+
+        The memory is for the integers of several pending blocks, and for the floats of `PIECE` Gaussians.
+        """
+        spans = (span for span in self._plan.spans if span.num_elements)
+        largest = max((self._plan.block_elements(span.first_block) for span in spans), default=0)
+        return largest * (4 * self.row_bytes + 64) + (4 << 20)
+
+    def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
+        """Allocates the scene before packets are decoded (see `Decoder.expect`).
+
+        Lost Gaussians are not estimated here but in `store`, because their estimate depends on the rest of their block.
+        """
+        self._splats = blank_splats(self._num, self._info.degree)
+        self._levels = np.zeros(self._num, dtype=np.uint8)
+        self._erasures = Erasures.of_anchors(np.zeros(self._num, dtype=np.bool_))
+
+    def decode(self, run: Run) -> Rows:
+        """Decodes the received packets of one block to integers (see `Decoder.decode`)."""
+        return decode_packets(self._info, run.block, run.counts, run.payloads)
+
+    def store(self, run: Run, rows: Rows) -> None:
+        """Writes the decoded Gaussians of a block to the scene, and estimates the lost Gaussians of the block.
+
+        See `Decoder.store` for the arguments.
+        """
+        places = self._plan.block_ranks(run.block)
+        known = self._erasures.received
+        known[run.ranks] = True
+        received = known[places].all(axis=1)
+        if not received.all():
+            gaps = empty_rows(len(places), self._info.num_harmonics)
+            for filled, some in zip(gaps, rows, strict=True):
+                filled[received] = some
+            rows = gaps
+        store_block(self._splats, places, rows[0], rows[1], received, self._info, run.block)
+        if received.any():
+            self._levels[places] = rows[0][:, CLASS].astype(np.uint8)
+
+    def update_digest(self, digest: Any, rows: Rows) -> None:
+        """Adds the decoded integers of one block to a hash (see `Decoder.update_digest`)."""
+        update_digest(digest, rows)
+
+    def scene(self) -> ReceivedScene[SplatScene]:
+        """Returns the scene decoded so far, with masks of received Gaussians (see `Decoder.scene`)."""
+        scene = SplatScene(
+            self._splats,
+            background=BACKGROUND.read(self.sections),
+            coding=coding_of(self._info, self._levels),
+            antialiased=ANTIALIASED in self.sections,
+            origin=ORIGIN.read(self.sections),
+            metadata=read_metadata(self.sections),
+        )
+        return ReceivedScene(scene, self._erasures, concealer_sections(self.sections), self._records)
+
+
+def coding_of(info: SideInfo, classes: np.ndarray) -> SplatCoding | None:
+    """Returns the quantisation parameters with which a decoded scene can be encoded to the same integers.
+
+    Args:
+        info: The stream's side information.
+        classes: Precision class of each Gaussian, uint8 (N).
+
+    Returns:
+        The parameters; None for streams of version 2, where the integers depend on the division into packets.
+    """
+    if info.coarsest < 0:
+        return None
+    return SplatCoding(info.size_log, info.unit, info.coarsest, tuple(info.bases.tolist()), info.transform, classes)
+
+
+def open_side_info(manifest: Manifest, side_info: bytes) -> SideInfo:
+    """Reads the side information of a stream of explicit Gaussians.
+
+    Args:
+        manifest: The stream's manifest.
+        side_info: The side information, serialised.
+
+    Raises:
+        MissingSideInfoError: If the side information is empty.
+        BitstreamError: If the side information is damaged, or the stream does not contain explicit Gaussians.
+    """
+    if manifest.codec not in (GAUSSIANS, LEVELS) or manifest.packetization.separated:
+        raise BitstreamError("the stream does not hold whole Gaussians")
+    if not side_info:
+        raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
+    return read_side_info(side_info, manifest.plan.num_blocks)
+
+
+def decode_packets(
+    info: SideInfo, block: int, counts: np.ndarray, payloads: Sequence[bytes]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Decodes packets of one block to integers; any bytes decode without an error.
+
+    Args:
+        info: The stream's side information.
+        block: Index of the block.
+        counts: int64 (packets), number of Gaussians in each packet.
+        payloads: Content of each packet without its header.
+
+    Returns:
+        Decoded integers of all Gaussians, packet by packet: int64 (n, COLUMNS) for all attributes except harmonics, and
+            int32 (n, harmonics) for the spherical harmonics.
+    """
+    assert max(counts, default=0) <= MAX_BLOCK_SIZE, "one of more places than there are intervals has none"
+    data = np.frombuffer(b"".join(payloads), dtype=np.uint8).copy()
+    ends = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    rows, harmonics = empty_rows(int(starts[-1]), info.num_harmonics)
+    boxes = np.full(len(payloads), info.boxes.bits[block])
+    defaults = np.repeat(info.block_defaults[block : block + 1], len(payloads), axis=0)
+    kernels.decode_packets(
+        info.kernel_tables, info.kernel_stream(), info.models(), data, ends, starts, boxes, defaults, rows, harmonics
+    )
+    return rows, harmonics
+
+
+def blank_splats(count: int, degree: int) -> Splats:
+    """Allocates `count` Gaussians with spherical harmonics of the given degree, all attributes zero."""
+    return Splats(*(np.zeros((count, *shape), np.float32) for shape in ((3,), (4,), (3,), (), ((degree + 1) ** 2, 3))))
+
+
+def store_block(
+    splats: Splats,
+    places: np.ndarray,
+    rows: np.ndarray,
+    harmonics: np.ndarray,
+    received: np.ndarray,
+    info: SideInfo,
+    block: int,
+) -> None:
+    """Writes the Gaussians of a block into `splats` as floats, and estimates the lost Gaussians.
+
+    Args:
+        splats: All Gaussians of the scene, changed in place.
+        places: int64 (n), indices of the block's Gaussians in `splats`.
+        rows: int64 (n, COLUMNS), decoded integers of each Gaussian except harmonics; those of lost Gaussians are
+            ignored.
+        harmonics: int32 (n, harmonics), decoded integers of the spherical harmonics, 0 for lost Gaussians.
+        received: Mask of received Gaussians, bool (n).
+        info: The stream's side information.
+        block: Index of the block.
+    """
+    lost = np.flatnonzero(~received)
+    filled = rows.copy() if len(lost) else rows
+    if len(lost):
+        filled[lost] = _expected(info, block, rows[received][:, LATTICE : LATTICE + 3], lost)
+    for first in range(0, len(rows), PIECE):
+        some = slice(first, first + PIECE)
+        origins = np.broadcast_to(info.boxes.corners[block], filled[some][:, :3].shape)
+        decoded = to_splats(filled[some], harmonics[some], origins, info.unit, info.size_log, info.transform)
+        for name, values in vars(decoded).items():
+            getattr(splats, name)[places[some]] = values
+    gone = places[lost]
+    splats.opacities[gone] = 0
+    splats.quats[gone] = (1, 0, 0, 0)
+
+
+def _expected(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarray) -> np.ndarray:
+    """Estimates the integers of a block's lost Gaussians, int64 (lost, COLUMNS).
+
+    Size and colour are the means of the block. Positions are those of received Gaussians, or spread over the block's
+    bounding box if no Gaussian of the block was received.
+
+    Args:
+        info: The stream's side information.
+        block: Index of the block.
+        near: Positions of the block's received Gaussians, in half lattice units from the corner of the block's box.
+        lost: Indices of the lost Gaussians within the block.
+    """
+    rows, defaults = empty_rows(len(lost), 0)[0], info.block_defaults[block]
+    rows[:, SCALE0] = np.clip(defaults[1], -MAX_LOG, MAX_LOG)
+    rows[:, SCALE1] = np.clip(defaults[2], 0, MAX_LOG)
+    rows[:, SCALE2] = np.clip(defaults[3], 0, MAX_THIN)
+    rows[:, LUMA : LUMA + 3] = np.clip(defaults[4:], -MAX_COLOUR, MAX_COLOUR)
+    rows[:, AXIS + 2] = 1 << DIRECTION_BITS
+    if len(near):
+        rows[:, LATTICE : LATTICE + 3] = near[np.arange(len(lost)) * len(near) // len(lost)]
+    else:
+        sides = (info.boxes.extents[block] + 1) << info.boxes.shifts[block]
+        share = (0.5 + np.arange(1, len(lost) + 1)[:, None] * _GOLDEN) % 1.0
+        rows[:, LATTICE : LATTICE + 3] = (2 * sides * share).astype(np.int64)
+    return rows

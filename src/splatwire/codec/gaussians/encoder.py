@@ -1,0 +1,232 @@
+"""Encoder of explicit Gaussians: side information, and packets block by block."""
+
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.bitstream import HEADER_BYTES, PRESETS, PacketPlan, shape_tiers
+from splatwire.bitstream.origin import ORIGIN
+from splatwire.codec.antialiasing import antialiasing_sections
+from splatwire.codec.background import BACKGROUND
+from splatwire.codec.gaussians import _packet_kernels as kernels
+from splatwire.codec.gaussians.attributes import empty_rows, fit_transform, to_harmonics
+from splatwire.codec.gaussians.blocks import make_boxes
+from splatwire.codec.gaussians.fit import empty_statistics, first_scales, fit_bits, fit_scales
+from splatwire.codec.gaussians.layout import NUM_CONTEXTS
+from splatwire.codec.gaussians.quality import quality_of
+from splatwire.codec.gaussians.side_info import SideInfo, read_side_info, write_side_info
+from splatwire.codec.gaussians.source_scene import BlockSource, SourceScene
+from splatwire.codec.metadata import metadata_sections
+from splatwire.codec.schema import CodedPackets, Options, Prepared
+from splatwire.codec.threads import ordered_map
+from splatwire.codec.tiers import SECTION as TIERS
+from splatwire.codec.tiers import encode_tiers
+from splatwire.errors import InvalidValueError
+from splatwire.types import SplatScene
+
+FITTED_PACKET = 150
+"""Number of Gaussians per packet while context tables are fitted, before the final packets are known."""
+FITTED_SHARE, FEWEST, MOST = 1 / 8, 128, 640
+"""Fraction, minimum and maximum number of packets of the scene to which context tables are fitted. The maximum limits
+the encoding time.
+"""
+BYTES_PER_GAUSSIAN = 160
+BYTES_PER_HARMONIC = 12
+
+
+def prepare_splats(
+    scene: SplatScene, options: Options, like: SideInfo | None = None, *, sorted_already: bool = False
+) -> Prepared:
+    """Prepares Gaussians for encoding: sorts them into blocks and computes the side information.
+
+    The encoder chooses the order of Gaussians freely, because packets contain their positions.
+
+    Args:
+        scene: The Gaussians; each must have a visible effect. If the options contain neither a quality nor precision
+            classes, Gaussians of a decoded scene are encoded to the same integers as in the decoded stream.
+        options: Encoding options; the default packetization is the preset "paper".
+        like: Side information of the stream from which the Gaussians were decoded; its context tables and named
+            sections are reused. None to fit new tables.
+        sorted_already: True if the Gaussians are in block order; otherwise they are sorted along a Morton curve.
+
+    Raises:
+        InvalidValueError: If the scene is empty, or the packetization or an option does not apply to explicit
+            Gaussians.
+        UnknownNameError: If the name of the quality is unknown.
+    """
+    splats, packetization = scene.splats, options.packetization or PRESETS["paper"]
+    if not splats.num_gaussians:
+        raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
+    if not packetization.common:
+        raise InvalidValueError("Gaussians travel whole and in Morton order: no separated packaging, no raster order")
+    if options.noise is not None:
+        raise InvalidValueError("explicit Gaussians have no networks whose noise could be tolerated")
+    coding = scene.coding if options.quality is None and options.classes is None else None
+    shapes = shape_tiers(options.tiers, packetization) if options.tiers is not None else ()
+    plan = PacketPlan(packetization, splats.num_gaussians, shapes)
+    quality = quality_of("default" if options.quality is None else options.quality)
+    tiers = options.tiers if shapes else None
+    source = SourceScene.of(splats, plan, options.classes, tiers, quality, coding, sorted_already=sorted_already)
+    sections = {**({} if like is None else like.sections), **BACKGROUND.sections(scene.background)}
+    sections |= {**antialiasing_sections(scene.antialiased), **ORIGIN.sections(scene.origin)}
+    sections |= metadata_sections(scene.metadata)
+    sections.pop(TIERS, None)
+    if shapes:
+        tier_of = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_elements for shape in shapes])
+        sections[TIERS] = encode_tiers(tier_of, len(shapes))
+    known = None if coding is None else coding.transform
+    side_info = write_side_info(fit_side_info(source, sections, known, like, options.threads))
+    # Predict from the side information as a decoder reads it, after quantisation.
+    return Prepared(GaussianEncoder(source, plan, read_side_info(side_info, plan.num_blocks)), side_info, plan)
+
+
+def fit_side_info(
+    scene: SourceScene, sections: Mapping[str, bytes], known: np.ndarray | None, like: SideInfo | None,
+    threads: int | None,
+) -> SideInfo:  # fmt: skip
+    """Computes the side information of a stream: bounding boxes and mean attributes of blocks, and context tables.
+
+    Args:
+        scene: The Gaussians, sorted into blocks.
+        sections: Named sections to include, content by name.
+        known: Transform of the spherical harmonics; None to fit it to a part of the scene.
+        like: Side information with context tables to reuse; None to fit the tables to a part of the scene.
+        threads: Number of threads, which does not affect the result; None for one per processor.
+    """
+    ends = np.array(list(ordered_map(scene.ends, range(scene.num_blocks), threads)))
+    boxes = make_boxes(ends[:, 0], ends[:, 1], scene.coarsest)
+    means = list(ordered_map(scene.means, range(scene.num_blocks), threads))
+    zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
+    side = (scene.splats.degree + 1) ** 2 - 1
+    transform = scene_transform(scene) if known is None or len(known) != side else known
+    fields = (
+        scene.splats.degree,
+        scene.size_log,
+        scene.unit,
+        scene.bases,
+        scene.coarsest,
+        transform,
+        boxes,
+        np.clip(means, -511, 511),
+    )
+    if like is not None:
+        return SideInfo(*fields, like.bit_zero, like.scales, sections)
+    first, (bits, residuals) = SideInfo(*fields, zero, first_scales()), empty_statistics()
+
+    blocks = scene.some_blocks()
+    wanted = np.clip(scene.edges[-1] / FITTED_PACKET * FITTED_SHARE, FEWEST, MOST) / len(blocks)
+
+    def count(block: int) -> tuple[np.ndarray, np.ndarray]:
+        size = int(scene.edges[block + 1] - scene.edges[block])
+        parts = -(-size // FITTED_PACKET)
+        edges = np.arange(parts + 1) * size // parts
+        chosen = np.unique(np.linspace(0, parts - 1, min(parts, int(np.ceil(wanted)))).astype(int))
+        some = np.concatenate([np.arange(edges[part], edges[part + 1]) for part in chosen])
+        return encode_block(scene.arranged(block, first, some), first, block, np.diff(edges)[chosen], 0).statistics
+
+    for some_bits, some_residuals in ordered_map(count, blocks, threads):
+        bits += some_bits
+        residuals += some_residuals
+    return SideInfo(*fields, fit_bits(bits), fit_scales(residuals), sections)
+
+
+def scene_transform(scene: SourceScene) -> np.ndarray:
+    """Fits the transform of the spherical harmonics to a part of the scene, int64 (K, K).
+
+    Each Gaussian is weighted by the inverse of its quantisation step, relative to the lowest precision class.
+    """
+    if not scene.splats.degree:
+        return np.zeros((0, 0), dtype=np.int64)
+    blocks = scene.some_blocks()
+    where = np.concatenate([np.arange(scene.edges[b], scene.edges[b + 1]) for b in blocks])
+    where = where[:: -(-len(where) // (FITTED_PACKET * FEWEST))]
+    return fit_transform(to_harmonics(scene.pick(where)), 2.0 ** scene.classes_at(where))
+
+
+@dataclass(frozen=True, eq=False)
+class CodedBlock:
+    """Result of encoding a block of n Gaussians in P packets.
+
+    Attributes:
+        sizes: int64 (P), number of Gaussians in each packet.
+        payloads: Content of each packet without its header.
+        rows: int64 (n, COLUMNS), integers of each Gaussian except harmonics, as a decoder obtains them.
+        harmonics: int32 (n, harmonics), integers of the spherical harmonics, as a decoder obtains them.
+        statistics: Counts of coded bits and residuals by context, see `empty_statistics`.
+    """
+
+    sizes: np.ndarray
+    payloads: list[bytes]
+    rows: np.ndarray
+    harmonics: np.ndarray
+    statistics: tuple[np.ndarray, np.ndarray]
+
+
+def encode_block(source: BlockSource, info: SideInfo, block: int, sizes: np.ndarray, most: int) -> CodedBlock:
+    """Encodes Gaussians of a block in packets.
+
+    Args:
+        source: Attributes of the Gaussians, in the order in which packets are filled.
+        info: The stream's side information.
+        block: Index of the block.
+        sizes: int64 (P), number of Gaussians in each packet; ignored if `most` is not 0.
+        most: Maximum size of a packet's payload, bytes; 0 to use `sizes`.
+    """
+    bits = int(info.boxes.bits[block])
+    count, width = len(source.codes), info.num_harmonics
+    rows, harmonics = empty_rows(count, width)
+    buffer = np.zeros(count * (BYTES_PER_GAUSSIAN + BYTES_PER_HARMONIC * width) + kernels.SLACK, dtype=np.uint8)
+    statistics, defaults = empty_statistics(), info.block_defaults[block]
+    stream = (info.kernel_tables, info.kernel_stream(), info.models(), statistics, bits, defaults, source)
+    if most:
+        sizes, ends = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+        used = kernels.encode_cut(*stream, most, buffer, rows, harmonics, sizes, ends)
+        sizes, ends = sizes[:used], ends[:used]
+    else:
+        ends = np.zeros(len(sizes), dtype=np.int64)
+        kernels.encode_fixed(*stream, sizes, buffer, rows, harmonics, ends)
+    begins = np.concatenate([[0], ends])
+    payloads = [buffer[a:b].tobytes() for a, b in itertools.pairwise(begins)]
+    return CodedBlock(sizes, payloads, rows, harmonics, statistics)
+
+
+class GaussianEncoder:
+    """Encodes explicit Gaussians block by block; implements `splatwire.codec.schema.Encoder`.
+
+    Args:
+        scene: The Gaussians, sorted into blocks.
+        plan: Packet plan.
+        info: Side information, as a decoder reads it after quantisation.
+    """
+
+    def __init__(self, scene: SourceScene, plan: PacketPlan, info: SideInfo) -> None:
+        self._scene, self._plan, self._info, p = scene, plan, info, plan.packetization
+        self._most = p.packet_bytes - HEADER_BYTES if p.hashed else 0
+        self._sizes = [np.zeros(0, np.int64)] * plan.num_blocks if p.hashed else _fixed_sizes(plan)
+
+    def runs(self) -> Iterator[int]:
+        """Returns the indices of all blocks, in the order in which `encode` is called (see `Encoder.runs`)."""
+        return iter(range(self._plan.num_blocks))
+
+    def encode(self, run: int) -> CodedPackets:
+        """Encodes the block with index `run` (see `Encoder.encode`)."""
+        source = self._scene.arranged(run, self._info)
+        coded = encode_block(source, self._info, run, self._sizes[run], self._most)
+        return CodedPackets(coded.sizes, coded.payloads, (coded.rows, coded.harmonics))
+
+    def ranked(self, run: int, counts: np.ndarray) -> np.ndarray:
+        """Returns the indices of a block's Gaussians in the scene, in coding order, int64 (n).
+
+        Args:
+            run: Index of the block.
+            counts: Number of Gaussians in each packet of the block, from `encode`.
+        """
+        return self._scene.ranked(run, self._info, counts)
+
+
+def _fixed_sizes(plan: PacketPlan) -> list[np.ndarray]:
+    """Returns the number of Gaussians in each packet of a plan, as one int64 array per block."""
+    counts, blocks = plan.group_counts(), np.array([packet_id.block for packet_id in plan.ids])
+    return [counts[blocks == block] for block in range(plan.num_blocks)]

@@ -1,0 +1,100 @@
+"""Fits the context tables of the entropy coder to statistics of coded symbols."""
+
+import numpy as np
+
+from splatwire.codec.gaussians.layout import NUM_CONTEXTS, SECONDS, SPREADS, STREAMS
+
+_TRUST = 4.0
+"""Number of residuals at which a context's measured mean and the rank-one estimate of `_products` have equal weight."""
+_EXPECTED_MAGNITUDES = np.array([
+    0.00022850312994217027, 0.0010232186843321654, 0.0024355888262827677, 0.004268452275492507, 0.006624081215933605,
+    0.01132872209923163, 0.01677185944509092, 0.023102118543725316, 0.03120918548047908, 0.04737741949105612,
+    0.06475169905506163, 0.08272860296118079, 0.10336357514717114, 0.1406592320129188, 0.17839572884387533,
+    0.21638215581070802, 0.2593001853708924, 0.3358828414806323, 0.412675512838654, 0.4895891066266564,
+    0.5762065598715312, 0.7303326836589681, 0.8845628225899898, 1.0388537427505173, 1.2124743095173134,
+    1.5212031755577382, 1.829985539265526, 2.1387965651620635, 2.4862327148937404, 3.103929641378433,
+    3.7403648475150675, 4.358107121464482, 5.053079826197598, 6.288597748300994, 7.524123295189053,
+    8.759627931620109, 10.193306666885338, 12.664411313402997, 15.135508742740793, 17.606670979576084,
+    20.386613333770676, 25.328822626805994, 30.271017485481586, 35.21334195915217, 40.77322666754135,
+    50.65764525361199, 60.54062043743582, 70.42668391830433, 81.54388704438108, 101.31132916493014,
+    121.08124087487164, 140.85336783660867, 163.08777408876216, 202.6226583298603, 242.16248174974328,
+    281.70673567321734, 326.1755481775243, 405.2453166597206, 484.32496349948656, 563.2909901570115,
+    652.3510963550486, 810.7442286364997, 969.0121745408575, 1126.581980314023, 1304.7021927100973,
+    1621.4884572729993, 1936.575900390324, 2253.163960628046, 2612.034833389368, 3238.9231934028167,
+    3878.949932218942, 4514.178666763507, 5224.069666778736, 6477.846386805633, 7757.899864437884,
+    8997.008870563379, 10448.139333557472, 12955.692773611267, 15423.443778108649, 17994.017741126758,
+])  # fmt: skip
+"""Expected magnitude of a residual, in quantisation steps, for each `SCALE_UNIT`-th entry of the entropy coder's scale
+table. It is averaged over predictions uniform within half a step, and increases with the entry. Computing the values
+from the entries' mixture distributions needs `scipy.special`, and its import takes 0.3 s; a test recomputes them.
+"""
+
+
+def empty_statistics() -> tuple[np.ndarray, np.ndarray]:
+    """Returns zero counters for statistics of coded symbols by context.
+
+    A context of a residual is a triple: kind of value (stream), class of the deviation of the neighbours (spread), and
+    class of the quantisation step or of the preceding residuals (second), see `layout.SPREADS`.
+
+    Returns:
+        Number of zeros and ones coded with each adaptive bit model, int64 (contexts, 2); and the number and the sum of
+        magnitudes of residuals for each context, int64 (streams, spreads, seconds, 2).
+    """
+    return np.zeros((NUM_CONTEXTS, 2), np.int64), np.zeros((len(STREAMS), SPREADS, SECONDS, 2), np.int64)
+
+
+def fit_bits(counts: np.ndarray) -> np.ndarray:
+    """Computes the initial probability of a zero for each adaptive bit model.
+
+    Args:
+        counts: Number of zeros and ones coded with each model, int64 (contexts, 2).
+
+    Returns:
+        int64 (contexts), 1 to 255, out of 2**8.
+    """
+    share = (counts[:, 0] + 0.5) / (counts.sum(axis=1) + 1.0)
+    return np.clip(np.rint(share * 256), 1, 255).astype(np.int64)
+
+
+def fit_scales(residuals: np.ndarray) -> np.ndarray:
+    """Chooses the scale of the residual distribution of each context from the mean magnitude of its residuals.
+
+    A context without residuals gets the scale of the preceding context, which costs nothing to code.
+
+    Args:
+        residuals: Number and sum of magnitudes of residuals by context, int64 (streams, spreads, seconds, 2).
+
+    Returns:
+        Scale of each context, int64 (streams, spreads, seconds): the index in the scale table of the narrower normal of
+        its mixture distribution, divided by `SCALE_UNIT`.
+    """
+    number, total = residuals[..., 0].astype(np.float64), residuals[..., 1].astype(np.float64)
+    mean = (total + _TRUST * _products(number, total)) / (number + _TRUST)
+    expected = _EXPECTED_MAGNITUDES
+    scales = np.searchsorted((expected[1:] + expected[:-1]) / 2, mean)
+    for second in range(SECONDS):
+        unused = number[:, :, second] == 0
+        scales[:, :, second][unused] = scales[:, :, second - 1][unused] if second else 0
+    return scales.astype(np.int64)
+
+
+def _products(number: np.ndarray, total: np.ndarray) -> np.ndarray:
+    """Estimates the mean magnitude of the residuals of each context, for contexts with few residuals.
+
+    For each stream, the estimate is a product of two factors: one depends on the spread, the other on the second index.
+    The factors are fitted so that the sums of magnitudes over each row and column stay unchanged.
+
+    Args:
+        number: Number of residuals, float64 (streams, spreads, seconds).
+        total: Sum of their magnitudes, float64 (streams, spreads, seconds).
+    """
+    rows, columns = (total.sum(axis=2) + 1.0) / (number.sum(axis=2) + 1.0), np.ones_like(number[:, 0])
+    for _ in range(3):
+        columns = (total.sum(axis=1) + 1.0) / ((number * rows[:, :, None]).sum(axis=1) + 1.0)
+        rows = (total.sum(axis=2) + 1.0) / ((number * columns[:, None]).sum(axis=2) + 1.0)
+    return rows[:, :, None] * columns[:, None]
+
+
+def first_scales() -> np.ndarray:
+    """Returns initial scales of residuals, the same for all contexts, used before statistics are available."""
+    return np.full((len(STREAMS), SPREADS, SECONDS), 24, dtype=np.int64)

@@ -1,0 +1,103 @@
+"""Constants of the Gaussian codec: fixed-point formats, decoded integers, contexts, and quantisation steps."""
+
+import numpy as np
+
+BITS = 12
+"""Fractional bits of base-2 logarithms, colours and spherical harmonics."""
+DIRECTION_BITS = 14
+"""Fractional bits of principal axes, and of their coordinates on the octahedral square."""
+STEP_BITS = 6
+"""Fractional bits of the base-2 exponents of quantisation steps, in the side information and in `COEFFICIENTS`."""
+
+# Column, stream and step indices are numpy integers, because numba compiles a function once per literal argument.
+LATTICE, CLASS, OPACITY, SCALE0, SCALE1, SCALE2, AXIS, PRIMARY, SPIN_BITS, SPIN, LUMA = np.array(
+    [0, 3, 4, 5, 6, 7, 8, 11, 12, 13, 14]
+)
+COLUMNS = 17
+"""Number of integers of a decoded Gaussian, without harmonics. In order: position (3, in half lattice units); precision
+class; logarithms of the opacity, of the largest scale, and of the ratio of the largest to the second scale; companded
+ratio of the second to the third scale; primary axis (3) and its index (0 for the axis of the largest scale, 2 for the
+smallest); rotation about the primary axis (number of bits, value); Y Co Cg (3).
+"""
+
+STREAMS = ("opacity", "scale0", "scale1", "scale2", "direction", "luma", "orange", "green")
+"""Names of the streams of prediction residuals; each stream has separate context tables."""
+R_OPACITY, R_SCALE0, R_SCALE1, R_SCALE2, R_DIRECTION, R_LUMA = np.arange(6)
+SPREADS, SECONDS = 12, 16
+"""Number of contexts of a residual: by the deviation of the neighbours from their mean (`SPREADS`), and by log2 of
+either the quantisation step or the preceding residuals of the Gaussian (`SECONDS`).
+"""
+
+STEPS = ("opacity", "scale0", "scale1", "scale2", "position", "direction", "spin", "colour", "harmonics")
+"""Names of the quantities with a separate quantisation step, in the order of the side information."""
+S_OPACITY, S_SCALE0, S_SCALE1, S_SCALE2, S_POSITION, S_DIRECTION, S_SPIN, S_COLOUR, S_HARMONICS = np.arange(9)
+
+COEFFICIENTS = np.array(
+    [
+        # log2 s0 + log2 s1, log2 s0 / s1, log2 s1 / s2, log2 opacity
+        [0, 0, 0, 0],
+        [16, 0, 0, 13],
+        [16, 0, 0, 13],
+        [16, -51, 0, 13],
+        [-21, -13, 0, 0],
+        [16, 102, 70, 16],
+        [19, 51, 154, 16],
+        [0, 0, 0, 0],
+        [0, 0, 0, 0],
+    ],
+    dtype=np.int64,
+)
+"""Dependence of quantisation steps on decoded scales and opacity: number of octaves (out of 64) by which the step of
+each quantity in `STEPS` (one per row) becomes finer when the value of a column grows by an octave; int64 (steps, 4).
+"""
+
+MAX_CLASSES = 8
+POSITION_CONTEXTS = 32
+CLASS_CONTEXTS = 18 * MAX_CLASSES
+HARMONIC_CONTEXTS = MAX_CLASSES + 64 + 24
+FIRST_CLASS = POSITION_CONTEXTS
+FIRST_HARMONIC = FIRST_CLASS + CLASS_CONTEXTS
+FIRST_MAGNITUDE = FIRST_HARMONIC + MAX_CLASSES + 64
+NUM_CONTEXTS = FIRST_HARMONIC + HARMONIC_CONTEXTS
+"""Number of adaptive bit models: for the division of position cells, the precision classes and the harmonics."""
+
+NUM_NEIGHBOURS = 6
+WINDOW = 64
+"""Number of preceding Gaussians of a packet among which neighbours are searched."""
+FAR = 1 << 40
+"""Upper limit of the squared distance of a neighbour, so that its product with 2**12 is exact in a float64."""
+
+MAX_LOG = 40 << BITS
+MAX_OPACITY = -1
+MIN_OPACITY = -(10 << BITS)
+MAX_COLOUR = 1 << (BITS + 8)
+MAX_HARMONIC = 1 << 24
+TRANSFORM_UNIT = 127
+"""Denominator of the transform of spherical harmonics, which is stored as integers."""
+MAX_RESIDUAL = 1 << 24
+MAX_THIN = 5903
+"""Largest companded ratio of the second to the third scale, `(1 - 2**-r) / ln 2` for r = 10 (a ratio of 2**10), in
+fixed point.
+"""
+MAX_THINNESS = 10
+"""log2 of the largest ratio of the second to the third scale that the format represents."""
+
+WIDE = 24
+"""Offset in the scale table between the two normals of a residual's mixture distribution, which approximates a
+Laplacian.
+"""
+NARROW_WEIGHT = 45875
+"""Weight of the narrower normal in the mixture, out of 2**16."""
+SCALE_UNIT = 4
+"""Unit of the scales in the side information: one unit is this number of entries of the scale table."""
+
+EIGHTHS = np.int64(3)
+"""Number of fractional bits of a predicted mean in quantisation steps: means are rounded to eighths of a step."""
+
+SLOT_BITS = 8
+"""Number of lowest bits of a cell's Morton code that form its slot. Cells with equal slots are spread evenly over a
+block, which is the basis for packets that each cover the whole block.
+"""
+MAX_LATTICE_BITS = 40
+MAX_CELL_BITS = 21
+"""Maximum number of bits per axis of a cell in the coarse grid of a packet."""

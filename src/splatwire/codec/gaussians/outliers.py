@@ -1,0 +1,78 @@
+"""Limits outliers, so that single Gaussians with extreme values do not reduce the precision of all others.
+
+Every change is logged as a warning.
+"""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from splatwire.codec.gaussians.attributes import scene_middle
+from splatwire.codec.gaussians.blocks import pieces, runs
+from splatwire.codec.gaussians.layout import BITS, MAX_COLOUR, MAX_LATTICE_BITS
+from splatwire.types.splats import Splats
+
+LOG = logging.getLogger(__name__)
+ROOM = MAX_LATTICE_BITS - 2
+"""Maximum number of bits of a coordinate: integer bits for the farthest Gaussian, and fractional bits for the finest
+quantisation step.
+"""
+REACH = 12
+"""Largest coded distance, in octaves of the scene's size. Cells of a packet's grid have `MAX_CELL_BITS` bits per axis;
+the remaining bits resolve nearby Gaussians, and `cell_shift` needs this number of bits for some hundreds of Gaussians.
+"""
+
+_SLACK = 1.001
+"""Relative tolerance: Gaussians that were moved, encoded and decoded are not moved again because of rounding by half a
+step.
+"""
+
+
+def within_reach(splats: Splats, size_log: int) -> Splats:
+    """Moves very distant Gaussians (outliers) closer to the centre of the scene.
+
+    Without this change, the lattice of positions would be too coarse for all other Gaussians. Outliers are moved
+    towards the centre and scaled by the same factor, so that they look the same from the centre. The change is logged.
+
+    Args:
+        splats: The Gaussians.
+        size_log: log2 of the scene's size.
+
+    Returns:
+        All Gaussians in the same order; `splats` itself if none was moved.
+    """
+    reach = 2.0 ** (REACH + size_log)
+    means = splats.means
+    farthest = max(float(np.abs(some).max()) for some in runs(means))
+    if farthest <= reach:
+        return splats
+    middle = scene_middle(splats)
+    reach = max(reach, 4 * float(np.abs(middle).max()))  # a scene far from the origin is not moved
+    left = reach - float(np.abs(middle).max())
+    distance = np.concatenate([np.abs(some - middle).max(axis=1) for some in pieces(means)])
+    far = np.flatnonzero(distance > _SLACK * left)
+    if not len(far):
+        return splats
+    share = left / distance[far]
+    LOG.warning(
+        "encoding: %s of %s Gaussians are up to %.3g times the scene's size away and are moved nearer, to %.3g",
+        f"{len(far):,}", f"{splats.num_gaussians:,}", float(distance.max()) / 2.0**size_log, left / 2.0**size_log,
+    )  # fmt: skip
+    means, scales = splats.means.copy(), splats.scales.copy()
+    means[far] = middle + (means[far].astype(np.float64) - middle) * share[:, None]
+    scales[far] = np.maximum(scales[far] * share[:, None], np.finfo(np.float32).tiny)
+    return replace(splats, means=means, scales=scales)
+
+
+def log_clipped_colours(splats: Splats) -> None:
+    """Logs the number of Gaussians with colours or harmonics beyond the range of the format, which are clipped."""
+    most = MAX_COLOUR / (1 << BITS)
+    sh = splats.sh.reshape(splats.num_gaussians, -1)
+    largest = [np.abs(some).max(axis=1) for some in runs(sh)]
+    cut = sum(int((some > most).sum()) for some in largest)
+    if cut:
+        LOG.warning(
+            "encoding: %s of %s Gaussians have harmonics up to %.3g, which are cut to %g",
+            f"{cut:,}", f"{splats.num_gaussians:,}", float(max(some.max() for some in largest)), most,
+        )  # fmt: skip

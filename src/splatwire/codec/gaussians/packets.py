@@ -1,0 +1,50 @@
+"""Assignment of Gaussians to packets, as the encoder divides them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.bitstream import HEADER_BYTES, Packetization
+from splatwire.codec.gaussians.encoder import GaussianEncoder, prepare_splats
+from splatwire.codec.schema import Options
+from splatwire.types import SplatScene
+
+
+@dataclass(frozen=True, eq=False)
+class PacketDivision:
+    """Packets of a scene, in sending order (interleaved: the first packet of each block, then the second, and so on).
+
+    Attributes:
+        packet: Packet of each Gaussian, int64 (N).
+        num_bytes: Size of each packet with its header, int64 (P).
+    """
+
+    packet: np.ndarray
+    num_bytes: np.ndarray
+
+
+def divide_into_packets(scene: SplatScene, packetization: Packetization) -> PacketDivision:
+    """Encodes Gaussians to determine the packet that contains each Gaussian, and the sizes of the packets.
+
+    Args:
+        scene: The Gaussians; each must have a visible effect.
+        packetization: Rule by which Gaussians are divided into packets.
+
+    Raises:
+        InvalidValueError: If the packetization does not apply to explicit Gaussians.
+    """
+    prepared = prepare_splats(scene, Options(packetization))
+    encoder = prepared.encoder
+    assert isinstance(encoder, GaussianEncoder)
+    packet, sizes, keys, total = np.zeros(scene.num_elements, np.int64), list[int](), list[tuple[int, int]](), 0
+    for block in encoder.runs():
+        coded = encoder.encode(block)
+        members = encoder.ranked(block, coded.counts)
+        packet[members] = total + np.repeat(np.arange(len(coded.counts)), coded.counts)
+        sizes += [len(payload) + HEADER_BYTES for payload in coded.payloads]
+        keys += [(lane, block) for lane in range(len(coded.counts))]
+        total += len(coded.counts)
+    order = sorted(range(total), key=keys.__getitem__)
+    place = np.empty(total, np.int64)
+    place[order] = np.arange(total)
+    return PacketDivision(place[packet], np.array(sizes, np.int64)[order])

@@ -1,0 +1,68 @@
+"""Rounds Gaussians to their quantisation steps, with the result of encoding and decoding but without coding."""
+
+import numpy as np
+
+from splatwire.bitstream import PRESETS, PacketPlan
+from splatwire.codec.gaussians import _rounding_kernels as kernels
+from splatwire.codec.gaussians.attributes import empty_rows, to_sources, to_splats, transformed
+from splatwire.codec.gaussians.blocks import to_lattice
+from splatwire.codec.gaussians.encoder import scene_transform
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.codec.gaussians.source_scene import SourceScene
+from splatwire.codec.gaussians.tables import thinness_table
+from splatwire.ops.threads import share
+from splatwire.types import SplatCoding
+from splatwire.types.splats import Splats
+
+_PIECE = 1 << 13
+
+
+def coding_for(splats: Splats, quality: Quality, classes: np.ndarray | None) -> SplatCoding:
+    """Chooses the quantisation steps of Gaussians, as the encoder does.
+
+    Args:
+        splats: The Gaussians, at least one.
+        quality: Quality setting.
+        classes: Precision class of each Gaussian, 0 for the finest and negative for coarser classes; None for the
+            finest.
+    """
+    plan = PacketPlan(PRESETS["paper"], splats.num_gaussians)
+    source = SourceScene.of(splats, plan, classes, None, quality)
+    transform, levels = scene_transform(source), np.array(source.classes)
+    return SplatCoding(source.size_log, source.unit, source.coarsest, tuple(source.bases.tolist()), transform, levels)
+
+
+def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
+    """Rounds Gaussians to the values that a decoder obtains, in the same order.
+
+    Encoding the result with the same quantisation steps does not change it, apart from positions whose float32 value
+    falls into a neighbouring cell.
+
+    Args:
+        splats: The Gaussians.
+        coding: Quantisation steps from `coding_for`, or those of a decoded scene.
+
+    Returns:
+        The rounded Gaussians, with scales in decreasing order.
+
+    Raises:
+        InvalidValueError: If a position exceeds the range of the lattice.
+    """
+    bases, width = np.array(coding.bases), 3 * (splats.sh.shape[1] - 1)
+    result = Splats.empty(splats.num_gaussians, splats.degree)
+
+    def some(begin: int) -> None:
+        end = min(begin + _PIECE, splats.num_gaussians)
+        part = splats.run(begin, end)
+        sources, (rows, harmonics) = to_sources(part, coding.size_log), empty_rows(end - begin, width)
+        harmonics[:] = transformed(sources.harmonics, coding.transform)
+        places = to_lattice(part.means.astype(np.float64), coding.unit, coding.size_log)
+        kernels.round_rows(
+            places, sources.logs, sources.axes, sources.colours, coding.classes[begin:end].astype(np.int64), bases,
+            coding.unit, coding.coarsest, thinness_table(), harmonics, rows,
+        )  # fmt: skip
+        origins = np.zeros((end - begin, 3), np.int64)
+        result.fill(begin, to_splats(rows, harmonics, origins, coding.unit, coding.size_log, coding.transform))
+
+    share(some, range(0, splats.num_gaussians, _PIECE))
+    return result

@@ -1,0 +1,64 @@
+"""Bitstream format of explicit Gaussians: connects the encoder, the decoder and repacketization (docs/format.md)."""
+
+import numpy as np
+
+from splatwire.bitstream import GAUSSIANS, Packetization, SceneStream
+from splatwire.bitstream.limits import SCHEMAS
+from splatwire.bitstream.sections import add_concealment, sections_of
+from splatwire.codec.decoding import decode_stream
+from splatwire.codec.gaussians.attributes import update_digest
+from splatwire.codec.gaussians.copies import SECTION as SKETCH
+from splatwire.codec.gaussians.copies import moved_copies
+from splatwire.codec.gaussians.decoder import GaussianDecoder, open_side_info
+from splatwire.codec.gaussians.encoder import prepare_splats
+from splatwire.codec.schema import Options, Prepared, schema_for
+from splatwire.errors import InvalidValueError
+from splatwire.types import SplatScene
+from splatwire.types.splats import Splats
+
+
+def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: int | None) -> Prepared:
+    if not _can_repack(stream):
+        raise InvalidValueError(
+            "an older release encoded these Gaussians, and their integers are bound to their packets: "
+            "encode the scene again"
+        )
+    info, shapes = open_side_info(stream.manifest, stream.side_info), stream.manifest.tiers
+    tiers = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_elements for shape in shapes])
+    scene = decode_stream(stream, threads=threads).scene
+    options = Options(packetization, tiers=tiers if shapes else None, threads=threads)
+    return prepare_splats(scene, options, like=info)
+
+
+def _can_repack(stream: SceneStream) -> bool:
+    return open_side_info(stream.manifest, stream.side_info).coarsest >= 0
+
+
+def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
+    """Updates the section of redundant copies after repacketization, because copies refer to Gaussians by index."""
+    sections = sections_of(stream)
+    if SKETCH not in sections:
+        return packed
+    old, new = (_ranked(decode_stream(one).scene.splats) for one in (stream, packed))
+    place_at = np.empty(len(old), dtype=np.int64)
+    place_at[old] = new
+    return add_concealment(packed, SKETCH, moved_copies(sections[SKETCH], place_at))
+
+
+def _ranked(splats: Splats) -> np.ndarray:
+    """Sorts Gaussians by their attributes, independently of their order in the stream; returns indices, int64 (N)."""
+    columns = [values.reshape(splats.num_gaussians, -1) for values in vars(splats).values()]
+    return np.lexsort(np.concatenate(columns, axis=1).T)
+
+
+SCHEMA = schema_for(
+    SCHEMAS[GAUSSIANS],
+    scene_type=SplatScene,
+    offers=frozenset((Splats,)),
+    prepare=prepare_splats,
+    prepare_repack=_prepare_repack,
+    open_decoder=GaussianDecoder,
+    update_digest=update_digest,
+    can_repack=_can_repack,
+    remap_sections=_remap_sections,
+)

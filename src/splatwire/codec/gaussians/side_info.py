@@ -1,0 +1,281 @@
+"""Side information of explicit Gaussians, sent before the packets (docs/format.md).
+
+It contains the quantisation steps, the bounding boxes of blocks, the context tables, and named sections.
+"""
+
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from splatwire.bitstream.limits import GAUSSIANS, MAX_DEGREE, MAX_SIZE_LOG, SCHEMAS
+from splatwire.bitstream.sections import read_sections, write_sections
+from splatwire.codec._residual_kernels import residual_windows
+from splatwire.codec.gaussians.blocks import BOX_BITS, Boxes
+from splatwire.codec.gaussians.layout import (
+    BITS,
+    FIRST_HARMONIC,
+    MAX_LATTICE_BITS,
+    NUM_CONTEXTS,
+    SCALE_UNIT,
+    SECONDS,
+    SPREADS,
+    STEP_BITS,
+    STEPS,
+    STREAMS,
+)
+from splatwire.codec.gaussians.tables import thinness_table
+from splatwire.entropy.coder import decode_bits, encode_bits, fresh_models, tables
+from splatwire.entropy.integers import read_integers, write_integers
+from splatwire.entropy.tables import NUM_SCALES
+from splatwire.errors import BitstreamError, UnsupportedVersionError
+from splatwire.files.byte_io import ByteReader, ByteWriter
+from splatwire.types import SplatCoding
+
+VERSION = 3
+RELATIVE = 2
+"""Version of streams in which decoded integers depend on the division into packets: each integer is the prediction from
+neighbours in the same packet plus a multiple of the quantisation step.
+"""
+NUM_DEFAULTS = 7
+DEFAULT_SHIFT = BITS - 4
+"""log2 of the unit of the mean attributes of blocks, in fixed point with `BITS` fractional bits; this unit is 1/16."""
+TABLE_SHAPE = (len(STREAMS), SPREADS, SECONDS)
+
+
+@dataclass(frozen=True, eq=False)
+class SideInfo:
+    """Side information of a stream of explicit Gaussians: data shared by all packets.
+
+    Attributes:
+        degree: Degree of the spherical harmonics.
+        size_log: log2 of the scene's size.
+        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        bases: int64 (steps), `-log2` of the quantisation steps of precision class 0 (the lowest), for each quantity in
+            `STEPS`, in fixed point with `STEP_BITS` fractional bits.
+        coarsest: log2 of the largest position cell, in lattice units. All decoded integers are multiples of the
+            quantisation steps of their Gaussian and do not depend on the division into packets. -1 in streams of
+            version 2, where the integers depend on the division into packets.
+        transform: int64 (K, K), transform of the spherical harmonics with denominator `TRANSFORM_UNIT`: row k is the
+            contribution of the k-th coded integer of a colour channel to the K harmonics of that channel.
+        boxes: Bounding boxes of the B blocks.
+        defaults: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point (4 fractional bits).
+        bit_zero: int64 (contexts), initial probability of a zero for each adaptive bit model, out of 2**8.
+        scales: int64 (streams, spreads, seconds), scale of the residual distribution of each context, as index in the
+            entropy coder's scale table divided by `SCALE_UNIT`.
+        sections: Named sections, content by name.
+    """
+
+    degree: int
+    size_log: int
+    unit: int
+    bases: np.ndarray
+    coarsest: int
+    transform: np.ndarray
+    boxes: Boxes
+    defaults: np.ndarray
+    bit_zero: np.ndarray
+    scales: np.ndarray
+    sections: Mapping[str, bytes] = field(default_factory=dict)
+
+    @property
+    def num_harmonics(self) -> int:
+        """Number of spherical harmonics above degree 0 of a Gaussian, all three colour channels together."""
+        return 3 * ((self.degree + 1) ** 2 - 1)
+
+    @functools.cached_property
+    def kernel_tables(self) -> tuple[np.ndarray, ...]:
+        """Tables of the entropy coder, in the argument order of the numba kernels.
+
+        They are the distributions of residuals (see `residual_windows`) and the tables of the range coder.
+        """
+        return (*residual_windows((self.scales * SCALE_UNIT).ravel(), *tables()), *tables())
+
+    def kernel_stream(self) -> tuple[np.ndarray, int, int, np.ndarray]:
+        """Returns the constants of the stream as arguments of the numba kernels.
+
+        They are `bases`, `unit`, `coarsest` and the table of `thinness_table`.
+        """
+        return self.bases, self.unit, self.coarsest, thinness_table()
+
+    def models(self) -> np.ndarray:
+        """Returns the adaptive bit models in their state at the start of every packet, int64 (contexts, 2)."""
+        return np.repeat(self.bit_zero[:, None] << 8, 2, axis=1)
+
+    @functools.cached_property
+    def block_defaults(self) -> np.ndarray:
+        """Means of opacity, scales and colour of each block, int64 (B, 7), in fixed point (`BITS` fractional bits)."""
+        return self.defaults << DEFAULT_SHIFT
+
+
+def write_side_info(info: SideInfo) -> bytes:
+    """Serialises the side information of a stream of Gaussians."""
+    writer = ByteWriter()
+    for part in (write_header(info), write_blocks(info.boxes, info.defaults), _contexts(info)):
+        writer.blob(part)
+    return writer.bytes() + write_sections(info.sections)
+
+
+def read_side_info(data: bytes, num_blocks: int) -> SideInfo:
+    """Reads side information serialised by `write_side_info`.
+
+    Args:
+        data: The serialised side information.
+        num_blocks: Number of blocks in the packet plan, from the manifest.
+
+    Raises:
+        UnsupportedVersionError: If a newer release wrote the side information.
+        BitstreamError: If the bytes are damaged or are not side information of such a stream.
+    """
+    reader = ByteReader(data, "side information")
+    header, blocks, contexts = (reader.blob() for _ in SCHEMAS[GAUSSIANS].sections)
+    sections = read_sections(reader.rest())
+    fields = read_header(header)
+    boxes, defaults = read_blocks(blocks, num_blocks)
+    return SideInfo(*fields, boxes, defaults, *_read_contexts(contexts, fields[0]), sections)
+
+
+def write_header(of: SideInfo | SplatCoding) -> bytes:
+    """Serialises the quantisation parameters and the transform of the spherical harmonics."""
+    writer = ByteWriter()
+    writer.u8(RELATIVE if of.coarsest < 0 else VERSION)
+    writer.u8(math.isqrt(len(of.transform) + 1) - 1)
+    writer.signed(of.size_log)
+    writer.signed(of.unit)
+    for base in map(int, of.bases):
+        writer.signed(base)
+    if of.coarsest >= 0:
+        writer.u8(of.coarsest)
+    return writer.bytes() + np.asarray(of.transform).astype(np.int8).tobytes()
+
+
+def read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray]:
+    """Reads quantisation parameters serialised by `write_header`.
+
+    Returns:
+        `degree`, `size_log`, `unit`, `bases`, `coarsest` and `transform`, see `SideInfo`.
+
+    Raises:
+        UnsupportedVersionError: If a newer release wrote the header.
+        BitstreamError: If the bytes are damaged or are not such a header.
+    """
+    reader = ByteReader(data, "side information header")
+    version = reader.u8()
+    if version not in (RELATIVE, VERSION):
+        raise UnsupportedVersionError(
+            f"side information has version {version}, this release reads versions {RELATIVE} and {VERSION}"
+        )
+    degree, size_log, unit = reader.u8(), reader.signed(), reader.signed()
+    bases = np.array([reader.signed() for _ in STEPS], dtype=np.int64)
+    coarsest = -1 if version == RELATIVE else reader.u8()
+    transform = reader.rest()
+    if degree > MAX_DEGREE or abs(size_log) > MAX_SIZE_LOG or not 0 <= unit <= MAX_LATTICE_BITS:
+        raise BitstreamError(f"side information: degree {degree}, size {size_log} or unit {unit} are impossible")
+    if coarsest > MAX_LATTICE_BITS:
+        raise BitstreamError(f"side information: cells of places of 2**{coarsest} units are impossible")
+    if np.abs(bases).max() > 64 << STEP_BITS:
+        raise BitstreamError(f"side information: impossible steps {bases.tolist()}")
+    side = (degree + 1) ** 2 - 1
+    if len(transform) != side * side:
+        raise BitstreamError(f"side information: a transform of {len(transform)} entries, not {side * side}")
+    return (
+        degree,
+        size_log,
+        unit,
+        bases,
+        coarsest,
+        np.frombuffer(transform, np.int8).astype(np.int64).reshape(side, side),
+    )
+
+
+def write_blocks(boxes: Boxes, defaults: np.ndarray) -> bytes:
+    """Serialises the bounding boxes and the mean attributes of blocks.
+
+    Args:
+        boxes: Bounding boxes of the B blocks.
+        defaults: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point (4 fractional bits).
+    """
+    writer = ByteWriter()
+    for shift, origin, extent in zip(boxes.shifts, boxes.origins, boxes.extents, strict=True):
+        writer.u8(int(shift))
+        for value in origin.tolist():
+            writer.signed(value)
+        for value in extent.tolist():
+            writer.u8(value)
+    for column in defaults.T:
+        write_integers(writer, column)
+    return writer.bytes()
+
+
+def read_blocks(data: bytes, num_blocks: int) -> tuple[Boxes, np.ndarray]:
+    """Reads bounding boxes and mean attributes of blocks, serialised by `write_blocks`.
+
+    Args:
+        data: The serialised boxes and means.
+        num_blocks: Number of blocks, B.
+
+    Returns:
+        The boxes, and the means of opacity, scales and colour of each block, int64 (B, 7), in 16ths.
+
+    Raises:
+        BitstreamError: If the bytes are damaged or do not match the number of blocks.
+    """
+    reader = ByteReader(data, "side information blocks")
+    if num_blocks * 7 > len(data):
+        raise BitstreamError(f"side information: {len(data)} bytes cannot hold {num_blocks} boxes")
+    shifts = np.zeros(num_blocks, dtype=np.int64)
+    corners = np.zeros((num_blocks, 6), dtype=np.int64)
+    for block in range(num_blocks):
+        shifts[block] = reader.u8()
+        corners[block] = [*(reader.signed() for _ in range(3)), *(reader.u8() for _ in range(3))]
+    if shifts.max(initial=0) > MAX_LATTICE_BITS - BOX_BITS or _far(shifts, corners[:, :3]):
+        raise BitstreamError("side information: a block's box is impossible")
+    defaults = np.stack([read_integers(reader, num_blocks) for _ in range(NUM_DEFAULTS)], axis=1)
+    reader.finish()
+    return Boxes(shifts, corners[:, :3], corners[:, 3:]), np.clip(defaults, -1 << 9, 1 << 9)
+
+
+def _far(shifts: np.ndarray, origins: np.ndarray) -> bool:
+    return bool((np.abs(origins) > (1 << MAX_LATTICE_BITS) >> shifts[:, None]).any())
+
+
+def _num_contexts(degree: int) -> int:
+    return NUM_CONTEXTS if degree else FIRST_HARMONIC
+
+
+def _contexts(info: SideInfo) -> bytes:
+    """Serialises the context tables of the entropy coder.
+
+    Initial probabilities of bits are bytes. The scales of residual distributions are coded as differences from the
+    preceding entry along the last axis: for each entry a flag whether the scale changes, then the differences that are
+    not 0.
+    """
+    writer, steps = ByteWriter(), np.diff(info.scales, axis=2, prepend=0)
+    writer.blob(bytes(info.bit_zero[: _num_contexts(info.degree)].astype(np.uint8)))
+    changed = (steps != 0).ravel()
+    writer.blob(encode_bits(changed.astype(np.uint8), _change_contexts(), fresh_models(2)))
+    write_integers(writer, steps.ravel()[changed])
+    return writer.bytes()
+
+
+def _read_contexts(data: bytes, degree: int) -> tuple[np.ndarray, np.ndarray]:
+    reader = ByteReader(data, "side information contexts")
+    zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
+    bits = reader.blob()
+    if len(bits) != _num_contexts(degree):
+        raise BitstreamError(f"side information: {len(bits)} models of bits, not {_num_contexts(degree)}")
+    zero[: len(bits)] = np.frombuffer(bits, dtype=np.uint8)
+    changed = decode_bits(reader.blob(), _change_contexts(), fresh_models(2)) != 0
+    steps = np.zeros(changed.shape, dtype=np.int64)
+    steps[changed] = read_integers(reader, int(changed.sum()))
+    reader.finish()
+    scales = np.cumsum(steps.reshape(TABLE_SHAPE), axis=2)
+    return np.clip(zero, 1, 255), np.clip(scales, 0, NUM_SCALES // SCALE_UNIT - 1)
+
+
+def _change_contexts() -> np.ndarray:
+    first = np.zeros(TABLE_SHAPE, dtype=np.int64)
+    first[:, :, 0] = 1
+    return first.ravel()

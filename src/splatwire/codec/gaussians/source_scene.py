@@ -1,0 +1,414 @@
+"""Encoder input: Gaussians sorted into blocks, with lattice positions and precision classes."""
+
+import functools
+import operator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from splatwire.bitstream import PacketPlan
+from splatwire.codec.gaussians import _gaussian_kernels as kernels
+from splatwire.codec.gaussians.attributes import scene_log, to_colours, to_logs, to_sources, transformed
+from splatwire.codec.gaussians.blocks import (
+    ROWS,
+    arrange_block,
+    block_codes,
+    block_sizes,
+    cell_shift,
+    gaussian_order,
+    runs,
+    to_lattice,
+    typical_cell,
+)
+from splatwire.codec.gaussians.layout import (
+    BITS,
+    COEFFICIENTS,
+    MAX_CELL_BITS,
+    MAX_THINNESS,
+    S_POSITION,
+    S_SCALE0,
+    S_SCALE2,
+    STEP_BITS,
+)
+from splatwire.codec.gaussians.outliers import ROOM, log_clipped_colours, within_reach
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.codec.gaussians.side_info import DEFAULT_SHIFT, SideInfo
+from splatwire.codec.gaussians.tables import thinness_table
+from splatwire.errors import InvalidValueError
+from splatwire.files.large import large_empty
+from splatwire.ops.sort3 import sort3
+from splatwire.ops.threads import share
+from splatwire.types import SplatCoding
+from splatwire.types.splats import Splats
+
+FITTED_BLOCKS = 32
+"""Maximum number of blocks to which context tables and the transform of spherical harmonics are fitted; these blocks
+are spread over the scene.
+"""
+
+_FLAT_SHIFT = 8
+"""log2 of the coarsest quantisation step that keeps flat Gaussians flat, for the companded ratio of the second to the
+third scale.
+"""
+SMALLEST = 20
+"""Gaussians smaller than the scene by more than this number of octaves count as points, which are ignored when
+quantisation steps are adapted to the scene.
+"""
+
+
+class BlockSource(NamedTuple):
+    """Input of the encoding kernels: n Gaussians of one block, in the order in which packets are filled.
+
+    Attributes:
+        cells_at: log2 of the cell size of the coarse grid of positions, in lattice units.
+        spread: 1 if each packet is spread over the block, 0 if a packet contains adjacent Gaussians.
+        codes: int64 (n), Morton codes of the positions, from `block_codes`.
+        places: int64 (n, 3), positions relative to the corner of the block's bounding box, in lattice units.
+        classes: int64 (n), precision classes, 0 for the lowest.
+        logs: int64 (n, 4), fixed-point logarithms of opacity and scales, see `Sources`.
+        axes: float64 (n, 3, 3), principal axes, see `Sources`.
+        colours: int64 (n, 3), base colours as Y Co Cg in fixed point, see `Sources`.
+        harmonics: int64 (n, harmonics), transformed and rounded spherical harmonics, from `transformed`.
+    """
+
+    cells_at: np.int64
+    spread: np.int64
+    codes: np.ndarray
+    places: np.ndarray
+    classes: np.ndarray
+    logs: np.ndarray
+    axes: np.ndarray
+    colours: np.ndarray
+    harmonics: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class SourceScene:
+    """Gaussians of a scene, sorted into B blocks. The integers of a block are computed when it is encoded.
+
+    Attributes:
+        splats: The N Gaussians in input order.
+        centres: float32 (N, 3), positions as a decoder obtains them, in input order.
+        order: Integers (N), indices in `splats` of the Gaussians of block 0, then of block 1, and so on.
+        edges: int64 (B + 1); block b contains the Gaussians `order[edges[b]:edges[b + 1]]`.
+        classes: uint8 (N), precision classes in input order, 0 for the lowest.
+        size_log: log2 of the scene's size.
+        unit: `-log2` of the lattice spacing, relative to the scene's size.
+        bases: int64 (steps), exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        coarsest: log2 of the largest position cell, in lattice units, see `SideInfo`.
+        contiguous: True if a packet contains adjacent Gaussians, False if it is spread over its block.
+    """
+
+    splats: Splats
+    centres: np.ndarray
+    order: np.ndarray
+    edges: np.ndarray
+    classes: np.ndarray
+    size_log: int
+    unit: int
+    bases: np.ndarray
+    coarsest: int
+    contiguous: bool
+
+    @staticmethod
+    def of(
+        splats: Splats,
+        plan: PacketPlan,
+        classes: np.ndarray | None,
+        tiers: np.ndarray | None,
+        quality: Quality,
+        coding: SplatCoding | None = None,
+        *,
+        sorted_already: bool = False,
+        most_unit: int = ROOM,
+    ) -> "SourceScene":
+        """Sorts Gaussians into the blocks of a packet plan and chooses their quantisation steps.
+
+        Args:
+            splats: The Gaussians.
+            plan: Packet plan with the size of each block.
+            classes: Precision class of each Gaussian, 0 for the finest and negative for coarser classes; None for the
+                finest.
+            tiers: Tier of each Gaussian, 0 for the most important; None for one tier.
+            quality: Quality setting from which quantisation steps are derived; ignored if `coding` is given.
+            coding: Quantisation parameters of a decoded scene, to obtain the same integers again; None to choose them.
+            sorted_already: True if the Gaussians are in block order; otherwise they are sorted along a Morton curve.
+            most_unit: Upper bound of the attribute `unit`.
+        """
+        if coding is not None:
+            size_log, unit, coarsest = coding.size_log, coding.unit, coding.coarsest
+            bases, levels = np.array(coding.bases), coding.classes
+        else:
+            size_log = scene_log(splats)
+            splats = within_reach(splats, size_log)
+            log_clipped_colours(splats)
+            bases = _bases(splats, quality, size_log)
+            most = quality.classes_of(splats.degree) - 1
+            levels = _levels_of_flat(splats, levels_of(classes, splats.num_gaussians, most), most, bases, size_log)
+            unit = min(_lattice_unit(splats, levels, bases, size_log), most_unit)
+            coarsest = typical_cell(splats.means, unit, size_log)
+        centres = _centres(splats, levels, bases, size_log, unit, coarsest)
+        order = _as_they_come(len(centres)) if sorted_already else gaussian_order(centres, tiers)
+        edges = np.concatenate([[0], np.cumsum(block_sizes(plan))]).astype(np.int64)
+        return SourceScene(
+            splats,
+            centres,
+            order,
+            edges,
+            levels,
+            size_log,
+            unit,
+            bases,
+            coarsest,
+            plan.packetization.grouping == "contiguous",
+        )
+
+    @property
+    def num_blocks(self) -> int:
+        """Number of blocks, B."""
+        return len(self.edges) - 1
+
+    def some_blocks(self) -> list[int]:
+        """Returns the indices of the blocks to which context tables are fitted, spread over the scene."""
+        return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
+
+    def members(self, block: int) -> slice:
+        """Returns the range of a block's Gaussians within `order`."""
+        return slice(int(self.edges[block]), int(self.edges[block + 1]))
+
+    def pick(self, where: slice | np.ndarray) -> Splats:
+        """Returns the Gaussians at the given positions of `order`."""
+        # numpy's `take` is several times as fast as indexing a tensor.
+        return self.splats.select(self.order[where])
+
+    def classes_at(self, where: slice | np.ndarray) -> np.ndarray:
+        """Returns the precision classes of the Gaussians at the given positions of `order`, int64."""
+        return self.classes[self.order[where]].astype(np.int64)
+
+    def places(self, block: int) -> np.ndarray:
+        """Returns the lattice coordinates of a block's Gaussians, int64 (n, 3), in the sequence given by `order`."""
+        means = self.centres.take(self.order[self.members(block)], axis=0)
+        return to_lattice(means.astype(np.float64), self.unit, self.size_log)
+
+    def ends(self, block: int) -> np.ndarray:
+        """Returns the smallest and the largest lattice coordinates of a block's Gaussians, int64 (2, 3)."""
+        places = self.places(block)
+        return np.array([places.min(axis=0), places.max(axis=0)])
+
+    def means(self, block: int) -> np.ndarray:
+        """Returns the means of a block's opacity, scales and colour, int64 (7), in fixed point with 4 fractional bits.
+
+        Scales are represented as in the bitstream: logarithm of the largest scale, logarithm of its ratio to the second
+        scale, and companded ratio of the second to the third scale.
+        """
+        here = self.pick(self.members(block))
+        logs = to_logs(here, self.size_log).astype(np.float64)
+        ratio = (logs[:, 2] - logs[:, 3]) / (1 << BITS)
+        thin = (1 - 2.0**-ratio) / np.log(2) * (1 << BITS)
+        values = np.stack([logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2], thin], axis=1)
+        means = np.concatenate([values.mean(axis=0), to_colours(here).mean(axis=0)])
+        return np.rint(means / (1 << DEFAULT_SHIFT)).astype(np.int64)
+
+    def ranked(self, block: int, info: SideInfo, sizes: np.ndarray) -> np.ndarray:
+        """Returns the coding order of a block's Gaussians, as indices in `splats`, int64 (n).
+
+        Args:
+            block: Index of the block.
+            info: Side information with the bounding boxes of blocks.
+            sizes: Number of Gaussians in each packet of the block.
+        """
+        bits = int(info.boxes.bits[block])
+        places = self.places(block) - info.boxes.corners[block]
+        codes, at = block_codes(places, bits), cell_shift(places, bits)
+        by = self._arrangement(codes, at, bits)
+        # Within a packet Gaussians are sorted along the curve, as in the kernels.
+        packet = np.repeat(np.arange(len(sizes)), sizes)
+        return self.order[self.members(block).start + by[np.lexsort((codes[by], packet))]].astype(np.int64)
+
+    def _arrangement(self, codes: np.ndarray, at: int, bits: int) -> np.ndarray:
+        """Returns the order in which a block's Gaussians are filled into packets, as indices of the Gaussians.
+
+        Args:
+            codes: Morton codes of the block's positions, from `block_codes`.
+            at: log2 of the cell size of the coarse grid, in lattice units.
+            bits: Number of bits of a coordinate within the block's bounding box.
+        """
+        return arrange_block(codes >> 3 * (at - max(bits - MAX_CELL_BITS, 0)), self.contiguous)
+
+    def arranged(self, block: int, info: SideInfo, some: slice | np.ndarray = slice(None)) -> BlockSource:
+        """Returns the encoding kernels' input for Gaussians of a block, in the order in which packets are filled.
+
+        Args:
+            block: Index of the block.
+            info: Side information with the bounding boxes and the transform of spherical harmonics.
+            some: Positions in that order of the Gaussians to return; by default all.
+        """
+        bits = int(info.boxes.bits[block])
+        places = self.places(block) - info.boxes.corners[block]
+        codes, at = block_codes(places, bits), cell_shift(places, bits)
+        by = self._arrangement(codes, at, bits)[some]
+        where = self.members(block).start + by
+        s = to_sources(self.pick(where), self.size_log)
+        return BlockSource(
+            np.int64(at),
+            np.int64(not self.contiguous),
+            codes[by],
+            places[by],
+            self.classes_at(where),
+            s.logs,
+            s.axes,
+            s.colours,
+            transformed(s.harmonics, info.transform),
+        )
+
+
+def _as_they_come(count: int) -> np.ndarray:
+    order = large_empty((count,), np.uint32)
+    order[:] = np.arange(count, dtype=np.uint32)
+    return order
+
+
+def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
+    """Converts precision classes from the numbering of the interface to the numbering of the bitstream.
+
+    In the interface, the finest class is 0 and coarser classes are negative.
+
+    Args:
+        classes: Precision class of each Gaussian, (N); None for the finest class.
+        count: Number of Gaussians, N.
+        most: Finest precision class in the bitstream.
+
+    Returns:
+        uint8 (N), 0 for the coarsest class to `most` for the finest.
+
+    Raises:
+        InvalidValueError: If the number of classes differs from the number of Gaussians.
+    """
+    if classes is None:
+        return np.broadcast_to(np.uint8(most), count)
+    if np.shape(classes) != (count,):
+        raise InvalidValueError(f"{np.shape(classes)} classes of precision for {count} Gaussians")
+    levels = large_empty((count,), np.uint8)
+    for level, some in zip(runs(levels), runs(np.asarray(classes)), strict=True):
+        level[:] = np.clip(some, -most, 0) + most
+    return levels
+
+
+def _levels_of_flat(splats: Splats, levels: np.ndarray, most: int, bases: np.ndarray, size_log: int) -> np.ndarray:
+    """Raises the precision class of flat Gaussians if rounding would make them much thicker.
+
+    The smallest scale is coded as its ratio to the second scale. A coarse quantisation step of this ratio cannot
+    represent the flattest shape of the format. With a step of `1 << _FLAT_SHIFT`, the decoded smallest scale of a flat
+    Gaussian is at most 0.4 % of the second scale; with a step of `1 << 11` it is up to 31 %.
+
+    Args:
+        splats: The N Gaussians.
+        levels: uint8 (N), precision classes from `levels_of`.
+        most: The finest precision class.
+        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        size_log: log2 of the scene's size.
+
+    Returns:
+        uint8 (N), the precision classes, some of them raised.
+    """
+    flat = np.concatenate([np.flatnonzero(_is_flat(some)) + n * ROWS for n, some in enumerate(runs(splats.scales))])
+    if not len(flat):
+        return levels
+    logs = to_logs(splats.select(flat), size_log) / (1 << BITS)
+    opacity, s0, long = logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2]
+    known = np.stack([2 * s0 - long, long, np.zeros(len(flat)), opacity])
+    exponents = (COEFFICIENTS[S_SCALE2] @ known + bases[S_SCALE2]) / (1 << STEP_BITS)
+    # The margin covers the rounding of the exponent and of its inputs.
+    least = np.ceil(BITS - _FLAT_SHIFT - 0.25 - exponents)
+    raised = levels.copy()
+    raised[flat] = np.maximum(levels[flat], np.clip(least, 0, most)).astype(np.uint8)
+    return raised
+
+
+def _is_flat(scales: np.ndarray) -> np.ndarray:
+    """Returns a mask of Gaussians that are flatter than the format can represent, bool (N)."""
+    low, middle, _ = sort3(scales)
+    return low < middle * np.float32(2.0**-MAX_THINNESS)
+
+
+def _bases(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
+    """Returns the exponents of a scene's quantisation steps (see `SideInfo`).
+
+    The quantisation step of the largest scale is adapted to the mean scale of the scene's Gaussians.
+    """
+    bases = quality.bases(splats.degree)
+    parts = list(runs(splats.scales))
+    least = np.float32(2.0 ** (size_log - SMALLEST))
+
+    def sizes(some: np.ndarray) -> tuple[float, int]:
+        largest = some.max(axis=1)
+        largest = largest[largest > least].astype(np.float64)
+        return float(np.log2(largest).sum()), len(largest)
+
+    totals = share(sizes, parts)
+    # Explicit order of addition: `sum` rounds differently from Python 3.12 on.
+    total = functools.reduce(operator.add, (logs for logs, _ in totals), 0.0)
+    count = sum(number for _, number in totals)
+    mean = total / count - size_log if count else -SMALLEST
+    bases[S_SCALE0] += np.rint(COEFFICIENTS[S_SCALE0, 0] * (2 * mean - 2)).astype(np.int64)
+    return bases
+
+
+def _centres(
+    splats: Splats, levels: np.ndarray, bases: np.ndarray, size_log: int, unit: int, coarsest: int
+) -> np.ndarray:
+    """Returns the quantised positions of the Gaussians, as a decoder obtains them, float32 (N, 3).
+
+    A position is rounded to the centre of a cell of a cubic lattice. The side of a cell is the quantisation step of the
+    Gaussian's position.
+
+    Args:
+        splats: The N Gaussians.
+        levels: uint8 (N), precision class of each Gaussian.
+        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        size_log: log2 of the scene's size.
+        unit: `-log2` of the spacing of the finest lattice, relative to the scene's size.
+        coarsest: log2 of the largest quantisation step, in units of this spacing.
+
+    Raises:
+        InvalidValueError: If a position exceeds the range of the lattice.
+    """
+    centres, thinness = large_empty((splats.num_gaussians, 3), np.float32), thinness_table()
+
+    def find(begin: int) -> None:
+        some = centres[begin : begin + ROWS]
+        part, shifts = splats.run(begin, begin + len(some)), np.empty(len(some), np.int64)
+        classes = levels[begin : begin + len(some)].astype(np.int64)
+        kernels.place_shifts(to_logs(part, size_log), classes, bases, unit, coarsest, thinness, shifts)
+        some[:] = part.means
+        # Twice: the centre of a cell near float32 precision is rounded, possibly into a neighbouring cell.
+        for _ in range(2):
+            cells = to_lattice(some.astype(np.float64), unit, size_log) >> shifts[:, None]
+            half_units = ((2 * cells + 1) << shifts[:, None]).astype(np.float64)
+            some[:] = np.ldexp(half_units, size_log - unit - 1)
+
+    share(find, range(0, len(centres), ROWS))
+    return centres
+
+
+def _lattice_unit(splats: Splats, levels: np.ndarray, bases: np.ndarray, size_log: int) -> int:
+    """Chooses the spacing of the lattice of positions.
+
+    The spacing is the finest quantisation step of positions in the scene, if all coordinates fit the range of the
+    lattice with this spacing. Otherwise, a larger spacing is chosen.
+
+    Returns:
+        `-log2` of the spacing, relative to the scene's size.
+    """
+    c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), bases[S_POSITION] / (1 << STEP_BITS)
+
+    def finest(some: tuple[np.ndarray, np.ndarray]) -> float:
+        scales, level = (values.astype(np.float64) for values in some)
+        _, middle, largest = (logs - size_log for logs in sort3(np.log2(scales)))
+        steps = octaves + level + c[0] * (largest + middle) + c[1] * (largest - middle)
+        return float(np.maximum(steps, 1 - middle).max())
+
+    most = max(share(finest, list(zip(runs(splats.scales), runs(levels), strict=True))), default=-np.inf)
+    far = np.log2(float(np.abs(splats.means).max()) + 1e-30) - size_log
+    return int(np.clip(np.ceil(most), 0, max(min(ROOM - np.ceil(far), ROOM), 0)))

@@ -1,0 +1,64 @@
+"""Tables of the Gaussian codec, computed with integers so that they are identical on every machine."""
+
+import functools
+import math
+
+import numpy as np
+
+from splatwire.codec.gaussians.layout import BITS, MAX_THIN
+
+_POWER_BITS = 120
+_LN2 = 818323753292969962226
+"""Natural logarithm of 2, times 2**`_LN2_BITS`; a test checks the value."""
+_LN2_BITS = 70
+
+
+@functools.cache
+def negative_powers() -> tuple[int, ...]:
+    """Returns a table of powers of two with exponents from 0 to -1: entry i is `2**(-i / 2**BITS)`, in units of 2**-62.
+
+    The table has `2**BITS` entries, which are computed with square roots of integers.
+    """
+    step = 1 << (_POWER_BITS - 1)
+    for _ in range(BITS):
+        step = math.isqrt(step << _POWER_BITS)
+    value, powers = 1 << _POWER_BITS, []
+    for _ in range(1 << BITS):
+        powers.append(value >> (_POWER_BITS - 62))
+        value = value * step >> _POWER_BITS
+    return tuple(powers)
+
+
+@functools.cache
+def thinness_table() -> np.ndarray:
+    """Returns the table for decoding the ratio of two scales of a Gaussian, which is coded non-uniformly (companded).
+
+    A ratio 2**r is coded as t = (1 - 2**-r) / ln 2; entry t of the table is r. Both t and r have `BITS` fractional
+    bits.
+
+    Returns:
+        int64 of length `MAX_THIN + 1`, increasing.
+    """
+    powers, entries, r = negative_powers(), [], 0
+    for t in range(MAX_THIN + 1):
+        left = (1 << 62) - (t * _LN2 >> (_LN2_BITS + BITS - 62))
+        while powers[r & ((1 << BITS) - 1)] >> (r >> BITS) > left:
+            r += 1
+        entries.append(r)
+    return _frozen(entries)
+
+
+@functools.cache
+def exponentials() -> np.ndarray:
+    """Returns a table of powers of two: entry i is `2**(i / 2**BITS)`, float64 in [1, 2), for i below `2**BITS`.
+
+    The table is computed from integers, so that it is identical on every machine.
+    """
+    powers = np.array(negative_powers(), dtype=np.float64)
+    return np.concatenate([[1.0], 2 * powers[:0:-1] * 2.0**-62])
+
+
+def _frozen(values: list[int]) -> np.ndarray:
+    table = np.array(values, dtype=np.int64)
+    table.setflags(write=False)
+    return table

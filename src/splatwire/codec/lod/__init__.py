@@ -1,0 +1,1 @@
+"""Gaussians with levels of detail: a coarser Gaussian replaces several finer ones."""

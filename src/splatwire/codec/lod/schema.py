@@ -1,0 +1,84 @@
+"""Bitstream format of Gaussians with levels of detail (docs/format.md).
+
+Such a stream is coded like explicit Gaussians, with one tier per level of detail and one block per spatial tile.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from splatwire.bitstream import Manifest, Packetization, SceneStream
+from splatwire.bitstream.limits import LEVELS, SCHEMAS
+from splatwire.bitstream.sections import sections_of
+from splatwire.bitstream.tile_index import read_tile_index, with_tile_index
+from splatwire.codec.decoding import decode_stream
+from splatwire.codec.gaussians.attributes import update_digest
+from splatwire.codec.gaussians.decoder import GaussianDecoder, coding_of, open_side_info
+from splatwire.codec.gaussians.encoder import prepare_splats
+from splatwire.codec.schema import Options, Prepared, schema_for
+from splatwire.errors import InvalidValueError
+from splatwire.types.lod_scene import Levels, LevelScene
+from splatwire.types.received_scene import ReceivedScene
+from splatwire.types.splat_scene import SplatScene
+from splatwire.types.splats import Splats
+
+
+class LevelsDecoder(GaussianDecoder):
+    """Decoder of a stream with levels of detail; by default the decoded scene is drawn at its finest level.
+
+    Args:
+        manifest: The stream's manifest.
+        side_info: The stream's side information, serialised.
+        num_bytes: Number of bytes received of the stream; not used by this decoder.
+
+    Raises:
+        MissingSideInfoError: If the stream has no side information.
+        BitstreamError: If the side information is damaged or contradicts the manifest, or the index of tiles is damaged
+            or absent.
+    """
+
+    def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
+        super().__init__(manifest, side_info, num_bytes)
+        read_tile_index(manifest, self.sections)  # reports damage on opening, not only when tiles are requested
+        self._sizes = tuple(tier.num_elements for tier in manifest.tiers) or (manifest.num_elements,)
+
+    def scene(self) -> ReceivedScene[SplatScene]:
+        """Returns the scene decoded so far, with the level of detail of each Gaussian (see `Decoder.scene`)."""
+        partial = super().scene()
+        numbers = np.arange(len(self._sizes) - 1, -1, -1, dtype=np.uint8)
+        levels = Levels(np.repeat(numbers, self._sizes), self._levels)
+        scene = replace(partial.scene, hints=levels.hints, coding=None)
+        return replace(partial, scene=scene).with_records(levels)
+
+
+def _prepare(scene: LevelScene, options: Options) -> Prepared:
+    tiers = np.repeat(np.arange(len(scene.level_sizes), dtype=np.uint8), scene.level_sizes)
+    return prepare_splats(scene, replace(options, tiers=tiers), sorted_already=True)
+
+
+def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: int | None) -> Prepared:
+    if packetization.block_size != stream.manifest.packetization.block_size:
+        raise InvalidValueError("tiles of levels are blocks of packets: encode the scene again for other blocks")
+    info, partial = open_side_info(stream.manifest, stream.side_info), decode_stream(stream, threads=threads)
+    coding = coding_of(info, partial[Levels].classes)
+    sizes = [tier.num_elements for tier in stream.manifest.tiers] or [stream.manifest.num_elements]
+    tiers = np.repeat(np.arange(len(sizes), dtype=np.uint8), sizes)
+    scene = replace(partial.scene, hints=None, coding=coding)
+    return prepare_splats(scene, Options(packetization, tiers=tiers, threads=threads), like=info, sorted_already=True)
+
+
+def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
+    """Recomputes the index of tiles after repacketization, because the sizes of the tiles have changed."""
+    return with_tile_index(packed, read_tile_index(stream.manifest, sections_of(stream)).errors)
+
+
+SCHEMA = schema_for(
+    SCHEMAS[LEVELS],
+    scene_type=LevelScene,
+    offers=frozenset((Splats, Levels)),
+    prepare=_prepare,
+    prepare_repack=_prepare_repack,
+    open_decoder=LevelsDecoder,
+    update_digest=update_digest,
+    remap_sections=_remap_sections,
+)

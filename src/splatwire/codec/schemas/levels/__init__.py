@@ -1,1 +1,0 @@
-"""Gaussians in levels: coarser ones stand for many finer ones."""

@@ -1,0 +1,263 @@
+"""Numba kernels that encode or decode the motion of a packet's tracks, independently of other packets."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec._coder_kernels import code_below, code_bit, code_escape, code_raw
+from splatwire.codec.sequence.layout import (
+    AFTER,
+    BEFORE,
+    BEGINS,
+    C_BEGINS,
+    C_ENDS,
+    C_GONE,
+    C_MOVING,
+    C_OCTAVE,
+    C_ZERO,
+    CANDIDATE_BITS,
+    ENDS,
+    KIND_OF,
+    LEVELS,
+    MAGNITUDES,
+    MAX_CANDIDATES,
+    MAX_OCTAVE,
+    MAX_QUANTISED,
+    MOVING,
+    NUM_CHANNELS,
+    NUM_KINDS,
+    ORDERS,
+    STATE,
+    TRACK,
+    TRACK_BITS,
+)
+from splatwire.entropy.range_kernels import (
+    ADAPTIVE_BITS,
+    BOTTOM,
+    LOW_MASK,
+    ONE,
+    RAW_BITS,
+    TOP,
+    ZERO,
+    adaptive_size,
+    adaptive_update,
+)
+from splatwire.ops.compiled import njit
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _code_heads(coder, heads, n, frames, first_new):
+    """Encodes or decodes the headers of a packet's tracks: track numbers, states and lifetimes.
+
+    Args:
+        coder: Entropy coder.
+        heads: Headers, int64 (n, HEAD), ascending by track number; filled by a decoder.
+        n: Number of tracks in the packet.
+        frames: Number of frames in the group.
+        first_new: Number of the first track that is born in the group.
+
+    Returns:
+        Number of headers found, less than n only in malformed packets.
+    """
+    first = code_raw(coder, heads[0, TRACK], TRACK_BITS)
+    lead = code_escape(coder, heads[0, BEFORE])
+    count = code_raw(coder, heads[n - 1, TRACK] + 1 - first, CANDIDATE_BITS)
+    tail = code_escape(coder, heads[n - 1, AFTER])
+    at, gone_before, moved, before = 0, 0, 0, first - lead
+    for track in range(first, first + min(count, MAX_CANDIDATES)):
+        here = not coder.decoding and heads[at, TRACK] == track
+        gone_before = code_bit(coder, C_GONE + gone_before, 0 if here else 1)
+        if gone_before:
+            continue
+        if at == n:
+            break
+        state = code_bit(coder, C_MOVING + moved, heads[at, STATE])
+        moved = ((moved << 1) | state) & 3
+        begins, ends = np.int64(0), frames
+        if track >= first_new and code_bit(coder, np.int64(C_BEGINS), 1 if heads[at, BEGINS] else 0):
+            begins = code_below(coder, heads[at, BEGINS], frames)
+        if code_bit(coder, np.int64(C_ENDS), 1 if heads[at, ENDS] < frames else 0):
+            ends = code_below(coder, heads[at, ENDS], frames)
+        heads[at, TRACK], heads[at, STATE], heads[at, BEGINS], heads[at, ENDS] = track, state, begins, ends
+        heads[at, BEFORE], heads[at, AFTER] = track - before, 0
+        before = track + 1
+        at += 1
+    if at:
+        heads[at - 1, AFTER] = tail
+    return at
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _level(magnitude):
+    """Returns the part of a motion coefficient's context that depends on neighbouring residuals, from 0.
+
+    Args:
+        magnitude: Magnitude of the neighbouring residuals, an integer; the result is its number of bits, limited.
+    """
+    level = 0
+    while magnitude >> level and level < LEVELS - 1:
+        level += 1
+    return level
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _narrowed(coder, low, span, at, start, size, bits):
+    """Encodes or decodes one symbol by its probability interval; faster than `encode_interval` and `decode_advance`.
+
+    The state of the range coder (`low`, `span`, `at`) is passed as arguments and returned, so that it stays in
+    registers. The interval is `[start, start + size)` in units of `2**-bits`.
+    """
+    unit = span >> bits
+    span = unit * size
+    if coder.decoding:
+        low = min(low - unit * start, span - 1)
+        while span < BOTTOM:
+            low <<= 8
+            if at < coder.end:
+                low |= np.int64(coder.data[at])
+            at += 1
+            span <<= 8
+        return low, span, at
+    low += unit * start
+    if low >> TOP:
+        low &= (ONE << TOP) - 1
+        back = at - 1
+        while coder.data[back] == 255:
+            coder.data[back] = 0
+            back -= 1
+        coder.data[back] += 1
+    while span < BOTTOM:
+        coder.data[at] = low >> 40
+        at += 1
+        low = (low & LOW_MASK) << 8
+        span <<= 8
+    return low, span, at
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _bit(coder, low, span, at, context, bit):
+    """Encodes or decodes a bit with the adaptive model of a context; faster than `code_bit`.
+
+    The state of the range coder (`low`, `span`, `at`) is passed as arguments and returned.
+    """
+    zero = adaptive_size(coder.models, context)
+    if coder.decoding:
+        bit = ONE if low >= zero * (span >> ADAPTIVE_BITS) else ZERO
+    else:
+        coder.bits[context, bit] += 1
+    adaptive_update(coder.models, context, bit)
+    if bit:
+        low, span, at = _narrowed(coder, low, span, at, zero, 65536 - zero, ADAPTIVE_BITS)
+    else:
+        low, span, at = _narrowed(coder, low, span, at, ZERO, zero, ADAPTIVE_BITS)
+    return bit, low, span, at
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _raw(coder, low, span, at, value, bits):
+    """Encodes or decodes `bits` bits with equal probabilities; faster than `code_raw`.
+
+    The state of the range coder (`low`, `span`, `at`) is passed as arguments and returned.
+    """
+    found = ZERO
+    while bits > 0:
+        some = min(bits, RAW_BITS)
+        bits -= some
+        part = (value >> bits) & ((ONE << some) - 1)
+        if coder.decoding:
+            part = min(low // (span >> some), (ONE << some) - 1)
+        low, span, at = _narrowed(coder, low, span, at, part, ONE, some)
+        found = (found << some) | part
+    return found, low, span, at
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _code_coefficient(coder, low, span, at, kind, order, level, value):
+    """Encodes or decodes the residual of one motion coefficient: zero flag, octave, remaining bits and sign.
+
+    The state of the range coder (`low`, `span`, `at`) is passed as arguments and returned.
+
+    Args:
+        coder: Entropy coder of the packet.
+        low: State of the range coder.
+        span: State of the range coder.
+        at: State of the range coder.
+        kind: Kind of the channel (`layout.KINDS`), part of the context.
+        order: Degree of the coefficient's polynomial, part of the context.
+        level: Octave of the magnitude of neighbouring residuals, from `_level`, part of the context.
+        value: The residual; ignored by a decoder.
+
+    Returns:
+        The residual, and the three numbers of the state.
+    """
+    zero = C_ZERO + (kind * ORDERS + min(order, ORDERS - 1)) * LEVELS + level
+    some, low, span, at = _bit(coder, low, span, at, np.int64(zero), ONE if value else ZERO)
+    if not some:
+        return ZERO, low, span, at
+    magnitude, octave = abs(value), ZERO
+    base = C_OCTAVE + (kind * LEVELS + level) * MAGNITUDES
+    while octave < MAX_OCTAVE:
+        context, above = np.int64(base + min(octave, MAGNITUDES - 1)), ONE if magnitude >> (octave + 1) else ZERO
+        above, low, span, at = _bit(coder, low, span, at, context, above)
+        if not above:
+            break
+        octave += 1
+    rest, low, span, at = _raw(coder, low, span, at, magnitude - (ONE << octave), octave)
+    magnitude = min((ONE << octave) + rest, MAX_QUANTISED)
+    negative = ONE if value < 0 else ZERO
+    if coder.decoding:
+        negative = ONE if low >= span >> ONE else ZERO
+    low, span, at = _narrowed(coder, low, span, at, negative, ONE, ONE)
+    return -magnitude if negative else magnitude, low, span, at
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def code_motion(coder, heads, n, orders, quantised, frames, first_new):
+    """Encodes or decodes the motion of a packet's tracks.
+
+    Args:
+        coder: Entropy coder of the packet.
+        heads: Headers of the tracks, int64 (n, HEAD), ascending by track number; filled by a decoder. In malformed
+            packets, headers that were not found have track number -1.
+        n: Number of tracks in the packet.
+        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds); filled by a decoder.
+        quantised: Residuals of coefficients in quantisation steps, int32 (n, channels, frames); filled by a decoder,
+            zero before.
+        frames: Number of frames in the group, F.
+        first_new: Number of the first track that is born in the group.
+    """
+    if coder.decoding:
+        heads[:] = -1
+    found = _code_heads(coder, heads, n, frames, first_new)
+    for kind in range(NUM_KINDS):
+        orders[kind] = code_below(coder, orders[kind], frames + 1)
+    before, low, span, place = -1, coder.state[0], coder.state[1], coder.state[2]
+    for i in range(found):
+        if heads[i, STATE] != MOVING:
+            continue
+        largest = np.int64(0)
+        for c in range(NUM_CHANNELS):
+            kind, own = KIND_OF[c], np.int64(0)
+            first = c == 0 or KIND_OF[c - 1] != kind
+            if first:
+                largest = np.int64(0)
+                if before >= 0:
+                    own = abs(np.int64(quantised[before, c, 0]))
+            for k in range(orders[kind]):
+                near = max(own, largest)
+                if not first:
+                    near = max(near, 2 * abs(np.int64(quantised[i, c - 1, k])))
+                value = np.int64(quantised[i, c, k])
+                value, low, span, place = _code_coefficient(coder, low, span, place, kind, k, _level(near), value)
+                quantised[i, c, k] = value
+                own = abs(value) if k == 0 and first else max(own, abs(value))
+            largest = max(largest, own)
+        before = i
+    coder.state[0], coder.state[1], coder.state[2] = low, span, place

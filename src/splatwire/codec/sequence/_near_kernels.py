@@ -1,0 +1,136 @@
+"""Numba kernels that search the nearest tracks among those with known motion in a packet.
+
+The motion of a track is known if the track does not move, or if its coefficients are already coded.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec.sequence.layout import MAX_CANDIDATES, NUM_NEIGHBOURS
+from splatwire.ops.compiled import njit
+
+LANES = 2 * NUM_NEIGHBOURS
+"""Number of columns in which squared distances are compared in parallel (SIMD)."""
+_PLACE_BITS, _MOST = 13, np.int64((1 << 63) - 1)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def add_known(places, i, known, around, count):
+    """Adds a track to the tracks with known motion, among which neighbours are searched.
+
+    Args:
+        places: Positions of the packet's tracks, int64 (M, 3).
+        i: Index of the track to add.
+        known: Indices of the tracks with known motion, int64 (M); the index of the new track is written.
+        around: Positions of the tracks with known motion, float64 (3, M), one row per axis for a search with SIMD; the
+            position of the new track is written.
+        count: Number of tracks with known motion, without the new track.
+
+    Returns:
+        Number of tracks with known motion, including the new track.
+    """
+    known[count] = i
+    for a in range(3):
+        around[a, count] = places[i, a]
+    return count + 1
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _near(squares, count, lanes, some):
+    """Finds candidates for the `NUM_NEIGHBOURS` smallest squared distances.
+
+    Distances are divided into `NUM_NEIGHBOURS` groups. Candidates are all distances up to the largest of the groups'
+    minima, so that at least `NUM_NEIGHBOURS` are found. If there are only a few distances, all of them are candidates.
+
+    Args:
+        squares: Squared distances, float64.
+        count: Number of squared distances.
+        lanes: Working array, float64 (LANES).
+        some: Output: indices of the candidates, ascending.
+
+    Returns:
+        Number of candidates.
+    """
+    if count <= 2 * LANES:
+        for m in range(count):
+            some[m] = m
+        return count
+    for j in range(LANES):
+        lanes[j] = squares[j]
+    whole = count // LANES * LANES
+    for begin in range(LANES, whole, LANES):
+        for j in range(LANES):
+            lanes[j] = squares[begin + j] if squares[begin + j] < lanes[j] else lanes[j]
+    for m in range(whole, count):
+        lanes[m - whole] = min(lanes[m - whole], squares[m])
+    limit, half = 0.0, LANES - NUM_NEIGHBOURS
+    for j in range(NUM_NEIGHBOURS):
+        limit = max(limit, min(lanes[j], lanes[half + j]))
+    taken = 0
+    for m in range(count):
+        some[taken] = m
+        taken += squares[m] <= limit
+    return taken
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _least(squares, some, count):
+    """Returns the `NUM_NEIGHBOURS` smallest of the candidates' squared distances, ascending.
+
+    Each returned integer contains the distance in its high bits, and the candidate's index in its low bits. Values stay
+    in registers, and no branch depends on a comparison, because such branches would be mispredicted.
+    """
+    a = b = c = d = e = f = g = h = _MOST
+    for n in range(count):
+        key = (np.int64(squares[some[n]]) << _PLACE_BITS) | some[n]
+        a, key = (key, a) if key < a else (a, key)
+        b, key = (key, b) if key < b else (b, key)
+        c, key = (key, c) if key < c else (c, key)
+        d, key = (key, d) if key < d else (d, key)
+        e, key = (key, e) if key < e else (e, key)
+        f, key = (key, f) if key < f else (f, key)
+        g, key = (key, g) if key < g else (g, key)
+        h = key if key < h else h
+    return a, b, c, d, e, f, g, h
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def nearest(places, known, around, count, i, squares, lanes, some, neighbours, far):
+    """Finds the tracks with known motion that are nearest to a track.
+
+    On equal distances, the track that was added first is preferred.
+
+    Args:
+        places: Positions of the packet's tracks, int64 (M, 3).
+        known: Indices of the tracks with known motion, from `add_known`.
+        around: Positions of the tracks with known motion, from `add_known`.
+        count: Number of tracks with known motion.
+        i: Index of the track for which neighbours are searched.
+        squares: Working array, float64 (M).
+        lanes: Working array, float64 (LANES).
+        some: Working array, int64 (M).
+        neighbours: Output: indices of the neighbours, nearest first, int64 (NUM_NEIGHBOURS).
+        far: Output: squared distances of the neighbours, int64 (NUM_NEIGHBOURS).
+
+    Returns:
+        Number of neighbours found.
+    """
+    x, y, z = np.float64(places[i, 0]), np.float64(places[i, 1]), np.float64(places[i, 2])
+    for m in range(count):
+        dx, dy, dz = around[0, m] - x, around[1, m] - y, around[2, m] - z
+        squares[m] = dx * dx + dy * dy + dz * dz  # below 2**42, exact in float64
+    found = 0
+    for key in _least(squares, some, _near(squares, count, lanes, some)):
+        if found < count:
+            far[found], neighbours[found] = key >> _PLACE_BITS, known[key & ((1 << _PLACE_BITS) - 1)]
+            found += 1
+    return found
+
+
+assert NUM_NEIGHBOURS == 8, "`_least` names each of them"
+assert MAX_CANDIDATES < 1 << _PLACE_BITS, "places of a packet's tracks fit the low bits"

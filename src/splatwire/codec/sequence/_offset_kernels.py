@@ -1,0 +1,51 @@
+"""Numba kernel that computes the offsets of tracks from their keyframe Gaussians in one frame.
+
+`tests/reference/trajectories.py` is an equivalent implementation in plain Python.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec.sequence.layout import NUM_CHANNELS
+from splatwire.ops.compiled import njit
+
+_COLOURS = NUM_CHANNELS - 3
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def offsets(coefficients, starts, packets, orders, widths, weights, factors, colours, found):
+    """Computes the offsets of tracks from their keyframe Gaussians in one frame, from motion coefficients.
+
+    Args:
+        coefficients: Coefficients of the moving tracks of all packets, one after another, float32.
+        starts: Index of each track's first coefficient, int64 (n); -1 for a track that does not move.
+        packets: Index of each track's packet, int64 (n).
+        orders: Number of coefficients of each channel in a packet, int64 (packets, channels).
+        widths: Number of coefficients stored per channel in a packet, int64 (packets).
+        weights: Value of each basis polynomial in this frame, float64 (F).
+        factors: Factor from fixed point to floats of each channel, float64 (channels).
+        colours: Matrix from Y Co Cg to red, green, blue, float64 (3, 3).
+        found: Output: offsets, float32 (n, channels).
+    """
+    values = np.zeros(NUM_CHANNELS)
+    for n in range(len(starts)):
+        if starts[n] < 0:
+            for c in range(NUM_CHANNELS):
+                found[n, c] = 0.0
+            continue
+        packet = packets[n]
+        width = widths[packet]
+        for c in range(NUM_CHANNELS):
+            begin, value = starts[n] + c * width, np.float64(0.0)
+            for k in range(orders[packet, c]):
+                value += coefficients[begin + k] * weights[k]
+            values[c] = value * factors[c]
+        for c in range(_COLOURS):
+            found[n, c] = values[c]
+        for a in range(3):
+            value = np.float64(0.0)
+            for c in range(3):
+                value += values[_COLOURS + c] * colours[c, a]
+            found[n, _COLOURS + a] = value

@@ -1,0 +1,231 @@
+"""Numba kernels that encode or decode whole packets of motion, and divide blocks into packets of limited size."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec._coder_kernels import DECODING, ENCODING, new_coder
+from splatwire.codec.sequence._motion_kernels import code_motion
+from splatwire.codec.sequence._predict_kernels import predict_from_neighbours, take
+from splatwire.codec.sequence.layout import (
+    KIND_OF,
+    MAX_CANDIDATES,
+    MOVING,
+    NUM_CHANNELS,
+    NUM_CONTEXTS,
+    NUM_KINDS,
+    STATE,
+    TRACK,
+)
+from splatwire.entropy.range_kernels import ZERO, decoder_start, encoder_finish, encoder_start
+from splatwire.ops.compiled import njit
+
+AIM, ENOUGH = 5, 3
+"""Parameters of the division of a block into packets of limited size, as in
+`splatwire.codec.gaussians._packet_kernels`.
+"""
+SLACK, TRACK_BYTES = 64, 4
+"""Size of an encoder's buffer in addition to the space for coefficients, bytes: `SLACK` once, and `TRACK_BYTES` for the
+header of each track.
+"""
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _tables():
+    """Returns empty tables for the constructor of the entropy coder, because motion packets use bit models only."""
+    one = np.zeros(1, np.int64)
+    return np.zeros((1, 4), np.int64), np.zeros(1, np.int32), one, one, one
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _needed_orders(targets, rows, states, shifts, frames, orders):
+    """Computes how many motion coefficients of each channel a packet must contain.
+
+    Coefficients of higher degrees are smaller than half a quantisation step for all moving tracks of the packet.
+
+    Args:
+        targets: Motion coefficients before quantisation, float64 (N, channels, frames).
+        rows: Index in `targets` of each track, int64 (n).
+        states: `STILL` or `MOVING` for each track, int64 (n).
+        shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
+        frames: Number of frames in the group.
+        orders: Output: number of coefficients per channel, by kind of channel, int64 (kinds).
+    """
+    orders[:] = 0
+    for i in range(len(rows)):
+        if states[i] != MOVING:
+            continue
+        for c in range(NUM_CHANNELS):
+            kind = KIND_OF[c]
+            for k in range(frames - 1, orders[kind] - 1, -1):
+                if 2 * abs(targets[rows[i], c, k]) >= np.float64(np.int64(1) << shifts[i, c]):
+                    orders[kind] = k + 1
+                    break
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _trim(quantised, orders):
+    """Reduces the number of coded coefficients per channel while all residuals of the highest degree are 0.
+
+    Args:
+        quantised: Residuals in quantisation steps, int32 (n, channels, frames).
+        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds); changed in place.
+    """
+    for kind in range(NUM_KINDS):
+        while orders[kind]:
+            some = False
+            for i in range(len(quantised)):
+                for c in range(NUM_CHANNELS):
+                    some |= KIND_OF[c] == kind and quantised[i, c, orders[kind] - 1] != 0
+            if some:
+                break
+            orders[kind] -= 1
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _encode_packet(models, counts, frames, first_new, dead, heads, places, shifts, targets, rows, buffer, out):
+    """Encodes the motion of some tracks as one packet; returns its size in bytes.
+
+    The residuals of the coefficients are written to `out`. See `encode_cut` for the arguments. Here, arrays with one
+    entry per track contain only the tracks of the packet.
+    """
+    n, used = len(heads), 0
+    orders, states = np.zeros(NUM_KINDS, np.int64), heads[:, STATE].copy()
+    _needed_orders(targets, rows, states, shifts, frames, orders)
+    for c in range(NUM_CHANNELS):
+        used += orders[KIND_OF[c]]
+    wanted = np.empty((n, used))
+    take(targets, rows, states, orders, wanted)
+    out[:] = 0
+    predict_from_neighbours(places, states, shifts, orders, out, wanted, dead, np.zeros((0, 1, 1), np.float32))
+    _trim(out, orders)
+    coder = new_coder(
+        ENCODING, buffer, ZERO, models.copy(), (counts, np.zeros((1, 1, 1, 2), np.int64)), _tables()
+    )  # fmt: skip
+    encoder_start(coder.state)
+    code_motion(coder, heads.copy(), n, orders, out, frames, first_new)
+    return encoder_finish(buffer, coder.state)
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _candidates(heads, begin, n):
+    """Returns the number of tracks with track numbers that fit the range of one packet.
+
+    Args:
+        heads: Headers of the tracks, int64 (tracks, HEAD).
+        begin: Index of the first track of the packet.
+        n: Maximum number to return.
+    """
+    while n > 1 and heads[begin + n - 1, TRACK] - heads[begin, TRACK] >= MAX_CANDIDATES:
+        n -= 1
+    return n
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _expected(costs, begin, end, scale, aim):
+    """Returns the number of tracks from index `begin` on that are expected to fill a packet, at least one.
+
+    Args:
+        costs: Expected number of bytes for each track, float64.
+        begin: Index of the first track.
+        end: End of the tracks available (exclusive).
+        scale: Correction factor of `costs`.
+        aim: Intended size of the packet, bytes.
+    """
+    total, at = 0.0, begin
+    while at < end and (at == begin or (total + costs[at]) * scale <= aim):
+        total += costs[at]
+        at += 1
+    return at - begin
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def encode_cut(
+    models, counts, frames, first_new, dead, heads, places, shifts, targets, rows, most, costs, buffer, out, sizes, ends
+):
+    """Encodes a block of motion in packets of limited size, each with as many tracks as fit.
+
+    Args:
+        models: Initial adaptive bit models of every packet, int64 (contexts, 2).
+        counts: Number of zeros and ones coded with each model, int64 (contexts, 2), increased by the final packets.
+        frames: Number of frames in the group, F.
+        first_new: Number of the first track that is born in the group.
+        dead: Widening of the quantiser's dead zone, in 64ths of a step, see `predict_from_neighbours`.
+        heads: Headers of the tracks, int64 (n, HEAD), ascending by track number.
+        places: Positions of the tracks' keyframe Gaussians, in half lattice units, int64 (n, 3).
+        shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
+        targets: Motion coefficients before quantisation, float64 (N, channels, frames).
+        rows: Index in `targets` of each track, int64 (n).
+        most: Maximum size of a payload, bytes.
+        costs: Expected number of bytes for each track, above 0, float64 (n); good estimates save encoding attempts.
+        buffer: Output: the payloads one after another, uint8.
+        out: Output: residuals of coefficients, int32 (n, channels, frames).
+        sizes: Output: number of tracks in each packet, int64 (n).
+        ends: Output: end of each payload in the buffer, int64 (n).
+
+    Returns:
+        Number of packets.
+    """
+    total, begin, at, packets = len(heads), 0, 0, 0
+    aim, scale = most - (most >> AIM), 1.0
+    kept = np.zeros((NUM_CONTEXTS, 2), np.int64)
+    while begin < total:
+        left = _candidates(heads, begin, total - begin)
+        low, high, tries, last, length = 0, left + 1, 0, 0, 0
+        n = _expected(costs, begin, begin + left, scale, aim)
+        while high - low > 1 or last != low:
+            n = n if high - low > 1 else low
+            kept[:] = 0
+            some = slice(begin, begin + n)
+            length = _encode_packet(
+                models, kept, frames, first_new, dead, heads[some], places[some], shifts[some], targets, rows[some],
+                buffer[at:], out[some],
+            )  # fmt: skip
+            tries, last = tries + 1, n
+            scale = max(length, 1) / costs[begin : begin + n].sum()
+            if length <= most or n == 1:
+                low = n
+                if n == left or length >= most - (most >> ENOUGH) or tries > 6:
+                    break
+            else:
+                high = n
+            n = min(max(_expected(costs, begin, begin + left, scale, aim), low + 1), high - 1)
+        counts += kept
+        at += length
+        sizes[packets], ends[packets] = low, at
+        begin += low
+        packets += 1
+    return packets
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def decode_packets(models, frames, first_new, data, ends, starts, heads, orders, quantised):
+    """Decodes packets of motion.
+
+    Args:
+        models: Initial adaptive bit models of every packet, int64 (contexts, 2).
+        frames: Number of frames in the group, F.
+        first_new: Number of the first track that is born in the group.
+        data: Payloads of P packets, one after another, uint8.
+        ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
+        starts: int64 (P + 1); packet p has the tracks `starts[p]` to `starts[p + 1]` (exclusive).
+        heads: Output: headers of the tracks, int64 (n, HEAD), zero before.
+        orders: Output: number of coefficients per channel, by kind of channel, int64 (P, kinds), zero before.
+        quantised: Output: residuals of coefficients, int32 (n, channels, frames), zero before.
+    """
+    statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)
+    for p in range(len(starts) - 1):
+        coder = new_coder(DECODING, data, ends[p + 1], models.copy(), statistics, _tables())
+        decoder_start(data, ends[p], ends[p + 1], coder.state)
+        rows = slice(starts[p], starts[p + 1])
+        code_motion(
+            coder, heads[rows], starts[p + 1] - starts[p], orders[p], quantised[rows], frames, first_new
+        )  # fmt: skip

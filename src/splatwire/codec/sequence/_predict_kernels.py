@@ -1,0 +1,327 @@
+"""Numba kernels that predict the motion of a track from its neighbours in the packet, in integers throughout.
+
+The prediction is thus identical in the encoder and in every decoder.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec.sequence._near_kernels import LANES, add_known, nearest
+from splatwire.codec.sequence.layout import (
+    KIND_OF,
+    MAX_COEFFICIENT,
+    MAX_QUANTISED,
+    MOVING,
+    NUM_CHANNELS,
+    NUM_NEIGHBOURS,
+    PLACE_BITS,
+    WEIGHT_BITS,
+)
+from splatwire.ops.compiled import njit
+
+_RADIUS = 1 << 10
+"""Offsets of neighbours are scaled to integers up to this value, which is the offset of the farthest neighbour."""
+_SPREAD_BITS, _PULL_BITS = 16, 33
+"""Number of bits kept of second moments, and of the values multiplied with second moments; products stay below 2**53.
+"""
+_RIDGE_BITS, _LEAST_RIDGE = 14, 4
+"""Relative value added to the diagonal of second moments (ridge), so that the plane fit is defined for collinear
+neighbours. Larger values cost bytes for fast motion: a ridge of an eighth would cost six times the bytes for a rotating
+object.
+"""
+_TURN_BITS = 20
+_OCTAVES = 1
+"""Octave range of quantisation steps, as log2: tracks are sorted by the product of their steps of position and
+rotation, and tracks with products within `2 ** _OCTAVES` octaves are predicted together.
+"""
+_MOST = 1.0 * MAX_COEFFICIENT
+ONE = np.int64(1)
+
+
+@njit(error_model="numpy")
+@no_type_check
+def relative_positions(places):
+    """Returns positions relative to their lowest corner, int64 (M, 3), with at most `PLACE_BITS` bits per axis."""
+    out, extent = places.copy(), np.int64(0)
+    for a in range(3):
+        low, high = places[0, a], places[0, a]
+        for i in range(len(places)):
+            low, high = min(low, places[i, a]), max(high, places[i, a])
+        extent = max(extent, high - low)
+        for i in range(len(places)):
+            out[i, a] -= low
+    shift = 0
+    while extent >> shift >= ONE << PLACE_BITS:
+        shift += 1
+    for i in range(len(places)):
+        for a in range(3):
+            out[i, a] >>= shift
+    return out
+
+
+@njit(error_model="numpy")
+@no_type_check
+def coarse_to_fine(places, moving, shifts):
+    """Returns the moving tracks in the order in which their motion is predicted, as indices, int64 (n).
+
+    Tracks with the finest quantisation steps are first, because their motion is the most precise. Tracks of similar
+    steps are visited along a Z-order curve with decreasing strides, so that most tracks have neighbours on all sides.
+
+    Args:
+        places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
+        moving: Indices of the moving tracks, int64 (n).
+        shifts: log2 of the quantisation steps of motion, int64 (M, channels).
+    """
+    n = len(moving)
+    codes = np.zeros(n, np.int64)
+    for i in range(n):
+        for bit in range(10):
+            for a in range(3):
+                codes[i] |= ((places[moving[i], a] >> (PLACE_BITS - 10 + bit)) & 1) << (3 * bit + a)
+    by = np.argsort(codes, kind="mergesort")
+    order, count, bits = np.empty(n, np.int64), 0, 0
+    while (1 << bits) < n:
+        bits += 1
+    for slot in range(1 << bits):
+        back = np.int64(0)
+        for bit in range(bits):
+            back |= ((slot >> bit) & 1) << (bits - 1 - bit)
+        if back < n:
+            order[count] = moving[by[back]]
+            count += 1
+    keys = np.empty(n, np.int64)
+    for i in range(n):
+        keys[i] = (shifts[order[i], 0] + shifts[order[i], 3]) >> _OCTAVES
+    return order[np.argsort(keys, kind="mergesort")]
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _weigh(places, i, neighbours, far, found, offsets, near, weights):
+    """Computes the weights of neighbours for the prediction of a track; the weights add up to `1 << WEIGHT_BITS`.
+
+    The prediction is the value at the track's position of the least-squares plane through the neighbours' values; with
+    fewer than four neighbours it is their mean. All values stay below 2**53, so that they are exact in float64, see
+    `docs/format.md`.
+
+    Args:
+        places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
+        i: Index of the track.
+        neighbours: Indices of the neighbours.
+        far: Squared distances of the neighbours.
+        found: Number of neighbours.
+        offsets: Working array, int64 (NUM_NEIGHBOURS, 3).
+        near: Working array, int64 (NUM_NEIGHBOURS).
+        weights: Output: weights of the neighbours, int64 (NUM_NEIGHBOURS).
+    """
+    for m in range(found):
+        weights[m] = (ONE << WEIGHT_BITS) // found
+    if found >= 4:
+        radius = ONE
+        for m in range(found):
+            for a in range(3):
+                radius = max(radius, abs(places[neighbours[m], a] - places[i, a]))
+        _plane(places, i, neighbours, far, found, radius, offsets, near, weights)
+    left = ONE << WEIGHT_BITS
+    for m in range(found):
+        left -= weights[m]
+    if found:
+        weights[0] += left
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _plane(places, i, neighbours, far, found, radius, offsets, near, weights):
+    total = np.int64(0)
+    x = y = z = xx = xy = xz = yy = yz = zz = np.int64(0)
+    for m in range(found):
+        # Below 2**53 the rounded-down quotient of doubles equals the integer quotient, and takes a fifth of the time.
+        near[m] = w = 1 + np.int64(np.float64(2 * (far[0] + 1)) / np.float64(far[m] + 1))
+        for a in range(3):
+            offset = (places[neighbours[m], a] - places[i, a]) * _RADIUS
+            offsets[m, a] = np.int64(np.floor(np.float64(offset) / np.float64(radius)))
+        ox, oy, oz = offsets[m, 0], offsets[m, 1], offsets[m, 2]
+        total += w
+        x, y, z = x + w * ox, y + w * oy, z + w * oz
+        xx, xy, xz = xx + w * ox * ox, xy + w * ox * oy, xz + w * ox * oz
+        yy, yz, zz = yy + w * oy * oy, yz + w * oy * oz, zz + w * oz * oz
+    xx, xy, xz = total * xx - x * x, total * xy - x * y, total * xz - x * z
+    yy, yz, zz = total * yy - y * y, total * yz - y * z, total * zz - z * z
+    trace, spread = xx + yy + zz, 0
+    while trace >> spread >= ONE << _SPREAD_BITS:
+        spread += 1
+    ridge = (trace >> (spread + _RIDGE_BITS)) + _LEAST_RIDGE
+    xx, yy, zz = (xx >> spread) + ridge, (yy >> spread) + ridge, (zz >> spread) + ridge
+    xy, xz, yz = xy >> spread, xz >> spread, yz >> spread
+    a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    d, e, f = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    determinant = max(xx * a + xy * b + xz * c, ONE)
+    hx, hy, hz = a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z
+    pull = 0
+    while max(abs(hx), abs(hy), abs(hz)) >> pull >= ONE << _PULL_BITS:
+        pull += 1
+    hx, hy, hz = hx >> pull, hy >> pull, hz >> pull
+    scale = 2.0 ** (_TURN_BITS + pull - spread)
+    for m in range(found):
+        moment = hx * (total * offsets[m, 0] - x) + hy * (total * offsets[m, 1] - y) + hz * (total * offsets[m, 2] - z)
+        turn = np.int64(np.floor(np.float64(moment) / np.float64(determinant) * scale + 0.5))
+        part, whole = near[m] * ((ONE << _TURN_BITS) - turn), total << (_TURN_BITS - WEIGHT_BITS)
+        share = np.int64(np.floor(np.float64(part) / np.float64(whole)))
+        weights[m] = min(max(share, -(ONE << WEIGHT_BITS)), ONE << WEIGHT_BITS)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _means(known, moving, neighbours, weights, found, means):
+    """Computes the coefficients of a track predicted from its neighbours, and writes them to `means`.
+
+    Sums of products stay below 2**53, so that they are exact in float64.
+
+    Args:
+        known: Decoded coefficients of the packet's M tracks, float64 (M, U) for U coded coefficients per track.
+        moving: Mask of moving tracks, (M); the coefficients of other tracks are 0.
+        neighbours: Indices of the neighbours.
+        weights: Weights of the neighbours, from `_weigh`.
+        found: Number of neighbours.
+        means: Output: predicted coefficients, float64 (U).
+    """
+    means[:] = 0.0
+    for m in range(found):
+        if moving[neighbours[m]]:
+            weight, row = np.float64(weights[m]), known[neighbours[m]]
+            for u in range(len(means)):
+                means[u] += weight * row[u]
+    for u in range(len(means)):
+        means[u] = np.floor(means[u] * (1.0 / (1 << WEIGHT_BITS)) + 0.5)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _quantise(wanted, means, octaves, dead, steps):
+    """Computes the residuals of a track's coefficients in quantisation steps, with a widened dead zone.
+
+    Differences smaller than half a step plus `dead` / 64 of a step become 0.
+
+    Args:
+        wanted: Coefficients before quantisation, float64 (U) for U coded coefficients.
+        means: Predicted coefficients, float64 (U).
+        octaves: log2 of the quantisation step of each coefficient, int64 (U).
+        dead: Widening of the dead zone on either side, in 64ths of a step.
+        steps: Output: residuals, int64 (U).
+    """
+    for u in range(len(means)):
+        value = np.int64(np.rint(wanted[u]) - means[u])
+        some = (abs(value) + ((ONE << octaves[u]) >> 1) - ((dead << octaves[u]) >> 6)) >> octaves[u]
+        some = min(max(some, 0), MAX_QUANTISED)
+        steps[u] = some if value >= 0 else -some
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _settle(means, octaves, steps, row):
+    """Computes the decoded coefficients of a track: prediction plus dequantised residuals.
+
+    Args:
+        means: Predicted coefficients, float64 (U) for U coded coefficients.
+        octaves: log2 of the quantisation step of each coefficient, int64 (U).
+        steps: Residuals in quantisation steps, int64 (U).
+        row: Output: the coefficients, float64 (U), clipped to the range of the format.
+    """
+    for u in range(len(means)):
+        value = means[u] + np.float64(steps[u] << octaves[u])
+        row[u] = min(max(value, -_MOST), _MOST)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _put(flat, orders, rows):
+    """Unpacks coded coefficients of M tracks into an array by channel and degree.
+
+    Args:
+        flat: The coded coefficients, (M, U) for U coded coefficients per track.
+        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
+        rows: Output: the coefficients, (M, channels, frames); entries that are not coded stay unchanged.
+    """
+    for i in range(len(rows)):
+        u = 0
+        for c in range(NUM_CHANNELS):
+            for k in range(orders[KIND_OF[c]]):
+                rows[i, c, k] = flat[i, u]
+                u += 1
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def take(values, rows, states, orders, flat):
+    """Packs the coded coefficients of moving tracks, without the entries that are not coded.
+
+    Args:
+        values: Coefficients by channel and degree, (N, channels, frames).
+        rows: Index in `values` of each track, int64 (M).
+        states: `STILL` or `MOVING` for each track, int64 (M).
+        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
+        flat: Output: packed coefficients, (M, U) for U coded coefficients per track.
+    """
+    for i in range(len(rows)):
+        if states[i] != MOVING:
+            continue
+        u = 0
+        for c in range(NUM_CHANNELS):
+            for k in range(orders[KIND_OF[c]]):
+                flat[i, u] = values[rows[i], c, k]
+                u += 1
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, dead, coefficients):
+    """Reconstructs motion coefficients of a packet's tracks from residuals (decoder), or computes residuals (encoder).
+
+    Args:
+        places: Positions of the keyframe Gaussians of the packet's M tracks, in half lattice units, int64 (M, 3).
+        states: `STILL` or `MOVING` for each track, int64 (M).
+        shifts: log2 of the quantisation steps of the tracks' motion, int64 (M, channels).
+        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
+        quantised: Residuals in quantisation steps, int32 (M, channels, frames); filled by an encoder.
+        wanted: Coefficients before quantisation, packed by `take`, float64 (M, U) for U coded coefficients per track;
+            of length 0 for a decoder.
+        dead: Widening of the encoder's dead zone on either side, in 64ths of a quantisation step.
+        coefficients: Output of a decoder: coefficients, float32 (M, channels, K) for at most K coefficients per
+            channel, zero before; of length 0 for an encoder.
+    """
+    if not len(places):
+        return
+    near, used = relative_positions(places), 0
+    for c in range(NUM_CHANNELS):
+        used += orders[KIND_OF[c]]
+    moving = states == MOVING
+    known, around, squares = np.empty(len(places), np.int64), np.empty((3, len(places))), np.empty(len(places))
+    count = 0
+    for i in range(len(places)):
+        if not moving[i]:
+            count = add_known(near, i, known, around, count)
+    lanes, some = np.empty(LANES), np.empty(len(places), np.int64)
+    values, means, steps = np.zeros((len(places), used)), np.empty(used), np.zeros((len(places), used), np.int64)
+    octaves = np.empty(used, np.int64)
+    if not len(wanted):
+        take(quantised, np.arange(len(places)), states, orders, steps)
+    neighbours, far = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
+    offsets, closeness = np.empty((NUM_NEIGHBOURS, 3), np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
+    weights = np.empty(NUM_NEIGHBOURS, np.int64)
+    for i in coarse_to_fine(near, np.flatnonzero(moving), shifts):
+        found = nearest(near, known, around, count, i, squares, lanes, some, neighbours, far)
+        _weigh(near, i, neighbours, far, found, offsets, closeness, weights)
+        _means(values, moving, neighbours, weights, found, means)
+        u = 0
+        for c in range(NUM_CHANNELS):
+            for _ in range(orders[KIND_OF[c]]):
+                octaves[u] = shifts[i, c]
+                u += 1
+        if len(wanted):
+            _quantise(wanted[i], means, octaves, dead, steps[i])
+        _settle(means, octaves, steps[i], values[i])
+        count = add_known(near, i, known, around, count)
+    if len(wanted):
+        _put(steps, orders, quantised)
+    _put(values, orders, coefficients)

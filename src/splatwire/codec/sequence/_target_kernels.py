@@ -1,0 +1,194 @@
+"""Numba kernels that fit motion coefficients to trajectories.
+
+`tests/reference/trajectories.py` is an equivalent implementation in plain Python.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec.gaussians.layout import BITS, DIRECTION_BITS
+from splatwire.codec.sequence.layout import NUM_CHANNELS
+from splatwire.ops.compiled import njit
+
+_TURN, _FIXED = 4.0 * (1 << DIRECTION_BITS), 1.0 * (1 << BITS)
+_ZERO, _ONE = np.float64(0.0), np.float64(1.0)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _turns(quats, base, begin, end, last, far, values):
+    """Computes the rotations of a track relative to its keyframe Gaussian in frames `begin` to `end` (exclusive).
+
+    Args:
+        quats: Rotation of the track in each frame, as quaternions.
+        base: Rotation of the keyframe Gaussian, as a quaternion.
+        begin: First frame.
+        end: End of the frames (exclusive).
+        last: Relative rotation in the frame before `begin`, as a quaternion; updated to that in the last frame.
+        far: Tangent of a quarter of the track's largest rotation angle in earlier frames.
+        values: Output: rotation vectors, see `layout.CHANNELS`.
+
+    Returns:
+        Tangent of a quarter of the track's largest rotation angle so far.
+    """
+    length, b0, b1, b2, b3 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
+    for f in range(begin, end):
+        same = last[0] == _ONE and last[1] == 0 and last[2] == 0 and last[3] == 0
+        for a in range(4):
+            same &= quats[f, a] == base[a]
+        if same:
+            values[3, f], values[4, f], values[5, f] = _ZERO, _ZERO, _ZERO
+            continue
+        if length == 0:
+            for a in range(4):
+                length += np.float64(base[a]) * np.float64(base[a])
+            length = np.sqrt(length)
+            b0, b1, b2, b3 = base[0] / length, base[1] / length, base[2] / length, base[3] / length
+        q0, q1, q2, q3 = (
+            np.float64(quats[f, 0]),
+            np.float64(quats[f, 1]),
+            np.float64(quats[f, 2]),
+            np.float64(quats[f, 3]),
+        )
+        size = np.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
+        q0, q1, q2, q3 = q0 / size, q1 / size, q2 / size, q3 / size
+        w = q0 * b0 + q1 * b1 + q2 * b2 + q3 * b3
+        x = b0 * q1 - q0 * b1 - (q2 * b3 - q3 * b2)
+        y = b0 * q2 - q0 * b2 - (q3 * b1 - q1 * b3)
+        z = b0 * q3 - q0 * b3 - (q1 * b2 - q2 * b1)
+        if w * last[0] + x * last[1] + y * last[2] + z * last[3] < 0:
+            w, x, y, z = -w, -x, -y, -z
+        last[0], last[1], last[2], last[3] = w, x, y, z
+        below = max(_ONE + w, 1e-3)
+        x, y, z = x / below, y / below, z / below
+        far = max(far, np.sqrt(x * x + y * y + z * z))
+        values[3, f], values[4, f], values[5, f] = x * _TURN, y * _TURN, z * _TURN
+    return far
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _sizes(scales, opacities, base, opacity, begin, end, values):
+    """Computes logarithms of a track's scales and opacity relative to its keyframe Gaussian.
+
+    Equal values give exactly 0 without computing a logarithm.
+
+    Args:
+        scales: Scales of the track in each frame, (F, 3).
+        opacities: Opacity of the track in each frame, (F).
+        base: Scales of the keyframe Gaussian, (3).
+        opacity: Opacity of the keyframe Gaussian.
+        begin: First frame.
+        end: End of the frames (exclusive).
+        values: Output: logarithms in these frames, by channel (`layout.CHANNELS`). The first of the three channels of
+            scale has the axis along which the keyframe Gaussian is largest, and so on.
+    """
+    for rank in range(3):
+        here = 0
+        for axis in range(3):  # rank of an axis: number of larger scales, plus equal ones with a smaller index
+            before = 0
+            for other in range(3):
+                before += base[other] > base[axis] or (base[other] == base[axis] and other < axis)
+            if before == rank:
+                here = axis
+        for f in range(begin, end):
+            same = scales[f, here] == base[here]
+            values[6 + rank, f] = (
+                _ZERO if same else (np.log2(np.float64(scales[f, here])) - np.log2(np.float64(base[here]))) * _FIXED
+            )
+    for f in range(begin, end):
+        same = opacities[f] == opacity
+        values[9, f] = _ZERO if same else (np.log2(np.float64(opacities[f])) - np.log2(np.float64(opacity))) * _FIXED
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _project(values, table, begin, end, own):
+    """Adds frames `begin` to `end` (exclusive) to the coefficients of each channel; zeros are skipped.
+
+    Args:
+        values: Motion in each frame, by channel.
+        table: Basis polynomials, float64 (F, F).
+        begin: First frame.
+        end: End of the frames (exclusive).
+        own: Coefficients of the track, changed in place.
+    """
+    for c in range(NUM_CHANNELS):
+        for f in range(begin, end):
+            value = values[c, f]
+            if value != 0:
+                for k in range(len(table)):
+                    own[c, k] += value * table[f, k]
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def fit_targets(moves, bases, numbers, unit, luma, table, begin, end, targets, largest, turns, last):
+    """Fits motion coefficients to trajectories, frame by frame, so that early frames can be processed early.
+
+    Args:
+        moves: Means, quaternions, scales, opacities and colours of n tracks, float32 (n, F, ...).
+        bases: Means, quaternions, scales, opacities and colours of T keyframe Gaussians, float32 (T, 1, ...).
+        numbers: Index in `bases` of each track's keyframe Gaussian, int64 (n); tracks with a negative index are
+            skipped.
+        unit: Units of the position channels per scene unit (half lattice units).
+        luma: Matrix from colours to Y Co Cg, float64 (3, 3).
+        table: Basis polynomials, float64 (F, F).
+        begin: First frame to add.
+        end: End of the frames to add (exclusive).
+        targets: Coefficients, float64 (n, channels, frames), zero before the first call; changed in place.
+        largest: Output: largest magnitude of each channel's coefficients, float64 (n, channels), written with the last
+            frame.
+        turns: Tangent of a quarter of the largest rotation angle, float64 (n), zero before the first call; updated.
+        last: Rotation in the last added frame as a quaternion, float64 (n, 4), the identity before the first call;
+            updated.
+    """
+    means, quats, scales, opacities, colours = moves
+    m, q, s, o, c = bases
+    values = np.empty((NUM_CHANNELS, len(table)))
+    for i in range(len(numbers)):
+        j = numbers[i]
+        if j < 0:
+            continue
+        for f in range(begin, end):
+            for a in range(3):
+                values[a, f] = (np.float64(means[i, f, a]) - np.float64(m[j, 0, a])) * unit
+                total = _ZERO
+                for b in range(3):
+                    total += (np.float64(colours[i, f, b]) - np.float64(c[j, 0, b])) * luma[a, b]
+                values[10 + a, f] = total
+        turns[i] = _turns(quats[i], q[j, 0], begin, end, last[i], turns[i], values)
+        _sizes(scales[i], opacities[i], s[j, 0], o[j, 0], begin, end, values)
+        _project(values, table, begin, end, targets[i])
+        if end < len(table):
+            continue
+        for channel in range(NUM_CHANNELS):
+            most = _ZERO
+            for k in range(len(table)):
+                most = max(most, abs(targets[i, channel, k]))
+            largest[i, channel] = most
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def find_moving(largest, turns, shifts, numbers, limits, far, moving):
+    """Finds tracks whose motion is too large to be coded relative to their keyframe Gaussian, and tracks that move.
+
+    Args:
+        largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
+        turns: Tangent of a quarter of the largest rotation angle of each track, float64 (n).
+        shifts: log2 of the quantisation steps of motion of all T tracks, int64 (T, channels).
+        numbers: Index into `shifts` of each of the n tracks, int64 (n).
+        limits: Four thresholds, float64 (4), see `fitting.LIMITS`: maximum coefficient in quantisation steps; maximum
+            coefficient; maximum rotation; and minimum coefficient of a moving track, in quantisation steps.
+        far: Output: mask of tracks that exceed one of the three maxima, bool (n).
+        moving: Output: mask of tracks with a coefficient of at least the minimum, bool (n).
+    """
+    for i in range(len(numbers)):
+        own, gone, moves = shifts[numbers[i]], turns[i] > limits[2], False
+        for c in range(NUM_CHANNELS):
+            step, most = np.float64(np.int64(1) << own[c]), largest[i, c]
+            gone = gone or most > limits[0] * step or most > limits[1]
+            moves = moves or most >= limits[3] * step
+        far[i], moving[i] = gone, moves

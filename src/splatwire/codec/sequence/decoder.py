@@ -1,0 +1,340 @@
+"""Decoder of sequences of moving Gaussians."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from splatwire.bitstream import Manifest, Packet, PacketId
+from splatwire.bitstream.origin import ORIGIN
+from splatwire.codec.antialiasing import SECTION as ANTIALIASED
+from splatwire.codec.background import BACKGROUND
+from splatwire.codec.gaussians.attributes import empty_rows as empty_bases
+from splatwire.codec.gaussians.attributes import update_digest as digest_bases
+from splatwire.codec.gaussians.decoder import blank_splats, decode_packets, store_block
+from splatwire.codec.gaussians.layout import COLUMNS
+from splatwire.codec.memory import check_memory
+from splatwire.codec.metadata import read_metadata
+from splatwire.codec.named_sections import concealer_sections
+from splatwire.codec.schema import Rows, Run
+from splatwire.codec.sequence.bases import placed
+from splatwire.codec.sequence.layout import AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK
+from splatwire.codec.sequence.motion_rows import coefficients_of, decode_motion
+from splatwire.codec.sequence.motion_rows import update_digest as digest_motion
+from splatwire.codec.sequence.side_info import ClipInfo, open_side_info
+from splatwire.codec.sequence.steps import motion_shifts
+from splatwire.codec.sequence.trajectories import Offsets, PacketMoves
+from splatwire.codec.threads import ordered_map
+from splatwire.types import Erasures, ReceivedScene
+from splatwire.types.sequence_scene import ClipScene, GroupMotion, Tracks
+
+SHOWN_BYTES = 768
+"""Memory per track for concealment and rendering of a group of frames, in addition to the keyframe Gaussian and the
+motion of the track, bytes.
+"""
+
+TOGETHER = 8
+"""Number of motion packets that one call decodes when motion is decoded ahead of time, see `TracksDecoder.prepare`."""
+
+_Moved = tuple[np.ndarray, PacketMoves]
+"""Decoded packet of motion: headers of its tracks, int64 (n, HEAD), and the motion coefficients of its moving tracks.
+"""
+
+
+class TracksDecoder:
+    """Decodes packets of moving Gaussians to a sequence; implements `splatwire.codec.schema.Decoder`.
+
+    Each block of the stream contains either keyframe Gaussians (bases) of tracks or the motion of tracks in one group
+    of frames.
+
+    Args:
+        manifest: The stream's manifest.
+        side_info: The stream's side information, serialised.
+        num_bytes: Number of bytes received of the stream, from which memory limits are derived.
+
+    Raises:
+        MissingSideInfoError: If the side information is empty.
+        BitstreamError: If the side information is damaged or contradicts the manifest.
+    """
+
+    order: np.ndarray | None = None
+    runs_are_blocks, packets_independent, redecode_on_demand = True, True, True
+
+    def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
+        info, self.manifest = open_side_info(manifest, side_info), manifest
+        self.info, self._plan, self._num = info, manifest.plan, manifest.num_elements
+        self.sections = info.sections
+        self._spans = _Spans(info, manifest)
+        self._num_tracks = sum(group.births for group in info.groups)
+        self._num_bytes, side = num_bytes, 3 * (info.bases.degree + 1) ** 2
+        self.scene_bytes = self._num_tracks * (4 * (12 + side) + 8 * int(COLUMNS) + 24 + SHOWN_BYTES) + self._num
+        frames = info.timeline.group_frames
+        self.row_bytes = max(8 * int(COLUMNS) + 4 * info.bases.num_harmonics, 8 * HEAD + 4 * NUM_CHANNELS * frames)
+
+    def working_bytes(self, packets: Sequence[Packet]) -> int:
+        """Returns the working memory for the integers of pending blocks, bytes (see `Decoder.working_bytes`)."""
+        largest = max((span.block_size for span in self._plan.spans if span.num_elements), default=0)
+        return largest * (4 * self.row_bytes + 64) + (4 << 20)
+
+    def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
+        """Allocates the keyframe Gaussians of all tracks before packets are decoded (see `Decoder.expect`)."""
+        self._lives = self.info.lifetimes.by_track(self._num_tracks, self.info.timeline.num_frames)
+        self._splats = blank_splats(self._num_tracks, self.info.bases.degree)
+        self._rows = np.zeros((self._num_tracks, int(COLUMNS)), np.int64)
+        self._rounding = np.zeros(self._num_tracks, np.float32)
+        self._received = np.zeros(self._num_tracks, dtype=np.bool_)
+        self._erasures = Erasures.of_anchors(np.zeros(self._num, dtype=np.bool_))
+        self._packets: dict[int, tuple[Packet, ...]] = {}
+        self._sizes: dict[int, int] = {}
+        self._ready: dict[PacketId, _Moved] = {}
+        self._held = self.scene_bytes
+
+    def take_over(self, other: "TracksDecoder") -> None:
+        """Copies the keyframe Gaussians from the decoder of an earlier state of the same live stream.
+
+        Args:
+            other: Decoder of the earlier state. Call `expect` on this decoder first.
+        """
+        known = other._num_tracks
+        for name in ("means", "quats", "scales", "opacities", "sh"):
+            getattr(self._splats, name)[:known] = getattr(other._splats, name)
+        self._rows[:known], self._received[:known] = other._rows, other._received
+        self._rounding[:known] = other._rounding
+        self._erasures.received[: other._num] = other._erasures.received
+
+    def decode(self, run: Run) -> Rows:
+        """Decodes the received packets of one block to integers, of keyframe Gaussians or of motion.
+
+        See `Decoder.decode` for the arguments.
+        """
+        group, base = self._spans.of(run.block)
+        if base is not None:
+            return decode_packets(self.info.bases, base, run.counts, run.payloads)
+        return decode_motion(self.info, group, run.counts, run.payloads, self._spans.first_new[group])[:2]
+
+    def store(self, run: Run, rows: Rows) -> None:
+        """Writes decoded keyframe Gaussians to the scene, or keeps the packets of motion (see `Decoder.store`).
+
+        Motion is kept as packets and decoded on demand, because packets take a hundredth of the memory of decoded
+        motion.
+        """
+        _, base = self._spans.of(run.block)
+        self._erasures.received[run.ranks] = True
+        if base is None:
+            self.hold(run.block, run.packets)
+            return
+        self._sizes[run.block] = sum(packet.num_bytes for packet in run.packets)
+        first, count = self._spans.tracks_of(base)
+        received = np.zeros(count, dtype=bool)
+        whole, harmonics = empty_bases(count, self.info.bases.num_harmonics)
+        begin = 0
+        for packet in run.packets:
+            own, end = slice(packet.id.lane, packet.id.lane + packet.num_elements), begin + packet.num_elements
+            received[own], whole[own], harmonics[own] = True, rows[0][begin:end], rows[1][begin:end]
+            begin = end
+        here = np.arange(first, first + count)
+        store_block(self._splats, here, whole, harmonics, received, self.info.bases, base)
+        self._rows[here] = placed(whole, self.info.bases, base)
+        self._received[here] = received
+        steps = motion_shifts(self._rows[here], self.info.bases, self.info.coarser)[:, 0]
+        exponents = steps + self.info.bases.size_log - self.info.bases.unit - 1
+        self._rounding[here] = np.ldexp(received.astype(np.float32), exponents)
+
+    def hold(self, block: int, packets: tuple[Packet, ...]) -> None:
+        """Keeps the received packets of a block of motion for decoding on demand.
+
+        Unlike `store`, this method does not mark the tracks as received.
+
+        Args:
+            block: Index of the block.
+            packets: Received packets of the block, in coding order.
+        """
+        self._packets[block] = packets
+        self._sizes[block] = sum(packet.num_bytes for packet in packets)
+
+    def update_digest(self, digest: Any, rows: Rows) -> None:
+        """Adds the decoded integers of one block to a hash (see `Decoder.update_digest`)."""
+        update_digest(digest, rows)
+
+    def scene(self) -> ReceivedScene[ClipScene]:
+        """Returns the sequence decoded so far, with masks of received elements (see `Decoder.scene`)."""
+        blocks = self._spans.blocks_of_tracks()
+        tracks = Tracks(self._splats, self._spans.born, self._received, blocks, self._rounding, *self._lives)
+        background, antialiased = BACKGROUND.read(self.sections), ANTIALIASED in self.sections
+        clip = ClipScene(
+            self.info.timeline, tracks, self._motion, self._num, background, antialiased,
+            origin=ORIGIN.read(self.sections),
+            metadata=read_metadata(self.sections),
+        )  # fmt: skip
+        return ReceivedScene(clip, self._erasures, concealer_sections(self.sections))
+
+    def _motion(self, group: int, received: np.ndarray) -> GroupMotion:
+        """Decodes the received motion of a group of frames.
+
+        A packet is skipped if it contains a track without a received keyframe Gaussian.
+
+        Args:
+            group: Index of the group.
+            received: Mask of tracks with a received keyframe Gaussian, bool (T).
+
+        Raises:
+            BitstreamError: If the decoded motion exceeds the stream's memory limit.
+        """
+        blocks, bases, time = self._spans.motion_blocks(group), self.info.bases, self.info.timeline
+        heads, moves, held = list[np.ndarray](), list[PacketMoves](), self.scene_bytes
+        covered, num = np.zeros(self._num_tracks, bool), 0
+        num_bytes = max(self._num_bytes, sum(self._sizes.values()))
+        for packet in (packet for block in blocks for packet in self._packets.get(block, ())):
+            num += packet.num_elements
+            moved = self._ready.get(packet.id) or self._moved([packet], received)[0]
+            if moved is None:
+                continue
+            rows, does = moved
+            covered[max(rows[0, TRACK] - rows[0, BEFORE], 0) : rows[-1, TRACK] + rows[-1, AFTER] + 1] = True
+            heads.append(rows)
+            moves.append(does)
+            held += rows.nbytes + 2 * does.nbytes
+            check_memory(held, num_bytes, f"the motion of {num:,} tracks")
+        frames, complete = len(time.frames_of(group)), num == self.info.groups[group].motions
+        offsets = Offsets(moves, frames, bases.unit, bases.size_log)
+        return _sorted(np.concatenate([np.zeros((0, HEAD), np.int64), *heads]), offsets, covered, complete, not blocks)
+
+    def prepare(self, packets: Sequence[Packet], num_bytes: int, threads: int) -> None:
+        """Decodes motion packets ahead of time, to reduce the latency when their frames are requested.
+
+        A packet is skipped if it contains a track without a received keyframe Gaussian.
+
+        Args:
+            packets: Packets of one group of frames; they must also be passed to `store` or `hold`.
+            num_bytes: Number of bytes received of the stream, from which the memory limit is derived.
+            threads: Number of threads.
+
+        Raises:
+            BitstreamError: If the decoded motion exceeds the stream's memory limit.
+        """
+        there = self._received
+        parts = [packets[begin : begin + TOGETHER] for begin in range(0, len(packets), TOGETHER)]
+        decoded = ordered_map(lambda part: self._moved(part, there), parts, 1 if len(parts) == 1 else threads)
+        for part, found in zip(parts, decoded, strict=True):
+            for packet, moved in zip(part, found, strict=True):
+                if moved is None:
+                    continue
+                self._ready[packet.id] = moved
+                self._held += moved[0].nbytes + moved[1].nbytes
+                check_memory(self._held, num_bytes, "motion that is ready")
+
+    def _moved(self, packets: Sequence[Packet], received: np.ndarray) -> list["_Moved | None"]:
+        """Decodes motion packets of one group of frames.
+
+        Args:
+            packets: The packets, at least one.
+            received: Mask of tracks with a received keyframe Gaussian, bool (T) for T tracks.
+
+        Returns:
+            Headers and motion of each packet; None for a packet without valid tracks, or with a track that lacks a
+                keyframe Gaussian.
+        """
+        group, _ = self._spans.of(packets[0].id.block)
+        counts = np.array([packet.num_elements for packet in packets])
+        payloads, first_new = [packet.payload for packet in packets], self._spans.first_new[group]
+        heads, residuals, orders = decode_motion(self.info, group, counts, payloads, first_new)
+        tracks = heads[:, TRACK]
+        good = (tracks >= 0) & (tracks < self._num_tracks)  # malformed packets may contain other numbers
+        own = self._rows[np.where(good, tracks, 0)]
+        places, shifts = own[:, :3], motion_shifts(own, self.info.bases, self.info.coarser)
+        found, end = list["_Moved | None"](), 0
+        for count, order in zip(counts.tolist(), orders, strict=True):
+            begin, end = end, end + count
+            some = slice(begin, end) if good[begin:end].all() else begin + np.flatnonzero(good[begin:end])
+            known = good[begin:end].any() and received[tracks[some]].all()
+            does = coefficients_of(heads[some], residuals[some], order, places[some], shifts[some]) if known else None
+            found.append(None if does is None else (heads[some], PacketMoves(does, order)))
+        return found
+
+
+def _sorted(heads: np.ndarray, offsets: Offsets, covered: np.ndarray, complete: bool, unchanged: bool) -> GroupMotion:
+    """Merges the tracks of all packets of a group in ascending order of track number; of duplicates, the first is kept.
+
+    Args:
+        heads: Headers of the tracks of all packets, int64 (n, HEAD).
+        offsets: Motion of the moving tracks of all packets.
+        covered: Mask of tracks whose number is in the range of track numbers of a received packet, bool (T). Of these,
+            tracks without a header have ended.
+        complete: True if all motion packets of the group were received.
+        unchanged: True if the group contains no motion packets because nothing changes.
+    """
+    tracks = heads[:, TRACK]
+    first = np.arange(len(tracks))
+    if (tracks[1:] <= tracks[:-1]).any():  # packets of an encoder are in order
+        tracks, first = np.unique(tracks, return_index=True)
+    moving = heads[:, STATE] == MOVING
+    rows, some = np.where(moving, np.cumsum(moving) - 1, -1)[first], heads[first]
+    begins = np.clip(some[:, BEGINS], 0, offsets.frames - 1)
+    ends = np.clip(some[:, ENDS], begins, offsets.frames)
+    return GroupMotion(tracks, moving[first], begins, ends, offsets.of(rows), covered, complete, unchanged)
+
+
+class _Spans:
+    """Maps each block of a packet plan to its group of pictures and to the kind of its content.
+
+    A block contains either keyframe Gaussians or motion.
+    """
+
+    def __init__(self, info: ClipInfo, manifest: Manifest) -> None:
+        plan = manifest.plan
+        self._blocks: list[tuple[int, int | None]] = []
+        self._tracks: list[tuple[int, int]] = []
+        self._motion: dict[int, range] = {}
+        births = [group.births for group in info.groups]
+        self.first_new = np.concatenate([[0], np.cumsum(births)]).astype(np.int64).tolist()
+        self.born = np.repeat(np.arange(len(births)), births)
+        track = 0
+        for tier, span in enumerate(plan.spans):
+            group, bases = tier // 2, tier % 2 == 0
+            blocks = range(span.first_block, span.first_block + span.num_blocks)
+            if not bases:
+                self._motion[group] = blocks
+            for block in blocks:
+                self._blocks.append((group, len(self._tracks) if bases else None))
+                if bases:
+                    self._tracks.append((track, span.block_elements(block)))
+                    track += span.block_elements(block)
+
+    def of(self, block: int) -> tuple[int, int | None]:
+        """Returns the group of pictures and the kind of content of a block.
+
+        Args:
+            block: Index of the block in the packet plan.
+
+        Returns:
+            Index of the group of pictures; and the index of the block among all blocks of keyframe Gaussians, or None
+            for a block of motion.
+        """
+        return self._blocks[block]
+
+    def blocks_of_tracks(self) -> np.ndarray:
+        """Returns the index of the block with the keyframe Gaussian of each track, int64 (T)."""
+        blocks = [block for block, (_, base) in enumerate(self._blocks) if base is not None]
+        return np.repeat(np.array(blocks, np.int64), [count for _, count in self._tracks])
+
+    def tracks_of(self, base: int) -> tuple[int, int]:
+        """Returns the number of the first track, and the number of tracks, in a block of keyframe Gaussians.
+
+        Args:
+            base: Index of the block among all blocks of keyframe Gaussians.
+        """
+        return self._tracks[base]
+
+    def motion_blocks(self, group: int) -> range:
+        """Returns the range of blocks with the motion of a group of frames; empty if nothing moves."""
+        return self._motion.get(group, range(0))
+
+
+def update_digest(digest: Any, rows: Rows) -> None:
+    """Adds the decoded integers of one block, of keyframe Gaussians or of motion, to a hash.
+
+    Args:
+        digest: hashlib object that is updated.
+        rows: Integer arrays of the block.
+    """
+    (digest_motion if rows[0].shape[1] == HEAD else digest_bases)(digest, rows)

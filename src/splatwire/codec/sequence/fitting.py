@@ -1,0 +1,125 @@
+"""Fits the motion of a group's tracks frame by frame, so that little work remains after the last frame of the group."""
+
+import numpy as np
+
+from splatwire.codec.gaussians.side_info import SideInfo as BaseInfo
+from splatwire.codec.sequence import _target_kernels as kernels
+from splatwire.codec.sequence.known_tracks import KnownTracks
+from splatwire.codec.sequence.layout import MAX_COEFFICIENT, MAX_QUANTISED
+from splatwire.codec.sequence.motion_coder import DEAD
+from splatwire.codec.sequence.trajectories import Targets, Trajectories, add_frames
+
+WIDEST_TURN = 2.0
+"""Largest rotation of a track from its keyframe Gaussian, as the tangent of a quarter of the angle: about 254 degrees.
+A track that rotates further gets a new keyframe Gaussian.
+"""
+LIMITS = np.array([MAX_QUANTISED / 2, MAX_COEFFICIENT / 2, WIDEST_TURN, (32 + DEAD) / 64])
+"""Limits of motion: largest coefficient in quantisation steps, largest coefficient, largest rotation (`WIDEST_TURN`),
+and smallest coefficient that is coded, in quantisation steps.
+"""
+SPARE = 8
+"""Spare capacity for tracks that appear after the first call: the number of tracks divided by this value."""
+
+
+class Fitting:
+    """Incremental fit of motion coefficients to the trajectories of a group's tracks.
+
+    Args:
+        keys: Keys of the tracks so far, in the order of the group, int64 (n).
+        known: Tracks of earlier groups with their keyframe Gaussians.
+        info: Side information of these keyframe Gaussians.
+        frames: Number of frames in the group.
+        threads: Number of threads, which does not affect the result; None for one per processor.
+
+    Attributes:
+        numbers: Index in `known` of each track, int64 (n); -1 for tracks that are not in `known`.
+    """
+
+    def __init__(
+        self, keys: np.ndarray, known: KnownTracks, info: BaseInfo, frames: int, threads: int | None
+    ) -> None:  # fmt: skip
+        self._keys, self._known, self._info, self._threads = keys.copy(), known, info, threads
+        self.numbers, self._end = known.numbers_of(keys), 0
+        self._targets = Targets.zero(len(keys) + len(keys) // SPARE, frames)
+
+    def fits(self, keys: np.ndarray, frames: int) -> bool:
+        """True if a group has the tracks of this fit, possibly followed by tracks that appeared later.
+
+        Args:
+            keys: Keys of the tracks of the group.
+            frames: Number of frames in the group.
+        """
+        room, last = self._targets.coefficients.shape[0], self._targets.coefficients.shape[2]
+        return last == frames and len(keys) <= room and np.array_equal(keys[: len(self._keys)], self._keys)
+
+    def add_frames(self, moves: Trajectories, end: int) -> None:
+        """Adds frames to the fit, up to `end`.
+
+        Args:
+            moves: Trajectories over the whole group.
+            end: Number of available frames; frames from `end` on are ignored.
+        """
+        some = slice(len(self._keys))
+        self._add(self._targets.select(some), moves.select(some), self.numbers, self._end, end)
+        self._end = end
+
+    def finish(self, keys: np.ndarray, moves: Trajectories, stay: np.ndarray) -> Targets:
+        """Returns the motion of all tracks relative to their keyframe Gaussians, after all frames were added.
+
+        Motion of tracks without a keyframe Gaussian is zero.
+
+        Args:
+            keys: Keys of all tracks of the group, beginning with those of this fit.
+            moves: Trajectories of all tracks over the group.
+            stay: Mask of tracks present in all frames, bool (n). Other tracks are fitted again, because some of their
+                positions may have been unknown before.
+        """
+        self.numbers = np.concatenate([self.numbers, self._known.numbers_of(keys[len(self._keys) :])])
+        again, found = np.flatnonzero(~stay), self._targets.select(slice(len(keys)))
+        others = Targets.zero(len(again), moves.num_frames)
+        self._add(others, moves.select(again), self.numbers[again], 0, moves.num_frames)
+        found.put(again, others)
+        return found
+
+    def _add(self, some: Targets, moves: Trajectories, numbers: np.ndarray, begin: int, end: int) -> None:
+        """Adds frames `begin` to `end` (exclusive) to the motion coefficients of tracks."""
+        fit(some, moves, self._known, self._info, numbers, (begin, end), self._threads)
+
+
+def fit(
+    found: Targets, moves: Trajectories, known: KnownTracks, info: BaseInfo, numbers: np.ndarray,
+    frames: tuple[int, int], threads: int | None,
+) -> None:  # fmt: skip
+    """Adds a range of frames to the motion coefficients of tracks.
+
+    Args:
+        found: Motion of the n tracks, changed in place.
+        moves: Trajectories of the n tracks over the group of frames.
+        known: All tracks that have a keyframe Gaussian so far.
+        info: Side information of the keyframe Gaussians.
+        numbers: Index in `known` of each of the n tracks, int64 (n); tracks with a negative index are skipped.
+        frames: First frame to add, and end of the range (exclusive).
+        threads: Number of threads, which does not affect the result; None for one per processor.
+    """
+    add_frames(found, moves, known.bases, numbers, *frames, info.unit, info.size_log, threads)
+
+
+def motion_masks(
+    largest: np.ndarray, turns: np.ndarray, shifts: np.ndarray, numbers: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Finds tracks whose motion is too large to be coded relative to their keyframe Gaussian, and tracks that move.
+
+    A track moves if at least one of its motion coefficients is not quantised to 0.
+
+    Args:
+        largest: Largest magnitude of each channel's coefficients, float64 (n, channels), see `Targets`.
+        turns: Largest rotation of each track, float64 (n), see `Targets`.
+        shifts: log2 of the quantisation steps of motion of all known tracks, int64 (T, channels).
+        numbers: Index into `shifts` of each track, int64 (n).
+
+    Returns:
+        Mask of tracks with too large motion, and mask of moving tracks, bool (n) each.
+    """
+    far, moving = np.zeros((2, len(numbers)), bool)
+    kernels.find_moving(largest, turns, shifts, numbers, LIMITS, far, moving)
+    return far, moving

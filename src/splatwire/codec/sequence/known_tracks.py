@@ -1,0 +1,105 @@
+"""State of the encoder between groups of frames: all tracks so far, with their keyframe Gaussians."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.codec.gaussians.layout import COLUMNS
+from splatwire.codec.sequence.layout import NUM_CHANNELS
+from splatwire.codec.sequence.track_group import TrackGroup
+from splatwire.codec.sequence.trajectories import Trajectories
+from splatwire.types.splats import Splats
+
+
+@dataclass(frozen=True, eq=False)
+class KnownTracks:
+    """State of the encoder: all T tracks so far, numbered in order of appearance.
+
+    Attributes:
+        keys: Key of each track, chosen by the application, int64 (T).
+        by_key: Track numbers sorted by key, int64 (T); tracks with equal keys are in order of appearance.
+        bases: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
+        rows: Decoded integers of each keyframe Gaussian, int64 (T, COLUMNS).
+        shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
+        weights: Visible weight of each track, from `weights_of`, float64 (T).
+        alive: Numbers of the tracks present at the end of the last group, ascending, int64.
+    """
+
+    keys: np.ndarray
+    by_key: np.ndarray
+    bases: Trajectories
+    rows: np.ndarray
+    shifts: np.ndarray
+    weights: np.ndarray
+    alive: np.ndarray
+
+    @staticmethod
+    def empty() -> "KnownTracks":
+        """Returns the state before the first group, without tracks."""
+        empty = Trajectories(*(np.zeros((0, 1, *shape), np.float32) for shape in ((3,), (4,), (3,), (), (3,))))
+        none = np.zeros(0, np.int64)
+        rows, shifts = (np.zeros((0, count), np.int64) for count in (COLUMNS, NUM_CHANNELS))
+        return KnownTracks(none, none, empty, rows, shifts, np.zeros(0), none)
+
+    def numbers_of(self, keys: np.ndarray) -> np.ndarray:
+        """Returns the track number of each key, int64; -1 for unknown keys.
+
+        If a key was used for several tracks, the number of the latest track is returned.
+        """
+        if not len(self.keys):
+            return np.full(len(keys), -1, np.int64)
+        names = self.keys[self.by_key]
+        at = np.maximum(np.searchsorted(names, keys, side="right") - 1, 0)
+        return np.where(names[at] == keys, self.by_key[at], -1)
+
+    def empty_group(self, frames: int) -> TrackGroup:
+        """Returns a group of frames without visible tracks.
+
+        In the bitstream, a group without any track means that all tracks stay unchanged. The returned group therefore
+        contains one existing track, which ends before the first frame of the group.
+
+        Args:
+            frames: Number of frames in the group.
+        """
+        one, none = self.alive[-1:], np.zeros(1, np.int64)
+        poses = {name: np.repeat(values[one], frames, axis=1) for name, values in vars(self.bases).items()}
+        return TrackGroup(self.keys[one], none, none, Trajectories(**poses), _no_births)
+
+    def with_births(self, bases: Trajectories, keys: np.ndarray, rows: np.ndarray, shifts: np.ndarray) -> "KnownTracks":
+        """Returns the state with new tracks appended, in the order of their numbers.
+
+        Args:
+            bases: Keyframe Gaussians of the n new tracks, as trajectories of one frame.
+            keys: Keys of the new tracks, int64 (n).
+            rows: Decoded integers of the keyframe Gaussians, int64 (n, COLUMNS).
+            shifts: log2 of the quantisation steps of the new tracks' motion, int64 (n, channels).
+        """
+        joined = {name: np.concatenate([old, getattr(bases, name)]) for name, old in vars(self.bases).items()}
+        names = np.concatenate([self.keys, keys])
+        return KnownTracks(
+            names,
+            np.argsort(names, kind="stable"),
+            Trajectories(**joined),
+            np.concatenate([self.rows, rows]),
+            np.concatenate([self.shifts, shifts]),
+            np.concatenate([self.weights, weights_of(bases.scales[:, 0], bases.opacities[:, 0])]),
+            self.alive,
+        )
+
+
+def _no_births(_: np.ndarray) -> Splats:
+    raise AssertionError("nobody is born in a group that nobody is there in")
+
+
+def weights_of(scales: np.ndarray, opacities: np.ndarray) -> np.ndarray:
+    """Returns the visible weight of T Gaussians, float64 (T).
+
+    The weight is the squared opacity times the product of the two largest scales.
+
+    Args:
+        scales: Scales of the Gaussians, (T, 3).
+        opacities: Opacities of the Gaussians, (T).
+    """
+    rising = np.sort(scales.astype(np.float64), axis=1)
+    weights: np.ndarray = rising[:, 1] * rising[:, 2] * opacities.astype(np.float64) ** 2
+    return weights

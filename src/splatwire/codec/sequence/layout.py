@@ -1,0 +1,49 @@
+"""Constants of the motion codec: channels of motion, packet headers, and contexts of the entropy coder."""
+
+import numpy as np
+
+CHANNELS = ("x", "y", "z", "rx", "ry", "rz", "scale0", "scale1", "scale2", "opacity", "luma", "orange", "green")
+"""Channels of motion: position (in half lattice units); rotation (vector of length four times the tangent of a quarter
+of the angle, in fixed point with 14 fractional bits); logarithms of the scales in decreasing order, and of the opacity;
+base colour as Y Co Cg (12 fractional bits).
+"""
+NUM_CHANNELS = 13
+KINDS = ("place", "rotation", "scale", "opacity", "colour")
+"""Kinds of channels. Each kind has separate contexts, and a packet codes the same number of coefficients for all
+channels of a kind.
+"""
+KIND_OF = np.array([0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 4, 4, 4], dtype=np.int64)
+NUM_KINDS = 5
+
+TRACK, STATE, BEGINS, ENDS, BEFORE, AFTER = np.arange(6)
+HEAD = 6
+"""Number of integers in the header of a track in a motion packet: track number; state (`STILL` or `MOVING`); first
+frame, relative to the group; end frame (first frame without the track); number of absent track numbers just before this
+track; and, only for the last track of a group, number of absent track numbers just after it.
+"""
+STILL, MOVING = 0, 1
+
+MAX_GROUP_FRAMES = 64
+MAX_CANDIDATES = 4096
+"""Maximum range of track numbers in a packet (last minus first plus one), which limits the time to search for
+neighbours.
+"""
+CANDIDATE_BITS, TRACK_BITS = np.int64(13), np.int64(28)
+
+NUM_NEIGHBOURS = 8
+WEIGHT_BITS = 12
+PLACE_BITS = 20
+"""Number of bits per axis of a position in the search for neighbours."""
+MAX_COEFFICIENT = 1 << 36
+MAX_QUANTISED = (1 << 30) - 1
+
+ORDERS, LEVELS, MAGNITUDES = 8, 10, 16
+"""Numbers of contexts: of a coefficient's zero flag by its degree (`ORDERS`) and by the magnitude of neighbouring
+coefficients (`LEVELS`); and of the bits of a coefficient's octave (`MAGNITUDES`).
+"""
+MAX_OCTAVE = 29
+C_GONE, C_MOVING, C_ENDS, C_BEGINS = 0, 2, 6, 7
+C_ZERO = 8
+C_OCTAVE = C_ZERO + NUM_KINDS * ORDERS * LEVELS
+NUM_CONTEXTS = C_OCTAVE + NUM_KINDS * LEVELS * MAGNITUDES
+"""Number of adaptive bit models of a motion packet."""

@@ -1,0 +1,143 @@
+"""Encodes the motion of a group's tracks into packets."""
+
+import functools
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatwire.bitstream import Packet, PacketId, make_packet
+from splatwire.codec.gaussians.fit import fit_bits
+from splatwire.codec.sequence import _packet_kernels as kernels
+from splatwire.codec.sequence.layout import BEGINS, ENDS, HEAD, NUM_CHANNELS, NUM_CONTEXTS, STATE, STILL
+from splatwire.codec.threads import ordered_map
+
+DEAD = 8
+"""Widening of the dead zone of the encoder's quantiser, in 64ths of a quantisation step, see `predict_from_neighbours`.
+"""
+FITTED_ROUNDS, FITTED_BLOCKS = 2, 4
+BYTES_PER_COEFFICIENT = 5
+FIRST_COST = 4.0
+"""Expected number of bytes for the motion of a track that has not been coded before."""
+
+
+@dataclass(frozen=True, eq=False)
+class CodedMotion:
+    """Encoded block with the motion of n tracks over F frames.
+
+    Attributes:
+        sizes: Number of tracks in each packet, int64 (packets).
+        payloads: Content of each packet without its header.
+        residuals: Quantised prediction residuals of the motion coefficients, int32 (n, channels * frames).
+        counts: Number of zeros and ones coded with each adaptive bit model, int64 (contexts, 2).
+    """
+
+    sizes: np.ndarray
+    payloads: list[bytes]
+    residuals: np.ndarray
+    counts: np.ndarray
+
+    def packets(self, block: int) -> list[Packet]:
+        """Returns the packets, with ids for the block of the given index."""
+        starts = (np.cumsum(self.sizes) - self.sizes).tolist()
+        parts = zip(starts, self.sizes.tolist(), self.payloads, strict=True)
+        return [make_packet(PacketId(block, start), count, payload) for start, count, payload in parts]
+
+    @property
+    def costs(self) -> np.ndarray:
+        """Number of bytes for each track, float64 (n): the size of its packet divided equally among the tracks."""
+        return np.repeat((np.array([len(payload) for payload in self.payloads]) + 1.0) / self.sizes, self.sizes)
+
+
+def all_stay(heads: np.ndarray, frames: int) -> bool:
+    """True if no track of a group moves, begins or ends.
+
+    Args:
+        heads: Headers of the tracks, int64 (n, HEAD).
+        frames: Number of frames in the group.
+    """
+    return bool(((heads[:, STATE] == STILL) & (heads[:, BEGINS] == 0) & (heads[:, ENDS] == frames)).all())
+
+
+@dataclass(frozen=True, eq=False)
+class MotionCoder:
+    """Encodes the motion of the n tracks present in a group of F frames, block by block, in packets of limited size.
+
+    Attributes:
+        heads: Headers of the tracks, int64 (n, HEAD), ascending by track number.
+        places: Positions of the tracks' keyframe Gaussians, in half lattice units, int64 (n, 3).
+        shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
+        targets: Motion coefficients before quantisation, float64 (N, channels, frames), in any order.
+        rows: Index in `targets` of each track, int64 (n).
+        first_new: Number of the first track that is born in the group.
+        most: Maximum size of a packet's payload, bytes.
+        costs: Expected number of bytes for each track, float64 (n). Good estimates save encoding attempts.
+    """
+
+    heads: np.ndarray
+    places: np.ndarray
+    shifts: np.ndarray
+    targets: np.ndarray
+    rows: np.ndarray
+    first_new: int
+    most: int
+    costs: np.ndarray
+
+    @staticmethod
+    def of(count: int, targets: np.ndarray, first_new: int, most: int) -> "MotionCoder":
+        """Creates a coder whose headers, positions, steps and expected sizes are zero and filled in before encoding.
+
+        Args:
+            count: Number of tracks, n.
+            targets: Motion coefficients before quantisation, float64 (N, channels, frames).
+            first_new: Number of the first track that is born in the group.
+            most: Maximum size of a packet's payload, bytes.
+        """
+        heads, rows = np.zeros((count, HEAD), np.int64), np.zeros(count, np.int64)
+        places, shifts = np.zeros((count, 3), np.int64), np.zeros((count, NUM_CHANNELS), np.int64)
+        return MotionCoder(heads, places, shifts, targets, rows, first_new, most, np.zeros(count))
+
+    def fitted(self, blocks: list[tuple[int, int]], threads: int | None) -> np.ndarray:
+        """Fits the initial probability of a zero of each adaptive bit model to some of the blocks.
+
+        Args:
+            blocks: First track and end (exclusive) of each block, as indices of the coder's tracks.
+            threads: Number of threads, which does not affect the result; None for one per processor.
+
+        Returns:
+            int64 (contexts), out of 2**8.
+        """
+        zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
+        some = [
+            blocks[i] for i in sorted({*np.linspace(0, len(blocks) - 1, min(len(blocks), FITTED_BLOCKS)).astype(int)})
+        ]
+        coder = self
+        for _ in range(FITTED_ROUNDS):
+            coded = list(ordered_map(functools.partial(coder.encode, zero), some, threads))
+            zero = fit_bits(np.sum([block.counts for block in coded], axis=0))
+            coder = replace(self, costs=self.costs.copy())
+            for (begin, end), block in zip(some, coded, strict=True):
+                coder.costs[begin:end] = block.costs
+        return zero
+
+    def encode(self, zero: np.ndarray, ends: tuple[int, int]) -> CodedMotion:
+        """Encodes the tracks of one block.
+
+        Args:
+            zero: Initial probability of a zero of each adaptive bit model, out of 2**8, int64 (contexts).
+            ends: First track and end (exclusive) of the block, as indices of the coder's tracks.
+        """
+        begin, end = ends
+        count, frames, some = end - begin, self.targets.shape[2], slice(begin, end)
+        models, counts = np.repeat(zero[:, None] << 8, 2, axis=1), np.zeros((NUM_CONTEXTS, 2), dtype=np.int64)
+        residuals = np.zeros((count, NUM_CHANNELS, frames), dtype=np.int32)
+        room = kernels.SLACK + kernels.TRACK_BYTES * count + BYTES_PER_COEFFICIENT * residuals.size
+        buffer, sizes, stops = np.zeros(room, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
+        used = kernels.encode_cut(
+            models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD), self.heads[some],
+            self.places[some], self.shifts[some], self.targets, self.rows[some], np.int64(self.most),
+            self.costs[some], buffer, residuals, sizes, stops,
+        )  # fmt: skip
+        bounds = [0, *stops[:used].tolist()]
+        payloads = [buffer[a:b].tobytes() for a, b in itertools.pairwise(bounds)]
+        return CodedMotion(sizes[:used], payloads, residuals.reshape(count, -1), counts)

@@ -1,0 +1,87 @@
+"""Decoded integers of motion packets: allocation, digest, decoding, and conversion to motion coefficients."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from splatwire.codec.sequence import _packet_kernels, _predict_kernels
+from splatwire.codec.sequence.layout import HEAD, MOVING, NUM_CHANNELS, NUM_KINDS, STATE
+from splatwire.codec.sequence.side_info import ClipInfo
+
+
+def empty_rows(count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """Allocates zero arrays for the decoded integers of the motion of tracks.
+
+    Args:
+        count: Number of tracks.
+        frames: Number of frames in the group, F.
+
+    Returns:
+        Headers int64 (count, HEAD), and prediction residuals of motion coefficients int32 (count, channels * frames).
+    """
+    return np.zeros((count, HEAD), np.int64), np.zeros((count, NUM_CHANNELS * frames), np.int32)
+
+
+def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
+    """Adds the decoded integers of one block of motion, in the order of the packet plan, to a hash.
+
+    Args:
+        digest: hashlib object that is updated.
+        rows: Headers and residuals of the block, as returned by `empty_rows`.
+    """
+    for part in rows:
+        digest.update(np.ascontiguousarray(part, dtype="<i4").data)
+
+
+def decode_motion(
+    info: ClipInfo, group: int, counts: np.ndarray, payloads: Sequence[bytes], first_new: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Decodes motion packets of one group of frames to integers; any bytes decode without an error.
+
+    Args:
+        info: The stream's side information.
+        group: Index of the group.
+        counts: Number of tracks in each packet, int64 (packets).
+        payloads: Content of each packet without its header.
+        first_new: Number of the first track that is born in the group.
+
+    Returns:
+        Headers int64 (n, HEAD) and prediction residuals int32 (n, channels * frames) of all tracks, packet by packet;
+            and the number of coefficients per channel in each packet, by kind of channel, int64 (packets, kinds).
+    """
+    frames = len(info.timeline.frames_of(group))
+    data = np.frombuffer(b"".join(payloads) + b"\0", dtype=np.uint8).copy()
+    ends = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    heads, residuals = empty_rows(int(starts[-1]), frames)
+    orders = np.zeros((len(payloads), NUM_KINDS), np.int64)
+    _packet_kernels.decode_packets(
+        info.models(), np.int64(frames), np.int64(first_new), data, ends, starts, heads,
+        orders, residuals.reshape(len(heads), NUM_CHANNELS, frames),
+    )  # fmt: skip
+    return heads, residuals, orders
+
+
+def coefficients_of(
+    heads: np.ndarray, residuals: np.ndarray, orders: np.ndarray, places: np.ndarray, shifts: np.ndarray
+) -> np.ndarray:
+    """Reconstructs the motion coefficients of the moving tracks of one packet from prediction residuals.
+
+    Args:
+        heads: Headers of the n tracks of the packet, int64 (n, HEAD).
+        residuals: Prediction residuals of the tracks, int32 (n, channels * frames).
+        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
+        places: Positions of the tracks' keyframe Gaussians, in half lattice units, int64 (n, 3).
+        shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
+
+    Returns:
+        float32 (m, channels, K) for the m moving tracks, where K is the largest entry of `orders`.
+    """
+    quantised = np.ascontiguousarray(residuals.reshape(len(heads), NUM_CHANNELS, -1))
+    coefficients = np.zeros((len(heads), NUM_CHANNELS, orders.max()), np.float32)
+    _predict_kernels.predict_from_neighbours(
+        np.ascontiguousarray(places), np.ascontiguousarray(heads[:, STATE]), shifts, orders, quantised,
+        np.zeros((0, 1)), np.int64(0), coefficients,
+    )  # fmt: skip
+    return coefficients[heads[:, STATE] == MOVING]

@@ -1,0 +1,31 @@
+"""Quantisation steps of a track's motion, derived from the quantisation steps of its keyframe Gaussian."""
+
+import numpy as np
+
+from splatwire.codec.gaussians.layout import CLASS, DIRECTION_BITS, OPACITY, SCALE0, SCALE1, SCALE2
+from splatwire.codec.gaussians.side_info import SideInfo as BaseInfo
+from splatwire.codec.gaussians.tables import thinness_table
+from splatwire.codec.sequence import _step_kernels as kernels
+from splatwire.codec.sequence.layout import KIND_OF, NUM_CHANNELS
+
+LARGEST_SHIFT = 30
+
+
+def motion_shifts(rows: np.ndarray, info: BaseInfo, coarser: np.ndarray) -> np.ndarray:
+    """Returns the quantisation steps of the motion of tracks.
+
+    Args:
+        rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, COLUMNS).
+        info: Side information of the keyframe Gaussians.
+        coarser: log2 of the ratio of the steps of motion to the steps of the keyframe Gaussian, by kind of channel.
+
+    Returns:
+        log2 of the step of each channel, int64 (n, channels), in the units that `layout.CHANNELS` lists.
+    """
+    shifts = np.zeros((len(rows), NUM_CHANNELS), dtype=np.int64)
+    columns = np.ascontiguousarray(rows[:, [CLASS, OPACITY, SCALE0, SCALE1, SCALE2]])
+    kernels.base_shifts(columns, info.bases, info.unit, max(info.coarsest, 0), thinness_table(), shifts)
+    return np.clip(shifts + coarser[KIND_OF], 0, LARGEST_SHIFT)
+
+
+assert DIRECTION_BITS == 14, "rotations are out of 2**14, as axes are"

@@ -1,0 +1,29 @@
+"""Input of the sequence encoder: tracks over a group of frames."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.codec.sequence.trajectories import Trajectories
+from splatwire.types.splats import Splats
+
+
+@dataclass(frozen=True, eq=False)
+class TrackGroup:
+    """Tracks (Gaussians that persist over frames) in one group of frames.
+
+    Attributes:
+        keys: Key of each track, which identifies the track in all groups; ascending, int64 (n).
+        begins: First frame of each track, relative to the group, int64 (n).
+        ends: First frame without each track, relative to the group, int64 (n).
+        moves: Trajectories of the tracks over the group.
+        first: Function that returns the Gaussians of given tracks (indices in the group) in the first frame of each
+            track, with all spherical harmonics.
+    """
+
+    keys: np.ndarray
+    begins: np.ndarray
+    ends: np.ndarray
+    moves: Trajectories
+    first: Callable[[np.ndarray], Splats]

@@ -1,0 +1,215 @@
+"""Converts trajectories of tracks to motion coefficients, and coefficients to offsets from keyframe Gaussians."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatwire.codec.gaussians.attributes import LUMA_CHROMA
+from splatwire.codec.gaussians.layout import BITS, DIRECTION_BITS
+from splatwire.codec.sequence import _offset_kernels, _target_kernels
+from splatwire.codec.sequence.basis import polynomials
+from splatwire.codec.sequence.layout import KIND_OF, NUM_CHANNELS
+from splatwire.codec.threads import ordered_map
+from splatwire.ops.spherical_harmonics import DC
+from splatwire.ops.threads import share
+
+_TURN = float(1 << DIRECTION_BITS)
+_FIXED = float(1 << BITS)
+RUN, AT_ONCE = 2048, 8192
+"""Number of tracks that a thread processes at a time: when coefficients are fitted (`RUN`), and when offsets are
+computed (`AT_ONCE`).
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectories:
+    """Trajectories of n tracks over the F frames of a group; constant before and after the lifetime of a track.
+
+    Attributes:
+        means: Positions, float32 (n, F, 3).
+        quats: Rotations as unit quaternions (w, x, y, z), float32 (n, F, 4).
+        scales: Scales, float32 (n, F, 3).
+        opacities: Opacities, float32 (n, F).
+        colours: Spherical harmonics of degree 0, float32 (n, F, 3).
+    """
+
+    means: np.ndarray
+    quats: np.ndarray
+    scales: np.ndarray
+    opacities: np.ndarray
+    colours: np.ndarray
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames, F."""
+        return int(self.means.shape[1])
+
+    def select(self, index: np.ndarray | slice) -> "Trajectories":
+        """Returns the trajectories of some tracks.
+
+        Args:
+            index: Indices of the tracks.
+        """
+        return replace(self, **{name: values[index] for name, values in vars(self).items()})
+
+    def at(self, index: np.ndarray, frame: np.ndarray) -> "Trajectories":
+        """Returns the state of tracks in one frame each, as trajectories with a single frame.
+
+        Args:
+            index: Indices of the tracks, int64 (m).
+            frame: Frame of each of these tracks, relative to the group, int64 (m).
+        """
+        return replace(self, **{name: values[index, frame][:, None] for name, values in vars(self).items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """Coefficients of the motion of n tracks relative to their keyframe Gaussians, before quantisation.
+
+    Attributes:
+        coefficients: Polynomial coefficients of each channel, float64 (n, channels, frames), in the units that
+            `layout.CHANNELS` lists.
+        largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
+        turns: Largest rotation of each track, as the tangent of a quarter of the angle, float64 (n).
+        last: Rotation of each track in the last frame added, as a unit quaternion with the sign that continues the
+            preceding frames, float64 (n, 4).
+    """
+
+    coefficients: np.ndarray
+    largest: np.ndarray
+    turns: np.ndarray
+    last: np.ndarray
+
+    @staticmethod
+    def zero(count: int, frames: int) -> "Targets":
+        """Returns the coefficients of tracks that do not move.
+
+        Args:
+            count: Number of tracks, n.
+            frames: Number of frames, F.
+        """
+        values, last = np.zeros((count, NUM_CHANNELS, frames)), np.zeros((count, 4))
+        last[:, 0] = 1
+        return Targets(values, np.zeros((count, NUM_CHANNELS)), np.zeros(count), last)
+
+    def select(self, index: np.ndarray | slice) -> "Targets":
+        """Returns the coefficients of the tracks at `index`."""
+        return Targets(**{name: values[index] for name, values in vars(self).items()})
+
+    def put(self, index: np.ndarray, others: "Targets") -> None:
+        """Replaces the coefficients of the tracks at `index` by `others`."""
+        for name, values in vars(self).items():
+            values[index] = getattr(others, name)
+
+
+def add_frames(
+    found: Targets, moves: Trajectories, bases: Trajectories, numbers: np.ndarray, begin: int, end: int,
+    unit: int, size_log: int, threads: int | None = None,
+) -> None:  # fmt: skip
+    """Adds frames to motion coefficients fitted to earlier frames.
+
+    The result is bit-identical to adding all frames at once.
+
+    Args:
+        found: Coefficients of n tracks, changed in place; the attribute `largest` is set with the last frame.
+        moves: Trajectories of the n tracks over all F frames of the group; frames from `end` on are ignored.
+        bases: Keyframe Gaussians, as trajectories of one frame.
+        numbers: Index in `bases` of the keyframe Gaussian of each track, int64 (n); tracks with a negative index are
+            skipped.
+        begin: First frame to add.
+        end: End of the frames to add (exclusive).
+        unit: `-log2` of the lattice spacing, relative to the scene's size.
+        size_log: log2 of the scene's size.
+        threads: Number of threads, which does not affect the result; None for one per processor.
+    """
+    luma, table = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED)), polynomials(moves.num_frames).copy()
+    known, scale = tuple(vars(bases).values()), float(np.ldexp(1.0, unit + 1 - size_log))
+
+    def fit(some: slice) -> None:
+        _target_kernels.fit_targets(
+            tuple(values[some] for values in vars(moves).values()), known, numbers[some], scale, luma, table,
+            np.int64(begin), np.int64(end), *(values[some] for values in vars(found).values()),
+        )  # fmt: skip
+
+    runs = [slice(first, first + RUN) for first in range(0, len(numbers), RUN)]
+    for _ in ordered_map(fit, runs, threads if len(runs) > 1 else 1):
+        pass
+
+
+@dataclass(frozen=True, eq=False)
+class PacketMoves:
+    """Decoded motion of the m moving tracks of a packet.
+
+    Attributes:
+        coefficients: Polynomial coefficients, float32 (m, channels, K), for at most K coefficients per channel.
+        orders: Number of coefficients coded per channel, by kind of channel, int64 (kinds).
+    """
+
+    coefficients: np.ndarray
+    orders: np.ndarray
+
+    @property
+    def nbytes(self) -> int:
+        """Memory size of the coefficients, bytes."""
+        return self.coefficients.nbytes
+
+
+@dataclass(frozen=True, eq=False)
+class Offsets:
+    """Computes the offsets of a group's tracks from their keyframe Gaussians in any frame.
+
+    Args:
+        moves: Decoded motion of the moving tracks of each packet.
+        frames: Number of frames in the group.
+        unit: `-log2` of the lattice spacing, relative to the scene's size.
+        size_log: log2 of the scene's size.
+    """
+
+    moves: Sequence[PacketMoves]
+    frames: int
+    unit: int
+    size_log: int
+
+    def of(self, rows: np.ndarray) -> Callable[[int], np.ndarray]:
+        """Returns a function that computes the offsets of given tracks in a frame.
+
+        Args:
+            rows: Index of each track among the moving tracks of all packets, int64 (n); -1 for a track that does not
+                move.
+
+        Returns:
+            Function that takes a frame relative to the group, and returns the offsets of the tracks from their keyframe
+                Gaussians in this frame, float32 (n, channels), as in `splatwire.types.sequence_scene.GroupMotion.at`.
+        """
+        counts = [len(packet.coefficients) for packet in self.moves]
+        widths = np.array([packet.coefficients.shape[2] for packet in self.moves], np.int64)
+        sizes, packets = NUM_CHANNELS * widths, np.repeat(np.arange(len(counts)), counts)
+        ends = np.concatenate([[0], np.cumsum(np.repeat(sizes, counts))]).astype(np.int64)
+        flat = np.concatenate([np.zeros(0, np.float32), *(packet.coefficients.ravel() for packet in self.moves)])
+        orders = np.array([packet.orders[KIND_OF] for packet in self.moves], np.int64).reshape(-1, NUM_CHANNELS)
+        starts = np.where(rows < 0, -1, ends[rows])
+        own = np.concatenate([packets, [0]])[rows]  # any packet for still tracks, which have no coefficients
+        table, factors, colours = polynomials(self.frames), self._factors(), np.ascontiguousarray(LUMA_CHROMA)
+
+        def at(frame: int) -> np.ndarray:
+            found, weights = np.empty((len(rows), NUM_CHANNELS), np.float32), table[frame].copy()
+
+            def part(some: slice) -> None:
+                _offset_kernels.offsets(
+                    flat, starts[some], own[some], orders, widths, weights, factors, colours, found[some]
+                )  # fmt: skip
+
+            share(part, [slice(begin, begin + AT_ONCE) for begin in range(0, len(rows), AT_ONCE)])
+            return found
+
+        return at
+
+    def _factors(self) -> np.ndarray:
+        """Returns the factors that convert offsets from fixed point to floats, by channel, float64 (channels)."""
+        factors = np.ones(NUM_CHANNELS)
+        factors[:3] = np.ldexp(1.0, self.size_log - self.unit - 1)
+        factors[3:6] = 1 / _TURN
+        factors[6:10] = np.log(2.0) / _FIXED
+        factors[10:] = 1 / (_FIXED * DC)
+        return factors

@@ -1,0 +1,68 @@
+"""Protocol of a loss concealer, and the type of its result."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from splatwire.errors import InvalidValueError
+from splatwire.ops.arrays import to_arrays
+from splatwire.types import ReceivedScene, RenderHints
+
+
+@dataclass(frozen=True, eq=False)
+class Concealed(RenderHints):
+    """Result of a concealer: factors on size and opacity of received elements (gains), and estimates of lost elements.
+
+    Attributes:
+        elements: All Gaussians or anchors, with estimates for lost values. The values of received elements are ignored.
+            If None, the values expected from side information (`ReceivedScene.filled`) are the estimates.
+        shows: True if the concealer draws elements that are hidden in the lossless scene, e.g. those of a coarser level
+            of detail in place of lost elements.
+    """
+
+    elements: Any = None
+    shows: bool = False
+
+    @staticmethod
+    def filled(elements: Any) -> "Concealed":
+        """Builds a result that draws all elements, with estimates for lost ones and unchanged sizes and opacities."""
+        elements = to_arrays(elements)
+        count = len(next(iter(vars(elements).values())))
+        return Concealed(np.ones(count, np.float32), np.zeros(count, np.bool_), elements=elements)
+
+    @property
+    def hints(self) -> RenderHints:
+        """The render hints: factors on the size and opacity of each element, and the elements that are not drawn."""
+        return RenderHints(self.size_gain, self.left_out, self.opacity_gain)
+
+
+@runtime_checkable
+class Concealer(Protocol):
+    """Protocol of a loss concealer: a function with a name that estimates the lost elements of a received scene."""
+
+    @property
+    def name(self) -> str:
+        """Name of the concealer, as passed to `create_concealer`."""
+
+    def __call__(self, partial: ReceivedScene, /) -> Concealed:
+        """Returns estimates of lost values for a received scene, and hints for rendering it.
+
+        The hints are factors on the size and opacity of each element, and the elements that are not drawn. A concealer
+        must not change received values or return NaN.
+        """
+
+
+def check_at_least(what: str, value: float | int, least: float | int) -> None:
+    """Checks that a numeric option is at least `least`; NaN is rejected.
+
+    Args:
+        what: Name of the option, for the message.
+        value: Value of the option.
+        least: Minimum value.
+
+    Raises:
+        InvalidValueError: If `value` is not at least `least`.
+    """
+    if not value >= least:
+        raise InvalidValueError(f"{what} must be at least {least:g}, not {value!r}")

@@ -1,0 +1,173 @@
+"""Concealment with levels of detail: the next coarser level replaces lost fine Gaussians."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from splatwire.arguments import check_fields
+from splatwire.concealment.base import Concealed, Concealer, check_at_least
+from splatwire.concealment.registry import create_concealer, register_concealer
+from splatwire.ops.knn import NeighborTree
+from splatwire.ops.quaternions import rotation_matrices
+from splatwire.types import Erasures, ReceivedScene
+from splatwire.types.lod_scene import Levels
+from splatwire.types.splats import Splats
+
+_COPIED, _SAME = (0.2, 0.1, 0.2, 0.1), 3.0
+"""Tolerances for matching a Gaussian with its coarser quantised copy, and the maximum mismatch in multiples of the
+tolerances.
+The tolerances are: distance in units of the copy's second largest size, logarithms of the two larger sizes, colour,
+opacity."""
+_CANDIDATES, _COLOUR, _ROWS = 8, 1.0, 1 << 16
+"""Number of nearest candidates; weight of a colour difference, relative to a distance of one standard deviation, when a
+Gaussian is assigned to a merged Gaussian; number of Gaussians per batch."""
+_THINNEST = 1e-4
+"""Lower bound of the standard deviations of a merged Gaussian, relative to its largest; keeps distances to flat
+Gaussians finite."""
+
+
+@register_concealer("coarse", needs=(Levels,))
+@dataclass(frozen=True)
+class Coarse:
+    """Replaces lost Gaussians by Gaussians of the next coarser level; received Gaussians are enlarged slightly.
+
+    A Gaussian of the coarser level is either a copy of a finer Gaussian, or merged from several. A copy is drawn if its
+    original was lost. The opacity of a merged Gaussian is proportional to the share of its finer Gaussians that was
+    lost. To compute this share, each finer Gaussian is assigned to the merged Gaussian with the best matching ellipsoid
+    and colour.
+
+    Attributes:
+        exponent: Exponent of the factor by which received Gaussians are enlarged, see `Grow.exponent`.
+        trust: Upper limit of the factor on the opacity of merged Gaussians, as a multiple of the lost share of the
+            finest level. The factor is at most 1 in any case.
+    """
+
+    exponent: float = 0.35
+    trust: float = 3.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_at_least("exponent of the gain", self.exponent, 0)
+        check_at_least("trust in merged Gaussians", self.trust, 0)
+
+    @property
+    def name(self) -> str:
+        """Name of this concealer in the registry, `coarse`."""
+        return "coarse"
+
+    def __call__(self, partial: ReceivedScene) -> Concealed:
+        """Returns the coarser Gaussians to draw, and factors on the size and opacity of received Gaussians."""
+        levels, known = partial[Levels], partial.known
+        finest = levels.of == 0
+        fine, coarse = np.flatnonzero(finest & known), np.flatnonzero((levels.of == 1) & known)
+        size, gain, left_out = _grown(create_concealer("grow", exponent=self.exponent), partial, finest)
+        if len(coarse):
+            lost = 1 - len(fine) / max(int(finest.sum()), 1)
+            copied = levels.copied[coarse]
+            gain[coarse] = _missing(partial.elements, fine, coarse, copied, min(1.0, self.trust * lost))
+            left_out[coarse] = gain[coarse] <= 0
+        return Concealed(size, left_out, gain, shows=True)
+
+
+def _grown(
+    grow: Concealer, partial: ReceivedScene, finest: Bool[np.ndarray, "N"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Applies the concealer `grow` to the finest level only.
+
+    Returns:
+        Factor on the size and factor on the opacity of each Gaussian, and the mask of Gaussians that are not drawn. The
+        mask includes lost Gaussians of the finest level and all Gaussians of coarser levels.
+    """
+    chosen, count = np.flatnonzero(finest), len(finest)
+    erasures = Erasures(partial.erasures.received[chosen])
+    own = grow(replace(partial, scene=partial.scene.select(chosen), erasures=erasures, records=()))
+    size, gain, left_out = np.ones(count, np.float32), np.ones(count, np.float32), np.ones(count, np.bool_)
+    size[chosen], left_out[chosen] = own.size_gain, own.left_out
+    gain[chosen] = 1 if own.opacity_gain is None else own.opacity_gain
+    return size, gain, left_out
+
+
+def _missing(
+    splats: Splats, fine: np.ndarray, coarse: np.ndarray, copied: Bool[np.ndarray, "C"], trust: float
+) -> Float[np.ndarray, "C"]:
+    """Returns a factor on the opacity of each Gaussian of the coarser level, 0 to 1.
+
+    An exact copy gets 0 if its finer original was received, otherwise 1. A merged Gaussian gets the share of its area
+    that received finer Gaussians do not cover, times `trust`.
+
+    Args:
+        splats: Gaussians of all levels.
+        fine: Indices of the received Gaussians of the finest level.
+        coarse: Indices of the Gaussians of the next coarser level.
+        copied: Mask of the coarser Gaussians that are exact copies of a finer one, bool (C).
+        trust: Factor on the results for merged Gaussians, 0 to 1.
+    """
+    covers = _covers(splats)
+    shown = np.ones(len(coarse), np.float32)
+    if not len(fine):
+        return shown
+    original = _originals(splats, fine, coarse[copied])
+    shown[np.flatnonzero(copied)[original >= 0]] = 0
+    merged = np.flatnonzero(~copied)
+    rest = np.ones(len(fine), np.bool_)
+    rest[original[original >= 0]] = False
+    if not len(merged):
+        return shown
+    part_of = _part_of(splats, fine[rest], coarse[merged])
+    there = np.bincount(part_of, covers[fine[rest]], len(merged))
+    missing = 1 - there / np.maximum(covers[coarse[merged]], 1e-300)
+    shown[merged] = np.clip(missing, 0, 1) * trust
+    return shown
+
+
+def _part_of(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.ndarray:
+    """Finds the coarser Gaussian that each finer Gaussian was most likely merged into, as an index into `merged`.
+
+    A merged Gaussian has the mean, covariance and colour of its finer Gaussians, so distances are measured in standard
+    deviations of the merged Gaussian.
+    """
+    centres, tree = splats.means[merged].astype(np.float64), NeighborTree(splats.means[merged])
+    scales = splats.scales[merged].astype(np.float64)
+    scales = np.maximum(np.maximum(scales, 1e-30), _THINNEST * scales.max(axis=1, keepdims=True))
+    axes = rotation_matrices(splats.quats[merged].astype(np.float64))
+    found = np.empty(len(fine), np.int64)
+    for begin in range(0, len(fine), _ROWS):
+        some = fine[begin : begin + _ROWS]
+        near, _ = tree.query(splats.means[some], min(_CANDIDATES, len(merged)))
+        apart = np.einsum("nkij,nki->nkj", axes[near], splats.means[some].astype(np.float64)[:, None] - centres[near])
+        unlike = (splats.sh[some, None, 0] - splats.sh[merged[near], 0]).astype(np.float64)
+        far = ((apart / scales[near]) ** 2).sum(axis=2) + _COLOUR * (unlike**2).sum(axis=2)
+        found[begin : begin + len(some)] = np.take_along_axis(near, far.argmin(axis=1)[:, None], axis=1)[:, 0]
+    return found
+
+
+def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarray:
+    """Finds the Gaussians of the finest level of which given Gaussians of a coarser level are unchanged copies.
+
+    Args:
+        splats: Gaussians of all levels.
+        fine: Indices of the received Gaussians of the finest level.
+        copies: Indices of the copies in the coarser level, int64 (C).
+
+    Returns:
+        Position in `fine` of the original of each copy, int64 (C); -1 if the original was lost.
+    """
+    near, distance = NeighborTree(splats.means[fine]).query(splats.means[copies], min(_CANDIDATES, len(fine)))
+    found, size = fine[near], np.maximum(np.sort(splats.scales[copies], axis=1)[:, 1:], 1e-30)
+    sizes = np.maximum(np.sort(splats.scales[found], axis=2)[..., 1:], 1e-30)
+    differ = (
+        distance / size[:, :1], np.abs(np.log(sizes / size[:, None])).max(axis=2),
+        np.linalg.norm(splats.sh[found, 0] - splats.sh[copies, None, 0], axis=2),
+        splats.opacities[found] - splats.opacities[copies, None],
+    )  # fmt: skip
+    unlike = np.sqrt(sum((d / step) ** 2 for d, step in zip(differ, _COPIED, strict=True)))
+    best = unlike.argmin(axis=1)[:, None]
+    own = np.take_along_axis(near, best, axis=1)[:, 0]
+    return np.where(np.take_along_axis(unlike, best, axis=1)[:, 0] < _SAME, own, -1)
+
+
+def _covers(splats: Splats) -> Float[np.ndarray, "N"]:
+    """Returns the largest cross-section area of each Gaussian (square world units) times its opacity."""
+    ordered = np.sort(splats.scales.astype(np.float64), axis=1)
+    return splats.opacities.astype(np.float64) * ordered[:, 1] * ordered[:, 2]

@@ -1,0 +1,82 @@
+"""Applies a concealer to a received scene; the result can be rendered."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from splatwire.anchors.appearance import ReceivedScene, Scene
+from splatwire.arguments import checked_except
+from splatwire.concealment.base import Concealed, Concealer
+from splatwire.concealment.registry import check_needs, create_concealer
+from splatwire.errors import InvalidValueError, check_kind
+from splatwire.types.received_scene import S
+
+
+@checked_except("partial", "concealer")
+def conceal(partial: ReceivedScene[S], concealer: Concealer | str) -> S:
+    """Conceals the losses of a received scene: replaces lost elements by estimates, or hides them.
+
+    Received attributes stay bit-exact. Estimated offsets of anchors are zero where the offset mask is false. The
+    concealer is not called if nothing was lost.
+
+    Args:
+        partial: Output of a decoder.
+        concealer: A concealer or its name (`splatwire.concealment.create_concealer`).
+
+    Returns:
+        A scene of the same type, with estimates of lost elements and with hints for rendering: factors on size and
+        opacity, and elements that are not drawn.
+
+    Raises:
+        UnknownNameError: If no concealer has that name.
+        InvalidValueError: If `partial` is not a received scene or lacks side information that the concealer needs, or
+            if the concealer returned arrays of wrong shape or invalid render hints.
+    """
+    method = create_concealer(concealer) if isinstance(concealer, str) else concealer
+    check_kind(partial, ReceivedScene, "decode_stream")
+    check_needs(method, partial)
+    if partial.erasures.num_lost == 0:
+        return partial.scene
+    return drawn(partial, method(partial), method.name)
+
+
+def drawn(partial: ReceivedScene[S], proposal: Concealed, name: str) -> S:
+    """Returns the received scene with the estimates of a concealer, and with its hints for rendering.
+
+    The hints are factors on the size and opacity of each element, and the elements that are not drawn.
+
+    Args:
+        partial: The received scene.
+        proposal: Result of the concealer.
+        name: Name of the concealer, for messages.
+
+    Raises:
+        InvalidValueError: If the concealer's result contains an array of wrong shape, or invalid hints.
+    """
+    proposed = partial.filled if proposal.elements is None else proposal.elements
+    _check(proposal, proposed, partial, name)
+    elements = partial.elements.kept(partial.erasures, proposed)
+    hints, own = proposal.hints, partial.scene.hints
+    if own is not None and not proposal.shows:
+        hints = replace(hints, left_out=hints.left_out | own.left_out)
+    return partial.scene.with_elements(elements, hints)
+
+
+@checked_except("concealer")
+def concealed(loaded: Scene | ReceivedScene, concealer: Concealer | str) -> Scene:
+    """Conceals the losses of a decoded scene with `conceal`; returns a scene without loss information unchanged."""
+    return conceal(loaded, concealer) if isinstance(loaded, ReceivedScene) else loaded
+
+
+def _check(proposal: Concealed, proposed: Any, partial: ReceivedScene, name: str) -> None:
+    count, hints = partial.scene.num_elements, proposal
+    opacity_gain = hints.size_gain if hints.opacity_gain is None else hints.opacity_gain
+    rows = {len(hints.size_gain), len(hints.left_out), len(opacity_gain), *(len(t) for t in vars(proposed).values())}
+    shapes = [{n: t.shape for n, t in vars(elements).items()} for elements in (proposed, partial.elements)]
+    if rows != {count} or shapes[0] != shapes[1]:
+        raise InvalidValueError(f"concealer '{name}' returned {sorted(rows)} rows for {count} {partial.scene.ELEMENTS}")
+    if not bool((np.isfinite(hints.size_gain) & (hints.size_gain > 0)).all()):
+        raise InvalidValueError(f"concealer '{name}' returned a size gain that is not positive and finite")
+    if not bool((np.isfinite(opacity_gain) & (opacity_gain >= 0)).all()):
+        raise InvalidValueError(f"concealer '{name}' returned an opacity gain that is negative or not finite")

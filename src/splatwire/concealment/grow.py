@@ -1,0 +1,200 @@
+"""Concealment that enlarges received elements to cover lost ones."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int64
+
+from splatwire.arguments import check_fields
+from splatwire.concealment.base import Concealed, check_at_least
+from splatwire.concealment.registry import register_concealer
+from splatwire.ops.knn import NeighborTree, nearest_others
+from splatwire.types import ReceivedScene
+
+_CHUNK = 1 << 15
+_MOST_OPAQUE, _LEAST_OPAQUE = 0.999, 1e-6
+
+
+@register_concealer("grow")
+@dataclass(frozen=True)
+class Grow:
+    """Hides lost elements and enlarges received elements by the factor `(1 - rho) ** -exponent` (the gain).
+
+    `rho` is the share of an element's nearest neighbours that was lost. With exponent 1/2 the covered area of a surface
+    is preserved: of `n` discs `(1 - rho) n` are left, and the area of each is multiplied by `1 / (1 - rho)`.
+
+    Neighbours are weighted by expected size: the size predicted by the prior, or the typical size of their importance
+    tier in the side information (`ReceivedScene.sizes`). This matters if important elements are protected and only
+    small elements are lost, because large elements must not grow then. For two scenes with the least important third to
+    half of the packets lost, weighting by predicted size gained 0.4 and 0.5 dB over equal weights. With uniform losses,
+    weighting gained 0.01 to 0.05 dB.
+
+    The type of scene (`Coverage`) determines how much of the gain is applied to size and how much to opacity. The sizes
+    of explicit Gaussians are increased much less, and the opacity `o` becomes `1 - (1 - o) ** (1 - rho) ** -0.8`. This
+    preserves the transmittance of overlapping layers.
+
+    Attributes:
+        neighbors: Number of nearest elements (received or lost, without the element itself) over which `rho` is
+            computed.
+        exponent: Exponent of the enlargement (gain). For size and for opacity, it is multiplied by a factor that
+            depends on the scene type (`Coverage`). 0 disables enlargement.
+        max_excess: Upper limit of the gain as a multiple of the gain for the average loss of the whole scene, at least
+            1; infinite for no limit. Without a limit a few elements next to large holes would cover intact regions. On
+            an official HAC++ model at 20 % loss, 1.08 gained 0.14 dB over no limit.
+        max_gain: Absolute upper limit of the gain, which would be infinite if all neighbours are lost.
+        nearest: Precomputed indices of the nearest neighbours (see `with_neighbors`), int64 (N, k); None to search.
+    """
+
+    neighbors: int = 64
+    exponent: float = 0.5
+    max_excess: float = 1.08
+    max_gain: float = 4.0
+    nearest: Int64[np.ndarray, "N k"] | None = field(default=None, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_at_least("number of neighbours", self.neighbors, 1)
+        check_at_least("exponent of the gain", self.exponent, 0)
+        check_at_least("largest excess of the gain", self.max_excess, 1)
+        check_at_least("largest gain", self.max_gain, 1)
+
+    @property
+    def name(self) -> str:
+        """Name of this concealer in the registry, `grow`."""
+        return "grow"
+
+    def with_neighbors(self, partial: ReceivedScene) -> "Grow":
+        """Returns a copy of this concealer with the nearest neighbours of all elements of a scene computed in advance.
+
+        The copy is faster if many loss patterns of the same scene are concealed.
+
+        Returns this object unchanged if the neighbours depend on which elements were received.
+        """
+        if partial.expectation is None:
+            return self  # positions of lost elements depend on the received ones
+        everyone = np.ones(partial.scene.num_elements, np.bool_)
+        parts = [index for _, index in _neighbors_of(partial.places, everyone, self.neighbors)]
+        return replace(self, nearest=np.concatenate(parts))
+
+    def __call__(self, partial: ReceivedScene) -> Concealed:
+        """Returns the factors by which received elements are enlarged, and the mask that hides lost elements."""
+        known, coverage = partial.known, partial.scene.COVERAGE
+        left = 1 - lost_share(partial.places, known, self.neighbors, partial.sizes, self.nearest)
+        left = np.where(known, self.limited(left, known, partial.tier_sizes), np.ones_like(left))
+        size = left ** -(self.exponent * coverage.size)
+        if not coverage.opacity:
+            return Concealed(size, ~known)
+        opacities = partial.elements.opacities
+        opaque = 1 - (1 - np.minimum(opacities, _MOST_OPAQUE)) ** (left ** -(self.exponent * coverage.opacity))
+        gain = np.maximum(np.where(known, opaque / np.maximum(opacities, _LEAST_OPAQUE), np.ones_like(left)), 1)
+        return Concealed(size, ~known, gain)
+
+    def gain(
+        self,
+        received: Float[np.ndarray, "M"],
+        known: Bool[np.ndarray, "N"],
+        tier_sizes: Float[np.ndarray, "N"] | None = None,
+    ) -> Float[np.ndarray, "M"]:
+        """Computes the factor by which each of M received anchors is enlarged, from the share of received neighbours.
+
+        Args:
+            received: Share of each anchor's neighbours that was received, 0 to 1.
+            known: Mask of received anchors of the whole scene. The average loss is computed from this mask and limits
+                the factor (`max_excess`).
+            tier_sizes: Weight of each anchor in the average loss; None for equal weights.
+        """
+        return self.limited(received, known, tier_sizes) ** -self.exponent
+
+    def limited(
+        self,
+        received: Float[np.ndarray, "M"],
+        known: Bool[np.ndarray, "N"],
+        tier_sizes: Float[np.ndarray, "N"] | None = None,
+    ) -> Float[np.ndarray, "M"]:
+        """Raises small received shares, so that the enlargement computed from them is limited.
+
+        The limits are `max_excess`, relative to the enlargement for the average loss, and `max_gain`, absolute.
+
+        Args:
+            received: Share of each anchor's neighbours that was received, 0 to 1.
+            known: Mask of received anchors of the whole scene, from which the average loss is computed.
+            tier_sizes: Weight of each anchor in the average loss; None for equal weights.
+        """
+        # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
+        overall = max(received_share(known, tier_sizes), 1e-9) if len(known) else 1.0
+        most = min(self.max_gain, self.max_excess * overall**-self.exponent)
+        least = most ** (-1 / self.exponent) if self.exponent else 1.0
+        return np.maximum(received, received.dtype.type(least))
+
+
+def received_share(known: Bool[np.ndarray, "N"], tier_sizes: Float[np.ndarray, "N"] | None = None) -> float:
+    """Returns the received fraction of a scene's elements, weighted by `tier_sizes` if given."""
+    if tier_sizes is None:
+        return float(known.mean())
+    sizes = tier_sizes.astype(np.float64)
+    return float((sizes * known).sum() / sizes.sum())
+
+
+def lost_share(
+    positions: Float[np.ndarray, "N 3"],
+    known: Bool[np.ndarray, "N"],
+    neighbors: int,
+    weights: Float[np.ndarray, "N"] | None = None,
+    nearest: Int64[np.ndarray, "N k"] | None = None,
+) -> Float[np.ndarray, "N"]:
+    """Returns the lost share among the nearest neighbours of each received anchor, 0 to 1.
+
+    The share is 0 for lost anchors and for anchors without neighbours.
+
+    Args:
+        positions: Positions of all anchors, received or lost.
+        known: Mask of received anchors.
+        neighbors: Number of neighbours per anchor.
+        weights: Weight of each anchor, above 0; None for equal weights.
+        nearest: Precomputed indices of the nearest neighbours; None to search.
+    """
+    share = np.zeros(len(positions), positions.dtype)
+    weight = np.ones(len(positions)) if weights is None else weights.astype(np.float64)
+    lost = weight * ~known
+    if bool(known.all()) or not bool(known.any()):
+        return share
+    there = np.flatnonzero(known)
+    found = _neighbors_of(positions, known, neighbors) if nearest is None else [(there, nearest[there])]
+    for own, index in found:
+        if index.shape[1]:
+            share[own] = lost_share_among(index, lost, weight).astype(share.dtype)
+    return share
+
+
+def _neighbors_of(
+    positions: Float[np.ndarray, "N 3"], which: Bool[np.ndarray, "N"], neighbors: int
+) -> Iterator[tuple[Int64[np.ndarray, "m"], Int64[np.ndarray, "m k"]]]:
+    """Finds the nearest neighbours of some elements, in batches.
+
+    Args:
+        positions: Positions of all elements.
+        which: Mask of the elements whose neighbours are searched.
+        neighbors: Number of neighbours per element.
+
+    Yields:
+        Indices of the m elements of a batch, and the indices of the nearest other elements of each.
+    """
+    tree = NeighborTree(positions)
+    chosen = np.flatnonzero(which)
+    for first in range(0, len(chosen), _CHUNK):
+        own = chosen[first : first + _CHUNK]
+        yield own, nearest_others(tree, positions[own], own, neighbors)[0]
+
+
+def lost_share_among(
+    neighbors: Int64[np.ndarray, "M k"], lost: Float[np.ndarray, "N"], weights: Float[np.ndarray, "N"]
+) -> Float[np.ndarray, "M"]:
+    """Returns the lost share of the given neighbours of M anchors, weighted, 0 to 1.
+
+    Args:
+        neighbors: Indices of the neighbours of some anchors, at least one each.
+        lost: Weight of each anchor if it is lost, 0 if it was received.
+        weights: Weight of each anchor.
+    """
+    return lost[neighbors].sum(axis=1) / weights[neighbors].sum(axis=1)

@@ -1,0 +1,290 @@
+"""Registry of concealers for static scenes and sequences, open to installed packages (`splatwire.plugins`).
+
+A package announces a concealer under the entry-point group `splatwire.concealers`; its value is an object decorated
+with `register_concealer` (docs/your-own-concealer.md). One name, e.g. `drop`, may refer to a concealer for static
+scenes and to a concealer for sequences.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
+
+from splatwire.arguments import checked
+from splatwire.concealment.base import Concealer
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.plugins import Registry, source_of
+from splatwire.types import ReceivedScene
+
+GROUP = "splatwire.concealers"
+"""Entry-point group of concealers."""
+Need: TypeAlias = type | tuple[type, ...]
+Factory = TypeVar("Factory", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Registered properties of a concealer, available before the concealer is created.
+
+    Attributes:
+        make: Factory; takes keyword options.
+        needs: Types of side information records or elements that the concealer requires. An entry may be a tuple of
+            alternatives; one of its types suffices.
+        option: Name of a required option, given as `name:VALUE`.
+        section: Section of the side information that the concealer reads; if present, the option is not required.
+        shipped: Network weight files that ship with the package of the concealer.
+        listed: True if `concealer_names` lists it.
+    """
+
+    make: Callable[..., Any]
+    needs: tuple[Need, ...]
+    option: str | None
+    section: str | None
+    shipped: tuple[Path, ...]
+    listed: bool
+
+    def lacks(self, offers: Collection[type]) -> Need | None:
+        """Returns the first type that the concealer requires and the stream does not contain, or None.
+
+        Args:
+            offers: Types of the stream's elements and side information records.
+        """
+        return next((need for need in self.needs if not set(_kinds(need)) & set(offers)), None)
+
+
+@dataclass(frozen=True)
+class Named:
+    """Concealers registered under one name: one for static scenes, one for sequences, or both.
+
+    Attributes:
+        still: Concealer for static scenes, or None.
+        temporal: Concealer for sequences, or None.
+    """
+
+    still: Registration | None = None
+    temporal: Registration | None = None
+
+
+CONCEALERS: Registry[Named] = Registry("concealer", GROUP)
+
+
+def register_concealer(
+    name: str,
+    *,
+    needs: Sequence[Need] = (),
+    option: str | None = None,
+    section: str | None = None,
+    shipped: Sequence[Path] = (),
+    listed: bool = True,
+    temporal: bool = False,
+) -> Callable[[Factory], Factory]:
+    """Registers a concealer factory (class or function with keyword options); used as a decorator.
+
+    Args:
+        name: Name of the concealer.
+        needs: Types that the concealer requires in addition to positions, sizes and the loss mask: element types
+            (`Anchors`, `Splats`), or types of side information records (`ReceivedScene.records`). An entry may be a
+            tuple of alternatives; one of its types suffices.
+        option: Name of a required option, such as a weights file; `name:VALUE` sets it.
+        section: Name of the side information section that the concealer reads. The section is required unless the
+            option is given.
+        shipped: Network weight files of the package that the concealer reads.
+        listed: True if `concealer_names` lists it.
+        temporal: True for sequences (`concealment.temporal.concealers.TemporalConcealer`); False for static scenes
+            (`splatwire.concealment.Concealer`).
+
+    Raises:
+        InvalidValueError: If the name is taken by another concealer of that kind.
+    """
+
+    def register(factory: Factory) -> Factory:
+        if not callable(factory):
+            raise InvalidValueError(f"concealer '{name}' is a {type(factory).__name__}, not a class or function")
+        made = Registration(factory, tuple(needs), option, section, tuple(shipped), listed)
+        there = CONCEALERS.registered().get(name, Named())
+        other = there.temporal if temporal else there.still
+        if other is not None:
+            CONCEALERS.check_free(name, source_of(other.make), source_of(factory))
+        both = replace(there, temporal=made) if temporal else replace(there, still=made)
+        CONCEALERS.put(name, both, source_of(factory))
+        return factory
+
+    return register
+
+
+@checked
+def concealer_names(sections: Iterable[str] = (), offers: Collection[type] | None = None) -> tuple[str, ...]:
+    """Returns the names of all usable concealers of static scenes, built-in ones first.
+
+    Concealers whose package cannot be loaded are skipped and logged.
+
+    Args:
+        sections: Named sections of the stream; concealers that read other sections are not listed.
+        offers: Available types of elements and side information records (`ReceivedScene.offers`, `Schema.offers`);
+            concealers that require other types are not listed. None lists all.
+    """
+    there = {None, *sections}
+    return tuple(
+        name
+        for name, known in _still().items()
+        if known.listed
+        and (offers is None or known.lacks(offers) is None)
+        and known.section in there
+        and (known.option is None or known.section is not None)  # a section replaces the option
+    )
+
+
+def temporal_names() -> tuple[str, ...]:
+    """Returns the names of all concealers of sequences without required options, built-in ones first."""
+    found = {name: named.temporal for name, named in CONCEALERS.all().items() if named.temporal is not None}
+    return tuple(name for name, known in found.items() if known.listed and known.option is None)
+
+
+def check_needs(method: Concealer, partial: ReceivedScene) -> None:
+    """Checks that a received scene has the side information records that a registered concealer requires.
+
+    Raises:
+        InvalidValueError: If required side information is missing; the message names usable concealers.
+    """
+    registered = (named.still for named in CONCEALERS.registered().values())
+    known = next((still for still in registered if still is not None and still.make is type(method)), None)
+    need = None if known is None else known.lacks(partial.offers)
+    if need is not None:
+        able = ", ".join(concealer_names(partial.sections, partial.offers))
+        words = " or ".join(kind.__name__ for kind in _kinds(need))
+        what = f"concealer '{method.name}' needs {words}, which this stream of {partial.scene.ELEMENTS} has not"
+        raise InvalidValueError(f"{what}: {able} work")
+
+
+def why_unfit(
+    name: str, offers: Collection[type], sections: Iterable[str], options: Mapping[str, Any] | None = None
+) -> str:
+    """Returns the reason why a concealer cannot be used for a stream; an empty string if it can be used.
+
+    Args:
+        name: Name of the concealer, or `name:FILE`.
+        offers: Types of elements and side information records of the stream (`Schema.offers`).
+        sections: Named sections of the side information.
+        options: Options of the concealer.
+
+    Raises:
+        UnknownNameError: If no concealer has that name.
+    """
+    base, colon, _ = name.partition(":")
+    known = _registered(base)
+    need = known.lacks(offers)
+    if need is not None:
+        return f"concealer '{base}' needs {' or '.join(kind.__name__ for kind in _kinds(need))}, which it has not"
+    given = colon or known.option in (options or {})
+    if known.section is not None and known.section not in sections and not given:
+        return f"concealer '{base}' reads the section '{known.section}', which it has not (splatwire calibrate adds it)"
+    return ""
+
+
+def concealer_sections() -> dict[str, str]:
+    """Returns the side information section that each concealer reads, by concealer name.
+
+    Concealers that read no section are omitted.
+    """
+    return {name: known.section for name, known in _still().items() if known.section is not None}
+
+
+def concealer_files(name: str, options: Mapping[str, Any]) -> tuple[Path, ...]:
+    """Returns the files that determine a concealer's output: shipped weights, and files given as options.
+
+    Args:
+        name: Name of the concealer, or `name:FILE`.
+        options: Options of the concealer.
+
+    Raises:
+        UnknownNameError: If no concealer has that name.
+    """
+    name, _, value = name.partition(":")
+    given = [Path(word) for word in (value, *options.values()) if isinstance(word, str | Path) and word]
+    named = CONCEALERS[name]
+    shipped = [path for known in (named.still, named.temporal) if known is not None for path in known.shipped]
+    return (*shipped, *(path for path in given if path.is_file()))
+
+
+def concealer_package(name: str) -> tuple[str, ...]:
+    """Returns name and version of the installed package that provides a concealer; empty for built-in concealers."""
+    return CONCEALERS.packages(name.partition(":")[0])
+
+
+def create_concealer(name: str, **options: Any) -> Concealer:
+    """Creates a concealer of static scenes.
+
+    Args:
+        name: One of `concealer_names()`, or e.g. `gnn:FILE` for a concealer with a required option.
+        options: Options of that concealer; defaults apply to missing ones.
+
+    Raises:
+        UnknownNameError: If no concealer has that name.
+        InvalidValueError: If an option is unknown or invalid, or the providing package is broken.
+    """
+    if not isinstance(name, str):
+        raise InvalidValueError(f"expected the name of a concealer such as 'grow', not {type(name).__name__}")
+    made: Concealer = create(name, _registered(name.partition(":")[0]), Concealer, options)
+    return made
+
+
+def create(name: str, known: Registration, protocol: type, options: Mapping[str, Any]) -> Any:
+    """Creates a concealer for static scenes or for sequences.
+
+    Args:
+        name: Name of the concealer, or `name:VALUE` with its required option.
+        known: Registered properties of the concealer, including the factory.
+        protocol: Protocol that the result must implement.
+        options: Options of that concealer; defaults apply to missing ones.
+
+    Raises:
+        InvalidValueError: If an option is unknown or invalid, or the result does not implement the protocol.
+    """
+    name, colon, value = name.partition(":")
+    if colon:
+        if known.option is None:
+            raise InvalidValueError(f"concealer '{name}' takes nothing behind a colon, and was given {value!r}")
+        options = {known.option: value, **options}
+    try:
+        made = known.make(**options)
+    except TypeError as error:
+        raise InvalidValueError(f"concealer '{name}' does not take these options: {error}") from error
+    if not isinstance(made, protocol):
+        wanted = [word for word in sorted(_members(protocol)) if not hasattr(made, word)]
+        lacking = f"lacks {', '.join(wanted)}" if wanted else "cannot be called"
+        raise InvalidValueError(f"concealer '{name}'{CONCEALERS.brought_by(name)} is not one: it {lacking}")
+    return made
+
+
+def find_temporal(name: str) -> Registration:
+    """Returns the registration of a concealer of sequences.
+
+    Raises:
+        UnknownNameError: If no concealer of sequences has that name.
+        InvalidValueError: If the providing package is broken.
+    """
+    named = CONCEALERS.find(name)
+    if named is None or named.temporal is None:
+        raise UnknownNameError("concealer of clips", name, temporal_names())
+    return named.temporal
+
+
+def _registered(name: str) -> Registration:
+    named = CONCEALERS[name]
+    if named.still is None:
+        raise UnknownNameError("concealer of still scenes", name, _still())
+    return named.still
+
+
+def _still() -> dict[str, Registration]:
+    """Returns all concealers of static scenes."""
+    return {name: named.still for name, named in CONCEALERS.all().items() if named.still is not None}
+
+
+def _members(protocol: type) -> set[str]:
+    """Names of the public attributes of a protocol."""
+    return {word for word in (*vars(protocol), *getattr(protocol, "__annotations__", {})) if not word.startswith("_")}
+
+
+def _kinds(need: Need) -> tuple[type, ...]:
+    return need if isinstance(need, tuple) else (need,)

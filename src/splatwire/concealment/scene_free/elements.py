@@ -1,0 +1,138 @@
+"""Network of the concealer `scene_free` for explicit Gaussians: predicts factors on size and opacity of each Gaussian.
+
+With a share `rho` of the neighbouring Gaussians lost, `L = -log(1 - rho)`. A factor of `exp(L / 2)` on the sizes
+preserves the covered surface area. An opacity of `1 - (1 - a) ** exp(L)` preserves the transmittance of many thin
+layers. The right mix depends on how Gaussians overlap locally, and the network predicts it.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int64
+
+from splatwire.concealment.base import Concealed
+from splatwire.concealment.scene_free.network import Perceptron
+from splatwire.ops.arrays import lower_median
+from splatwire.ops.knn import NeighborTree, nearest_others
+from splatwire.types import ReceivedScene, SplatScene
+from splatwire.types.anchors import MIN_SIZE
+
+ELEMENT_SIGNATURE = 12
+"""Number of input features per Gaussian."""
+_NEIGHBORS, _CLOSE, _SPACING_RANK = 64, 32, 6
+_MOST_LOST = 0.97
+BASE = (0.15, 0.75)
+"""Exponents of `exp(L)` for size and opacity before the network's correction."""
+SIZES, POWERS = (-0.5, 1.0), (-0.5, 2.5)
+"""Minimum and maximum exponents, of size and of opacity."""
+OPACITIES = (1e-4, 1 - 1e-4)
+
+
+@dataclass(frozen=True, eq=False)
+class ElementInputs:
+    """Inputs of the network for one loss pattern of one scene.
+
+    Attributes:
+        rows: Indices of the received Gaussians.
+        signature: Features of the Gaussians and their neighbourhoods; ratios only, without a unit of length.
+        lost: `L = -log(1 - rho)` for the lost share `rho` of each Gaussian's neighbours.
+        opacity: Opacities of the received Gaussians.
+    """
+
+    rows: Int64[np.ndarray, "M"]
+    signature: Float[np.ndarray, "M D"]
+    lost: Float[np.ndarray, "M"]
+    opacity: Float[np.ndarray, "M"]
+
+
+def element_inputs(partial: ReceivedScene[SplatScene]) -> ElementInputs:
+    """Computes the input features of every received Gaussian."""
+    splats, known = partial.scene.splats, partial.known
+    rows, opacities, log_axes = np.flatnonzero(known), splats.opacities, splats.log_axes
+    log_sizes = log_axes.mean(axis=1)
+    near, distance = nearest_others(NeighborTree(splats.means), splats.means[rows], rows, _NEIGHBORS)
+    gone = (~known).astype(distance.dtype)
+    size, area = np.exp(log_sizes), np.exp(2 * log_sizes)
+    tiny = np.finfo(size.dtype).tiny
+    lost = _gain_for((gone * size)[near].sum(axis=1) / np.maximum(size[near].sum(axis=1), tiny))
+    close, far = near[:, :_CLOSE], distance[:, :_CLOSE]
+    there = 1 - gone[close]
+    reach = (far / np.maximum(np.sqrt(area[close] + area[rows, None]), MIN_SIZE)) ** 2
+    clear = np.clip(opacities, *OPACITIES)
+    logit = np.clip(np.log(clear / (1 - clear)), -6, 6)
+    own, count = log_sizes[rows], np.maximum(there.sum(axis=1), 1)
+    cover = there * opacities[close] * np.exp(-reach / 2)
+    weight = area[close] * np.exp(-reach / 4)
+    columns = [
+        lost,
+        _gain_for(gone[near[:, :12]].mean(axis=1) if near.shape[1] else gone[rows]),
+        np.full_like(own, _gain_for(gone.mean())),
+        own - _spacing(far, there, own),
+        own - lower_median(log_sizes[known]),
+        own - (there * log_sizes[close]).sum(axis=1) / count,
+        np.minimum(log_axes[rows, 0] - log_axes[rows, 1], 6),
+        np.minimum(log_axes[rows, 1] - log_axes[rows, 2], 6),
+        logit[rows],
+        (there * logit[close]).sum(axis=1) / count,
+        np.log1p(cover.sum(axis=1)),
+        _gain_for((weight * (1 - there)).sum(axis=1) / np.maximum(weight.sum(axis=1) + area[rows], tiny)),
+    ]
+    return ElementInputs(rows, np.stack(columns, axis=1), lost, opacities[rows])
+
+
+def _gain_for(share: Any) -> Any:
+    return -np.log1p(-np.minimum(share, _MOST_LOST))
+
+
+def _spacing(distance: np.ndarray, received: np.ndarray, own: np.ndarray) -> Float[np.ndarray, "M"]:
+    """Returns the logarithm of the distance from each received Gaussian to its sixth received neighbour, float (M).
+
+    A Gaussian with fewer received neighbours gets the logarithm of its own size.
+
+    Args:
+        distance: Distances to the nearest neighbours, world units, (M, k).
+        received: 1 for received neighbours, 0 for lost ones, (M, k).
+        own: Logarithms of the Gaussians' sizes, (M).
+    """
+    if distance.shape[1] < _SPACING_RANK:
+        return own
+    ranked = np.partition(np.where(received > 0, distance, np.inf), _SPACING_RANK - 1, axis=1)[:, _SPACING_RANK - 1]
+    return np.where(np.isfinite(ranked), np.log(np.maximum(ranked, MIN_SIZE)), own)
+
+
+class ElementNetwork(Perceptron):
+    """A small neural network that predicts factors on size and opacity of received Gaussians next to lost ones."""
+
+    INPUTS = ELEMENT_SIGNATURE
+
+    def __call__(
+        self, inputs: ElementInputs, trust: float | int = 1.0, base: tuple[float, float] = BASE
+    ) -> tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]:
+        """Computes factors (gains) on the size and on the opacity of each Gaussian, positive, float (M) each.
+
+        Args:
+            inputs: Inputs of the network for M received Gaussians.
+            trust: Factor on the network's correction, 0 for none.
+            base: Exponents of size and opacity before the network's correction.
+        """
+        change = trust * self.evaluate(inputs.signature)
+        size = np.exp(inputs.lost * np.clip(base[0] + change[:, 0], *SIZES))
+        power = np.exp(inputs.lost * np.clip(base[1] + change[:, 1], *POWERS))
+        opacity = np.clip(inputs.opacity, *OPACITIES)
+        return size, -np.expm1(power * np.log1p(-opacity)) / opacity
+
+
+def grown(
+    partial: ReceivedScene, rows: Int64[np.ndarray, "M"], gains: tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]
+) -> Concealed:
+    """Builds the result of a concealer that enlarges received elements and hides lost elements.
+
+    Args:
+        partial: The received scene.
+        rows: Indices of the received elements.
+        gains: Factors on the size and on the opacity of the received elements.
+    """
+    size, opacity = np.ones_like(partial.log_sizes), np.ones_like(partial.log_sizes)
+    size[rows], opacity[rows] = gains
+    return Concealed(size, ~partial.known, opacity)

@@ -1,0 +1,109 @@
+"""The neural network of the concealer `scene_free`: predicts factors on size and opacity of received anchors."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+from jaxtyping import Float, Int64
+
+from splatwire.concealment.grow import Grow
+from splatwire.concealment.scene_free.signature import SIGNATURE, near_losses, signatures
+from splatwire.concealment.scene_free.surroundings import Surroundings
+from splatwire.types import ReceivedScene
+from splatwire.types.networks import Linear
+
+HIDDEN = 24
+"""Number of units of the hidden layer of the network."""
+Own = TypeVar("Own", bound="Perceptron")
+MOST_UNUSUAL = 3.0
+"""Clamping limit of standardised inputs, in standard deviations; prevents extrapolation on unusual scenes."""
+MOST_CHANGE = 0.3
+"""Maximum change of the logarithm of a gain by the network."""
+
+
+@dataclass(frozen=True, eq=False)
+class GainInputs:
+    """Inputs of the network that predicts factors on size and opacity (gains), for one loss pattern of one scene.
+
+    Computing the inputs dominates the run time; evaluating the network is cheap.
+
+    Attributes:
+        rows: Indices of the received anchors, int64 (M).
+        signature: Input features of these anchors, see `signatures`.
+        grown: Factors by which the concealer `grow` enlarges the anchors; the network corrects them.
+    """
+
+    rows: Int64[np.ndarray, "M"]
+    signature: Float[np.ndarray, "M D"]
+    grown: Float[np.ndarray, "M"]
+
+
+def gain_inputs(partial: ReceivedScene, around: Surroundings) -> GainInputs:
+    """Computes the inputs of the network for the received anchors of a scene.
+
+    Args:
+        partial: The received scene.
+        around: Neighbours and expected sizes of the received anchors.
+    """
+    grown = Grow().gain(1 - near_losses(partial, around), partial.known, partial.tier_sizes)
+    return GainInputs(around.rows, signatures(partial, around), grown)
+
+
+@dataclass(frozen=True, eq=False)
+class Perceptron:
+    """A neural network with standardised inputs, one hidden layer (SiLU) and two outputs.
+
+    Attributes:
+        mean: Mean of each input over the training data.
+        spread: Standard deviation of each input, above 0.
+        hidden: The hidden layer.
+        output: The output layer.
+    """
+
+    INPUTS: ClassVar[int]
+    """Number of inputs of the network, D."""
+    mean: Float[Any, "D"]
+    spread: Float[Any, "D"]
+    hidden: Linear
+    output: Linear
+
+    @classmethod
+    def untrained(cls: type[Own], hidden: int = HIDDEN, *, seed: int = 0) -> Own:
+        """Returns a network whose outputs are always 0: the hidden layer is random, the output layer is zero."""
+        rng, bound = np.random.default_rng(seed), cls.INPUTS**-0.5
+        first = Linear(
+            rng.uniform(-bound, bound, (hidden, cls.INPUTS)).astype(np.float32),
+            rng.uniform(-bound, bound, hidden).astype(np.float32),
+        )
+        last = Linear(np.zeros((2, hidden), np.float32), np.zeros(2, np.float32))
+        return cls(np.zeros(cls.INPUTS, np.float32), np.ones(cls.INPUTS, np.float32), first, last)
+
+    def evaluate(self, signature: Float[np.ndarray, "M D"]) -> Float[np.ndarray, "M 2"]:
+        """Evaluates the network; standardised inputs are clamped to `MOST_UNUSUAL` standard deviations."""
+        x = np.clip((signature - self.mean) / self.spread, -MOST_UNUSUAL, MOST_UNUSUAL)
+        h = x @ self.hidden.weight.T + self.hidden.bias
+        h = h / (1 + np.exp(-h))
+        return h @ self.output.weight.T + self.output.bias
+
+
+class GainNetwork(Perceptron):
+    """A small neural network that corrects the enlargement of received anchors by the concealer `grow`.
+
+    `grow` multiplies the sizes of received anchors near lost anchors by a factor. The network has two outputs: the
+    logarithm of a correction that is multiplied with this factor, and the logarithm of a factor on the opacity. Both
+    outputs are 0 without training.
+    """
+
+    INPUTS = SIGNATURE
+
+    def __call__(
+        self, inputs: GainInputs, trust: float | int = 1.0
+    ) -> tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]:
+        """Computes factors (gains) on the size and on the opacity of each received anchor, positive, float (M) each.
+
+        Args:
+            inputs: Inputs of the network for M received anchors.
+            trust: Factor on the network's correction, 0 for none.
+        """
+        change = trust * np.clip(self.evaluate(inputs.signature), -MOST_CHANGE, MOST_CHANGE)
+        return inputs.grown * np.exp(change[:, 0]), np.exp(change[:, 1])

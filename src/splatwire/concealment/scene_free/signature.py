@@ -1,0 +1,169 @@
+"""Input features of the network of the concealer `scene_free`, for each received anchor.
+
+All features are ratios, so that units and the meaning of anchor features do not matter.
+"""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.concealment.scene_free.surroundings import CLOSE, Neighborhood, Surroundings
+from splatwire.ops.arrays import lower_median, to_arrays, to_numpy
+from splatwire.types import AnchorScene, Prior, ReceivedScene
+from splatwire.types.anchors import MIN_SIZE
+
+SIGNATURE = 26
+"""Number of network inputs per anchor."""
+_COUNTS = (4, 12, 32)
+_REACHES = (1.0, 4.0, 16.0)
+"""Squared widths of the coverage kernels, in units of the summed sizes of both anchors."""
+_MIDDLE_REACH = 4.0
+_SPACING_RANK = 5
+_MOST_LOST = 0.97
+
+
+def signatures(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Float[np.ndarray, "M signature"]:
+    """Computes the input features of received anchors from receiver-side information.
+
+    A lost share `rho` is represented by `-log(1 - rho)`, the logarithm of the area gain that compensates for this loss.
+    The features are:
+
+    1. Lost shares: of the whole scene, and of the nearest 4, 12 and 32 anchors.
+    2. Lost shares of the area that neighbours cover, for three kernel widths and for two classes of large anchors.
+    3. Sizes, relative to the distances and sizes of neighbours.
+    4. Numbers of active offsets, and standard deviations predicted by the prior.
+
+    Args:
+        partial: The received scene.
+        around: Neighbours and expected sizes of the anchors to describe, all of which must be received.
+    """
+    kind = around.log_size.dtype
+    lost = (~partial.known).astype(kind)
+    area = np.exp(2 * around.log_size)
+    floor = kind.type(np.exp(around.log_size.min())) if len(lost) else kind.type(MIN_SIZE)
+    sizes = np.log(np.maximum(to_numpy(partial.scene.anchors.scalings)[around.rows], floor))
+    own = sizes[:, 3:].mean(axis=1)
+    overall = lost.mean() if len(lost) else lost.sum()
+    columns = [np.full_like(own, _gain_for(overall))]
+    columns += _losses_nearby(lost, area, own, around)
+    for members in around.classes:
+        columns += _losses_in_class(lost, area, own, around.rows, members)
+    columns += _sizes(sizes, own, around)
+    columns += _shape(partial, around, own, lost)
+    return np.stack(columns, axis=1).astype(kind, copy=False)
+
+
+def near_losses(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Float[np.ndarray, "M"]:
+    """Returns the lost share of each anchor's nearest neighbours, weighted by expected size as in the concealer `grow`.
+
+    The share is 0 for an anchor without neighbours.
+    """
+    near, weight = around.near.index, around.weights
+    lost = (weight * ~partial.known)[near].sum(axis=1)
+    tiny = np.finfo(weight.dtype).tiny
+    return (lost / np.maximum(weight[near].sum(axis=1), tiny)).astype(around.log_size.dtype)
+
+
+def _gain_for(share: Any) -> Any:
+    return -np.log1p(-np.minimum(share, _MOST_LOST))
+
+
+def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:
+    return values.sum(axis=1) / max(values.shape[1], 1)
+
+
+def _spread_of(
+    area: np.ndarray, rows: np.ndarray, neighbors: Neighborhood
+) -> tuple[Float[np.ndarray, "M k"], Float[np.ndarray, "M k"]]:
+    """Returns areas and relative distances of neighbours, from which kernel weights are computed.
+
+    Args:
+        area: Expected area of every anchor of the scene.
+        rows: Indices of the M anchors.
+        neighbors: Nearest neighbours of the M anchors.
+
+    Returns:
+        Area of each neighbour; and its squared distance, divided by twice the sum of the areas of anchor and neighbour.
+    """
+    theirs = area[neighbors.index]
+    return theirs, neighbors.distance**2 / (2 * (theirs + area[rows, None]))
+
+
+def _losses_nearby(
+    lost: np.ndarray, area: np.ndarray, own: np.ndarray, around: Surroundings
+) -> list[Float[np.ndarray, "M"]]:
+    rows, near, tiny = around.rows, around.near.first(CLOSE), np.finfo(area.dtype).tiny
+    there = lost[near.index]
+    columns = [_gain_for(_mean(there[:, :count])) for count in _COUNTS]
+    theirs, far = _spread_of(area, rows, near)
+    for reach in _REACHES:
+        weight = theirs * np.exp(far / -reach)
+        gone = (weight * there).sum(axis=1)
+        columns.append(_gain_for(gone / np.maximum(weight.sum(axis=1) + area[rows], tiny)))
+        if reach == _MIDDLE_REACH:
+            columns.append(np.log1p(gone / np.exp(2 * own)))
+    columns.append(_gain_for((theirs * there).sum(axis=1) / np.maximum(theirs.sum(axis=1), tiny)))
+    return columns
+
+
+def _losses_in_class(
+    lost: np.ndarray, area: np.ndarray, own: np.ndarray, rows: np.ndarray, members: Neighborhood
+) -> list[Float[np.ndarray, "M"]]:
+    there = lost[members.index]
+    theirs, far = _spread_of(area, rows, members)
+    weight = theirs * np.exp(far / -_MIDDLE_REACH)
+    gone = (weight * there).sum(axis=1)
+    whole = np.maximum(weight.sum(axis=1) + area[rows], np.finfo(area.dtype).tiny)
+    return [_gain_for(_mean(there)), _gain_for(gone / whole), np.log1p(gone / np.exp(2 * own))]
+
+
+def _sizes(sizes: Float[np.ndarray, "M 6"], own: np.ndarray, around: Surroundings) -> list[Float[np.ndarray, "M"]]:
+    distance, expected = around.near.first(CLOSE).distance, around.log_size[around.rows]
+    if distance.shape[1] == 0:
+        distance = np.exp(expected)[:, None]  # without neighbours the anchor's size is the only known length
+    spacing = np.log(np.maximum(distance[:, min(_SPACING_RANK, distance.shape[1] - 1)], MIN_SIZE))
+    typical = lower_median(around.log_size) if len(around.log_size) else around.log_size.sum()
+    return [
+        own - spacing,
+        sizes[:, :3].mean(axis=1) - spacing,
+        sizes[:, 3:].max(axis=1) - own,
+        expected - spacing,
+        expected - typical,
+        np.log(np.maximum(distance[:, -1], MIN_SIZE)) - spacing,
+    ]
+
+
+def _shape(
+    partial: ReceivedScene[AnchorScene], around: Surroundings, own: np.ndarray, lost: np.ndarray
+) -> list[Float[np.ndarray, "M"]]:
+    """Returns the input features that describe an anchor's size and offsets, and the uncertainty of its prior.
+
+    The features are: numbers of active offsets of the anchor and of its neighbours; deviation of the size from its
+    prediction; standard deviations predicted by the prior for features and for scalings.
+
+    Args:
+        partial: The received scene.
+        around: Neighbours and expected sizes of the M anchors.
+        own: Logarithms of the sizes of the M anchors.
+        lost: 1 for lost anchors of the scene, 0 for received ones.
+    """
+    anchors, prior, rows, near = (
+        to_arrays(partial.scene.anchors),
+        to_arrays(partial[Prior]),
+        around.rows,
+        around.near.first(CLOSE).index,
+    )
+    active = anchors.mask.sum(axis=1).astype(own.dtype) * (1 - lost)
+    typical = active[near].sum(axis=1) / np.maximum((1 - lost)[near].sum(axis=1), 1)
+    arrived = anchors.features[partial.known]
+    spread = arrived.std(axis=0) if len(arrived) else np.ones(anchors.features.shape[1], own.dtype)
+    scaling = prior.scaling
+    unsure = scaling.scale[rows].mean(axis=1) / np.maximum(np.abs(scaling.mean[rows]).mean(axis=1), MIN_SIZE)
+    return [
+        np.log(np.maximum(active[rows], 0.5)),
+        np.log(np.maximum(typical, 0.5)),
+        own - around.log_size[rows],
+        np.log(np.clip(prior.feature.scale[rows] @ (1 / np.maximum(spread, 1e-6)) / len(spread), 1e-3, 1e3)),
+        np.log(np.clip(unsure, 1e-4, 1e3)),
+    ]

@@ -1,0 +1,79 @@
+"""Neighbourhoods and expected sizes of anchors: the inputs that do not depend on which packets were lost."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int64
+
+from splatwire.ops.knn import NeighborTree, nearest_others
+from splatwire.types import ReceivedScene
+
+NEIGHBORS = 64
+"""Number of nearest neighbours, as in the concealer `grow`, whose gain the network corrects."""
+CLOSE = 32
+"""Number of nearest neighbours for all features except the lost share of `Grow`; 64 takes longer without better
+results."""
+CLASS_NEIGHBORS = 12
+CLASS_SHARES = (8, 64)
+"""Size classes: the largest eighth and the largest 64th of all anchors. The hole of a lost large anchor is covered by
+other large anchors around it. Its nearest neighbours are mostly small and give no information on large anchors."""
+_MIN_CLASS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Neighborhood:
+    """Nearest neighbours of M anchors, with distances.
+
+    Attributes:
+        index: Indices of the neighbours, nearest first; k is smaller if the scene has fewer anchors.
+        distance: Distances to the neighbours, world units.
+    """
+
+    index: Int64[np.ndarray, "M k"]
+    distance: Float[np.ndarray, "M k"]
+
+    def first(self, count: int) -> "Neighborhood":
+        """Returns a copy restricted to the `count` nearest neighbours of each anchor."""
+        return Neighborhood(self.index[:, :count], self.distance[:, :count])
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Neighbourhoods and expected sizes of M of a scene's N anchors; neighbours may be received or lost.
+
+    Attributes:
+        log_size: Logarithm of the predicted size of all anchors. Predictions are used for received anchors too, so that
+            prediction errors do not look like losses.
+        weights: Weight of each anchor in the lost share of a neighbourhood (`ReceivedScene.sizes`).
+        rows: Indices of the M anchors.
+        near: Nearest neighbours of the M anchors.
+        classes: Nearest neighbours of the M anchors among large anchors only: one entry for each size class in
+            `CLASS_SHARES`.
+    """
+
+    log_size: Float[np.ndarray, "N"]
+    weights: Float[np.ndarray, "N"]
+    rows: Int64[np.ndarray, "M"]
+    near: Neighborhood
+    classes: tuple[Neighborhood, ...]
+
+    def select(self, wanted: Bool[np.ndarray, "M"]) -> "Surroundings":
+        """Returns the surroundings of only the anchors for which `wanted` is True."""
+
+        def of(part: Neighborhood) -> Neighborhood:
+            return Neighborhood(part.index[wanted], part.distance[wanted])
+
+        return replace(self, rows=self.rows[wanted], near=of(self.near), classes=tuple(map(of, self.classes)))
+
+
+def surroundings_of(partial: ReceivedScene, rows: Int64[np.ndarray, "M"]) -> Surroundings:
+    """Finds the nearest neighbours and expected sizes of the anchors with indices `rows`."""
+    positions, log_size = partial.places, partial.log_sizes
+    near = Neighborhood(*nearest_others(NeighborTree(positions), positions[rows], rows, NEIGHBORS))
+    by_size = np.argsort(-log_size, kind="stable")
+    classes = []
+    for share in CLASS_SHARES:
+        members = np.sort(by_size[: max(len(by_size) // share, _MIN_CLASS)])
+        index, distance = NeighborTree(positions[members]).query(positions[rows], CLASS_NEIGHBORS)
+        classes.append(Neighborhood(members[index], distance))
+    return Surroundings(log_size, partial.sizes, rows, near, tuple(classes))

@@ -1,0 +1,97 @@
+"""Network weight files of the concealer `scene_free` (safetensors), shipped for anchors and for explicit Gaussians."""
+
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from splatwire.anchors.tensor_file import read_tensors, write_tensors
+from splatwire.concealment.scene_free.elements import ElementNetwork
+from splatwire.concealment.scene_free.network import GainNetwork, Perceptron
+from splatwire.errors import BitstreamError
+from splatwire.types.networks import Linear
+
+VERSION = 1
+_FORMATS: dict[type[Perceptron], str] = {
+    GainNetwork: "splatwire-scene-free", ElementNetwork: "splatwire-scene-free-gaussians"
+}  # fmt: skip
+_ASSETS = Path(str(resources.files("splatwire").joinpath("assets")))
+SHIPPED = (_ASSETS / "scene_free.safetensors", _ASSETS / "scene_free_gaussians.safetensors")
+"""Weight files that ship with the package: for anchors, and for explicit Gaussians."""
+_MAX_HIDDEN = 1024
+Network = TypeVar("Network", GainNetwork, ElementNetwork)
+
+
+def save_gain_network(network: Perceptron, path: Path, *, record: dict[str, str] | None = None) -> None:
+    """Writes the weights of a network of the concealer `scene_free` to a file.
+
+    Args:
+        network: The network.
+        path: Path of the file; its folder must exist.
+        record: Training parameters, stored in the header.
+
+    Raises:
+        OSError: If the file cannot be written.
+    """
+    header = {"format": _FORMATS[type(network)], "version": VERSION, "record": record or {}}
+    write_tensors(_arrays(network), header, path)
+
+
+def load_gain_network(path: Path) -> GainNetwork:
+    """Reads a network for anchors written by `save_gain_network`.
+
+    Raises:
+        UnsupportedVersionError: If this release does not support the file's version.
+        BitstreamError: If the file is absent or of another format, or a tensor is missing, of wrong shape or not
+            finite.
+    """
+    return _load(path, GainNetwork)
+
+
+def load_element_network(path: Path) -> ElementNetwork:
+    """Reads a network for explicit Gaussians; raises the errors of `load_gain_network`."""
+    return _load(path, ElementNetwork)
+
+
+def _arrays(network: Perceptron) -> dict[str, np.ndarray]:
+    """Returns the weight arrays of a network by their names in the file."""
+    arrays = {"mean": network.mean, "spread": network.spread}
+    for name, layer in (("layers.0", network.hidden), ("layers.2", network.output)):
+        arrays |= {f"{name}.weight": layer.weight, f"{name}.bias": layer.bias}
+    return arrays
+
+
+def _load(path: Path, kind: type[Network]) -> Network:
+    arrays, _ = read_tensors(path, _FORMATS[kind], VERSION)
+    first = arrays.get("layers.0.weight")
+    if first is None or first.ndim != 2 or not 1 <= len(first) <= _MAX_HIDDEN:
+        raise BitstreamError(f"{path}: the first layer of the gain network is missing or of no sensible size")
+    wanted = _arrays(kind.untrained(len(first)))
+    if set(arrays) != set(wanted):
+        odd = sorted(set(arrays) ^ set(wanted))
+        raise BitstreamError(f"{path}: tensors of the network are missing or unknown: {', '.join(odd[:3])}")
+    for name, model in wanted.items():
+        found = arrays[name]
+        if found.shape != model.shape or found.dtype.kind != "f":
+            raise BitstreamError(f"{path}: '{name}' is {found.dtype} {found.shape}, not {model.shape}")
+        if not np.isfinite(found).all():
+            raise BitstreamError(f"{path}: '{name}' of the network is not finite")
+    if not (arrays["spread"] > 0).all():
+        raise BitstreamError(f"{path}: 'spread' of the gain network is not positive")
+    narrow = {name: values.astype(np.float32) for name, values in arrays.items()}
+    hidden, output = (Linear(narrow[f"{name}.weight"], narrow[f"{name}.bias"]) for name in ("layers.0", "layers.2"))
+    return kind(narrow["mean"], narrow["spread"], hidden, output)
+
+
+@cache
+def default_weights() -> GainNetwork:
+    """Returns the network for anchors that ships with the package."""
+    return load_gain_network(SHIPPED[0])
+
+
+@cache
+def default_element_weights() -> ElementNetwork:
+    """Returns the network for explicit Gaussians that ships with the package."""
+    return load_element_network(SHIPPED[1])

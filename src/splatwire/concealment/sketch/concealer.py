@@ -1,0 +1,219 @@
+"""The concealer `sketch`: coarse copies replace lost important anchors; drawn anchors are enlarged."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from splatwire.arguments import CheckedFields
+from splatwire.concealment.base import Concealed
+from splatwire.concealment.grow import Grow
+from splatwire.concealment.registry import register_concealer
+from splatwire.concealment.scene_free.elements import ElementInputs, element_inputs, grown
+from splatwire.concealment.scene_free.network import GainInputs, gain_inputs
+from splatwire.concealment.scene_free.signature import near_losses
+from splatwire.concealment.scene_free.surroundings import surroundings_of
+from splatwire.concealment.scene_free.weights import default_element_weights, default_weights
+from splatwire.concealment.sketch.section import (
+    SCALING_COLUMNS,
+    SECTION,
+    SketchSection,
+    SketchSizes,
+    read_sketch,
+    size_buckets,
+)
+from splatwire.errors import InvalidValueError
+from splatwire.ops.arrays import lower_median, to_arrays, to_numpy
+from splatwire.types import AnchorLayout, AnchorScene, Attribute, Copies, Erasures, Prior, ReceivedScene, SplatScene
+from splatwire.types.splats import Splats
+
+MAX_LOG_SIZE = 6.0
+"""Limit of decoded log scalings relative to the prior: for any data, scalings stay within a factor of `exp(6)` of the
+predicted scalings."""
+_LEAST_SHARE = 0.05
+
+
+@register_concealer("sketch", section=SECTION)
+@dataclass(frozen=True)
+class Sketch(CheckedFields):
+    """Draws coarse copies of important lost anchors, hides other lost anchors, and enlarges drawn anchors around them.
+
+    The copies (the sketch) are a section of the side information, which `splatwire calibrate sketch` adds to a stream.
+    A copy never replaces received values, and an anchor with a copy counts as received. The factor by which drawn
+    anchors are enlarged is that of the concealer `grow`, corrected by the neural network of the concealer `scene_free`.
+    The section contains the strength of this correction (`trust`).
+
+    For explicit Gaussians, the copies are those of the codec (`Copies`). The network for explicit Gaussians computes
+    the factors on size and opacity of drawn Gaussians, with exponents from the side information.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name of this concealer in the registry, `sketch`."""
+        return "sketch"
+
+    def __call__(self, partial: ReceivedScene) -> Concealed:
+        """Replaces lost elements by their coarse copies, and computes size and opacity factors of drawn elements.
+
+        Raises:
+            InvalidValueError: If the stream lacks the section `sketch`.
+            BitstreamError: If the section is damaged or belongs to another scene.
+        """
+        copies = partial.find(Copies)
+        if copies is not None:
+            return conceal_with_copies(partial, copies)
+        if SECTION not in partial.sections:
+            raise _missing()
+        section = read_sketch(partial.sections[SECTION], sizes_of(partial), buckets_of(partial))
+        return conceal_with(partial, section)
+
+
+def _missing() -> InvalidValueError:
+    return InvalidValueError(
+        f"concealer 'sketch' needs the section '{SECTION}', which this stream does not have: add it with "
+        "`splatwire calibrate sketch`, or use 'grow'"
+    )
+
+
+def conceal_with(partial: ReceivedScene[AnchorScene], section: SketchSection) -> Concealed:
+    """Conceals lost anchors with a decoded sketch (coarse copies of important anchors)."""
+    filled = with_sketch(partial, section)
+    if section.trust and bool(filled.known.any()):
+        return SketchedLoss.of(filled).proposal(section)
+    grow = Grow(exponent=section.exponent, max_excess=section.max_excess)
+    return replace(grow(filled), elements=filled.filled)
+
+
+def conceal_with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> Concealed:
+    """Replaces lost Gaussians by their redundant copies, and enlarges drawn Gaussians with the sender's parameters."""
+    filled = with_copies(partial, copies)
+    return grown_with_copies(filled, element_inputs(filled), copies.growth)
+
+
+def grown_with_copies(
+    filled: ReceivedScene[SplatScene], inputs: ElementInputs, growth: tuple[float, float, float]
+) -> Concealed:
+    """Builds the concealer's result for explicit Gaussians after lost ones were replaced by copies.
+
+    Args:
+        filled: Scene in which copies count as received, from `with_copies`.
+        inputs: Network inputs of that scene.
+        growth: Exponents of the factors on size and on opacity, and the strength of the network's correction
+            (`Copies.growth`).
+    """
+    size, opacity, trust = growth
+    gains = default_element_weights()(inputs, trust, (size, opacity))
+    return replace(grown(filled, inputs.rows, gains), elements=filled.elements)
+
+
+def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedScene[SplatScene]:
+    """Returns the scene with lost Gaussians replaced by their copies and marked as received.
+
+    Gaussians without a copy are unchanged.
+    """
+    lost = ~partial.known[copies.places]
+    places, chosen = copies.places[lost], copies.splats.select(lost)
+    splats = {name: values.copy() for name, values in vars(partial.scene.splats).items()}
+    for name, values in splats.items():
+        values[places] = getattr(chosen, name)
+    received = partial.erasures.received.copy()
+    received[places] = True
+    return replace(partial, scene=partial.scene.with_elements(Splats(**splats)), erasures=Erasures(received))
+
+
+@dataclass(frozen=True, eq=False)
+class SketchedLoss:
+    """A received scene with coarse copies in place of lost anchors, and the statistics for enlarging drawn anchors.
+
+    Attributes:
+        filled: Scene in which anchors with a copy count as received, from `with_sketch`; at least one anchor is drawn.
+        left: Share of each drawn anchor's neighbours that is drawn too, 0 to 1.
+        inputs: Network inputs of the drawn anchors.
+    """
+
+    filled: ReceivedScene[AnchorScene]
+    left: Float[np.ndarray, "M"]
+    inputs: GainInputs
+
+    @staticmethod
+    def of(filled: ReceivedScene[AnchorScene]) -> "SketchedLoss":
+        """Computes the statistics of each drawn anchor's neighbours; this is the slowest part of the concealer.
+
+        Args:
+            filled: Received scene in which coarse copies have replaced lost anchors, from `with_sketch`.
+        """
+        around = surroundings_of(filled, np.flatnonzero(filled.known))
+        return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
+
+    def proposal(self, section: SketchSection) -> Concealed:
+        """Builds the concealer's result with the parameters of the enlargement in a section `sketch`."""
+        rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
+        gain = rule.gain(self.left, self.filled.known, self.filled.tier_sizes)
+        gains = default_weights()(replace(self.inputs, grown=gain), section.trust)
+        return replace(grown(self.filled, self.inputs.rows, gains), elements=self.filled.filled)
+
+
+def with_sketch(partial: ReceivedScene[AnchorScene], section: SketchSection) -> ReceivedScene[AnchorScene]:
+    """Returns the scene with lost anchors replaced by coarse copies, which are marked as received.
+
+    Received values are unchanged.
+    """
+    anchors, received = to_arrays(partial.scene.anchors), partial.erasures.received
+    drawn = section.levels > 0
+    rows = np.flatnonzero(drawn)
+    features, scalings, offsets, mask = sketched_attributes(section, expected_scalings(partial[Prior])[rows])
+
+    def fill(attribute: Attribute, decoded: np.ndarray, sketched: np.ndarray) -> np.ndarray:
+        column = received[rows, int(attribute)].reshape(-1, *[1] * (decoded.ndim - 1))
+        filled = decoded.copy()
+        filled[rows] = np.where(column, decoded[rows], sketched)
+        return filled
+
+    filled = replace(
+        anchors,
+        features=fill(Attribute.FEATURE, anchors.features, features),
+        scalings=fill(Attribute.SCALING, anchors.scalings, scalings),
+        offsets=fill(Attribute.OFFSET, anchors.offsets, offsets),
+        mask=fill(Attribute.MASK, anchors.mask, mask),
+    )
+    erasures = Erasures(received | drawn[:, None])
+    return replace(partial, scene=partial.scene.with_elements(filled), erasures=erasures)
+
+
+def expected_scalings(prior: Prior) -> Float[np.ndarray, "N 6"]:
+    """Returns the scalings predicted by the prior, clamped from below at a fraction of their median."""
+    mean = to_numpy(prior.scaling.mean)
+    floor = np.float32(_LEAST_SHARE) * lower_median(mean) if len(mean) else np.zeros(6, np.float32)
+    return np.maximum(np.maximum(mean, floor), np.float32(1e-9))
+
+
+def sketched_attributes(
+    section: SketchSection, expected: Float[np.ndarray, "M 6"]
+) -> tuple[Float[np.ndarray, "M F"], Float[np.ndarray, "M 6"], Float[np.ndarray, "M K 3"], Bool[np.ndarray, "M K"]]:
+    """Returns features, scalings, offsets and offset masks of the coarse copies; all values are finite.
+
+    Args:
+        section: The sketch.
+        expected: Scalings of these anchors predicted by the prior, see `expected_scalings`.
+    """
+    levels = section.levels[section.levels > 0]
+    channels = section.basis.channels(levels, section.values)
+    features = np.nan_to_num(channels[:, :-SCALING_COLUMNS])
+    logs = np.clip(np.nan_to_num(channels[:, -SCALING_COLUMNS:]), -MAX_LOG_SIZE, MAX_LOG_SIZE)
+    scalings = np.exp(logs) * expected
+    offsets = section.basis.offsets(levels, section.offsets)
+    return features, scalings, offsets.reshape(*section.masks.shape, 3), section.masks.astype(np.bool_)
+
+
+def sizes_of(partial: ReceivedScene[AnchorScene]) -> SketchSizes:
+    """Returns the numbers of anchors, feature channels and offsets that `read_sketch` needs."""
+    return SketchSizes(partial.scene.num_elements, partial[AnchorLayout].feature_dim, partial[AnchorLayout].num_offsets)
+
+
+def buckets_of(partial: ReceivedScene) -> np.ndarray:
+    """Returns the size class of each anchor (0: largest), a context of the entropy coder, int64 (N).
+
+    Sender and receiver compute the classes from identical numbers.
+    """
+    size = np.maximum(to_numpy(partial[Prior].scaling.mean)[:, 3:6].astype(np.float64), 0)
+    return size_buckets(size[:, 0] * size[:, 1] * size[:, 2])

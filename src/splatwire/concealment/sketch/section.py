@@ -1,0 +1,316 @@
+"""The section `sketch` of the side information: coarse copies of the most important anchors.
+
+An anchor with a copy ("sketched") has a precision level, from 1 (coarsest). The channels of the copy are the features,
+and the logarithms of scalings relative to the prior. Channels are decoded as `mean + basis @ integers`. The columns of
+the basis are the basis vectors of a decorrelating transform, scaled so that equal errors of any integer change the
+rendered images equally. The offsets are `offset_step * integers`; the offset mask is coded explicitly. Basis and offset
+step halve from level to level.
+
+Layout: version, number of levels, columns C and offsets per anchor, `u8`; anchors and sketched anchors, `u32`; offset
+step, exponent and maximum excess of the size gain, factor on the correction by the scene-free network (trust), `f32`;
+as `f16` the mean of the D channels and a scale for each column; the scale index of each column, and the columns of the
+basis, integers of at most 7 bits, entropy-coded with a zero-mean normal distribution of that scale. The rest of the
+section is the output of the range coder.
+
+For each anchor in coding order: a bit "sketched" (has a copy), and the precision level in unary. The context is the
+bucket of the prior's size and the number of sketched anchors among the previous four, at most 3. For each sketched
+anchor: its mask bits (context: offset and number of previous 1 bits, at most 3); C integers, and three per existing
+offset. An integer is a bit "not 0", the sign, and the magnitude less one, in unary up to 14 and in Elias gamma beyond.
+"Not 0" and the first four bits of the magnitude have probability models per level and column (or axis), other bits per
+level. Anchors are divided into size classes (buckets) by the product of the last three scalings predicted by the prior:
+the largest 1 %, then up to 3, 10, 25, 50 %, and the rest.
+"""
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.entropy.coder import decode_symbols, encode_symbols, fresh_models
+from splatwire.entropy.integers import scale_index, zero_mean_rows
+from splatwire.entropy.tables import NUM_SCALES
+from splatwire.errors import BitstreamError, InvalidValueError, TruncatedStreamError, UnsupportedVersionError
+from splatwire.files.byte_io import ByteReader, ByteWriter
+
+SECTION = "sketch"
+VERSION = 2
+"""Version of the layout. Version 1 lacked the field `trust` and is no longer read; a sketch can be recreated in a
+minute."""
+MAX_LEVELS = 8
+MAX_VALUE = 1 << 24
+MAX_DIRECTION = 127
+MAX_TRUST = 4.0
+OFFSET_STEPS = (1.0 / (1 << 13), 16.0)
+"""Smallest and largest quantisation step of offsets; both are exact in float32."""
+SCALING_COLUMNS = 6
+_HEADER = struct.Struct("<BBBBIIffff")
+_BUCKET_SHARES = (0.01, 0.03, 0.1, 0.25, 0.5)
+"""Limits of the size classes (buckets) as fractions of the anchors, sorted by predicted size. The class is a context of
+the entropy coder, because large anchors have copies more often."""
+NUM_BUCKETS = len(_BUCKET_SHARES) + 1
+
+
+@dataclass(frozen=True)
+class SketchSizes:
+    """Array dimensions of a scene, which a receiver needs to decode a sketch (coarse copies of anchors).
+
+    Attributes:
+        num_anchors: Number of anchors, N.
+        feature_dim: Number of feature channels, F.
+        num_offsets: Number of offsets per anchor, K.
+    """
+
+    num_anchors: int
+    feature_dim: int
+    num_offsets: int
+
+    @property
+    def num_channels(self) -> int:
+        """Number of channels D: features, and logarithms of scalings relative to the prior."""
+        return self.feature_dim + SCALING_COLUMNS
+
+
+@dataclass(frozen=True, eq=False)
+class SketchBasis:
+    """Parameters for dequantising the copies of anchors in a sketch: basis vectors and quantisation steps.
+
+    The D channels of an anchor are its features, and logarithms of its scalings relative to the prior. They are coded
+    as the mean plus a sum of C basis vectors, each multiplied by a coded integer.
+
+    Attributes:
+        mean: Mean of the channels, float32 (D), exact in half precision.
+        directions: Basis vectors, int16 (D, C). At the first level, a coded integer of 1 in column c changes the
+            channels by `directions[:, c] * scales[c]`.
+        scales: Scale of each basis vector (column), float32 (C), exact in half precision.
+        offset_step: Quantisation step of offset coordinates at the first level.
+        num_levels: Number of levels; steps halve from each level to the next.
+    """
+
+    mean: np.ndarray
+    directions: np.ndarray
+    scales: np.ndarray
+    offset_step: float
+    num_levels: int
+
+    def channels(self, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Dequantises coefficients to features and logarithms of scalings relative to the prior.
+
+        Args:
+            levels: Precision level of each copied anchor, from 1, (M).
+            values: Quantised transform coefficients, (M, C).
+
+        Returns:
+            float32 (M, D).
+        """
+        step = 0.5 ** (levels.astype(np.float64) - 1)
+        scaled = values.astype(np.float64) * step[:, None]
+        matrix = self.directions.astype(np.float64) * self.scales.astype(np.float64)
+        return (self.mean.astype(np.float64) + scaled @ matrix.T).astype(np.float32)
+
+    def offsets(self, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Dequantises offsets, float32 (M, 3 K).
+
+        Args:
+            levels: Precision level of each copied anchor, from 1, (M).
+            values: Quantised offsets, (M, 3 K).
+        """
+        step = self.offset_step * 0.5 ** (levels.astype(np.float64) - 1)
+        return (values.astype(np.float64) * step[:, None]).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class SketchSection:
+    """Decoded content of the section `sketch`: coarse copies of anchors, and parameters of the concealer `sketch`.
+
+    The concealer also enlarges received anchors next to lost ones, by a factor called size gain.
+
+    Attributes:
+        exponent: Exponent of the size gain (`splatwire.concealment.Grow.exponent`).
+        max_excess: Limit of that size gain (`Grow.max_excess`).
+        trust: Factor on the correction of the size gain by a neural network (`concealment.SceneFree.trust`).
+        basis: Parameters that map the coded integers to attributes.
+        levels: Precision level of each anchor's copy, int64 (N); 0 for an anchor without a copy.
+        masks: Offset masks of the M copied anchors in coding order, uint8 (M, K).
+        values: Quantised transform coefficients of features and scalings, int64 (M, C).
+        offsets: Quantised offsets, int64 (M, 3 K); 0 where masked out.
+    """
+
+    exponent: float
+    max_excess: float
+    trust: float
+    basis: SketchBasis
+    levels: np.ndarray
+    masks: np.ndarray
+    values: np.ndarray
+    offsets: np.ndarray
+
+
+def size_buckets(expected_size: np.ndarray) -> np.ndarray:
+    """Divides anchors into size classes (buckets), the contexts of the entropy coder.
+
+    Args:
+        expected_size: Sizes predicted by the prior, float (N), identical on all machines.
+
+    Returns:
+        Bucket of each anchor, int64 (N), 0 for the largest.
+    """
+    order = np.argsort(-expected_size, kind="stable")
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    edges = [int(share * len(order)) for share in _BUCKET_SHARES]
+    return np.searchsorted(np.array(edges), place, side="right").astype(np.int64)
+
+
+def write_sketch(section: SketchSection, buckets: np.ndarray) -> bytes:
+    """Encodes a sketch (coarse copies of anchors) as a section of the side information.
+
+    Args:
+        section: The sketch.
+        buckets: Result of `size_buckets`, int64 (N).
+
+    Raises:
+        InvalidValueError: If a value is beyond the limits of the format.
+    """
+    from splatwire.concealment.sketch import _kernels as kernels
+    from splatwire.entropy.range_kernels import encoder_finish, encoder_start
+
+    basis, columns = section.basis, section.values.shape[1]
+    chosen = section.levels > 0
+    numbers = [basis.offset_step, section.exponent, section.max_excess, section.trust, *basis.mean, *basis.scales]
+    numbers = [*numbers, *basis.mean.astype(np.float16), *basis.scales.astype(np.float16)]
+    small = max(np.abs(section.values).max(initial=0), np.abs(section.offsets).max(initial=0)) < MAX_VALUE
+    rows = len(section.values) == len(section.masks) == len(section.offsets) == int(chosen.sum())
+    steps = OFFSET_STEPS[0] <= basis.offset_step <= OFFSET_STEPS[1]
+    if not (small and rows and steps and np.isfinite(numbers).all() and basis.num_levels <= MAX_LEVELS):
+        raise InvalidValueError("a sketch of this kind is beyond the format")
+    header = _HEADER.pack(
+        VERSION, basis.num_levels, columns, section.masks.shape[1], len(section.levels), len(section.values),
+        basis.offset_step, section.exponent, section.max_excess, section.trust,
+    )  # fmt: skip
+    per_row = section.masks.shape[1] * kernels.BYTES_PER_BIT + kernels.BYTES_PER_VALUE * (
+        columns + section.offsets.shape[1]
+    )
+    room = len(section.levels) * kernels.BYTES_PER_BIT * (1 + basis.num_levels) + len(section.values) * per_row + 64
+    buffer, state = np.empty(room, dtype=np.uint8), np.empty(3, dtype=np.int64)
+    level_models, bit_models, models = _models(basis.num_levels, columns, section.masks.shape[1])
+    encoder_start(state)
+    kernels.encode_levels(buffer, state, level_models, section.levels, buckets, basis.num_levels)
+    kernels.encode_rows(
+        buffer, state, bit_models, models, section.levels[chosen], section.masks, section.values, section.offsets
+    )
+    length = encoder_finish(buffer, state)
+    tables = basis.mean.astype("<f2").tobytes() + basis.scales.astype("<f2").tobytes()
+    return header + tables + _write_directions(basis.directions) + buffer[:length].tobytes()
+
+
+def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchSection:
+    """Decodes a sketch; the inverse of `write_sketch`.
+
+    Args:
+        data: Bytes of the section.
+        sizes: Array dimensions of the scene.
+        buckets: Result of `size_buckets`, int64 (N).
+
+    Raises:
+        UnsupportedVersionError: If this release does not support the section's version.
+        BitstreamError: If the section is damaged, or belongs to another scene.
+    """
+    from splatwire.concealment.sketch import _kernels as kernels
+    from splatwire.entropy.range_kernels import decoder_start
+
+    growth, count, basis, coded = _read_head(data, sizes)
+    columns = basis.directions.shape[1]
+    state, levels = np.empty(3, dtype=np.int64), np.empty(sizes.num_anchors, dtype=np.int64)
+    level_models, bit_models, models = _models(basis.num_levels, columns, sizes.num_offsets)
+    decoder_start(coded, 0, len(coded), state)
+    found = kernels.decode_levels(coded, state, level_models, buckets, basis.num_levels, levels)
+    if found != count:  # checked before the rows are allocated
+        raise BitstreamError(f"section '{SECTION}': {found} anchors are sketched, and {count} should be")
+    masks = np.empty((count, sizes.num_offsets), dtype=np.uint8)
+    values = np.empty((count, columns), dtype=np.int64)
+    offsets = np.empty((count, 3 * sizes.num_offsets), dtype=np.int64)
+    kernels.decode_rows(coded, state, bit_models, models, levels[levels > 0], masks, values, offsets)
+    if max(np.abs(values).max(initial=0), np.abs(offsets).max(initial=0)) >= MAX_VALUE:
+        raise BitstreamError(f"section '{SECTION}' is damaged: values out of range")
+    return SketchSection(*growth, basis, levels, masks, values, offsets)
+
+
+def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, float], int, SketchBasis, np.ndarray]:
+    """Reads and checks the header and the basis of the section `sketch`.
+
+    Args:
+        data: Bytes of the section.
+        sizes: Array dimensions of the scene.
+
+    Returns:
+        Four items:
+
+        * Parameters of the enlargement of drawn anchors: exponent, upper limit, and strength of the correction by a
+        neural network.
+        * Number of anchors that have a copy.
+        * Basis for dequantising the copies.
+        * Bytes of the range coder, uint8.
+    """
+    if data and data[0] != VERSION:
+        raise UnsupportedVersionError(
+            f"section '{SECTION}' has version {data[0]}, this release reads {VERSION}: make it again with "
+            "`splatwire calibrate sketch`"
+        )
+    if len(data) < _HEADER.size:
+        raise TruncatedStreamError(f"section '{SECTION}' has {len(data)} bytes, its header takes {_HEADER.size}")
+    _, num_levels, columns, offsets, anchors, count, offset_step, *growth = _HEADER.unpack_from(data)
+    if (anchors, offsets) != (sizes.num_anchors, sizes.num_offsets):
+        raise BitstreamError(f"section '{SECTION}' is of a scene of {anchors} anchors with {offsets} offsets")
+    reader = ByteReader(data[_HEADER.size :], f"section '{SECTION}'")
+    numbers = np.frombuffer(reader.take(2 * (sizes.num_channels + columns)), dtype="<f2").astype(np.float32)
+    sane = 1 <= num_levels <= MAX_LEVELS and 1 <= columns <= sizes.num_channels and count <= anchors
+    exponent, excess, trust = growth
+    sane = sane and OFFSET_STEPS[0] <= offset_step <= OFFSET_STEPS[1]
+    sane = sane and 0 <= exponent <= 4 and 1 <= excess <= 16 and 0 <= trust <= MAX_TRUST
+    if not (sane and np.isfinite(numbers).all()):
+        raise BitstreamError(f"section '{SECTION}' is damaged: its header or its tables are impossible")
+    directions = _read_directions(reader, sizes.num_channels, columns)
+    mean, scales = numbers[: sizes.num_channels], numbers[sizes.num_channels :]
+    basis = SketchBasis(mean, directions, scales, offset_step, num_levels)
+    return (exponent, excess, trust), count, basis, np.frombuffer(reader.rest(), dtype=np.uint8)
+
+
+def _write_directions(directions: np.ndarray) -> bytes:
+    """Entropy-codes the basis, each column with a zero-mean normal distribution of the column's scale."""
+    scales = scale_index(np.sqrt((directions.astype(np.float64) ** 2).mean(axis=0) + 0.05))
+    writer = ByteWriter()
+    for scale in scales.tolist():
+        writer.unsigned(scale)
+    writer.blob(encode_symbols(directions.T.ravel().astype(np.int64), zero_mean_rows(scales, len(directions))))
+    return writer.bytes()
+
+
+def _read_directions(reader: ByteReader, channels: int, columns: int) -> np.ndarray:
+    scales = np.array([reader.unsigned() for _ in range(columns)], dtype=np.int64)
+    if scales.max(initial=0) >= NUM_SCALES:
+        raise BitstreamError(f"section '{SECTION}' is damaged: a scale of its basis is impossible")
+    symbols = decode_symbols(reader.blob(), zero_mean_rows(scales, channels))
+    if np.abs(symbols).max(initial=0) > MAX_DIRECTION:
+        raise BitstreamError(f"section '{SECTION}' is damaged: its basis is impossible")
+    return symbols.reshape(columns, channels).T.astype(np.int16)
+
+
+def _models(num_levels: int, columns: int, num_offsets: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns the adaptive probability models of the range coder in their initial state.
+
+    Args:
+        num_levels: Number of precision levels of copies.
+        columns: Number of basis vectors, C.
+        num_offsets: Number of offsets per anchor, K.
+
+    Returns:
+        Three tables of models: for the precision levels, the offset masks, and the coefficients and offsets of copies.
+    """
+    from splatwire.concealment.sketch import _kernels as kernels
+
+    values = num_levels * ((columns + 3) * (1 + kernels.OWN) + kernels.SHARED)
+    return (
+        fresh_models(NUM_BUCKETS * kernels.HISTORY + num_levels),
+        fresh_models(num_offsets * kernels.HISTORY),
+        fresh_models(values),
+    )

@@ -1,0 +1,1 @@
+"""Concealers for sequences: estimate lost motion from earlier frames and from neighbouring tracks."""

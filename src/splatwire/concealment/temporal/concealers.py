@@ -1,0 +1,153 @@
+"""Concealers of sequences: estimate the lost motion of tracks (Gaussians over time) in a group of pictures (GOP)."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from splatwire.concealment.registry import create, find_temporal, register_concealer, temporal_names
+from splatwire.concealment.temporal.extrapolation import MotionPrediction, extrapolate, is_locally_coherent
+from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
+from splatwire.errors import InvalidValueError
+from splatwire.types.sequence_scene import ClipScene
+
+DEFAULT = "motion"
+
+
+@dataclass(frozen=True, eq=False)
+class LostMotion:
+    """Tracks with lost motion in a group of pictures, and the received information for estimating this motion.
+
+    Attributes:
+        clip: The sequence, with the keyframe Gaussians of all tracks.
+        group: Index of the group of pictures.
+        tracks: Indices of the tracks with lost motion, int64 (n).
+        arrived: Tracks with received motion, and their offsets from their keyframe Gaussians in each frame of the
+            group.
+        before: State at the end of the previous group: existing tracks with their offsets and velocities.
+    """
+
+    clip: ClipScene
+    group: int
+    tracks: np.ndarray
+    arrived: GroupPoses
+    before: ConcealmentState
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames of the group."""
+        return len(self.clip.timeline.frames_of(self.group))
+
+
+@dataclass(frozen=True, eq=False)
+class ConcealedMotion:
+    """Motion that a concealer estimates for tracks with lost motion.
+
+    Attributes:
+        at: Function that returns the offsets of the n lost tracks from their keyframe Gaussians, float32 (n, C), given
+            a frame of the group (from 0) and the offsets of the m received tracks, float32 (m, C). Channels are those
+            of `types.sequence_scene.GroupMotion.at`: position, rotation, logarithms of scales and opacity, colour.
+        shown: False to hide the lost tracks until the next group of pictures. The estimation of the next group still
+            starts from the offsets of `at`.
+    """
+
+    at: MotionPrediction
+    shown: bool = True
+
+
+@runtime_checkable
+class TemporalConcealer(Protocol):
+    """Protocol of a concealer of sequences: a function with a name that estimates lost motion in a group of pictures.
+
+    Attributes:
+        grow: True if received Gaussians are enlarged around lost keyframe Gaussians.
+    """
+
+    grow: bool
+
+    @property
+    def name(self) -> str:
+        """Name of the concealer, as passed to `clip_concealer`."""
+
+    def __call__(self, lost: LostMotion, /) -> ConcealedMotion:
+        """Returns estimated motion of the lost tracks, without NaN."""
+
+
+@dataclass(frozen=True)
+class ClipConcealer:
+    """Conceals lost motion: extrapolates the last received motion, or interpolates the motion of neighbouring tracks.
+
+    Attributes:
+        name: Name of the concealer.
+        shown: If False, tracks with lost motion are not drawn until the next group of pictures.
+        neighbors: Number of nearest tracks with received motion whose motion is interpolated; 0 keeps the last
+            position.
+        smooth: If True, evaluates a quadratic fit of the neighbours' motion (`smooth_weights`); if False, their mean
+            weighted by inverse squared distance.
+        momentum: Fraction of the last velocity that a track keeps if no neighbours are used, 0 to 1.
+        grow: True if received Gaussians are enlarged around lost keyframe Gaussians.
+
+    Raises:
+        InvalidValueError: If a number is out of range.
+    """
+
+    name: str
+    shown: bool = True
+    neighbors: int = 0
+    smooth: bool = False
+    momentum: float = 0.0
+    grow: bool = True
+
+    def __post_init__(self) -> None:
+        if self.neighbors < 0 or not 0 <= self.momentum <= 1:
+            raise InvalidValueError(f"neighbours are 0 or more, a momentum is 0 to 1: {self}")
+
+    def __call__(self, lost: LostMotion) -> ConcealedMotion:
+        """Returns estimated motion of the lost tracks."""
+        at = extrapolate(
+            lost.clip, lost.arrived, lost.tracks, lost.before, lost.group,
+            neighbors=self.neighbors, smooth=self.smooth, momentum=self.momentum,
+        )  # fmt: skip
+        follows = self.neighbors == 0 or is_locally_coherent(lost.clip, lost.arrived, lost.num_frames)
+        return ConcealedMotion(at, self.shown and follows)
+
+
+BUILT_IN: dict[str, dict[str, Any]] = {
+    "drop": {"shown": False, "grow": False},
+    "hold": {},
+    "extrapolate": {"momentum": 1.0},
+    "neighbors": {"neighbors": 8},
+    "motion": {"neighbors": 40, "smooth": True},
+}
+"""Built-in concealers of sequences: options of `ClipConcealer` by name."""
+
+
+def _register(preset: str) -> None:
+    def make(**options: Any) -> ClipConcealer:
+        return ClipConcealer(**{"name": preset, **BUILT_IN[preset], **options})
+
+    register_concealer(preset, temporal=True)(make)
+
+
+for _preset in BUILT_IN:
+    _register(_preset)
+
+
+def clip_concealer(name: str, **options: Any) -> TemporalConcealer:
+    """Creates a concealer of sequences.
+
+    Args:
+        name: One of `clip_concealer_names()`, or `name:VALUE` for a concealer with a required option.
+        options: Options of that concealer; defaults apply to missing ones.
+
+    Raises:
+        UnknownNameError: If no concealer of sequences has that name.
+        InvalidValueError: If an option is unknown or invalid, or the providing package is broken.
+    """
+    made: TemporalConcealer = create(name, find_temporal(name.partition(":")[0]), TemporalConcealer, options)
+    return made
+
+
+def clip_concealer_names() -> tuple[str, ...]:
+    """Returns the names of all concealers of sequences without required options, built-in ones first."""
+    return temporal_names()

@@ -1,0 +1,155 @@
+"""Temporal concealment of a group of pictures (GOP): finds tracks with lost motion and computes poses of all tracks."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from splatwire.codec.sequence.layout import NUM_CHANNELS
+from splatwire.concealment.temporal.concealers import ConcealedMotion, LostMotion, TemporalConcealer
+from splatwire.concealment.temporal.extrapolation import MotionPrediction, no_motion
+from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
+from splatwire.errors import InvalidValueError
+from splatwire.types.sequence_scene import ClipScene, GroupMotion
+
+
+def conceal_group(
+    clip: ClipScene, motion: GroupMotion, group: int, received: np.ndarray, state: ConcealmentState | None,
+    concealer: TemporalConcealer,
+) -> tuple[GroupPoses, Callable[[], ConcealmentState]]:  # fmt: skip
+    """Computes the poses of all tracks in a group of pictures; lost motion is replaced by estimates of the concealer.
+
+    Args:
+        clip: The sequence.
+        motion: Received motion of the group.
+        group: Index of the group of pictures.
+        received: Mask of received keyframe Gaussians, bool (T).
+        state: State at the end of the previous group; None after a seek.
+        concealer: Estimates the motion of tracks with lost motion.
+
+    Returns:
+        The poses, and a function that computes the concealment state at the group's end. The state is computed after
+        all frames of the group were output, so that no frame is delayed.
+
+    Raises:
+        InvalidValueError: If the concealer returns motion of wrong shape or type, or values that are not finite.
+    """
+    frames, arrived = len(clip.timeline.frames_of(group)), _arrived(motion)
+    poses, shown_all = arrived, True
+    before = _initial_state(clip) if state is None else state.extended_to(clip.num_gaussians)
+    lost_tracks = np.flatnonzero(_lost(clip, motion, group, received, None if state is None else before.alive))
+    if len(lost_tracks):
+        prediction = no_motion(lost_tracks)
+        if not motion.unchanged:
+            proposal = _proposal(concealer, LostMotion(clip, group, lost_tracks, arrived, before))
+            prediction, shown_all = proposal.at, proposal.shown
+        others = GroupPoses(
+            lost_tracks,
+            *_lifetimes(clip, group, lost_tracks),
+            np.full(len(lost_tracks), not motion.unchanged),
+            arrived.at,
+        )
+        poses = _merge(arrived, others, prediction)
+    shown = poses if shown_all else _some(poses, ~poses.concealed)
+    return _some(shown, received[shown.tracks]), lambda: _next_state(poses, clip.num_gaussians, frames, before)
+
+
+def _proposal(concealer: TemporalConcealer, lost: LostMotion) -> ConcealedMotion:
+    """Calls a concealer and checks shape, type and values of the estimated motion in each frame."""
+    proposal, shape = concealer(lost), (len(lost.tracks), NUM_CHANNELS)
+    if not isinstance(proposal, ConcealedMotion):
+        found = type(proposal).__name__
+        raise InvalidValueError(f"concealer '{concealer.name}' returned {found}, not ConcealedMotion")
+
+    def at(frame: int, arrived: np.ndarray) -> np.ndarray:
+        offsets = np.asarray(proposal.at(frame, arrived))
+        if offsets.shape != shape:
+            what = f"motion of shape {offsets.shape} for {shape[0]:,} tracks of {shape[1]} channels"
+            raise InvalidValueError(f"concealer '{concealer.name}' returned {what}")
+        if not bool(np.isfinite(offsets).all()):
+            raise InvalidValueError(f"concealer '{concealer.name}' returned motion that is not finite")
+        return offsets
+
+    return ConcealedMotion(at, proposal.shown)
+
+
+def _lost(
+    clip: ClipScene, motion: GroupMotion, group: int, received: np.ndarray, alive: np.ndarray | None
+) -> np.ndarray:
+    """Returns the mask of tracks without received motion that may exist in a group of pictures, bool (T).
+
+    Args:
+        clip: The sequence.
+        motion: Received motion of the group.
+        group: Index of the group of pictures.
+        received: Mask of received keyframe Gaussians, bool (T).
+        alive: Mask of tracks that existed at the end of the previous group, bool (T); None after a seek.
+    """
+    tracks = clip.tracks
+    known = tracks.born < group if alive is None else alive
+    lost = received & ((tracks.born == group) | known) & (tracks.ends > clip.timeline.frames_of(group).start)
+    lost &= ~motion.covered
+    lost[motion.tracks] = False
+    return lost
+
+
+def _lifetimes(clip: ClipScene, group: int, lost_tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns each track's first frame and the first frame after it, relative to a group, int64 (n) each."""
+    frames, tracks = clip.timeline.frames_of(group), clip.tracks
+    begins = np.where(tracks.born[lost_tracks] == group, tracks.begins[lost_tracks], 0)
+    return np.minimum(begins, len(frames) - 1), np.minimum(tracks.ends[lost_tracks] - frames.start, len(frames))
+
+
+def _initial_state(clip: ClipScene) -> ConcealmentState:
+    count = clip.num_gaussians
+    zero = np.zeros((count, NUM_CHANNELS), np.float32)
+    return ConcealmentState(np.zeros(count, bool), zero, zero, np.zeros(count, bool))
+
+
+def _arrived(motion: GroupMotion) -> GroupPoses:
+    return GroupPoses(motion.tracks, motion.begins, motion.ends, np.zeros(len(motion.tracks), bool), motion.at)
+
+
+def _next_state(poses: GroupPoses, count: int, frames: int, before: ConcealmentState) -> ConcealmentState:
+    """Returns the concealment state after a group of pictures; tracks that have ended keep their last offsets.
+
+    Args:
+        poses: Poses of the tracks in the group, received or estimated.
+        count: Number of all tracks, T.
+        frames: Number of frames of the group.
+        before: State at the end of the previous group.
+    """
+    alive, concealed = np.zeros(count, bool), np.zeros(count, bool)
+    offsets, velocity = before.offsets.copy(), np.zeros_like(before.velocity)
+    last = poses.ends == frames
+    rows = poses.tracks[last]
+    alive[rows], concealed[rows] = True, poses.concealed[last]
+    offsets[rows] = poses.at(frames - 1)[last]
+    if frames > 1:
+        velocity[rows] = offsets[rows] - poses.at(frames - 2)[last]
+    return ConcealmentState(alive, offsets, velocity, concealed)
+
+
+def _merge(first: GroupPoses, others: GroupPoses, prediction: MotionPrediction) -> GroupPoses:
+    """Merges tracks with received motion and tracks with estimated motion, sorted by track index.
+
+    Args:
+        first: Tracks with received motion.
+        others: Tracks with lost motion; their function `at` is not used.
+        prediction: Function that estimates the offsets of the tracks `others` from those of the tracks `first`.
+    """
+    order = np.argsort(np.concatenate([first.tracks, others.tracks]), kind="stable")
+
+    def at(frame: int) -> np.ndarray:
+        offsets = first.at(frame)
+        return np.concatenate([offsets, prediction(frame, offsets)])[order]
+
+    names = ("tracks", "begins", "ends", "concealed")
+    values = {name: np.concatenate([getattr(first, name), getattr(others, name)])[order] for name in names}
+    return GroupPoses(**values, at=at)
+
+
+def _some(poses: GroupPoses, index: np.ndarray) -> GroupPoses:
+    if index.all():
+        return poses
+    tracks, begins, ends, concealed = (v[index] for v in (poses.tracks, poses.begins, poses.ends, poses.concealed))
+    return GroupPoses(tracks, begins, ends, concealed, lambda frame: poses.at(frame)[index])

@@ -1,0 +1,174 @@
+"""Estimates lost motion of tracks from the previous group of pictures and from neighbouring tracks."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from splatwire.codec.sequence.layout import NUM_CHANNELS
+from splatwire.concealment.temporal.neighbors import OPACITY, PLACE, POSE, Neighbors
+from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
+from splatwire.types.sequence_scene import ClipScene
+
+UNLIKELY = 1e-3
+"""Minimum opacity factor of a track whose first frame was lost, so that it may not exist yet."""
+NUM_NEIGHBORS, MAX_TRACKS, STRIDE = 8, 4096, 8
+"""Test for locally coherent motion: neighbours per tested track, maximum number of tracks considered, and the stride
+that selects the tested tracks."""
+ALIKE = 0.25
+"""Test for locally coherent motion: maximum squared deviation from the neighbours' mean motion, relative to the track's
+squared motion."""
+
+MotionPrediction = Callable[[int, np.ndarray], np.ndarray]
+"""Function of a frame and of the received tracks' offsets that returns offsets of the lost tracks, float32 (n, C)."""
+
+
+def no_motion(lost_tracks: np.ndarray) -> MotionPrediction:
+    """Returns a prediction in which lost tracks stay at the position of their keyframe Gaussians."""
+    return lambda _frame, _arrived: np.zeros((len(lost_tracks), NUM_CHANNELS), np.float32)
+
+
+def extrapolate(
+    clip: ClipScene, arrived: GroupPoses, lost_tracks: np.ndarray, before: ConcealmentState, group: int,
+    *, neighbors: int, smooth: bool, momentum: float,
+) -> MotionPrediction:  # fmt: skip
+    """Predicts the motion of tracks with lost motion.
+
+    A track moves like the neighbouring tracks with received motion, and keeps its last deviation from these neighbours.
+
+    Args:
+        clip: The sequence.
+        arrived: Tracks with received motion.
+        lost_tracks: Indices of the tracks with lost motion, int64 (n).
+        before: Concealment state at the end of the previous group of pictures.
+        group: Index of the group.
+        neighbors: Number of nearest tracks with received motion to interpolate; 0 keeps the last position.
+        smooth: True for a quadratic fit of the neighbours' motion, False for a weighted mean.
+        momentum: Fraction of the last velocity that a track keeps if no neighbours are used, 0 to 1.
+    """
+    start, frames = before.offsets[lost_tracks], len(clip.timeline.frames_of(group))
+    whole = (arrived.begins == 0) & (arrived.ends == frames)
+    if not (neighbors and whole.any()):
+        speed = momentum * before.velocity[lost_tracks]
+        speed[:, PLACE.stop :] = 0
+        return lambda frame, _arrived: start + (frame + 1) * speed if momentum else start
+    observed, fresh = np.flatnonzero(whole), clip.tracks.born == group
+    same = _most_common_birth(clip.tracks.born, arrived.tracks[observed])
+    peers, mine = observed[same[arrived.tracks[observed]]], same[lost_tracks]
+    if len(peers) < neighbors:
+        peers, mine = observed, np.zeros(len(lost_tracks), bool)
+
+    def query(rows: np.ndarray, origins: np.ndarray | None, queries: np.ndarray) -> Neighbors:
+        return _query_neighbors(clip, arrived.tracks, rows, origins, queries, before, neighbors, smooth=smooth)
+
+    estimates = [
+        (index, query(observed, origins, lost_tracks[index]), origins)
+        for index, origins in (
+            (fresh[lost_tracks] & ~mine, arrived.at(0)[observed]),  # keyframe positions are those of the first frame
+            (~(fresh[lost_tracks] | mine), before.offsets[arrived.tracks[observed]]),
+        )
+    ]
+    same_start = query(peers, None, lost_tracks[mine])
+    own = start[mine] - same_start.interpolate(before.offsets[arrived.tracks[peers]])
+    own *= _kept_deviation(own, clip.tracks.rounding[lost_tracks[mine]], before.concealed[lost_tracks[mine]])
+    starts_unknown = fresh & (clip.tracks.begins == 0)
+    begun = np.log(begun_share(arrived.begins[starts_unknown[arrived.tracks]], frames))
+
+    def at(frame: int, offsets: np.ndarray) -> np.ndarray:
+        found = start.copy()
+        found[mine] = same_start.interpolate(offsets[peers]) + own
+        for index, others, origins in estimates:
+            found[index] += others.interpolate(offsets[observed] - origins)
+        found[starts_unknown[lost_tracks], OPACITY] += begun[frame]
+        return found
+
+    return at
+
+
+def is_locally_coherent(clip: ClipScene, arrived: GroupPoses, frames: int) -> bool:
+    """Returns True if most received tracks move like their neighbours (tested on a sample).
+
+    Motion is incoherent if consecutive frames have little in common. Drawing estimated motion is then worse than hiding
+    the tracks.
+    """
+    observed = np.flatnonzero((arrived.begins == 0) & (arrived.ends == frames))
+    if len(observed) <= 2 * NUM_NEIGHBORS:
+        return True
+    observed = observed[:: -(-len(observed) // MAX_TRACKS)]
+    first = arrived.at(0)[observed, PLACE]
+    places = clip.tracks.splats.means[arrived.tracks[observed]] + first
+    tested = np.arange(0, len(observed), STRIDE)
+    nearest = cKDTree(places).query(places[tested], k=NUM_NEIGHBORS + 1)[1][:, 1:]
+    moved, apart = np.zeros((2, len(tested)))
+    for frame in range(1, frames):
+        change = (arrived.at(frame)[observed, PLACE] - first).astype(np.float64)
+        moved += (change[tested] ** 2).sum(axis=1)
+        apart += ((change[tested] - change[nearest].mean(axis=1)) ** 2).sum(axis=1)
+    return bool((apart <= ALIKE * moved).mean() > 0.5)
+
+
+def _query_neighbors(
+    clip: ClipScene, tracks: np.ndarray, observed: np.ndarray, origins: np.ndarray | None, lost_tracks: np.ndarray,
+    before: ConcealmentState, count: int, *, smooth: bool,
+) -> Neighbors:  # fmt: skip
+    """Finds the nearest received tracks of some tracks with lost motion.
+
+    Args:
+        clip: The sequence.
+        tracks: Track index of each row of the received poses.
+        observed: Indices of the received poses (rows) that may serve as neighbours.
+        origins: Offsets of the tracks `observed` from their keyframe Gaussians at the time of the search, float32 (m,
+            C). None searches by the positions of keyframe Gaussians instead. Tracks that begin together then stay
+            neighbours even if other tracks pass close by.
+        lost_tracks: Indices of the tracks with lost motion. With `origins`, their positions at the end of the previous
+            group are used.
+        before: Concealment state at the end of the previous group.
+        count: Maximum number of neighbours per track.
+        smooth: True to fit a quadratic function to the neighbours, False to compute their weighted mean.
+    """
+    places = clip.tracks.splats.means
+    if origins is not None:
+        places = places + before.offsets[:, PLACE]
+        places[tracks[observed]] = clip.tracks.splats.means[tracks[observed]] + origins[:, PLACE]
+    colours = clip.tracks.splats.sh[:, 0]
+    return Neighbors.of(places, colours, tracks, observed, lost_tracks, count, smooth=smooth)
+
+
+def begun_share(begins: np.ndarray, frames: int) -> np.ndarray:
+    """Returns the fraction of tracks that have begun by each frame of a group, float64 (frames); 1 without tracks.
+
+    The first frame of a track is coded with its motion. If this motion is lost, and the side information does not
+    contain the first frame, it is unknown whether the track exists in a frame. Its opacity is then multiplied by this
+    fraction, as an estimate of the probability.
+
+    Args:
+        begins: First frame of each track, relative to the group.
+        frames: Number of frames of the group.
+    """
+    share = (begins[:, None] <= np.arange(frames)).mean(axis=0) if len(begins) else np.ones(frames)
+    return np.maximum(share, UNLIKELY)
+
+
+def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
+    """Returns the mask of tracks that begin in the same group as most received tracks, bool (T).
+
+    The offsets of a track are relative to its keyframe Gaussian, which belongs to the first group of the track. Offsets
+    of tracks with different first groups thus refer to different times. Only changes of such offsets can be compared.
+    """
+    return born == np.bincount(born[observed]).argmax()
+
+
+def _kept_deviation(own: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
+    """Returns the fraction of each track's deviation from its neighbours that is kept in the next group, float (n, C).
+
+    Deviations of position and rotation that are small relative to the quantisation step are rounding errors and get a
+    low factor. Deviations of scale, opacity and colour are dropped.
+
+    Args:
+        own: Deviations from the neighbours' motion at the end of the previous group, (n, C).
+        rounding: Quantisation steps of the positions, (n).
+        concealed: Mask of tracks with estimated deviation, bool (n).
+    """
+    apart, kept = (own[:, PLACE] ** 2).sum(axis=1), np.zeros_like(own)
+    kept[:, POSE] = (apart / (apart + rounding**2 + 1e-30) * ~concealed)[:, None]
+    return kept

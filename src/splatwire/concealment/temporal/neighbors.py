@@ -1,0 +1,154 @@
+"""Weighted nearest neighbours: estimates the motion of lost tracks from the motion of received tracks."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from splatwire.codec.sequence.layout import NUM_CHANNELS
+
+PLACE, POSE, SHAPE, COLOUR = slice(0, 3), slice(0, 6), slice(6, 10), slice(10, None)
+OPACITY = 9
+"""Index of the opacity channel of motion; the slices above select the channels of position; position and rotation;
+scales and opacity; colour."""
+NEAREST = 0.1
+"""Added to squared distances, relative to the mean squared distance: no weight exceeds that of a neighbour at about a
+third of the mean distance."""
+WILD = 6.0
+"""Maximum sum of absolute weights of a quadratic fit. Above this sum the fit extrapolates too far, and the weighted
+mean is used instead."""
+RIDGES = np.array([1e-9, *[1e-3] * 3, *[1e-2] * 6])
+"""Ridge regularisation of the fit's constant, linear and quadratic terms, in units of the mean distance."""
+COLOUR_RIDGE = 0.1
+"""Ridge of the regression of colour change on colour contrast; the slope is halved at this squared contrast of the
+constant harmonic coefficients."""
+AT_ONCE = 1 << 15
+"""Number of tracks per batch of neighbour queries."""
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbors:
+    """Nearest received tracks of n tracks with lost motion, with weights for interpolating motion.
+
+    Attributes:
+        observed: Indices of the received poses (rows) that serve as neighbours, int64 (m).
+        index: Neighbours of each track, as indices into `observed`, int32 (n, k).
+        weights: Interpolation weight of each neighbour, float32 (n, k).
+        closeness: Inverse-distance weight of each neighbour, float32 (n, k); the weights of a track add up to 1.
+        contrasts: Weights of a linear regression over the neighbours, float32 (n, k, 3). The sum of the colour changes
+            of all neighbours and channels, times these weights, is the change per unit of colour difference.
+        contrast: Difference of the track's colour from the mean colour of its neighbours, float32 (n, 3).
+    """
+
+    observed: np.ndarray
+    index: np.ndarray
+    weights: np.ndarray
+    closeness: np.ndarray
+    contrasts: np.ndarray
+    contrast: np.ndarray
+
+    @staticmethod
+    def of(
+        places: np.ndarray, colours: np.ndarray, tracks: np.ndarray, observed: np.ndarray, lost: np.ndarray, count: int,
+        *, smooth: bool,
+    ) -> "Neighbors":  # fmt: skip
+        """Finds the nearest received tracks of tracks with lost motion.
+
+        Args:
+            places: Last known positions of all tracks, float32 (T, 3).
+            colours: Constant harmonic coefficients of the keyframe Gaussians, float32 (T, 3).
+            tracks: Track index of each row of the received poses, int64.
+            observed: Indices of the received poses (rows) that may serve as neighbours.
+            lost: Indices of the tracks with lost motion.
+            count: Maximum number of neighbours per track.
+            smooth: True to fit a quadratic function to the neighbours, False to compute their weighted mean.
+        """
+        mine, count = tracks[observed], min(count, len(observed))
+        index, contrast = np.zeros((len(lost), count), np.int32), np.zeros((len(lost), 3), np.float32)
+        weights, closeness = np.zeros((2, len(lost), count), np.float32)
+        contrasts = np.zeros((len(lost), count, 3), np.float32)
+        tree = cKDTree(places[mine if len(lost) else mine[:0]])
+        for begin in range(0, len(lost), AT_ONCE):
+            some = slice(begin, begin + AT_ONCE)
+            _, found = tree.query(places[lost[some]], k=count, workers=-1)
+            index[some] = found.reshape(-1, count)
+            offsets = (places[mine][index[some]] - places[lost[some]][:, None]).astype(np.float64)
+            closeness[some] = _closeness((offsets**2).sum(axis=2))[0]
+            weights[some] = smooth_weights(offsets) if smooth else closeness[some]
+            contrasts[some], contrast[some] = _contrasts(
+                colours[mine][index[some]], colours[lost[some]], closeness[some]
+            )
+        return Neighbors(observed, index, weights, closeness, contrasts, contrast)
+
+    def interpolate(self, values: np.ndarray) -> np.ndarray:
+        """Interpolates values of the lost tracks, float32 (n, C), from values of the neighbours, float32 (m, C)."""
+        interpolated = np.zeros((len(self.index), NUM_CHANNELS), np.float32)
+        interpolated[:, : COLOUR.start] = self._summed(self.weights, values[:, : COLOUR.start])
+        if (shapes := values[:, SHAPE]).any():
+            low = high = shapes[self.index[:, 0]]
+            for column in self.index[:, 1:].T:
+                value = shapes[column]
+                low, high = np.minimum(low, value), np.maximum(high, value)
+            interpolated[:, SHAPE] = interpolated[:, SHAPE].clip(low, high)  # within the range of the neighbours
+        if (colours := values[:, COLOUR]).any():
+            interpolated[:, COLOUR] = self._summed(self.closeness, colours)
+            share = sum(self._summed(self.contrasts[:, :, a], colours[:, a]) for a in range(3))
+            interpolated[:, COLOUR] += np.clip(share, -1, 1)[:, None] * self.contrast
+        return interpolated
+
+    def _summed(self, weights: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Returns weighted sums (n, ...) of the neighbours' values (m, ...), with weights (n, k)."""
+        rows = np.arange(len(self.index) + 1) * self.index.shape[1]
+        table = csr_array((weights.ravel(), self.index.ravel(), rows), shape=(len(self.index), len(values)))
+        return np.asarray(table @ values)
+
+
+def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns `contrasts` and `contrast` of `Neighbors`, for a linear regression of colour changes on colours.
+
+    The regression is needed because a change of lighting brightens bright surfaces more than dark ones.
+
+    Args:
+        colours: Colours of the neighbours, (n, k, 3).
+        own: Colours of the tracks, (n, 3).
+        closeness: Inverse-distance weights, (n, k).
+    """
+    proximity = closeness.astype(np.float64)
+    mean = np.einsum("nk,nka->na", proximity, colours)
+    apart = colours - mean[:, None]
+    square = np.einsum("nk,nka->n", proximity, apart * apart)
+    return proximity[:, :, None] * apart / (square + COLOUR_RIDGE)[:, None, None], own - mean
+
+
+def _closeness(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns inverse squared distance weights (Shepard, 1968), (n, k), and mean squared distances, (n, 1)."""
+    scale = square.mean(axis=1, keepdims=True) + 1e-30
+    proximity = 1 / (square / scale + NEAREST)
+    return proximity / proximity.sum(axis=1, keepdims=True), scale
+
+
+def smooth_weights(offsets: np.ndarray) -> np.ndarray:
+    """Returns interpolation weights that evaluate a quadratic least-squares fit at the query point.
+
+    If an object rotates or is scaled, motion is a linear function of position; if it bends, a quadratic function. A
+    weighted mean of the neighbours' motion is wrong for these functions if all neighbours are on one side. The
+    least-squares fit is weighted by inverse squared distances.
+
+    Args:
+        offsets: Positions of the neighbours relative to the query point, (n, k, 3).
+
+    Returns:
+        Weights, float32 (n, k); the k weights of each query point add up to 1.
+    """
+    offsets = offsets.astype(np.float64)
+    proximity, scale = _closeness((offsets**2).sum(axis=2))
+    x, y, z = np.moveaxis(offsets / np.sqrt(scale)[:, :, None], 2, 0)
+    terms = np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], axis=2)
+    moments = np.einsum("nk,nka,nkb->nab", proximity, terms, terms) + np.diag(RIDGES)
+    here = np.linalg.solve(moments, np.eye(10)[None, :, :1])[:, :, 0]
+    weights = proximity * np.einsum("nka,na->nk", terms, here)
+    weights /= weights.sum(axis=1, keepdims=True)
+    wild = np.abs(weights).sum(axis=1) > WILD
+    weights[wild] = proximity[wild]
+    return weights.astype(np.float32)

@@ -1,0 +1,53 @@
+"""Poses of tracks within a group of pictures (GOP), and the concealment state at the end of the group."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class GroupPoses:
+    """Poses of all drawn tracks in each frame of a group of pictures.
+
+    Attributes:
+        tracks: Track indices, ascending, int64 (n).
+        begins: First frame of each track, relative to the group's first frame, int64 (n).
+        ends: First frame after each track, relative to the group's first frame, int64 (n).
+        concealed: Mask of tracks with lost motion, bool (n).
+        at: Function that returns the offset of each track from its keyframe Gaussian in a frame of the group, float32
+            (n, C); channels as in `GroupMotion.at`.
+    """
+
+    tracks: np.ndarray
+    begins: np.ndarray
+    ends: np.ndarray
+    concealed: np.ndarray
+    at: Callable[[int], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class ConcealmentState:
+    """Concealment state at the end of a group of pictures: last offsets and velocities of all T tracks.
+
+    Attributes:
+        alive: Mask of tracks that exist at the end of the group, bool (T).
+        offsets: Difference of each track from its keyframe Gaussian in the last frame, float32 (T, C).
+        velocity: Change of the offsets since the previous frame, float32 (T, C).
+        concealed: Mask of tracks with estimated motion, bool (T).
+    """
+
+    alive: np.ndarray
+    offsets: np.ndarray
+    velocity: np.ndarray
+    concealed: np.ndarray
+
+    def extended_to(self, num_tracks: int) -> "ConcealmentState":
+        """Returns the state extended to `num_tracks` tracks; added tracks do not exist yet."""
+        more = num_tracks - len(self.alive)
+        if not more:
+            return self
+        return ConcealmentState(**{
+            name: np.concatenate([values, np.zeros((more, *values.shape[1:]), values.dtype)])
+            for name, values in vars(self).items()
+        })  # fmt: skip

@@ -1,0 +1,28 @@
+"""Conversion of cameras in map coordinates for training, which does not support an origin."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.types import Cameras
+from splatwire.types.origin import NO_ORIGIN, describe_origin
+
+LOG = logging.getLogger(__name__)
+
+
+def without_origin(source: Path, cameras: Cameras) -> Cameras:
+    """Converts cameras to positions relative to (0, 0, 0), and logs a warning if float32 rounds them noticeably.
+
+    Args:
+        source: Source folder or file, for the message.
+        cameras: The cameras, with their origin.
+    """
+    if cameras.origin != NO_ORIGIN:
+        step = float(np.spacing(np.float32(np.abs(cameras.origin).max())))
+        LOG.warning(
+            "%s: cameras are around (%s), and training rounds positions to float32, here steps of %.2g: subtract "
+            "this point from cameras and points, for example with COLMAP's `model_transformer`, and train again",
+            source, describe_origin(cameras.origin), step,
+        )  # fmt: skip
+    return cameras.relative_to(NO_ORIGIN)

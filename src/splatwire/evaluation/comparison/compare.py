@@ -1,0 +1,294 @@
+"""Scores of several files of one scene: all are rendered from the same views and compared with one reference."""
+
+import math
+import os
+import statistics
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from splatwire.anchors.appearance import Scene, origin_of
+from splatwire.errors import InvalidValueError
+from splatwire.evaluation.comparison.shots import Shots
+from splatwire.evaluation.study.prepared_stream import file_bytes
+from splatwire.evaluation.views import ReferenceViews, held_out_cameras, spread, views_of
+from splatwire.files.kinds import file_kind, opened, trained_ply
+from splatwire.files.large import large_empty
+from splatwire.io import open_scene
+from splatwire.metrics.lpips import Lpips, find_lpips
+from splatwire.ops.arrays import lower_median, to_numpy
+from splatwire.types import Cameras
+from splatwire.types.background import Background
+
+READS = 2
+"""Number of times that a file is read; the shortest time counts, because the first read also loads compiled code."""
+LEAST_LPIPS_PIXELS = 64
+"""Minimum width and height of pictures for LPIPS, pixels."""
+FARTHEST, MOST_SCALED = 2.0, 4.0
+"""Limits beyond which a file is of another scene than the reference: distance of their centres in radii of the
+larger scene, and ratio of their radii. Centre: median position; radius: median distance from it."""
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class FileScore:
+    """Size, image quality and decoding time of a file.
+
+    Attributes:
+        path: The file or folder.
+        name: Name in tables: the file name, or the path if several files have that name.
+        format: Identifier of the file format, such as `ply`, `spz` or `stream`.
+        num_bytes: Size of the file, or of all files of a folder, bytes.
+        num_gaussians: Number of Gaussians; for neural anchors, the maximum number of Gaussians generated from them.
+        psnr_by_view: PSNR of each view, decibels; infinite if the picture equals its reference.
+        ssim: Mean SSIM of the views.
+        lpips: Mean LPIPS of the views; None without weights, or if pictures are too small for it.
+        seconds: Time to read and decode the file, seconds; the shortest of `READS` measurements.
+        shots: Pictures for a report; empty if none was requested.
+    """
+
+    path: Path
+    name: str
+    format: str
+    num_bytes: int
+    num_gaussians: int
+    psnr_by_view: tuple[float, ...]
+    ssim: float
+    lpips: float | None
+    seconds: float
+    shots: Shots
+
+    @property
+    def psnr(self) -> float:
+        """Mean PSNR of the views whose picture differs from the reference, decibels; infinite if none differs."""
+        finite = [value for value in self.psnr_by_view if math.isfinite(value)]
+        return statistics.fmean(finite) if finite else math.inf
+
+    @property
+    def exact(self) -> bool:
+        """True if the pictures of all views equal the reference."""
+        return all(map(math.isinf, self.psnr_by_view))
+
+    @property
+    def worst_view(self) -> int:
+        """Index of the view with the lowest PSNR."""
+        return min(range(len(self.psnr_by_view)), key=self.psnr_by_view.__getitem__)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Scores of several files of one scene.
+
+    Attributes:
+        reference: Path of the file whose renders are the references.
+        cameras: The views.
+        renderer: Name of the renderer.
+        background: RGB behind all renders, 0 to 1.
+        lpips: True if LPIPS was computed.
+        scores: One score for each file, in the given order.
+    """
+
+    reference: Path
+    cameras: Cameras
+    renderer: str
+    background: Background
+    lpips: bool
+    scores: tuple[FileScore, ...]
+
+
+def compare_files(
+    files: Sequence[Path],
+    *,
+    reference: Path | None = None,
+    cameras: Cameras | None = None,
+    views: int | None = None,
+    renderer: str = "cpu",
+    background: Background | None = None,
+    pictures: bool = False,
+    progress: Progress = lambda task, share: None,
+) -> Comparison:
+    """Compares files of one scene with a reference, from the same views and in front of the same background.
+
+    One scene at a time is in memory, besides the reference pictures.
+
+    Args:
+        files: Files of static scenes in any format that `splatwire.io.open_scene` reads. If a file has several levels
+            of detail, only the finest is compared.
+        reference: File whose renders are the references; None for the first of `files`.
+        cameras: The views; None for `held_out_cameras` of the reference.
+        views: Maximum number of views, evenly spread; None for all.
+        renderer: Name of the renderer.
+        background: RGB behind all renders, 0 to 1; None for the background of the reference.
+        pictures: True to keep pictures for a report.
+        progress: Called with the name of the current task and its finished share, 0 to 1.
+
+    Raises:
+        InvalidValueError: If there is nothing to compare, or a file is a clip, has no Gaussians, or contains another
+            scene.
+        BitstreamError: If a file is damaged or has losses.
+        DatasetError: If a file of explicit Gaussians is damaged.
+    """
+    if len(files) + (reference is not None) < 2:
+        raise InvalidValueError("a comparison takes two files or more, or one file and a reference")
+    if views is not None and views < 1:
+        raise InvalidValueError(f"a comparison takes at least 1 view, not {views}")
+    for file in files:
+        if not file.exists():
+            raise InvalidValueError(f"{file}: no such file or folder")
+    chosen, lpips = files[0] if reference is None else reference, find_lpips()
+    first = _Opened.of(chosen, READS if chosen in files else 1)
+    seen = held_out_cameras(first.scene) if cameras is None else cameras
+    seen = seen.select(spread(seen.num_views, views))
+    behind = first.scene.background if background is None else background
+    images = large_empty((seen.num_views, seen.height, seen.width, 3), np.float32)
+    for view, image in enumerate(views_of(first.scene, seen, renderer, behind)):
+        images[view] = image
+        progress(f"drawing {chosen.name}", (view + 1) / seen.num_views)
+    references = ReferenceViews(seen, images.__getitem__, f"renders of {chosen.name}", behind)
+    known, extent = first.score, _Extent.of(first.scene, chosen)
+    del first  # large scenes may not fit into memory together
+    lpips = lpips if min(seen.width, seen.height) >= LEAST_LPIPS_PIXELS else None
+
+    def scored(file: Path, name: str) -> FileScore:
+        if file == chosen:
+            return _scored(replace(known, name=name), references, images, lpips, pictures, progress)
+        opened = _Opened.of(file, READS)
+        extent.check(opened.scene, file)
+        drawn = views_of(opened.scene, seen, renderer, behind)
+        return _scored(replace(opened.score, name=name), references, drawn, lpips, pictures, progress)
+
+    scores = tuple(scored(file, name) for file, name in zip(files, _names(files), strict=True))
+    return Comparison(chosen, seen, renderer, behind, lpips is not None, scores)
+
+
+def _scored(
+    score: FileScore, references: ReferenceViews, drawn: Iterable[np.ndarray], lpips: Lpips | None, pictures: bool,
+    progress: Progress,
+) -> FileScore:  # fmt: skip
+    """Returns a file's score with the metrics of its pictures added.
+
+    Args:
+        score: The score so far.
+        references: Reference images.
+        drawn: Pictures of the file, in the order of the references.
+        lpips: The LPIPS metric; None to leave it out.
+        pictures: True to store pictures in the score.
+        progress: Called with the current state of the work.
+    """
+    num_views = references.cameras.num_views
+    figures: dict[str, list[float]] = {"psnr": [], "ssim": [], "lpips": []}
+    shots = Shots(spread(num_views, Shots.NUM_VIEWS)) if pictures else Shots()
+    for view, image in enumerate(drawn):
+        both = references.compared(view, image)
+        for metric in ("psnr", "ssim"):
+            figures[metric].append(both.measure(metric))
+        if lpips is not None:
+            figures["lpips"].append(float(lpips(both.image, both.reference)[0]))
+        if pictures:
+            shots.add(view, figures["psnr"][-1], both.image[0], both.reference[0])
+        progress(f"comparing {score.name}", (view + 1) / num_views)
+    return replace(
+        score,
+        psnr_by_view=tuple(figures["psnr"]),
+        ssim=statistics.fmean(figures["ssim"]),
+        lpips=statistics.fmean(figures["lpips"]) if lpips is not None else None,
+        shots=shots,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Extent:
+    """Position and size of a scene, to detect that two files contain different scenes.
+
+    Attributes:
+        path: File of the scene.
+        centre: Median position, world coordinates.
+        radius: Median distance of the elements from the centre, world units.
+    """
+
+    path: Path
+    centre: Float64[np.ndarray, "3"]
+    radius: float
+
+    @classmethod
+    def of(cls, scene: Scene, path: Path) -> "_Extent":
+        """Measures position and size of a scene.
+
+        Args:
+            scene: The scene.
+            path: File of the scene.
+
+        Raises:
+            InvalidValueError: If the scene has no elements.
+        """
+        places = to_numpy(scene.positions).astype(np.float64)
+        if not len(places):
+            raise InvalidValueError(f"{path} has no {scene.ELEMENTS}: there is nothing to compare")
+        middle = lower_median(places)
+        return cls(path, middle + origin_of(scene), float(lower_median(np.linalg.norm(places - middle, axis=1))))
+
+    def check(self, scene: Scene, path: Path) -> None:
+        """Checks that another file can contain the same scene.
+
+        Args:
+            scene: The scene in the other file.
+            path: Path of the other file.
+
+        Raises:
+            InvalidValueError: If the other scene is far away from this scene, or much larger or smaller.
+        """
+        other = _Extent.of(scene, path)
+        small, large = min(self.radius, other.radius), max(self.radius, other.radius)
+        away = float(np.linalg.norm(other.centre - self.centre))
+        # A radius of 0, as of a single Gaussian, is no measure of a scene.
+        if (large > 0 and away > FARTHEST * large) or (small > 0 and large > MOST_SCALED * small):
+            raise InvalidValueError(
+                f"{path} is of another scene than {self.path}: {other} instead of {self} (median position and distance "
+                "from it)"
+            )
+
+    def __str__(self) -> str:
+        place = ", ".join(f"{value:.4g}" for value in self.centre)
+        return f"centre ({place}) and radius {self.radius:.3g}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Opened:
+    """A scene that was read from a file, and its score, in which the image quality is not yet filled in."""
+
+    scene: Scene
+    score: FileScore
+
+    @classmethod
+    def of(cls, path: Path, reads: int) -> "_Opened":
+        """Reads a scene several times, and measures the shortest reading time.
+
+        Args:
+            path: File or folder of the scene.
+            reads: Number of times to read the scene.
+        """
+        seconds = math.inf
+        with opened(path) as source:
+            kind = file_kind(source)
+            for number in range(reads):
+                started = time.perf_counter()
+                scene = open_scene(source)
+                seconds = min(seconds, time.perf_counter() - started)
+                if number + 1 < reads:
+                    del scene  # two copies of a large scene may not fit into memory
+        score = FileScore(path, path.name, kind.key, _size(path), scene.num_gaussians, (), 0.0, None, seconds, Shots())
+        return cls(scene, score)
+
+
+def _size(path: Path) -> int:
+    """Returns the size of a file or folder in bytes; for a model folder of 3DGS, the size of the PLY that is read."""
+    return file_bytes((trained_ply(path) if path.is_dir() else None) or path)
+
+
+def _names(files: Sequence[Path]) -> list[str]:
+    names = [file.name for file in files]
+    return [name if names.count(name) == 1 else os.fspath(file) for name, file in zip(names, files, strict=True)]

@@ -1,0 +1,68 @@
+"""Pictures of a compared file for the report: at fixed views, and at the view with the lowest PSNR."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.evaluation.pixels import error_map, jpeg, to_pixels
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture of one view beside its reference, as JPEG data URLs.
+
+    Attributes:
+        view: Index of the view.
+        psnr: PSNR in decibels; infinite if the picture equals its reference.
+        picture: The picture.
+        reference: The reference picture.
+        difference: Largest channel difference of each pixel, times `splatwire.evaluation.pixels.ERROR_GAIN`.
+    """
+
+    view: int
+    psnr: float
+    picture: str
+    reference: str
+    difference: str
+
+
+@dataclass
+class Shots:
+    """Pictures of a file; memory is bounded by the number of kept views.
+
+    Attributes:
+        wanted: Indices of the views that are kept for all files.
+        kept: Pictures of these views.
+        worst: Picture of the view with the lowest PSNR; None before the first view.
+    """
+
+    NUM_VIEWS: ClassVar[int] = 3
+    """Number of views that a report shows side by side."""
+
+    wanted: Sequence[int] = ()
+    kept: list[Shot] = field(default_factory=list)
+    worst: Shot | None = None
+
+    def add(
+        self, view: int, psnr: float, image: Float[np.ndarray, "H W 3"], reference: Float[np.ndarray, "H W 3"]
+    ) -> None:
+        """Keeps a view if it is one of the wanted views or the worst so far.
+
+        Args:
+            view: Index of the view.
+            psnr: PSNR in decibels.
+            image: RGB in [0, 1].
+            reference: RGB in [0, 1].
+        """
+        is_worst = self.worst is None or psnr < self.worst.psnr
+        if not is_worst and view not in self.wanted:
+            return
+        shown, wanted = to_pixels(image), to_pixels(reference)
+        shot = Shot(view, psnr, jpeg(shown), jpeg(wanted), jpeg(error_map(shown, wanted)))
+        if view in self.wanted:
+            self.kept.append(shot)
+        if is_worst:
+            self.worst = shot

@@ -1,0 +1,1 @@
+"""Evaluation of sequences: image quality per frame under losses, and its report."""

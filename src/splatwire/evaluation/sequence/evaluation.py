@@ -1,0 +1,219 @@
+"""Image quality of sequences with losses: PSNR per frame against renders of the original frames, and flicker."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.bitstream import SceneStream
+from splatwire.channel import LossModel
+from splatwire.channel.transmit import arrival_groups, draw_mask
+from splatwire.codec import decode_stream
+from splatwire.concealment.temporal.concealers import clip_concealer
+from splatwire.errors import InvalidValueError
+from splatwire.metrics import psnr
+from splatwire.render import iterate_views
+from splatwire.sequence.decoding import ClipFrame, decode_frames
+from splatwire.sequence.frames import Frame
+from splatwire.types import Cameras, SplatScene
+
+NUM_VIEWS, VIEW_SIZE = 4, 320
+"""Number of views around the first frame if no cameras are given, and their width and height in pixels."""
+
+
+@dataclass(frozen=True)
+class ClipRow:
+    """One row of a sequence evaluation: a loss model with its seed, and a concealer.
+
+    Attributes:
+        concealer: Name of the concealer of lost motion.
+        loss: Loss model; None for the complete stream.
+        seed: Seed of the loss.
+        loss_label: Label of the loss in reports, such as `bernoulli:0.2`; empty for the complete stream.
+    """
+
+    concealer: str
+    loss: LossModel | None = None
+    seed: int = 0
+    loss_label: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ClipScore:
+    """Quality of a sequence in one configuration, that is, for one loss and one concealer.
+
+    Attributes:
+        row: The configuration.
+        psnr: PSNR of each frame against the render of the original, decibels, mean over views, float64 (F).
+        change: Mean squared difference between the frame-to-frame change of the image and that of the reference image
+            (a measure of flicker), mean over views, float64 (F - 1).
+        later: First frame of the second group of pictures (GOP), or 0 if the sequence has only one. The first GOP is
+            reported separately, because no earlier state exists for concealment.
+        num_lost: Number of packets that were lost or late.
+    """
+
+    row: ClipRow
+    psnr: np.ndarray
+    change: np.ndarray
+    later: int
+    num_lost: int
+
+    @property
+    def mean(self) -> float:
+        """Mean PSNR from the second group of pictures on, decibels."""
+        return float(self.psnr[self.later :].mean())
+
+    @property
+    def flicker(self) -> float:
+        """Mean flicker (`change`) from the second group of pictures on."""
+        return float(self.change[self.later :].mean()) if len(self.change) > self.later else 0.0
+
+    def worst_below(self, complete: "ClipScore") -> float:
+        """Largest PSNR deficit of a frame against another configuration, decibels.
+
+        The first group of pictures is excluded.
+        """
+        return float(self._below(complete).max())
+
+    def mean_below(self, complete: "ClipScore") -> float:
+        """Mean PSNR deficit against another configuration, from the second group of pictures on, decibels."""
+        return float(self._below(complete).mean())
+
+    def _below(self, complete: "ClipScore") -> np.ndarray:
+        """Returns how much lower the PSNR of this configuration is than the PSNR of another, per frame, decibels.
+
+        The difference is 0 where both are equal or infinite.
+        """
+        own, other = self.psnr[self.later :], complete.psnr[self.later :]
+        differ = own != other
+        return np.subtract(other, own, out=np.zeros_like(own), where=differ)
+
+
+OnPicture = Callable[[int, int, Float[np.ndarray, "H W 3"]], None]
+"""Called with the index of the configuration (-1 for the reference), the frame number and the image of the first
+view."""
+
+
+def score_clip(
+    stream: SceneStream, frames: Iterable[Frame], cameras: Cameras, rows: Sequence[ClipRow], *,
+    renderer: str = "cpu", on_picture: OnPicture | None = None, progress: Callable[[int], None] | None = None,
+) -> list[ClipScore]:  # fmt: skip
+    """Evaluates several configurations of a sequence in one pass, frame by frame.
+
+    Each configuration needs memory for one group of pictures.
+
+    Args:
+        stream: Stream of the sequence.
+        frames: The original frames, in order.
+        cameras: Cameras of the evaluation.
+        rows: Configurations to evaluate.
+        renderer: Name of the renderer.
+        on_picture: Receives the images of the first view.
+        progress: Called with the number of finished frames.
+
+    Raises:
+        InvalidValueError: If the numbers of frames differ.
+        UnknownNameError: If the concealer or renderer does not exist.
+    """
+    arrived = [_Arrived(stream, row) for row in rows]
+    shown = [a.frames() for a in arrived]
+    meter = [_Meter() for _ in rows]
+    count = arrived[0].timeline.num_frames
+    for number, frame in enumerate(frames):
+        if number >= count:
+            raise InvalidValueError(f"the clip has {count} frames, the reference more")
+        own = frame.scene(arrived[0].background)
+        reference = _pictures(own, cameras, renderer)
+        if on_picture:
+            on_picture(-1, number, reference[0])
+        for index, stream_of_frames in enumerate(shown):
+            pictures = _pictures(next(stream_of_frames).scene, cameras, renderer)
+            meter[index].add(pictures, reference)
+            if on_picture:
+                on_picture(index, number, pictures[0])
+        if progress:
+            progress(number + 1)
+    if len(meter[0].psnr) != count:
+        raise InvalidValueError(f"the clip has {count} frames, the reference {len(meter[0].psnr)}")
+    later = arrived[0].timeline.group_frames
+    return [
+        ClipScore(row, np.array(m.psnr), np.array(m.change), later if later < count else 0, a.num_lost)
+        for row, m, a in zip(rows, meter, arrived, strict=True)
+    ]
+
+
+def frame_psnr(pictures: Float[np.ndarray, "V H W 3"], reference: Float[np.ndarray, "V H W 3"]) -> float:
+    """Mean PSNR of a frame over views, decibels.
+
+    Views equal to the reference (infinite PSNR) are excluded unless all are.
+    """
+    views = psnr(pictures, reference)
+    unlike = views[np.isfinite(views)]
+    return float((unlike if len(unlike) else views).mean())
+
+
+class _Arrived:
+    """The sequence decoded from the packets that arrive in one configuration."""
+
+    def __init__(self, stream: SceneStream, row: ClipRow) -> None:
+        self._concealer, self._there = clip_concealer(row.concealer), None
+        came = stream
+        self.num_lost = stream.manifest.num_packets - len(stream.packets)
+        if row.loss is not None:
+            mask = draw_mask(stream, row.loss, seed=row.seed)
+            when = arrival_groups(stream, mask, row.loss, seed=row.seed)
+            came = stream.with_packets(p for p, group in zip(stream.packets, when.tolist(), strict=True) if group >= 0)
+            self.num_lost += int((~mask.received).sum())
+            self._there = available_by_group(stream, when)
+        self._clip = decode_stream(came).scene
+        self.timeline, self.background = self._clip.timeline, self._clip.background
+
+    def frames(self) -> Iterator[ClipFrame]:
+        return decode_frames(self._clip, self._concealer, available=self._there)
+
+
+def available_by_group(stream: SceneStream, arrival: np.ndarray) -> Callable[[int], np.ndarray]:
+    """Returns a function that gives the mask of keyframe Gaussians received before a group of pictures is displayed.
+
+    Args:
+        stream: The complete stream.
+        arrival: Index of the group of pictures during which each packet arrives, -1 for never, int64.
+
+    Returns:
+        Function from the index of a group of pictures to a mask of received keyframe Gaussians, bool (T).
+    """
+    plan = stream.manifest.plan
+    starts: dict[int, int] = {}
+    count = 0
+    for span in plan.spans[::2]:
+        for block in range(span.num_blocks):
+            starts[span.first_block + block] = count + block * span.block_size
+        count += span.num_elements
+    never = len(plan.spans)
+    group = np.full(count, never, np.int64)
+    for packet, when in zip(stream.packets, arrival.tolist(), strict=True):
+        if packet.id.block in starts and when >= 0:
+            first = starts[packet.id.block] + packet.id.lane
+            group[first : first + packet.num_elements] = when
+    return lambda wanted: group <= wanted
+
+
+class _Meter:
+    """Accumulates PSNR and flicker of one configuration, frame by frame."""
+
+    def __init__(self) -> None:
+        self.psnr: list[float] = []
+        self.change: list[float] = []
+        self._before: np.ndarray | None = None
+
+    def add(self, pictures: Float[np.ndarray, "V H W 3"], reference: Float[np.ndarray, "V H W 3"]) -> None:
+        self.psnr.append(frame_psnr(pictures, reference))
+        error = pictures - reference  # its change is the image's change minus the reference's
+        if self._before is not None:
+            self.change.append(float(((error - self._before) ** 2).mean()))
+        self._before = error
+
+
+def _pictures(scene: SplatScene, cameras: Cameras, renderer: str) -> Float[np.ndarray, "V H W 3"]:
+    return np.stack(list(iterate_views(scene, cameras, renderer=renderer)))

@@ -1,0 +1,91 @@
+"""Evaluation of a clip against its original frames: configurations, views, scores and the report."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from splatwire.bitstream import SceneStream
+from splatwire.channel import parse_loss
+from splatwire.codec.sequence.side_info import open_side_info
+from splatwire.concealment.temporal.concealers import DEFAULT, clip_concealer_names
+from splatwire.data import load_cameras
+from splatwire.errors import InvalidValueError
+from splatwire.evaluation.pixels import to_pixels
+from splatwire.evaluation.sequence.evaluation import NUM_VIEWS, VIEW_SIZE, ClipRow, score_clip
+from splatwire.evaluation.sequence.report import Film, render_clip_report, score_rows
+from splatwire.evaluation.views import spread
+from splatwire.files.whole import write_whole
+from splatwire.render.importance import surrounding_cameras
+from splatwire.sequence import Frame, open_sequence
+from splatwire.types import Cameras
+
+UNIT = "datagram"
+
+
+def evaluate_clip(
+    stream: SceneStream, reference: Path, rows: Sequence[ClipRow], *, cameras: Path | None = None,
+    views: int | None = None, renderer: str = "cpu", output: Path | None = None, title: str = "clip",
+    progress: Callable[[float], None] = lambda share: None,
+) -> dict[str, Any]:  # fmt: skip
+    """Evaluates a clip; returns JSON values, and writes a report if requested.
+
+    Args:
+        stream: The clip.
+        reference: Original frames of the clip: a folder or file that `open_sequence` reads.
+        rows: Configurations to evaluate.
+        cameras: Cameras file; None for views around the first frame.
+        views: Maximum number of views; None for all cameras, or the default number of generated views.
+        renderer: Name of the renderer.
+        output: Folder of the report; None for no report.
+        title: Title of the report.
+        progress: Called with the finished share, 0 to 1.
+
+    Raises:
+        SplatwireError: If frames or cameras cannot be read, or do not fit the clip.
+    """
+    timeline = open_side_info(stream.manifest, stream.side_info).timeline
+    frames = open_sequence(reference, None if reference.is_dir() else timeline.num_frames)
+    if frames.num_frames != timeline.num_frames:
+        raise InvalidValueError(f"the clip has {timeline.num_frames} frames, {reference} has {frames.num_frames}")
+    film, seen_from = Film(len(rows)), _cameras(cameras, views, next(frames.read()))
+    scores = score_clip(
+        stream, frames.read(), seen_from, rows, renderer=renderer,
+        on_picture=None if output is None else lambda row, frame, image: film.add(row, frame, to_pixels(image)),
+        progress=lambda done: progress(done / timeline.num_frames),
+    )  # fmt: skip
+    content: dict[str, Any] = {
+        "frames": timeline.num_frames, "frame_rate": float(timeline.rate), "group_frames": timeline.group_frames,
+        "num_bytes": stream.num_bytes, "views": seen_from.num_views, "rows": score_rows(scores), "report": None,
+    }  # fmt: skip
+    if output is not None:
+        text = f"{timeline.num_frames} frames in groups of {timeline.group_frames}, {seen_from.num_views} views"
+        write_whole(
+            output / "report.html", render_clip_report(title, text, timeline, scores, film).encode(), parents=True
+        )
+        content["report"] = str(output / "report.html")
+    return content
+
+
+def clip_rows(stream: SceneStream, concealers: Sequence[str], loss: str | None, seeds: Sequence[int]) -> list[ClipRow]:
+    """Returns the configurations to evaluate: without loss, then the loss with each concealer and seed.
+
+    Args:
+        stream: The clip.
+        concealers: Names of concealers; all if empty.
+        loss: Specification of the loss model; None to evaluate the clip as it is.
+        seeds: Seeds of the losses; 0 if empty.
+    """
+    names = concealers or clip_concealer_names()
+    if loss is None:
+        complete = len(stream.packets) == stream.manifest.num_packets
+        return [ClipRow(DEFAULT)] if complete else [ClipRow(name) for name in names]
+    model = parse_loss(loss, UNIT)
+    return [ClipRow(DEFAULT), *(ClipRow(name, model, seed, loss) for name in names for seed in seeds or (0,))]
+
+
+def _cameras(path: Path | None, views: int | None, frame: Frame) -> Cameras:
+    """Returns the cameras of a file, or generated cameras around the first frame."""
+    if path is not None:
+        cameras = load_cameras(path)
+        return cameras.select(spread(cameras.num_views, views))
+    return surrounding_cameras(frame.scene(), NUM_VIEWS if views is None else views, VIEW_SIZE)

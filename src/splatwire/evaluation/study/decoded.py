@@ -1,0 +1,109 @@
+"""Results of other codecs: decoded scenes, or pictures of the views, with the number of bytes that the codec sends."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.anchors.appearance import scene_of
+from splatwire.data.photos import load_photo
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.evaluation.study.definition import Row, SceneEntry
+from splatwire.evaluation.study.prepared_stream import PreparedStream, file_bytes
+from splatwire.evaluation.study.references import References, digest_of_files
+from splatwire.io import read_scene_file
+
+PICTURES = "pictures"
+"""Name of the elements of a result that consists of pictures."""
+SUFFIXES = (".png", ".jpg", ".jpeg")
+
+
+def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> PreparedStream | None:
+    """Returns another codec's result on a scene, described like a stream, but without packets.
+
+    Args:
+        row: The table row of the other codec.
+        entry: The scene.
+        references: The reference images of the scene.
+
+    Returns:
+        The description; None if the row has no result for the scene.
+
+    Raises:
+        SplatwireError: If the result cannot be read, or has no picture for a view.
+    """
+    found = next((decoded for decoded in row.decoded if decoded.scene == entry.name), None)
+    if found is None:
+        return None
+    if references.frames:
+        raise InvalidValueError(f"row '{row.key}': '{entry.name}' is a sequence, and results are for still scenes")
+    path, digest = found.source.resolve(), digest_of_files(found.source)
+    if path.is_dir() and has_pictures(path):
+        if found.num_bytes is None:
+            raise InvalidValueError(f"row '{row.key}': pictures need 'num_bytes', the bytes that the codec sends")
+        picture_paths(path, references)
+        return PreparedStream(str(path), digest, {row.label: found.num_bytes}, 0, 0, elements=PICTURES)
+    scene = scene_of(read_scene_file(path).loaded)
+    size = file_bytes(path) if found.num_bytes is None else found.num_bytes
+    return PreparedStream(
+        str(path), digest, {row.label: size}, 0, scene.num_elements, scene.num_gaussians, elements=scene.ELEMENTS
+    )
+
+
+def has_pictures(folder: Path) -> bool:
+    """Returns True if a folder contains rendered pictures.
+
+    A folder with a `meta.json` is a scene in the format SOG instead, which also consists of picture files.
+    """
+    return not (folder / "meta.json").is_file() and bool(_files(folder))
+
+
+def picture_paths(folder: Path, references: References) -> list[Path]:
+    """Returns the picture of each evaluated view.
+
+    A picture belongs to the view whose name it has, without the suffix. Otherwise the folder must have one picture for
+    each view of the scene, in the order of the views (`00000.png`, as the code of 3DGS and HAC++ writes them).
+
+    Args:
+        folder: Folder of PNG or JPEG files.
+        references: The reference images of the scene.
+
+    Raises:
+        DatasetError: If the pictures fit the views neither by name nor by number.
+    """
+    files = _files(folder)
+    by_name = {file.stem: file for file in files}
+    names = [Path(name).stem for name in references.names]
+    if all(name in by_name for name in names):
+        return [by_name[name] for name in names]
+    if len(files) == references.num_views:
+        return [files[index] for index in references.chosen]
+    missing = next(name for name in names if name not in by_name)
+    raise DatasetError(
+        f"{folder}: has {len(files)} pictures and none of view '{missing}'; name them as the views, or give one for "
+        f"each of the {references.num_views} views"
+    )
+
+
+def read_pictures(paths: Sequence[Path], height: int, width: int) -> Iterator[Float[np.ndarray, "H W 3"]]:
+    """Reads pictures, RGB in [0, 1].
+
+    Args:
+        paths: The files.
+        height: Height of the views in pixels.
+        width: Width of the views in pixels.
+
+    Raises:
+        DatasetError: If a file is not a picture, or has another size than the views.
+    """
+    for path in paths:
+        pixels = load_photo(path)
+        if pixels.shape[:2] != (height, width):
+            size = f"{pixels.shape[1]} x {pixels.shape[0]}"
+            raise DatasetError(f"{path} has {size} pixels, and the views have {width} x {height}")
+        yield pixels
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES)

@@ -1,0 +1,355 @@
+"""Definition of an evaluation: scenes, methods (table rows), losses and seeds, as frozen data."""
+
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from splatwire.bitstream import PRESETS, SEND_ORDERS, Packetization
+from splatwire.channel import LossModel, parse_loss
+from splatwire.concealment import create_concealer
+from splatwire.concealment.temporal.concealers import clip_concealer
+from splatwire.data.dataset import SPLITS, TEST_VIEWS
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.evaluation.study.records import RECORD_COLUMNS
+from splatwire.metrics.registry import METRICS
+from splatwire.render import create_renderer
+from splatwire.types.background import Background
+
+MAX_SEEDS = 1000
+DEFAULT_METRICS = ("psnr", "ssim", "lpips")
+SIZE_METRICS = ("growth_percent", "attribute_growth_percent")
+"""Published size metrics: relative growth of the stream without network weights, and of the attribute data only."""
+ERODIBLE = ("feature", "scaling", "offset", "mask")
+KINDS = ("losses", "sizes")
+AS_IT_IS = "stream"
+"""Name of the stream variant of table rows (methods) that send a stream, or score a scene, without repacking."""
+WEIGHTS = "{weights}"
+"""Placeholder `gnn:{weights}` in a concealer's name, replaced by the path of the scene's own GNN weights."""
+
+
+@dataclass(frozen=True)
+class SceneEntry:
+    """One scene and the views of its evaluation.
+
+    Attributes:
+        name: Display name.
+        source: A stream, a scene file, or a folder of the official HAC++ code, depending on `kind`.
+        kind: `stream`, `scene` or `model`.
+        photos: Dataset folder with test photos as references; None to compare with renders.
+        cameras: Cameras file for renders; None for the views of `photos`, or views around the scene.
+        reference: Source of rendered references: a scene file, a stream or explicit Gaussians, or the frames of a
+            sequence. None for the photos, or the scene itself if there are none.
+        dataset: Name of the group of scenes that are averaged in the results.
+        images: Name of the image folder within the dataset.
+        split: See `splatwire.data.open_dataset`.
+        test_views: See `splatwire.data.open_dataset`.
+        max_width: See `splatwire.data.open_dataset`.
+        weights: GNN weights calibrated for this scene.
+        sections: Stream of this scene that contains the side information named in `Row.sections`; None to use `source`
+            if that is a stream.
+        background: RGB of the background; None for the training background of the scene.
+    """
+
+    name: str
+    source: Path
+    kind: str
+    photos: Path | None = None
+    cameras: Path | None = None
+    reference: Path | None = None
+    dataset: str = ""
+    images: str | None = None
+    split: str = "test"
+    test_views: str | None = None
+    max_width: int = 1600
+    weights: Path | None = None
+    sections: Path | None = None
+    background: Background | None = None
+
+    def __post_init__(self) -> None:
+        _known("split", self.split, SPLITS)
+        if self.test_views is not None:
+            _known("choice of test views", self.test_views, TEST_VIEWS)
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """Result of another codec on one scene.
+
+    Attributes:
+        scene: Name of the scene.
+        source: The decoded scene (a file of Gaussians, a scene file or a stream, in any supported format), or a folder
+            with one picture per view, rendered from the decoded scene.
+        num_bytes: Number of bytes that the codec sends; None if it sends exactly the files of `source`, whose size is
+            then used.
+    """
+
+    scene: str
+    source: Path
+    num_bytes: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.num_bytes is not None and self.num_bytes < 1:
+            raise InvalidValueError(f"num_bytes must be at least 1, not {self.num_bytes}")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the result table: a method with its packetization and concealment.
+
+    Attributes:
+        key: Short identifier, used by published figures and the baseline.
+        label: Display name in tables.
+        packetization: Packetization of the stream; None to use the scene's stream or file without repacking.
+        conceal: Name of the concealer.
+        options: Options of the concealer.
+        erode: Ablation: name of the only attribute that the anchors of lost packets lose. None for real losses, in
+            which these anchors lose everything that the packets contain.
+        lossless: True if the row has no losses.
+        sections: Named sections of the side information in the row's stream; they count towards its size.
+        decoded: Results of another codec, one per scene, which are evaluated without losses; empty for a row whose
+            stream is encoded here.
+        curve: Name of the rate-distortion curve that this row is a point of; empty for none.
+    """
+
+    key: str
+    label: str
+    packetization: Packetization | None
+    conceal: str = "drop"
+    options: Mapping[str, Any] = field(default_factory=dict)
+    erode: str | None = None
+    lossless: bool = False
+    sections: tuple[str, ...] = ()
+    decoded: tuple[Decoded, ...] = ()
+    curve: str = ""
+
+    def __post_init__(self) -> None:
+        if self.decoded:
+            _unique("result of a scene", [decoded.scene for decoded in self.decoded], least=1)
+            if not self.lossless or self.erode is not None or self.sections:
+                raise InvalidValueError(f"row '{self.key}': nothing is lost of results of another codec")
+        if self.erode is not None:
+            _known("attribute", self.erode, ERODIBLE)
+            if self.packetization is None or self.packetization.packaging != "atomic":
+                raise InvalidValueError(f"row '{self.key}': attribute erosion starts from atomic packets")
+        if not self.needs_weights:
+            _check_concealer(self.conceal, self.options)
+
+    @property
+    def needs_weights(self) -> bool:
+        """True if the concealer uses GNN weights of the scene."""
+        return WEIGHTS in self.conceal
+
+    @property
+    def variant(self) -> str:
+        """Short name of the stream that this method sends, usable in file names."""
+        if self.decoded:
+            return f"decoded-{self.key}"
+        if self.packetization is None:
+            return AS_IT_IS
+        packetization = self.packetization
+        name = min((_difference(preset, packetization, name) for name, preset in PRESETS.items()), key=len)
+        return "+".join(["-".join(name), *sorted(self.sections)])
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Loss model of the channel.
+
+    Attributes:
+        model: Specification for `splatwire.channel.loss_text`.
+        unit: `pak`: whole packets are lost. `datagram`: datagrams of 1200 bytes are lost, and a packet is lost if any
+            of its datagrams is.
+        send_order: See `splatwire.channel.transmit`.
+    """
+
+    model: str
+    unit: str = "pak"
+    send_order: str = "interleaved"
+
+    def __post_init__(self) -> None:
+        parse_loss(self.model, self.unit)
+        _known("send order", self.send_order, SEND_ORDERS)
+
+    @property
+    def process(self) -> LossModel:
+        """The loss model, created from its specification and the unit of loss (packet or datagram)."""
+        return parse_loss(self.model, self.unit)
+
+    @property
+    def label(self) -> str:
+        """One-line description of the loss for reports."""
+        if self.model == "none":
+            return "no loss"
+        order = "" if self.send_order == "interleaved" else f", {self.send_order} order"
+        return f"{self.model} per {self.unit}{order}"
+
+
+@dataclass(frozen=True)
+class Published:
+    """Published results of one method on a group of scenes, for comparison.
+
+    Attributes:
+        row: Key of the row of the study's result table that evaluates the same method (`Row.key`).
+        dataset: Name of the group of scenes in the publication.
+        values: Published value of each metric, by name.
+    """
+
+    row: str
+    dataset: str
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Study:
+    """A complete evaluation, as defined by a protocol file.
+
+    Attributes:
+        name: Name of the table, usable in file names.
+        title: Headline.
+        scenes: The scenes.
+        rows: Rows of the result table (methods), in order.
+        losses: Loss models.
+        seeds: Seeds; one transmission per seed.
+        kind: `losses` for image quality under losses, `sizes` for a comparison of bytes only.
+        notes: Paragraphs for the report.
+        baseline: Key of the row with which the other rows are compared under the same losses.
+        published: Published results for comparison.
+        metrics: Names of the metrics.
+        views: Maximum number of views per scene, evenly spaced; None for all.
+        lpips_views: Maximum number of views for LPIPS; None for all.
+        renderer: Name of the renderer.
+        picture_views: Number of views per scene that the report shows: those with the lowest PSNR.
+    """
+
+    name: str
+    title: str
+    scenes: tuple[SceneEntry, ...]
+    rows: tuple[Row, ...]
+    losses: tuple[Loss, ...] = ()
+    seeds: tuple[int, ...] = (0,)
+    kind: str = "losses"
+    notes: tuple[str, ...] = ()
+    baseline: str | None = None
+    published: tuple[Published, ...] = field(default=())
+    metrics: tuple[str, ...] = DEFAULT_METRICS
+    views: int | None = None
+    lpips_views: int | None = None
+    renderer: str = "cpu"
+    picture_views: int = 2
+
+    def __post_init__(self) -> None:
+        _known("kind of protocol", self.kind, KINDS)
+        _unique("scene", [scene.name for scene in self.scenes], least=1)
+        _unique("row", [row.key for row in self.rows], least=1)
+        _unique("row label", [row.label for row in self.rows], least=1)
+        _unique("setting of a row", [_settings(row) for row in self.rows], least=1)
+        _unique("loss", [loss.label for loss in self.losses], least=0 if self.kind == "sizes" else 1)
+        _unique("seed", [str(seed) for seed in self.seeds], least=1)
+        if min(self.seeds) < 0 or len(self.seeds) > MAX_SEEDS:
+            raise InvalidValueError(f"seeds must be 1 to {MAX_SEEDS} numbers from 0, not {list(self.seeds)}")
+        _unique("metric", list(self.metrics), least=1)
+        for metric in self.metrics:
+            _check_metric(metric)
+        counts = {
+            "views": (self.views, 1),
+            "lpips_views": (self.lpips_views, 1),
+            "picture_views": (self.picture_views, 0),
+        }
+        for what, (count, least) in counts.items():
+            if count is not None and count < least:
+                raise InvalidValueError(f"{what} must be at least {least}, not {count}")
+        create_renderer(self.renderer)
+        self._check_references()
+
+    def _check_references(self) -> None:
+        keys, scenes = [row.key for row in self.rows], [scene.name for scene in self.scenes]
+        for decoded in (decoded for row in self.rows for decoded in row.decoded):
+            _known("scene", decoded.scene, scenes)
+        for key in [*(entry.row for entry in self.published), *([self.baseline] if self.baseline else [])]:
+            _known("row", key, keys)
+        _unique("published figure", [f"{p.row} / {p.dataset}" for p in self.published], least=0)
+        for entry in self.published:
+            for metric in entry.values:
+                if metric not in SIZE_METRICS:
+                    _check_metric(metric)
+
+    @property
+    def lossy_rows(self) -> tuple[Row, ...]:
+        """Table rows (methods) that are evaluated with losses."""
+        return tuple(row for row in self.rows if not row.lossless)
+
+    def row(self, key: str) -> Row:
+        """Returns the table row (method) with the given key."""
+        return next(row for row in self.rows if row.key == key)
+
+
+def _difference(preset: Packetization, other: Packetization, name: str) -> list[str]:
+    """Returns the name of a packetization preset followed by the parameters that differ from it."""
+    changed = {key: value for key, value in vars(other).items() if getattr(preset, key) != value}
+    return [name, *(value if isinstance(value, str) else f"{key}={value}" for key, value in changed.items())]
+
+
+def canonical(content: Mapping[str, Any]) -> str:
+    """Serialises to JSON in canonical form, so that equal content gives equal text."""
+    return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def _settings(row: Row) -> str:
+    """Returns a canonical text of all settings of a table row (method) that affect its results."""
+    settings = dataclasses.asdict(dataclasses.replace(row, key="", label="", decoded=(), curve=""))
+    return canonical(settings | {"decoded": [str(decoded) for decoded in row.decoded]})
+
+
+def _check_concealer(name: str, options: Mapping[str, Any]) -> None:
+    """Checks that a concealer exists, for static scenes or sequences, and accepts the options.
+
+    Raises:
+        UnknownNameError: If no concealer has that name.
+        InvalidValueError: If it does not accept the options.
+    """
+    try:
+        create_concealer(name, **options)
+    except UnknownNameError as error:
+        try:
+            clip_concealer(name, **options)
+        except UnknownNameError:
+            raise error from None
+
+
+def _check_metric(name: str) -> None:
+    """Checks that a metric exists and that its name does not clash with a record column.
+
+    Raises:
+        UnknownNameError: If no metric has that name.
+        InvalidValueError: If a record column has the name.
+    """
+    if name in RECORD_COLUMNS:
+        raise InvalidValueError(f"metric '{name}' has the name of a column of records: rename it")
+    if name not in DEFAULT_METRICS:
+        METRICS[name]
+
+
+def _known(kind: str, name: str, known: Sequence[str]) -> None:
+    if name not in known:
+        raise UnknownNameError(kind, name, known)
+
+
+def _unique(what: str, names: Sequence[str], *, least: int) -> None:
+    if len(names) < least:
+        raise InvalidValueError(f"there must be at least {least} {what}")
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise InvalidValueError(f"{what} {repeated[0]} is there {names.count(repeated[0])} times: once is right")
+
+
+def common_word(words: Iterable[str]) -> str:
+    """Returns the name of the scenes' elements, such as `anchors`, if all scenes have the same; else "elements".
+
+    Args:
+        words: Name of the elements of each scene.
+    """
+    different = set(words)
+    return different.pop() if len(different) == 1 else "elements"

@@ -1,0 +1,53 @@
+"""Streams and scene files of an evaluation, which each process reads once."""
+
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+from splatwire.bitstream import SceneStream, read_stream
+from splatwire.io import SceneFile, read_scene_file
+
+_STREAMS, _SCENES = 4, 1
+"""Maximum number of streams and of scene files that are kept in memory."""
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True, eq=False)
+class InputFiles:
+    """Reader of streams and scene files that keeps the most recently used ones in memory.
+
+    The files must not change.
+    """
+
+    _streams: "OrderedDict[Path, SceneStream]" = field(default_factory=OrderedDict, repr=False)
+    _scenes: "OrderedDict[Path, SceneFile]" = field(default_factory=OrderedDict, repr=False)
+
+    def stream(self, path: Path) -> SceneStream:
+        """Reads a stream, see `splatwire.bitstream.read_stream`."""
+        return keep(self._streams, path.resolve(), _STREAMS, lambda: read_stream(path)[0])
+
+    def scene_file(self, path: Path) -> SceneFile:
+        """Reads a scene file or a file of explicit Gaussians, see `splatwire.io.read_scene_file`."""
+        return keep(self._scenes, path.resolve(), _SCENES, lambda: read_scene_file(path))
+
+
+def keep(cache: "OrderedDict[Key, Value]", key: Key, most: int, make: Callable[[], Value]) -> Value:
+    """Returns the value of a key from a cache with a limited number of entries.
+
+    A missing value is computed and added; if the cache is full, the least recently used entry is evicted before.
+
+    Args:
+        cache: The cache; changed in place.
+        key: The key.
+        most: Maximum number of entries.
+        make: Function that computes the value.
+    """
+    if key not in cache:
+        while len(cache) >= most:
+            cache.popitem(last=False)
+        cache[key] = make()
+    cache.move_to_end(key)
+    return cache[key]

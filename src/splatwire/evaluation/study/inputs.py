@@ -1,0 +1,370 @@
+"""Preparation of an evaluation: encoded streams, reference images and loss masks, each computed once."""
+
+import dataclasses
+import functools
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from splatwire.anchors.appearance import Scene, scene_of
+from splatwire.anchors.tensor_file import tensor_bytes
+from splatwire.bitstream import ANCHORS, Packetization, SceneStream, stream_to_bytes
+from splatwire.bitstream.limits import SCHEMAS
+from splatwire.bitstream.sections import sections_of
+from splatwire.channel import LossMask, draw_mask
+from splatwire.codec import can_repack, decode_stream, encode_scene, repack, schema_of
+from splatwire.codec.anchors.hacpp.separated import SECTION as MASKS
+from splatwire.codec.background import BACKGROUND
+from splatwire.codec.registry import schema_named
+from splatwire.concealment import concealer_names, create_concealer
+from splatwire.concealment.registry import why_unfit
+from splatwire.concealment.temporal.concealers import clip_concealer_names
+from splatwire.data import save_cameras
+from splatwire.errors import InvalidValueError
+from splatwire.evaluation.study.decoded import prepare_decoded
+from splatwire.evaluation.study.definition import AS_IT_IS, WEIGHTS, Loss, Row, SceneEntry, Study, canonical
+from splatwire.evaluation.study.input_files import InputFiles
+from splatwire.evaluation.study.masks import anchor_bytes
+from splatwire.evaluation.study.parts import needed_stream, stream_parts, without_sections
+from splatwire.evaluation.study.prepared_stream import PreparedStream, file_bytes
+from splatwire.evaluation.study.records import CODE
+from splatwire.evaluation.study.references import Progress, References, digest_of, digest_of_files, prepare_references
+from splatwire.evaluation.study.sequences import frame_cameras
+from splatwire.evaluation.study.store import Store, read_json
+from splatwire.io import drawable_scene
+from splatwire.io.formats import find_format
+from splatwire.io.importing import import_model
+from splatwire.io.opening import complete_scene, decode_complete
+from splatwire.render.importance import surrounding_cameras
+from splatwire.render.precision import classes_of
+from splatwire.types import Anchors
+from splatwire.types.background import Background
+
+AROUND_VIEWS, AROUND_SIZE = 12, 400
+"""Number of generated views for scenes without photos and cameras, and their width and height in pixels."""
+
+
+@dataclass(frozen=True)
+class PreparedScene:
+    """A scene with its encoded streams, reference images and loss masks, ready for the tasks of an evaluation.
+
+    Attributes:
+        entry: Definition of the scene.
+        references: The reference images.
+        streams: Encoded streams, by name of the packetization (`Row.variant`).
+        parts: Sizes of the stream of each method. The outer key is the method's key (`Row.key`), the inner key is the
+            name of a part of the stream, such as an attribute, and the value is the size of this part in bytes. Weights
+            that the method's concealer needs count as a part. Side information that only other concealers read is not
+            included.
+        masks: Loss masks, by name of the packetization, loss and seed.
+        sections: Names of the additional side information in the scene's streams.
+        codec: Name of the codec schema; empty if nothing is sent.
+    """
+
+    entry: SceneEntry
+    references: References
+    streams: Mapping[str, PreparedStream]
+    parts: Mapping[str, Mapping[str, int]]
+    masks: Mapping[tuple[str, Loss, int], LossMask]
+    sections: tuple[str, ...]
+    codec: str
+
+    def lacks(self, row: Row) -> str:
+        """Returns the reason why a method (table row) cannot be evaluated on this scene; empty if it can be."""
+        if row.needs_weights and self.entry.weights is None:
+            return "it has no calibrated weights (splatwire calibrate makes them)"
+        absent = [name for name in row.sections if name not in self.sections]
+        if absent:
+            return f"it has no section '{absent[0]}' (splatwire calibrate adds it)"
+        if row.decoded and row.variant not in self.streams:
+            return "no result of this codec is given"
+        if row.variant not in self.streams:
+            return "only anchors of HAC++ (format 1) can be packed so"
+        return self._why_unfit(row) if self.streams[row.variant].num_packets else ""
+
+    def _why_unfit(self, row: Row) -> str:
+        """Returns the reason why a method (table row) cannot be applied to the stream, or an empty text if it can be.
+
+        Checks the concealer, and the loss of a single attribute (`Row.erode`).
+        """
+        name = row.conceal.partition(":")[0]
+        if self.references.frames:
+            if row.erode is not None:
+                return "only anchors lose one attribute alone, and it has tracks"
+            known = name in clip_concealer_names()
+            return "" if known else f"concealer '{row.conceal}' is for still scenes, and it is a sequence"
+        if name not in concealer_names() and name in clip_concealer_names():
+            return f"concealer '{row.conceal}' is for sequences, and it is a still scene"
+        offers = schema_named(self.codec).offers
+        if row.erode is not None and Anchors not in offers:
+            return f"only anchors lose one attribute alone, and it has {self.streams[row.variant].elements}"
+        sections = self.sections if row.packetization is None else row.sections
+        return why_unfit(row.conceal, offers, sections, row.options)
+
+
+@dataclass(frozen=True)
+class Source:
+    """A scene given by the user, which is read on first access.
+
+    Attributes:
+        entry: Definition of the scene.
+        files: Reader of the scene's files.
+    """
+
+    entry: SceneEntry
+    files: InputFiles = field(default_factory=InputFiles)
+
+    @cached_property
+    def stream(self) -> SceneStream | None:
+        """Stream from which the named sections of side information are taken; None if the user gave no stream.
+
+        This is the stream `SceneEntry.sections` if it is given, else the scene itself if it is a stream.
+        """
+        path = self.entry.sections or (self.entry.source if self.entry.kind == "stream" else None)
+        if path is None:
+            return None
+        stream = self.files.stream(path)
+        return stream if stream.manifest.schema.timed and self.entry.reference is not None else stream.still(path)
+
+    @property
+    def timed(self) -> bool:
+        """True for a sequence of frames; each frame is then evaluated as one view."""
+        return self.stream is not None and self.stream.manifest.schema.timed
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The complete scene.
+
+        If it has a stream, this is the decoded stream, so that all rows use the same quantised values.
+
+        Raises:
+            BitstreamError: If the stream is incomplete.
+        """
+        if self.entry.sections is not None or self.entry.kind == "stream":
+            path = self.entry.sections or self.entry.source
+            return decode_complete(self.files.stream(path), path)
+        if self.entry.kind == "model":
+            return import_model("hacpp", self.entry.source)
+        return complete_scene(self.files.scene_file(self.entry.source), self.entry.source)
+
+    @property
+    def sections(self) -> Mapping[str, bytes]:
+        """Named sections of side information in the stream, such as those added by `splatwire calibrate`."""
+        return {} if self.stream is None else sections_of(self.stream)
+
+    @property
+    def codec(self) -> str:
+        """Name of the codec schema for the scene's elements."""
+        if self.entry.kind == "model":
+            return ANCHORS
+        return schema_of(self.scene).name if self.stream is None else self.stream.manifest.codec
+
+    def can_encode(self, packetization: Packetization) -> bool:
+        """Returns True if the scene can be encoded with the packetization."""
+        return packetization.common or SCHEMAS[self.codec].separable
+
+
+def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progress) -> PreparedScene:
+    """Encodes a scene for every method, prepares its reference images and generates its loss masks.
+
+    Results that are already in the store are reused.
+
+    Args:
+        study: The evaluation.
+        entry: The scene.
+        store: Store for the results.
+        progress: Called with the name of the current task and its finished share, 0 to 1.
+
+    Raises:
+        SplatwireError: If the scene or its photos cannot be read, or a row cannot be encoded.
+    """
+    source = Source(entry, store.files)
+    streams = prepare_streams(study, source, store, progress)
+    if entry.weights is not None:
+        for row in study.rows:
+            if row.needs_weights:
+                create_concealer(row.conceal.replace(WEIGHTS, str(entry.weights)), **row.options)
+    variant, first = next(iter(streams.items()))
+
+    @functools.cache
+    def drawn() -> Scene:
+        if entry.reference is not None:
+            return drawable_scene(entry.reference, "drop")[0]
+        if variant == AS_IT_IS:
+            return source.scene
+        return decode_complete(store.files.stream(store.root / first.path), store.root / first.path)
+
+    stamp = first.digest if entry.reference is None else digest_of_files(entry.reference)
+    background = _background(first, store) if entry.background is None else entry.background
+    looked_at = _frame_views(source, stamp, store) if source.timed else _with_cameras(entry, drawn, stamp, store)
+    references = prepare_references(study, looked_at, background, drawn, stamp, store, progress, frames=source.timed)
+    for row in study.rows:
+        if (decoded := prepare_decoded(row, entry, references)) is not None:
+            streams[row.variant] = decoded
+    return PreparedScene(
+        entry=entry,
+        references=references,
+        streams=streams,
+        parts={row.key: _parts(row, source, streams[row.variant]) for row in study.rows if row.variant in streams},
+        masks=dict(_draw_masks(study, streams, store)),
+        sections=tuple(source.sections),
+        codec=source.codec if any(stream.num_packets for stream in streams.values()) else "",
+    )
+
+
+def prepare_streams(study: Study, source: Source, store: Store, progress: Progress) -> dict[str, PreparedStream]:
+    """Encodes a scene once for each packetization that the methods use; see `prepare_scene`."""
+    entry = source.entry
+    stamp = "" if entry.sections is None else digest_of_files(entry.sections)
+    digest = digest_of_files(entry.source)
+    folder = f"inputs/{digest_of(digest, stamp, CODE)}"
+    streams = {}
+    for name, row in {row.variant: row for row in reversed(study.rows) if not row.decoded}.items():
+        if row.packetization is None or source.timed:
+            streams[name] = _as_it_is(source, digest)
+        elif set(row.sections) <= set(source.sections) and source.can_encode(row.packetization):
+            streams[name] = _prepare_stream(row, source, store, folder, progress)
+    if all(row.decoded for row in study.rows):  # the scene still gives the views and the background
+        streams[AS_IT_IS] = _as_it_is(source, digest)
+    if not streams:
+        raise InvalidValueError(f"scene '{entry.name}' lacks what every row needs, or cannot be packed so")
+    return streams
+
+
+def _background(first: PreparedStream, store: Store) -> Background:
+    """Returns the background colour of a scene, read from its first stream or scene file.
+
+    Args:
+        first: First stream or scene file of the scene.
+        store: Store of the evaluation.
+    """
+    path = store.root / first.path
+    if first.num_packets:
+        return BACKGROUND.of_stream(store.files.stream(path))
+    return scene_of(store.files.scene_file(path).loaded).background
+
+
+def _frame_views(source: Source, stamp: str, store: Store) -> SceneEntry:
+    """Creates a camera for each frame of a sequence, and stores the cameras in a cameras file.
+
+    Returns the definition of the scene, in which this file replaces the user's cameras.
+
+    Args:
+        source: The sequence.
+        stamp: Digest of the original frames.
+        store: Store for the cameras file.
+    """
+    entry, stream = source.entry, source.stream
+    assert stream is not None
+    assert entry.reference is not None
+    named = "" if entry.cameras is None else digest_of_files(entry.cameras)
+    path = store.root / f"inputs/frames_{digest_of(stamp, named, CODE)}.json"
+    if not path.is_file():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_cameras(frame_cameras(stream, entry.reference, entry.cameras), path)
+    return dataclasses.replace(entry, cameras=path)
+
+
+def _with_cameras(entry: SceneEntry, drawn: Callable[[], Scene], stamp: str, store: Store) -> SceneEntry:
+    """Returns the definition of a scene; adds generated cameras if the user gave neither cameras nor photos.
+
+    Args:
+        entry: Definition of the scene.
+        drawn: Function that returns the scene around which cameras are generated.
+        stamp: Digest of this scene.
+        store: Store for the generated cameras file.
+    """
+    if entry.cameras is not None or entry.photos is not None:
+        return entry
+    name = f"inputs/around_{digest_of(stamp, CODE)}.json"
+    if not (store.root / name).is_file():
+        (store.root / name).parent.mkdir(parents=True, exist_ok=True)
+        save_cameras(surrounding_cameras(drawn(), AROUND_VIEWS, AROUND_SIZE), store.root / name)
+    return dataclasses.replace(entry, cameras=store.root / name)
+
+
+def _as_it_is(source: Source, digest: str) -> PreparedStream:
+    entry, path = source.entry, str(source.entry.source.resolve())
+    if (stream := source.stream) is not None:
+        manifest = stream.manifest
+        return PreparedStream(
+            path, digest, stream_parts(stream), manifest.num_packets, manifest.num_elements, elements=manifest.elements
+        )
+    found = source.files.scene_file(entry.source)
+    scene, form = scene_of(found.loaded), find_format(found.kind)
+    parts = tensor_bytes(entry.source) if form is None else {form.name: file_bytes(entry.source)}
+    return PreparedStream(path, digest, parts, 0, scene.num_elements, scene.num_gaussians, elements=scene.ELEMENTS)
+
+
+def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progress: Progress) -> PreparedStream:
+    assert row.packetization is not None
+    path, about = f"{folder}/{row.variant}.swz", store.root / folder / f"{row.variant}.json"
+    if (known := read_json(about)) is not None:
+        return PreparedStream(**known)
+    what = f"{source.entry.name}: encoding {row.variant}"
+    if (whole := source.stream) is not None and not whole.manifest.tiers and can_repack(whole):
+        started = time.perf_counter()
+        stream = _repacked(whole, row, lambda share: progress(what, share))
+    elif row.sections:
+        raise InvalidValueError(f"row '{row.key}' needs sections of a stream without tiers: encode without --tiers")
+    else:
+        scene = source.scene
+        started = time.perf_counter()
+        classes = classes_of(scene)
+        stream = encode_scene(scene, row.packetization, classes=classes, progress=lambda share: progress(what, share))
+    seconds = time.perf_counter() - started
+    ordered = decode_stream(stream).scene
+    store.write(path, stream_to_bytes(stream))
+    prepared = PreparedStream(
+        path,
+        digest_of_files(store.root / path),
+        stream_parts(stream),
+        len(stream.packets),
+        stream.manifest.num_elements,
+        ordered.num_gaussians,
+        seconds,
+        stream.manifest.elements,
+    )
+    store.write(f"{folder}/{row.variant}_anchors.npz", anchor_bytes(stream, ordered.positions))
+    store.write(f"{folder}/{row.variant}.json", canonical(vars(prepared)).encode())  # last: marks the entry as complete
+    return prepared
+
+
+def _repacked(whole: SceneStream, row: Row, progress: Callable[[float], None]) -> SceneStream:
+    """Repacks a stream for a method (table row): divides its elements into packets in another way.
+
+    The new stream contains only those sections of side information that the method needs. Quantised values and networks
+    are not changed, so that the streams of all methods differ only in packets and sections.
+
+    Args:
+        whole: The complete stream.
+        row: The method.
+        progress: Called with the completed share, 0 to 1.
+    """
+    assert row.packetization is not None
+    kept = without_sections(whole, set(sections_of(whole)) - {*row.sections, BACKGROUND.name, MASKS})
+    return repack(kept, row.packetization, progress=progress)
+
+
+def _parts(row: Row, source: Source, prepared: PreparedStream) -> dict[str, int]:
+    name, _, file = row.conceal.partition(":")
+    parts, stream = prepared.parts, source.stream
+    if row.packetization is None and stream is not None:
+        parts = stream_parts(needed_stream(stream, row.conceal))
+    file = file.replace(WEIGHTS, str(source.entry.weights or ""))
+    return {**parts, **({f"{name}_weights": Path(file).stat().st_size} if file else {})}
+
+
+def _draw_masks(
+    study: Study, streams: Mapping[str, PreparedStream], store: Store
+) -> Iterator[tuple[tuple[str, Loss, int], LossMask]]:
+    for name in dict.fromkeys(row.variant for row in study.lossy_rows):
+        if name not in streams or not streams[name].num_packets:
+            continue
+        stream = store.files.stream(store.root / streams[name].path)
+        for loss in study.losses:
+            for seed in study.seeds:
+                mask = draw_mask(stream, loss.process, seed=seed, send_order=loss.send_order)
+                yield (name, loss, seed), mask

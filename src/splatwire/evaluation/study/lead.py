@@ -1,0 +1,220 @@
+"""First part of a report: summary sentence, image comparison slider, loss curve, and a glossary of the tables."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from splatwire.evaluation.pixels import jpeg
+from splatwire.evaluation.study.charts import losses_chart
+from splatwire.evaluation.study.curve import ComparedRows, compared_rows, curve_losses
+from splatwire.evaluation.study.definition import Loss
+from splatwire.evaluation.study.pictures import Shot, ViewPictures
+from splatwire.evaluation.study.run import StudyResult
+from splatwire.evaluation.study.summary import Summary, summarize
+from splatwire.evaluation.study.tables import Table
+
+TERMS = {
+    "PSNR": "peak signal-to-noise ratio in decibels: higher is better, and 3 dB more is half of the squared error",
+    "SSIM": "structural similarity of two pictures: 1 for equal ones",
+    "LPIPS": "perceptual distance of two pictures that a network has learned: 0 for equal ones",
+    "LPIPS [0, 1]": "LPIPS of pictures in [0, 1], not scaled to [-1, 1]: the variant in the tables of 3DGS and HAC++",
+    "packets lost": "share of the packets that did not arrive",
+    "anchors hit": "share of the scene's anchors (groups of up to ten Gaussians) that lost something",
+    "Gaussians hit": "share of the scene's Gaussians that were lost",
+    "no loss": "everything arrived",
+    "contiguous drop": "neighbours share a packet, and lost anchors are left out: holes",
+    "drop": "lost elements are left out; neighbours are in different packets, so gaps are small",
+    "grow": "what arrived is enlarged by what the loss uncovered",
+    "scene_free": "as grow, with gains that a network chooses; the weights that ship were trained on a few captures",
+    "sketch": "important lost elements come from a coarse copy in the stream (its bytes are counted), the rest grows",
+    "coarse": "a coarser level of the scene takes the place of what is lost",
+    "prior": "lost attributes are those that the side information predicts",
+    "idw": "lost attributes are means of the neighbours, weighted by inverse distance",
+    "cari": "the paper's interpolation between neighbours",
+    "kriging": "lost attributes are conditional means given 16 neighbours",
+    "gnn": "the paper's network fills lost attributes",
+}
+"""Glossary: explanations of column and row names."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """One image of the comparison slider.
+
+    Attributes:
+        label: Name of the method, and its PSNR.
+        image: The image as a data URL.
+    """
+
+    label: str
+    image: str
+
+
+@dataclass(frozen=True)
+class Lead:
+    """First part of a report.
+
+    Attributes:
+        sentence: Summary of the result.
+        left: Image without concealment; None if no pair of images is available.
+        right: Image with the best concealment, or the reference image.
+        caption: Description of the images: view and loss.
+        curve: Chart of the PSNR as a function of the loss rate, SVG; None if only one rate was measured.
+        opens: Labels of the methods that view comparisons show initially; empty for the reference and the baseline.
+    """
+
+    sentence: str
+    left: Side | None = None
+    right: Side | None = None
+    caption: str = ""
+    curve: str | None = None
+    opens: tuple[str, ...] = ()
+
+
+def make_lead(
+    result: StudyResult, pictures: Sequence[ViewPictures], curve: StudyResult | None, worst: Sequence[ViewPictures]
+) -> Lead | None:
+    """Creates the first part of the report of one scene.
+
+    Args:
+        result: The evaluation.
+        pictures: Images of the views with the lowest PSNR.
+        curve: Results of the same scene at other loss rates, or None.
+        worst: Images at the highest of the additional loss rates.
+
+    Returns:
+        The first part; None for evaluations of several scenes or losses, or if no PSNR is finite.
+    """
+    if len(result.scenes) > 1 or len(result.study.losses) > 1:
+        return None
+    if not result.study.lossy_rows:
+        return _lossless_lead(result, pictures)
+    summaries = [s for s in summarize(result) if s.loss is not None]
+    rows = compared_rows(result, summaries)
+    drawn = None
+    if curve is not None and rows is not None:
+        keys = {row.key for row in rows}
+        summaries = [s for s in (*summaries, *summarize(curve)) if s.row.key in keys]
+        drawn = losses_chart(summaries, curve_losses(result, curve))
+    worst_loss = max((s.loss for s in summaries if s.loss), key=_rate, default=None)
+    at_worst = {s.row.key: s for s in summaries if s.loss == worst_loss}
+    source = next(iter(result.scenes.values())).references.source
+    sentence = _sentence(at_worst, rows, source)
+    view = next(iter(worst or pictures), None)
+    if sentence is None:
+        return None
+    opens = () if rows is None else (rows.uncovered.label, rows.best.label)
+    if view is None:
+        return Lead(sentence, curve=drawn, opens=opens)
+    left, right = _sides(view, rows)
+    return Lead(sentence, left, right, f"View {view.view}, {view.loss}.", drawn, opens)
+
+
+def _lossless_lead(result: StudyResult, pictures: Sequence[ViewPictures]) -> Lead | None:
+    """Creates the first part of the report of one row without losses; None if it equals the reference."""
+    found, *others = summarize(result)
+    figure = found.figures.get("psnr")
+    if others or figure is None:
+        return None
+    source = next(iter(result.scenes.values())).references.source
+    sentence = (
+        f"Without loss, pictures are at {figure.mean:.1f} dB with {found.num_bytes:,} bytes. PSNR is against {source}; "
+        "higher is better."
+    )
+    view = next(iter(pictures), None)
+    left, right = (None, None) if view is None else _sides(view, None)
+    return Lead(sentence, left, right, "" if view is None else f"View {view.view}.")
+
+
+def _rate(loss: Loss) -> float:
+    return float(getattr(loss.process, "rate", 0.0))
+
+
+def _sentence(found: dict[str, Summary], rows: ComparedRows | None, source: str) -> str | None:
+    """Summarises the result in one sentence; None if no PSNR is finite."""
+    shown = [found[row.key] for row in (rows.uncovered, rows.best)] if rows else list(found.values())[:1]
+    figures = [s.figures.get("psnr") for s in shown]
+    if not shown or any(figure is None for figure in figures):
+        return None
+    means = [figure.mean for figure in figures if figure is not None]
+    lost = f"With {100 * shown[0].lost_packets:.0f} % of the packets lost"
+    if rows is None:
+        return f"{lost}, pictures are at {means[0]:.1f} dB ({shown[0].row.label}; PSNR against {source})."
+    more = shown[1].num_bytes / shown[0].num_bytes - 1
+    cost = f" for {100 * more:.0f} % more bytes" if more >= 0.005 else ""
+    return (
+        f"{lost}, pictures are at {means[0]:.1f} dB if the gaps stay ({shown[0].row.label}) and at {means[1]:.1f} dB "
+        f"with concealment ({shown[1].row.label}){cost}. PSNR is against {source}; higher is better."
+    )
+
+
+def _sides(view: ViewPictures, rows: ComparedRows | None) -> tuple[Side | None, Side | None]:
+    """Returns the left and the right image of a comparison of a view.
+
+    The left image is without concealment, the right image with the best concealment. If the view lacks one of these
+    images, the image with the lowest PSNR is compared with the reference.
+
+    Args:
+        view: Images of the view.
+        rows: The table rows (methods) to compare; None if there are none.
+
+    Returns:
+        The images; None for both if no image of the view has a PSNR.
+    """
+    shots = {shot.label: shot for shot in view.shots}
+    reference = Side(f"reference ({view.source})", jpeg(view.reference))
+    if rows is not None and {rows.uncovered.label, rows.best.label} <= set(shots):
+        return _side(shots[rows.uncovered.label]), _side(shots[rows.best.label])
+    lossy = [shot for shot in view.shots if shot.psnr is not None]
+    return (_side(min(lossy, key=lambda shot: shot.psnr or 0.0)), reference) if lossy else (None, None)
+
+
+def _side(shot: Shot) -> Side:
+    psnr = "" if shot.psnr is None else f": {shot.psnr:.1f} dB"
+    return Side(f"{shot.label}{psnr}", jpeg(shot.pixels))
+
+
+def fold(table: Table, hidden: set[str]) -> tuple[Table, Table | None]:
+    """Splits a table into rows that the report shows initially and rows that are collapsed.
+
+    Args:
+        table: The table.
+        hidden: Rows to collapse, given by the text of their first cells.
+
+    Returns:
+        The table of the shown rows, and the table of the collapsed rows; the latter is None if no row is collapsed.
+    """
+    shown = tuple(row for row in table.rows if row[0] not in hidden)
+    rest = tuple(row for row in table.rows if row[0] in hidden)
+    if not rest or not shown:
+        return table, None
+    best = None if table.best is None or table.rows[table.best] not in shown else shown.index(table.rows[table.best])
+    return replace(table, rows=shown, best=best), replace(table, rows=rest, best=None)
+
+
+def rows_that_lose(result: StudyResult, summaries: Sequence[Summary]) -> set[str]:
+    """Returns the labels of methods that are always worse than the baseline.
+
+    These methods have the same packetization as the baseline, and a lower PSNR on every scene and under every loss.
+
+    Args:
+        result: Results of the evaluation.
+        summaries: Statistics of the results, with differences to the baseline.
+    """
+    if result.study.published or result.study.baseline is None:
+        return set()
+    packing = result.study.row(result.study.baseline).packetization
+    deltas: dict[str, list[float]] = {}
+    for s in summaries:
+        if s.row.packetization == packing and (delta := s.delta.get("psnr")) is not None:
+            deltas.setdefault(s.row.label, []).append(delta.mean)
+    return {label for label, values in deltas.items() if max(values) < 0}
+
+
+def terms_of(tables: Sequence[Table]) -> list[tuple[str, str]]:
+    """Returns the terms that occur in tables, each with its explanation.
+
+    Args:
+        tables: Tables of the report. Column headings and first cells of rows are looked up in `TERMS`.
+    """
+    names = [*(name for table in tables for name in table.columns), *(row[0] for table in tables for row in table.rows)]
+    return [(name, TERMS[name]) for name in dict.fromkeys(names) if name in TERMS]

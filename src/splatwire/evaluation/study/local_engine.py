@@ -1,0 +1,133 @@
+"""Engine for this machine: one new process per worker; dead workers are replaced."""
+
+import contextlib
+import multiprocessing
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from splatwire.errors import SplatwireError
+from splatwire.evaluation.study.engines import Attempts, Event, Listener, failed
+from splatwire.evaluation.study.store import Store
+from splatwire.evaluation.study.units import Unit
+from splatwire.evaluation.study.work import run_unit, use_one_thread
+
+_GRACE_S = 5.0
+
+
+@dataclass(frozen=True)
+class LocalEngine:
+    """Executes tasks in parallel processes of this machine.
+
+    Attributes:
+        workers: Number of concurrent processes.
+    """
+
+    workers: int
+
+    def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
+        """See `Engine.run`."""
+        waiting, attempts = deque(units), Attempts(listener)
+        workers = [_Worker.start(str(store.root)) for _ in range(min(self.workers, len(units)))]
+        try:
+            while waiting or any(worker.unit for worker in workers):
+                for worker in workers:
+                    if worker.unit is None and waiting:
+                        worker.give(waiting.popleft())
+                for worker in _with_news(workers):
+                    unit, problem, alive = worker.result()
+                    if alive and problem is not None:
+                        raise failed(unit, problem)
+                    if alive:
+                        listener(Event(unit))
+                        continue
+                    attempts.lost(unit, problem or "no reason given")
+                    waiting.appendleft(unit)
+                    workers[workers.index(worker)] = _Worker.start(str(store.root))
+        finally:
+            for worker in workers:
+                worker.stop()
+
+
+@dataclass(eq=False)
+class _Worker:
+    """A worker process and the task that it executes."""
+
+    process: BaseProcess
+    pipe: Connection
+    unit: Unit | None = None
+
+    @staticmethod
+    def start(root: str) -> "_Worker":
+        context = multiprocessing.get_context("spawn")  # a fork would inherit the threads of numba and torch
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve, args=(theirs, root), daemon=True)
+        process.start()
+        theirs.close()
+        return _Worker(process, ours)
+
+    def give(self, unit: Unit) -> None:
+        self.unit = unit
+        with contextlib.suppress(OSError):  # the process has died; `result` detects it
+            self.pipe.send(unit)
+
+    def result(self) -> tuple[Unit, str | None, bool]:
+        """Returns the finished task, its error message if any, and whether the worker process is alive."""
+        unit, self.unit = self.unit, None
+        assert unit is not None
+        try:
+            if self.pipe.poll():
+                return unit, self.pipe.recv(), True
+        except (EOFError, OSError):
+            pass
+        self.process.join(_GRACE_S)
+        return unit, f"exit status {self.process.exitcode}", False
+
+    def stop(self) -> None:
+        self.process.terminate()
+        self.process.join(_GRACE_S)
+        if self.process.is_alive():
+            self.process.kill()
+        self.pipe.close()
+
+
+def _with_news(workers: list[_Worker]) -> list[_Worker]:
+    """Waits until some workers have finished their task or died, and returns these workers."""
+    busy = [worker for worker in workers if worker.unit is not None]
+    sources: list[Any] = [source for worker in busy for source in (worker.pipe, worker.process.sentinel)]
+    ready = wait(sources)
+    return [worker for worker in busy if worker.pipe in ready or worker.process.sentinel in ready]
+
+
+def _serve(pipe: Connection, root: str) -> None:
+    """Main loop of a worker process: executes tasks received through a pipe, and sends back their error messages.
+
+    Args:
+        pipe: Connection to the parent process.
+        root: Folder of the store.
+    """
+    use_one_thread()
+    while True:
+        try:
+            unit = pipe.recv()
+        except (EOFError, KeyboardInterrupt):
+            return
+        try:
+            failure = _failure_of(root, unit)
+        except KeyboardInterrupt:
+            return
+        with contextlib.suppress(BrokenPipeError):  # the parent process is gone
+            pipe.send(failure)
+
+
+def _failure_of(root: str, unit: Unit) -> str | None:
+    try:
+        run_unit(root, unit)
+    except (SplatwireError, OSError) as error:
+        return str(error)
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+    return None

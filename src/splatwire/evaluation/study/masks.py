@@ -1,0 +1,109 @@
+"""Loss masks for other tools: packet loss rates of datagram losses, and mask files for evaluating other codecs."""
+
+import io
+import statistics
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.bitstream import SceneStream, send_sequence
+from splatwire.channel import LossMask, draw_mask, parse_loss
+from splatwire.evaluation.study.definition import Loss
+
+
+@dataclass(frozen=True)
+class Equivalence:
+    """Packet loss rate of one stream that is equivalent to a datagram loss rate.
+
+    A packet is lost if any of its datagrams is lost, so the packet loss rate depends on the size of the packets.
+
+    Attributes:
+        model: The loss model of datagrams.
+        datagram_rate: Share of lost datagrams, mean over seeds.
+        pak_rate: Resulting share of lost packets of the stream, mean over seeds.
+    """
+
+    model: str
+    datagram_rate: float
+    pak_rate: float
+
+
+def equivalence(stream: SceneStream, model: str, seeds: tuple[int, ...], send_order: str) -> Equivalence:
+    """Measures the packet loss rate of a stream that is equivalent to a loss model of datagrams.
+
+    Simulates one transmission for each seed. A packet is lost if any of its datagrams is lost.
+
+    Args:
+        stream: The complete stream.
+        model: Specification of the loss model of datagrams, such as `bernoulli:0.1`.
+        seeds: Seeds of the simulated losses.
+        send_order: Order in which the packets are sent, see `splatwire.channel.transmit`.
+    """
+    loss = parse_loss(model, "datagram")
+    masks = [draw_mask(stream, loss, seed=seed, send_order=send_order) for seed in seeds]
+    return Equivalence(
+        model,
+        statistics.fmean(mask.num_lost_datagrams / max(1, mask.num_datagrams) for mask in masks),
+        statistics.fmean(mask.num_lost / max(1, len(mask.received)) for mask in masks),
+    )
+
+
+def mask_bytes(stream: SceneStream, mask: LossMask, loss: Loss, seed: int) -> bytes:
+    """Serialises a mask as an npz file, so that another codec can be evaluated on the same losses.
+
+    The file has these arrays with one entry per packet, ascending by packet id:
+
+    * `block`, `lane`, `part`: id of the packet (`PacketId`).
+    * `num_anchors`: number of anchors of the packet.
+    * `num_bytes`: size of the packet in bytes.
+    * `send_index`: position of the packet in the send order.
+    * `received`: True if the packet is received.
+
+    The entries `loss`, `unit`, `send_order` and `seed` describe the loss model. The anchors of each packet are in a
+    separate file for the stream (`anchor_bytes`).
+
+    Args:
+        stream: The complete stream.
+        mask: Mask of the received packets.
+        loss: The loss model.
+        seed: Seed of the loss.
+    """
+    position = {packet.id: index for index, packet in enumerate(send_sequence(stream, loss.send_order))}
+    ids = [packet.id for packet in stream.packets]
+    return _npz(
+        block=np.array([i.block for i in ids], np.int32),
+        lane=np.array([i.lane for i in ids], np.int32),
+        part=np.array([i.part for i in ids], np.int32),
+        num_anchors=np.array([packet.num_elements for packet in stream.packets], np.int32),
+        num_bytes=np.array([packet.num_bytes for packet in stream.packets], np.int32),
+        send_index=np.array([position[i] for i in ids], np.int32),
+        received=mask.received,
+        loss=np.array(loss.model),
+        unit=np.array(loss.unit),
+        send_order=np.array(loss.send_order),
+        seed=np.array(seed),
+    )
+
+
+def anchor_bytes(stream: SceneStream, positions: np.ndarray) -> bytes:
+    """Serialises the anchors of each packet as an npz file.
+
+    Packet i, ascending by packet id, contains the anchors `ranks[starts[i]:starts[i + 1]]`. A rank is the index of an
+    anchor in coding order, and a row of the array `positions` (world units, float32, (N, 3)).
+
+    Args:
+        stream: The complete stream.
+        positions: Positions of all anchors in coding order, (N, 3).
+    """
+    plan = stream.manifest.plan
+    hashed = plan.packetization.hashed
+    members = [plan.members(p.id, p.num_elements if hashed else None) for p in stream.packets]
+    starts = np.cumsum([0, *(len(ranks) for ranks in members)]).astype(np.int64)
+    ranks = np.concatenate(members).astype(np.int32) if members else np.empty(0, np.int32)
+    return _npz(starts=starts, ranks=ranks, positions=positions.astype(np.float32))
+
+
+def _npz(**arrays: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, **arrays)
+    return buffer.getvalue()

@@ -1,0 +1,179 @@
+"""Records: settings and scores of one view, stored in Parquet files with one file per task."""
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from splatwire.errors import BackendUnavailableError, BitstreamError
+from splatwire.version import __version__
+
+PROTOCOL_VERSION = 2
+"""Version of the computation, increased if equal inputs give other scores; results of other versions are not reused."""
+CODE = f"{__version__}/{PROTOCOL_VERSION}"
+
+TIMINGS = ("seconds_decode", "seconds_conceal", "seconds_render", "seconds_score")
+"""Fields that differ between executions; all other fields are reproducible."""
+PLACE = ("study", "row", "label")
+"""Leading columns of the output file with all records; they identify the table row (method)."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """Settings and scores of one view in one task; the fields are the columns of a Parquet file.
+
+    Attributes:
+        unit: Key of the task.
+        scene: Name of the scene.
+        stream: Name of the stream.
+        mask: Digest of the loss mask; empty without loss.
+        loss: The loss model; `none` without loss.
+        loss_unit: Unit of loss, packet or datagram; None without loss.
+        send_order: Order of sending; None without loss.
+        conceal: Name of the concealer.
+        options: Options of the concealer, canonical JSON.
+        erode: The only attribute that anchors of lost packets lose (`Row.erode`); None if they lose all.
+        view: Name of the view.
+        renderer: Name of the renderer.
+        code: Version of the code.
+        seed: Seed of the mask; None without loss.
+        view_index: Index of the view.
+        num_anchors: Number of elements of the complete scene.
+        num_lost_anchors: Number of elements with at least one lost attribute.
+        num_packets: Number of packets of the complete stream.
+        num_lost_packets: Number of lost packets.
+        num_datagrams: Number of datagrams sent; None without loss.
+        num_lost_datagrams: Number of lost datagrams; None without loss.
+        num_bytes_received: Received bytes of the stream.
+        psnr: PSNR in decibels, infinite if the image equals its reference; None if not measured.
+        ssim: Structural similarity; None if not measured.
+        lpips: LPIPS; None if not measured.
+        seconds_decode: Decoding time in seconds, shared by the rows of one received stream.
+        seconds_conceal: Concealment time in seconds, for all views together.
+        seconds_render: Rendering time of this view, seconds.
+        seconds_score: Scoring time of this view, seconds.
+        others: Other metrics by name, one column each; None if not measured.
+    """
+
+    unit: str
+    scene: str
+    stream: str
+    mask: str
+    loss: str
+    loss_unit: str | None
+    send_order: str | None
+    conceal: str
+    options: str
+    erode: str | None
+    view: str
+    renderer: str
+    code: str
+    seed: int | None
+    view_index: int
+    num_anchors: int
+    num_lost_anchors: int
+    num_packets: int
+    num_lost_packets: int
+    num_datagrams: int | None
+    num_lost_datagrams: int | None
+    num_bytes_received: int
+    psnr: float | None
+    ssim: float | None
+    lpips: float | None
+    seconds_decode: float
+    seconds_conceal: float
+    seconds_render: float
+    seconds_score: float
+    others: Mapping[str, float | None] = field(default_factory=dict)
+
+    def figure(self, metric: str) -> float | None:
+        """Returns the value of a metric, or None if it was not measured."""
+        found: float | None = self.others[metric] if metric in self.others else getattr(self, metric)
+        return found
+
+    def row(self) -> dict[str, Any]:
+        """Returns the record as a mapping from column names to values."""
+        own = {name: value for name, value in vars(self).items() if name != "others"}
+        return own | dict(self.others)
+
+    @staticmethod
+    def of(row: Mapping[str, Any]) -> "Record":
+        """Creates a record from the mapping returned by `Record.row`.
+
+        Raises:
+            TypeError: If a column is missing.
+        """
+        known = {item.name for item in fields(Record)} - {"others"}
+        own = {name: value for name, value in row.items() if name in known}
+        return Record(**own, others={name: value for name, value in row.items() if name not in known})
+
+
+RECORD_COLUMNS = {item.name for item in fields(Record)} - {"psnr", "ssim", "lpips"} | set(PLACE)
+"""Column names of records, which metrics must not use."""
+
+
+def hardest(records: Sequence[Record], count: int) -> tuple[int, ...]:
+    """Returns the indices of the views with the lowest PSNR, hardest first.
+
+    Returns the first views if PSNR was not measured.
+    """
+    order = sorted(range(len(records)), key=lambda view: records[view].psnr or 0.0)
+    return tuple(order[:count])
+
+
+def parquet() -> tuple[Any, Any]:
+    """Imports the optional Parquet library; returns the modules `pyarrow.parquet` and `pyarrow`.
+
+    Raises:
+        BackendUnavailableError: If the library is not installed.
+    """
+    try:
+        import pyarrow.parquet
+    except ImportError as error:
+        raise BackendUnavailableError("pyarrow", "pip install 'splatwire[tables]'") from error
+    return pyarrow.parquet, pyarrow
+
+
+def _schema(pyarrow: Any, place: Sequence[str], others: Sequence[str]) -> Any:
+    kinds = {str: pyarrow.string(), int: pyarrow.int64(), float: pyarrow.float64()}
+    columns = [(name, kinds[str]) for name in place]
+    for column in fields(Record):
+        if column.name == "others":
+            continue
+        kind: Any = getattr(column.type, "__args__", (column.type,))[0]
+        columns.append((column.name, kinds[kind]))
+    columns += [(name, kinds[float]) for name in others]
+    return pyarrow.schema(columns)
+
+
+def records_to_bytes(records: Sequence[Record]) -> bytes:
+    """Serialises records as a Parquet file; equal records give equal bytes."""
+    return table_to_bytes([record.row() for record in records])
+
+
+def table_to_bytes(rows: Sequence[Mapping[str, Any]], place: Sequence[str] = ()) -> bytes:
+    """Serialises records as a Parquet file.
+
+    Args:
+        rows: Records as mappings from column names to values.
+        place: Names of additional text columns of `rows`, which become the first columns of the file.
+    """
+    pq, pyarrow = parquet()
+    known, buffer = {item.name for item in fields(Record)} | set(place), io.BytesIO()
+    others = [name for name in (rows[0] if rows else {}) if name not in known]
+    table = pyarrow.Table.from_pylist([dict(row) for row in rows], schema=_schema(pyarrow, place, others))
+    pq.write_table(table, buffer, compression="zstd")
+    return buffer.getvalue()
+
+
+def records_from_bytes(data: bytes, name: str) -> list[Record]:
+    """Reads records from the output of `records_to_bytes`.
+
+    Raises:
+        BitstreamError: If the data is damaged.
+    """
+    pq, pyarrow = parquet()
+    try:
+        return [Record.of(row) for row in pq.read_table(pyarrow.BufferReader(data)).to_pylist()]
+    except (pyarrow.ArrowException, TypeError) as error:
+        raise BitstreamError(f"{name} is not a file of records: {error}; remove it and start again") from error

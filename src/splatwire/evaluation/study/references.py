@@ -1,0 +1,177 @@
+"""Reference images: photos, which are read from their dataset, or renders, which are computed once and stored."""
+
+import hashlib
+import io
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.anchors.appearance import Scene
+from splatwire.data import load_cameras, open_dataset
+from splatwire.data.dataset import Dataset
+from splatwire.errors import InvalidValueError, SplatwireError
+from splatwire.evaluation.study.definition import SceneEntry, Study, canonical
+from splatwire.evaluation.study.records import CODE
+from splatwire.evaluation.study.sequences import reference_pictures
+from splatwire.evaluation.study.store import Store, read_json
+from splatwire.evaluation.views import ReferenceViews, photo_source, photo_views, spread, views_of
+from splatwire.files.capped import open_regular
+from splatwire.types import Cameras
+from splatwire.types.background import Background
+
+Progress = Callable[[str, float], None]
+RENDERS = "renders of the complete scene"
+
+
+@dataclass(frozen=True)
+class References:
+    """Definition of a scene's reference images; opened by the worker.
+
+    Attributes:
+        entry: Definition of the scene with its photos or cameras.
+        chosen: Indices of the evaluated views.
+        background: RGB of the background.
+        renders: Folder of rendered references within the store; empty for photos.
+        source: Kind of references for reports, such as `photos` or `renders`.
+        masked: True if the references have masks.
+        digest: Digest of cameras, images and masks.
+        frames: True if each view is a frame of a sequence.
+        names: Names of the evaluated views.
+        num_views: Number of views of the scene, including those that are not evaluated.
+    """
+
+    entry: SceneEntry
+    chosen: tuple[int, ...]
+    background: Background
+    renders: str
+    source: str
+    masked: bool
+    digest: str
+    frames: bool = False
+    names: tuple[str, ...] = ()
+    num_views: int = 0
+
+    def open(self, root: Path) -> ReferenceViews:
+        """Opens the reference images, which are loaded on demand.
+
+        Args:
+            root: Folder of the store.
+
+        Raises:
+            DatasetError: If photos or cameras cannot be read.
+        """
+        cameras, dataset = _cameras_of(self.entry, self.background)
+        if dataset is not None:
+            return photo_views(dataset.select(list(self.chosen)))
+
+        def load(view: int) -> Float[np.ndarray, "H W 3"]:
+            return np.load(_picture(root, self.renders, view), allow_pickle=False)
+
+        return ReferenceViews(cameras.select(list(self.chosen)), load, self.source, self.background)
+
+
+def prepare_references(
+    study: Study, entry: SceneEntry, background: Background, drawn: Callable[[], Scene], stamp: str,
+    store: Store, progress: Progress, *, frames: bool = False,
+) -> References:  # fmt: skip
+    """Finds the reference photos, or renders the reference images that are not in the store.
+
+    Args:
+        study: The evaluation.
+        entry: The scene.
+        background: RGB of the background.
+        drawn: Function that returns the scene to render if the scene has no photos.
+        stamp: Digest of the scene to render.
+        store: Store for the images.
+        progress: Called with the name of the current task and its finished share, 0 to 1.
+        frames: True if the references are the frames of a sequence (`entry.reference`), one for each camera.
+
+    Raises:
+        SplatwireError: If photos or cameras cannot be read.
+    """
+    cameras, dataset = _cameras_of(entry, background)
+    num_views = cameras.num_views
+    chosen = spread(num_views, study.views)
+    cameras = cameras.select(chosen)
+    content = [canonical(_camera_content(cameras)), str(background)]
+    if dataset is not None:
+        dataset = dataset.select(chosen)
+        masks = dataset.mask_paths or (None,) * len(chosen)
+        masked = any(masks)
+        content += [str(dataset.undistortions)] if dataset.undistortions else []
+        files = [digest_of_files(path) if path else "" for path in (*dataset.image_paths, *masks)]
+        source, folder, digest = photo_source(masked=masked), "", digest_of(*content, *files)
+    else:
+        masked, source = False, RENDERS if entry.reference is None else f"renders of {entry.reference.name}"
+        folder = f"inputs/views_{digest_of(stamp, study.renderer, CODE, *content)}"
+
+        def pictures() -> Iterable[Any]:
+            if frames and entry.reference is not None:
+                return reference_pictures(entry.reference, cameras, chosen, study.renderer, background)
+            return views_of(drawn(), cameras, study.renderer, background)
+
+        digest = _draw(entry.name, cameras, background, pictures, store, folder, progress)
+    return References(
+        entry, tuple(chosen), background, folder, source, masked, digest, frames, cameras.names, num_views
+    )
+
+
+def _draw(
+    name: str, cameras: Cameras, background: Background, pictures: Callable[[], Iterable[Any]],
+    store: Store, folder: str, progress: Progress,
+) -> str:  # fmt: skip
+    """Renders missing reference images into the store; returns the digest of cameras and images."""
+    about = store.root / folder / "views.json"
+    if (known := read_json(about)) is None:
+        digests = []
+        for view, image in enumerate(pictures()):
+            buffer = io.BytesIO()
+            np.save(buffer, image)
+            digests.append(hashlib.sha256(buffer.getvalue()).hexdigest())
+            store.write(str(_picture(Path(), folder, view)), buffer.getvalue())
+            progress(f"{name}: drawing references", (view + 1) / cameras.num_views)
+        known = {"digest": digest_of(canonical(_camera_content(cameras)), str(background), *digests)}
+        store.write(f"{folder}/views.json", json.dumps(known).encode())  # last: marks the entry as complete
+    return str(known["digest"])
+
+
+def _picture(root: Path, folder: str, view: int) -> Path:
+    return root / folder / f"{view:05d}.npy"
+
+
+def _cameras_of(entry: SceneEntry, background: Background) -> tuple[Cameras, Dataset | None]:
+    """Returns the cameras of a scene, and the dataset of its reference photos, or None for rendered references."""
+    if entry.photos is not None:
+        dataset = open_dataset(
+            entry.photos, split=entry.split, images=entry.images, max_width=entry.max_width,
+            test_views=entry.test_views, background=background,
+        )  # fmt: skip
+        return dataset.cameras, dataset if entry.reference is None else None
+    if entry.cameras is None:
+        raise InvalidValueError(f"scene '{entry.name}' has neither photos nor cameras")
+    return load_cameras(entry.cameras), None
+
+
+def _camera_content(cameras: Cameras) -> dict[str, Any]:
+    poses, intrinsics = cameras.viewmats.tolist(), cameras.Ks.tolist()
+    return {"w": cameras.width, "h": cameras.height, "names": list(cameras.names), "poses": poses, "Ks": intrinsics}
+
+
+def digest_of(*texts: str) -> str:
+    """Returns a hash of texts that can be used as a file name."""
+    return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:24]
+
+
+def digest_of_files(path: Path) -> str:
+    """Returns a hash of a file, or of all files of a folder, reading one file at a time."""
+    digest = hashlib.sha256()
+    for file in [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.is_file()):
+        digest.update(f"{file.relative_to(path)}\0".encode())
+        with open_regular(file, SplatwireError) as data:
+            digest.update(hashlib.file_digest(data, "sha256").digest())
+    return digest.hexdigest()

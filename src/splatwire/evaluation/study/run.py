@@ -1,0 +1,255 @@
+"""Main function of an evaluation: prepares inputs, computes missing results, and collects all results."""
+
+import hashlib
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from splatwire.errors import InvalidValueError
+from splatwire.evaluation.study.definition import Loss, Study
+from splatwire.evaluation.study.engines import Engine, Event
+from splatwire.evaluation.study.inputs import PreparedScene, prepare_scene
+from splatwire.evaluation.study.records import Record, hardest
+from splatwire.evaluation.study.references import Progress
+from splatwire.evaluation.study.store import Store
+from splatwire.evaluation.study.units import Cell, Unit, list_cells
+from splatwire.metrics.lpips import load_lpips
+from splatwire.metrics.lpips_files import find_lpips_files
+from splatwire.metrics.registry import LPIPS_SCALED
+
+ABSENT = "weights absent"
+LPIPS_OF_MASKED = "both pictures black outside the masks, mean over the whole picture"
+"""Explanation in reports of how LPIPS treats masked pixels; its receptive fields extend beyond the mask."""
+
+
+@dataclass(frozen=True)
+class ReportImages:
+    """Selection of a scene's images for the report: loss, seed and views.
+
+    Attributes:
+        loss: The loss; None if nothing is sent.
+        seed: Seed of the loss.
+        views: Views with the lowest PSNR, lowest first.
+    """
+
+    loss: Loss | None
+    seed: int | None
+    views: tuple[int, ...]
+
+    def shows(self, cell: Cell) -> bool:
+        """Returns True if the images of a result are in the report; results without loss always are, for comparison."""
+        return cell.loss is None or (cell.loss, cell.seed) == (self.loss, self.seed)
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResult:
+    """Results of an evaluation.
+
+    Attributes:
+        study: The definition.
+        scenes: The prepared scenes, by name.
+        cells: All combinations of row, loss and seed, with their tasks.
+        records: Scores of every task by its key, views in order.
+        looks: Selection of the images that the report shows (loss, seed and views), by name of the scene.
+        skipped: Reasons for everything that was not evaluated.
+        skipped_rows: Keys of the rows that were not evaluated, by name of the scene.
+        num_computed: Number of tasks computed in this run.
+        num_reused: Number of tasks whose results were in the store.
+        num_lost_workers: Number of worker processes that died.
+    """
+
+    study: Study
+    scenes: Mapping[str, PreparedScene]
+    cells: tuple[Cell, ...]
+    records: Mapping[str, list[Record]]
+    looks: Mapping[str, ReportImages]
+    skipped: tuple[str, ...]
+    skipped_rows: Mapping[str, tuple[str, ...]]
+    num_computed: int
+    num_reused: int
+    num_lost_workers: int
+
+    @property
+    def lpips_note(self) -> str:
+        """Reason for missing LPIPS values, or the views and pixels that LPIPS covers.
+
+        Empty if it covers all or was not requested.
+        """
+        if LPIPS_SCALED.keys().isdisjoint(self.study.metrics):
+            return ""
+        if not any(cell.unit.lpips_digest for cell in self.cells):
+            return ABSENT
+        count, most = self.study.lpips_views, max(len(records) for records in self.records.values())
+        notes = [] if count is None or count >= most else [f"mean of {count} of {most} views"]
+        masked = any(scene.references.masked for scene in self.scenes.values())
+        return ", ".join([*notes, *([LPIPS_OF_MASKED] if masked else [])])
+
+    def merged(self) -> list[dict[str, Any]]:
+        """Returns all records (scores per view) in table order, each with its table row, without duplicates."""
+        return [
+            {"study": self.study.name, "row": cell.row.key, "label": cell.row.label, **record.row()}
+            for cell in self.cells
+            for record in self.records[cell.unit.key]
+        ]
+
+
+def run_study(study: Study, store: Store, engine: Engine, progress: Progress) -> StudyResult:
+    """Executes an evaluation; results that are in the store are not computed again.
+
+    The baseline is computed first. The views in which it has the lowest PSNR are those whose images are stored for all
+    methods.
+
+    Args:
+        study: The definition.
+        store: Store for all results.
+        engine: Engine that executes the tasks.
+        progress: Called with the name of the current task and its finished share, 0 to 1.
+
+    Raises:
+        SplatwireError: If a scene cannot be prepared or a task fails; results of finished tasks stay in the store.
+    """
+    with store.locked():
+        lpips = lpips_digest()
+        scenes = {entry.name: prepare_scene(study, entry, store, progress) for entry in study.scenes}
+        cells = list_cells(study, scenes, lpips_digest=lpips)
+        _check_scenes(study, scenes, cells)
+        judges = _judges(study, cells)
+        shift = _Shift(store, engine, progress, len({c.unit.key for c in cells if not store.has(c.unit.key)}))
+        others = [c for c in cells if c.seed not in (None, study.seeds[0]) and c not in judges]
+        shift.run([*(c.unit for c in _by_mask(others)), *(_judging(study, store, c.unit) for c in judges)])
+        looks = {name: _look(study, store, [c for c in judges if c.scene == name]) for name in scenes}
+        rest = [c for c in _by_mask(cells, judges) if c not in judges and c not in others]
+        shift.run([_shown(looks[c.scene], c) for c in rest])
+        records = {cell.unit.key: store.records(cell.unit.key) for cell in cells}
+    return StudyResult(
+        study=study,
+        scenes=scenes,
+        cells=tuple(cells),
+        records=records,
+        looks=looks,
+        skipped=_skipped(study, scenes, lpips),
+        skipped_rows={name: tuple(row.key for row in study.rows if scene.lacks(row)) for name, scene in scenes.items()},
+        num_computed=shift.num_done,
+        num_reused=len(records) - shift.num_done,
+        num_lost_workers=shift.num_lost,
+    )
+
+
+@dataclass
+class _Shift:
+    """Executes the tasks whose results are not in the store; counts computed tasks and workers that died."""
+
+    store: Store
+    engine: Engine
+    progress: Progress
+    num_expected: int
+    num_done: int = 0
+    num_lost: int = 0
+
+    def run(self, units: Sequence[Unit]) -> None:
+        missing = list({unit.key: unit for unit in units if not unit.is_done(self.store)}.values())
+        if missing:
+            self.engine.run(self.store, missing, self._listen)
+
+    def _listen(self, event: Event) -> None:
+        self.num_lost += event.lost_worker
+        self.num_done += not event.lost_worker
+        self.progress(f"{self.num_expected} units of work", min(1.0, self.num_done / max(1, self.num_expected)))
+
+
+def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequence[Cell]) -> None:
+    """Checks that at least one method (table row) can be evaluated on each scene.
+
+    Raises:
+        InvalidValueError: If no row can run on a scene.
+    """
+    running = {cell.scene for cell in cells}
+    for name, scene in scenes.items():
+        if name not in running:
+            raise InvalidValueError(f"no row can run on scene '{name}': {scene.lacks(study.rows[0])}")
+
+
+def _judges(study: Study, cells: Sequence[Cell]) -> list[Cell]:
+    """Returns the tasks that determine which views are the hardest (lowest PSNR): one task per scene and loss.
+
+    The tasks are those of the baseline. Without a baseline, they are those of the first row with losses.
+    """
+    judges = []
+    for scene in dict.fromkeys(cell.scene for cell in cells):
+        own = [cell for cell in cells if cell.scene == scene and cell.seed in (None, study.seeds[0])]
+        own = [cell for cell in own if not cell.row.lossless] or own
+        for loss in dict.fromkeys(cell.loss for cell in own):
+            group = [cell for cell in own if cell.loss == loss]
+            judges.append(next((cell for cell in group if cell.row.key == study.baseline), group[0]))
+    return judges
+
+
+def _judging(study: Study, store: Store, unit: Unit) -> Unit:
+    if store.has(unit.key):
+        return replace(unit, pictures=hardest(store.records(unit.key), study.picture_views))
+    return replace(unit, hardest=study.picture_views)
+
+
+def _look(study: Study, store: Store, judges: Sequence[Cell]) -> ReportImages:
+    """Selects the loss, seed and views whose images the report shows.
+
+    The loss with the lowest PSNR is selected, because the effect of small losses is invisible in images.
+
+    Args:
+        study: The evaluation.
+        store: Store with the results of the tasks.
+        judges: Finished tasks of one scene, whose PSNR determines the selection.
+    """
+
+    def level(cell: Cell) -> float:
+        values = [r.psnr for r in store.records(cell.unit.key) if r.psnr is not None and math.isfinite(r.psnr)]
+        return statistics.fmean(values) if values else math.inf
+
+    judge = min(judges, key=level)
+    return ReportImages(judge.loss, judge.seed, hardest(store.records(judge.unit.key), study.picture_views))
+
+
+def _shown(look: ReportImages, cell: Cell) -> Unit:
+    return replace(cell.unit, pictures=look.views) if look.shows(cell) else cell.unit
+
+
+def _by_mask(cells: Sequence[Cell], first: Sequence[Cell] = ()) -> list[Cell]:
+    """Sorts tasks so that all tasks with the same stream and the same loss mask are adjacent.
+
+    What is received is equal in these tasks, so it needs to be decoded only once.
+
+    Args:
+        cells: Tasks to sort.
+        first: Tasks whose streams and loss masks come first. The result begins with all tasks of `cells` that have the
+            stream and loss mask of `first[0]`, then come those of `first[1]`, and so on.
+    """
+    place: dict[tuple[str, str], int] = {}
+    for cell in (*first, *cells):
+        place.setdefault((cell.unit.stream.digest, cell.unit.mask_digest), len(place))
+    return sorted(cells, key=lambda cell: place[(cell.unit.stream.digest, cell.unit.mask_digest)])
+
+
+def lpips_digest() -> str:
+    """Returns a hash of the LPIPS weights that environment variables name (`find_lpips_files`); empty without these."""
+    files = find_lpips_files()
+    if files is None:
+        return ""
+    lpips = load_lpips(*files)
+    digest = hashlib.sha256(lpips.network.encode())
+    for weight in (*lpips.linear, *(tensor for _, pair in sorted(lpips.convolutions.items()) for tensor in pair)):
+        digest.update(weight.tobytes())
+    return digest.hexdigest()[:16]
+
+
+def _skipped(study: Study, scenes: Mapping[str, PreparedScene], lpips: str) -> tuple[str, ...]:
+    notes = [
+        f"Row '{row.label}' did not run on {name}: {reason}."
+        for name, scene in scenes.items()
+        for row in study.rows
+        if (reason := scene.lacks(row))
+    ]
+    if not lpips and not LPIPS_SCALED.keys().isdisjoint(study.metrics):
+        notes.append("LPIPS was not computed: its weights are absent (set SPLATWIRE_LPIPS_DIR).")
+    return tuple(notes)

@@ -1,0 +1,99 @@
+"""Evaluation of sequences: each frame is one view, compared with a render of the original frame."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.bitstream import SceneStream
+from splatwire.channel import LossMask
+from splatwire.channel.transmit import arrival_groups
+from splatwire.codec import decode_stream
+from splatwire.codec.sequence.side_info import open_side_info
+from splatwire.concealment.temporal.concealers import TemporalConcealer
+from splatwire.data import load_cameras
+from splatwire.errors import InvalidValueError
+from splatwire.evaluation.sequence.evaluation import NUM_VIEWS, VIEW_SIZE, available_by_group
+from splatwire.evaluation.study.definition import Loss
+from splatwire.render import iterate_views
+from splatwire.render.importance import surrounding_cameras
+from splatwire.sequence.decoding import decode_frames
+from splatwire.sequence.frames import open_sequence
+from splatwire.types import Cameras
+from splatwire.types.background import Background
+
+Picture = Float[np.ndarray, "H W 3"]
+
+
+def frame_cameras(stream: SceneStream, frames: Path, cameras: Path | None) -> Cameras:
+    """Returns one camera per frame: those of a file, repeated as often as needed, or generated ones.
+
+    Args:
+        stream: The stream of the sequence.
+        frames: The original frames, in a format of `splatwire.sequence.open_sequence`.
+        cameras: A cameras file; None for generated cameras around the first frame.
+
+    Raises:
+        InvalidValueError: If the numbers of frames differ.
+    """
+    count = open_side_info(stream.manifest, stream.side_info).timeline.num_frames
+    sequence = open_sequence(frames, None if frames.is_dir() else count)
+    if sequence.num_frames != count:
+        raise InvalidValueError(f"the sequence has {count} frames, {frames} has {sequence.num_frames}")
+    if cameras is not None:
+        found = load_cameras(cameras)
+    else:
+        found = surrounding_cameras(next(iter(sequence.read())).scene(), NUM_VIEWS, VIEW_SIZE)
+    width = len(str(count - 1))
+    turns = found.select([frame % found.num_views for frame in range(count)])
+    return replace(turns, names=tuple(f"frame_{frame:0{width}}" for frame in range(count)))
+
+
+def reference_pictures(
+    frames: Path, cameras: Cameras, chosen: Sequence[int], renderer: str, background: Background
+) -> Iterator[Picture]:
+    """Renders the selected original frames, each with its camera.
+
+    Args:
+        frames: The frames, in a format of `splatwire.sequence.open_sequence`.
+        cameras: Camera of each selected frame.
+        chosen: Indices of the selected frames, ascending.
+        renderer: Name of the renderer.
+        background: RGB of the background.
+    """
+    sequence = open_sequence(frames, None if frames.is_dir() else chosen[-1] + 1)
+    scenes = (frame.scene(background) for number, frame in enumerate(sequence.read()) if number in set(chosen))
+    yield from _drawn(scenes, cameras, renderer)
+
+
+def concealed_pictures(
+    stream: SceneStream, mask: LossMask | None, loss: Loss | None, seed: int, concealer: TemporalConcealer,
+    cameras: Cameras, chosen: Sequence[int], renderer: str,
+) -> Iterator[Picture]:  # fmt: skip
+    """Renders the selected frames of a sequence with losses after concealment, each with its camera.
+
+    Args:
+        stream: The complete stream.
+        mask: Mask of packets that arrive at the first attempt; None if all do.
+        loss: The loss; None without loss.
+        seed: Seed of the loss.
+        concealer: Concealer of lost motion data.
+        cameras: Camera of each selected frame.
+        chosen: Indices of the selected frames, ascending.
+        renderer: Name of the renderer.
+    """
+    came, there = stream, None
+    if mask is not None and loss is not None:
+        when = arrival_groups(stream, mask, loss.process, seed=seed)
+        packets = zip(stream.packets, when.tolist(), strict=True)
+        came, there = stream.with_packets(p for p, group in packets if group >= 0), available_by_group(stream, when)
+    wanted = set(chosen)
+    frames = decode_frames(decode_stream(came, threads=1).scene, concealer, available=there)
+    yield from _drawn((frame.scene for frame in frames if frame.number in wanted), cameras, renderer)
+
+
+def _drawn(scenes: Iterator[object], cameras: Cameras, renderer: str) -> Iterator[Picture]:
+    for view, scene in enumerate(scenes):
+        yield next(iter(iterate_views(scene, cameras.select([view]), renderer=renderer)))  # type: ignore[arg-type]

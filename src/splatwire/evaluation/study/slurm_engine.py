@@ -1,0 +1,126 @@
+"""Engine for Slurm clusters, through submitit; each job executes a share of the tasks one after another."""
+
+import shutil
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from splatwire.errors import BackendUnavailableError
+from splatwire.evaluation.study.engines import MAX_ATTEMPTS, Attempts, Event, Listener, failed
+from splatwire.evaluation.study.slurm_options import SlurmOptions
+from splatwire.evaluation.study.store import Store
+from splatwire.evaluation.study.units import Unit
+from splatwire.evaluation.study.work import run_unit, use_one_thread
+
+_DEFAULT_WORKERS = 8
+_POLL_S = 1.0
+
+
+@dataclass(frozen=True)
+class SlurmEngine:
+    """Executes tasks in jobs of a Slurm cluster; all machines must have access to the store's folder.
+
+    If a job dies, only its current task is lost: results of finished tasks are in the store, and the remaining tasks of
+    the job are submitted again.
+
+    Attributes:
+        workers: Number of concurrent jobs; None for 8.
+        cluster: `slurm`; submitit's `local` and `debug` run the jobs on this machine.
+        options: Partition, account, time limit and memory of the jobs.
+    """
+
+    workers: int | None = None
+    cluster: str = "slurm"
+    options: SlurmOptions = field(default_factory=SlurmOptions)
+
+    def __post_init__(self) -> None:
+        """Checks that submitit can submit jobs, before any result is computed.
+
+        Raises:
+            BackendUnavailableError: If submitit is not installed, or this machine has no sbatch.
+        """
+        _submitit()
+        if self.cluster == "slurm" and shutil.which("sbatch") is None:
+            raise BackendUnavailableError("slurm", "this machine has no sbatch: start it where jobs can be submitted")
+
+    def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
+        """See `Engine.run`."""
+        executor = self._executor(store)
+        attempts = Attempts(listener)
+        left = {unit.key: unit for unit in units}
+        while left:
+            waiting = list(left.values())
+            count = min(len(waiting), self.workers or _DEFAULT_WORKERS)
+            jobs = {executor.submit(_run, str(store.root), waiting[i::count]): waiting[i::count] for i in range(count)}
+            while jobs:
+                _report_finished(store, left, listener)
+                for job in [job for job in jobs if job.done()]:
+                    share = jobs.pop(job)
+                    _report_finished(store, left, listener)
+                    unfinished = [unit for unit in share if unit.key in left]
+                    if unfinished:
+                        attempts.lost(unfinished[0], _reason(job, unfinished[0]))
+                if jobs:
+                    time.sleep(_POLL_S)
+
+    def _executor(self, store: Store) -> Any:
+        executor = _submitit().AutoExecutor(folder=str(store.root / "jobs"), cluster=self.cluster)
+        executor.update_parameters(name="splatwire", cpus_per_task=1, **self.parameters())
+        return executor
+
+    def parameters(self) -> dict[str, Any]:
+        """Returns the options as parameters of submitit."""
+        options = self.options
+        common = {"timeout_min": options.minutes, "mem_gb": options.memory_gb}
+        if self.cluster != "slurm":
+            return common
+        named = {"slurm_partition": options.partition, "slurm_account": options.account}
+        parallel = {"slurm_array_parallelism": self.workers or _DEFAULT_WORKERS}
+        return {**common, **parallel, **{name: value for name, value in named.items() if value is not None}}
+
+
+def _submitit() -> Any:
+    try:
+        import submitit
+    except ImportError as error:
+        raise BackendUnavailableError("slurm", "pip install 'splatwire[cluster]'") from error
+    return submitit
+
+
+def _report_finished(store: Store, left: dict[str, Unit], listener: Listener) -> None:
+    """Reports newly finished tasks to the listener and removes them from the remaining tasks.
+
+    Args:
+        store: Store in which finished results appear.
+        left: Remaining tasks by key; changed in place.
+        listener: Called for every finished task.
+    """
+    for key in [key for key, unit in left.items() if unit.is_done(store)]:
+        listener(Event(left.pop(key)))
+
+
+def _run(root: str, units: Sequence[Unit]) -> dict[str, str] | None:
+    """Executes the tasks of a job one after another; returns the key and error of a failed task, or None."""
+    use_one_thread()
+    for unit in units:
+        try:
+            run_unit(root, unit)
+        except Exception as error:
+            return {"unit": unit.key, "problem": str(error) or type(error).__name__}
+    return None
+
+
+def _reason(job: Any, unit: Unit) -> str:
+    """Returns the reason why a job ended early.
+
+    Raises:
+        SplatwireError: If a task itself failed.
+    """
+    lost = job.exception()
+    if lost is not None:
+        return f"{type(lost).__name__}: {str(lost).splitlines()[0]}"
+    problem = job.result()
+    if problem is not None:
+        raise failed(unit, problem["problem"])
+    return f"the job ended without a word (tried up to {MAX_ATTEMPTS} times)"

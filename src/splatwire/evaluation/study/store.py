@@ -1,0 +1,164 @@
+"""Store of an evaluation: a folder of finished results, which are reused and never partially written.
+
+```
+store/
+  lock                        lock of the coordinating run
+  inputs/<key>/...            encoded streams; rendered reference images, one file per view
+  masks/<scene>/<stream>/...  loss masks, for other codecs
+  units/<key>.parquet         the records of one unit of work
+  pictures/...                images of units for the report
+```
+
+Files are written atomically. Concurrent writers of one result write the same content.
+"""
+
+import errno
+import fcntl
+import json
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from splatwire.errors import SplatwireError
+from splatwire.evaluation.study.input_files import InputFiles
+from splatwire.evaluation.study.records import Record, parquet, records_from_bytes, records_to_bytes
+from splatwire.files.whole import remove_unfinished, write_whole
+
+UNIT_SUFFIX = ".parquet"
+
+
+@dataclass(frozen=True)
+class Store:
+    """Paths and writers of a store.
+
+    Attributes:
+        root: The folder.
+        files: Reader of the streams and scene files.
+    """
+
+    root: Path
+    files: InputFiles = field(default_factory=InputFiles, compare=False)
+
+    def unit_path(self, key: str) -> Path:
+        """Path of the file with the records (scores per view) of a task."""
+        return self.root / "units" / f"{key}{UNIT_SUFFIX}"
+
+    def has(self, key: str) -> bool:
+        """Returns True if the results of a task are in the store."""
+        return self.unit_path(key).is_file()
+
+    def records(self, key: str) -> list[Record]:
+        """Reads the records of a finished task, in the order of the views.
+
+        Raises:
+            SplatwireError: If the records are missing, or belong to another task.
+        """
+        path = self.unit_path(key)
+        try:
+            records = records_from_bytes(path.read_bytes(), str(path))
+        except FileNotFoundError as error:
+            raise SplatwireError(f"{path} is missing although its worker said that it is done") from error
+        if not records or any(record.unit != key for record in records):
+            raise SplatwireError(f"{path} does not hold the records of its unit: remove it and start again")
+        return records
+
+    def write(self, name: str, data: bytes) -> Path:
+        """Writes a file of the store atomically.
+
+        Args:
+            name: Path within the store.
+            data: Its content.
+
+        Raises:
+            SplatwireError: If the disk is full; nothing is left behind.
+            OSError: If the system call fails for another reason.
+        """
+        return _write(self.root / name, data)
+
+    def put_records(self, key: str, records: Sequence[Record]) -> None:
+        """Writes the records of a task, which marks the task as finished."""
+        _write(self.unit_path(key), records_to_bytes(records))
+
+    def check_records(self) -> None:
+        """Checks that records can be written, before the work starts; Parquet files need an optional package.
+
+        Raises:
+            BackendUnavailableError: If the Parquet library is not installed.
+        """
+        parquet()
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Locks the store for one coordinating process, and removes unfinished files of a killed process.
+
+        Raises:
+            SplatwireError: If another run has the lock.
+            BackendUnavailableError: If records cannot be written, because the Parquet library is not installed.
+        """
+        self.check_records()
+        self.root.mkdir(parents=True, exist_ok=True)
+        with open(self.root / "lock", "a", opener=_without_links) as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                reason = f"another run is working in {self.root}: wait for it, or take another folder"
+                raise SplatwireError(reason) from error
+            for folder in [
+                self.root,
+                *(path for path in self.root.rglob("*") if path.is_dir() and not path.is_symlink()),
+            ]:
+                remove_unfinished(folder)
+            yield
+
+
+@dataclass(frozen=True)
+class MemoryStore(Store):
+    """A store for an evaluation that is not resumed: scores stay in memory, other files go to a folder."""
+
+    _finished: dict[str, list[Record]] = field(default_factory=dict)
+
+    def has(self, key: str) -> bool:
+        """See `Store.has`."""
+        return key in self._finished
+
+    def records(self, key: str) -> list[Record]:
+        """See `Store.records`."""
+        return self._finished[key]
+
+    def check_records(self) -> None:
+        """See `Store.check_records`; records in memory need no check."""
+
+    def put_records(self, key: str, records: Sequence[Record]) -> None:
+        """See `Store.put_records`."""
+        self._finished[key] = list(records)
+
+
+def _without_links(path: str, flags: int) -> int:
+    """Opener for `open` that rejects symbolic links: opens a file, or raises OSError if the path is a link."""
+    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
+
+
+def _write(path: Path, data: bytes) -> Path:
+    try:
+        return write_whole(path, data, parents=True)
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            reason = f"the disk is full: {path} could not be written; make room and start again, "
+            raise SplatwireError(f"{reason}finished work is kept") from error
+        raise
+
+
+def read_json(path: Path) -> dict[str, Any] | None:
+    """Reads a JSON object of the store; None if the file is missing."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except ValueError as error:
+        raise SplatwireError(f"{path} is damaged: {error}; remove it and start again") from error
+    if not isinstance(content, dict):
+        raise SplatwireError(f"{path} is damaged: remove it and start again")
+    return content

@@ -1,0 +1,183 @@
+"""Tasks (units) of an evaluation: one method under one loss mask, identified by a digest of all relevant inputs."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+from splatwire.channel import LossMask
+from splatwire.concealment.registry import concealer_files, concealer_package
+from splatwire.evaluation.study.definition import WEIGHTS, Loss, Row, Study, canonical
+from splatwire.evaluation.study.inputs import PreparedScene, PreparedStream
+from splatwire.evaluation.study.records import CODE
+from splatwire.evaluation.study.references import References, digest_of_files
+from splatwire.evaluation.study.store import Store
+from splatwire.metrics.registry import LPIPS_SCALED, METRICS
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """A task: evaluation of one method on one scene under one loss mask, and the selection of images to store.
+
+    Attributes:
+        scene: Name of the scene.
+        label: Label of the table row (method).
+        stream: The stream that is sent, or the scene file that is evaluated unsent.
+        references: The reference images.
+        mask: Loss mask; None if nothing is sent.
+        loss: The loss model; None without loss.
+        seed: Seed of the mask; None without loss.
+        conceal: Name of the concealer.
+        options: Options of the concealer.
+        weights: File of the scene's GNN weights; empty if unused.
+        file_digest: Digests of the weight files that the concealer reads, and versions of other packages that provide
+            the concealer or a metric; empty without either.
+        erode: The only attribute that anchors of lost packets lose (`Row.erode`); None if they lose all.
+        metrics: Names of the metrics.
+        lpips_digest: Digest of the LPIPS weights; empty if they are absent or LPIPS is not requested.
+        lpips_views: Maximum number of views for LPIPS.
+        renderer: Name of the renderer.
+        pictures: Indices of the views whose images are stored.
+        hardest: Number of images to store if `pictures` is empty: those of the views with the lowest PSNR in this task.
+    """
+
+    scene: str
+    label: str
+    stream: PreparedStream
+    references: References
+    mask: LossMask | None
+    loss: Loss | None
+    seed: int | None
+    conceal: str
+    options: Mapping[str, Any]
+    weights: str
+    file_digest: str
+    erode: str | None
+    metrics: tuple[str, ...]
+    lpips_digest: str
+    lpips_views: int | None
+    renderer: str
+    pictures: tuple[int, ...] = ()
+    hardest: int = 0
+
+    @property
+    def mask_digest(self) -> str:
+        """Hash of the loss mask; empty if nothing is sent."""
+        return "" if self.mask is None else self.mask.digest
+
+    @cached_property
+    def key(self) -> str:
+        """Hash that identifies the task; equal for tasks with equal results.
+
+        The hash depends on contents, not on paths or on the selection of stored images.
+        """
+        content = {
+            "code": CODE,
+            "stream": self.stream.digest,
+            "references": self.references.digest,
+            "mask": self.mask_digest,
+            "loss": self.loss and asdict(self.loss),
+            **{name: getattr(self, name) for name in _COUNTING},
+        }
+        return hashlib.sha256(canonical(content).encode()).hexdigest()[:32]
+
+    @property
+    def concealer(self) -> str:
+        """Name of the concealer, including the path of its weights."""
+        return self.conceal.replace(WEIGHTS, self.weights)
+
+    def picture(self, view: int) -> str:
+        """Returns the path of a stored image within the store."""
+        return f"pictures/{self.key}_{view}.png"
+
+    def loss_map(self, view: int) -> str:
+        """Returns the path of a loss map within the store; shared by all methods with the same losses.
+
+        A loss map shows received and lost elements of the scene as dots.
+
+        Args:
+            view: Index of the view.
+        """
+        digests = (self.stream.digest, self.references.digest, self.mask_digest)
+        return f"pictures/map_{'_'.join(digest[:16] for digest in digests)}_{view}.png"
+
+    def is_done(self, store: Store) -> bool:
+        """Returns True if the store contains the records and images of the task."""
+        files = [self.picture(view) for view in self.pictures]
+        if self.mask is not None and self.erode is None and not self.references.frames:
+            files += [self.loss_map(view) for view in self.pictures[:1]]
+        return store.has(self.key) and all((store.root / name).is_file() for name in files)
+
+
+_COUNTING = (
+    "scene", "seed", "conceal", "options", "file_digest", "erode", "metrics", "lpips_digest", "lpips_views", "renderer",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """A task of an evaluation, and the position of its result in the result tables.
+
+    Several results can come from one task, because tasks with equal results are computed only once.
+
+    Attributes:
+        scene: Name of the scene.
+        row: Table row (method).
+        loss: The loss; None for a row without loss.
+        seed: Seed of the loss; None for a row without loss.
+        unit: The task.
+    """
+
+    scene: str
+    row: Row
+    loss: Loss | None
+    seed: int | None
+    unit: Unit
+
+
+def list_cells(study: Study, scenes: Mapping[str, PreparedScene], *, lpips_digest: str) -> list[Cell]:
+    """Lists all combinations of scene, method, loss and seed of an evaluation, with their tasks.
+
+    Args:
+        study: The evaluation.
+        scenes: Prepared scenes by name.
+        lpips_digest: Hash of the LPIPS weights; empty if they are absent.
+    """
+    cells = []
+    for scene in scenes.values():
+        for row in study.rows:
+            if scene.lacks(row):
+                continue
+            losses: list[tuple[Loss | None, int | None]] = [(None, None)]
+            if not row.lossless and scene.streams[row.variant].num_packets:
+                losses = [(loss, seed) for loss in study.losses for seed in study.seeds]
+            cells += [_cell(study, scene, row, loss, seed, lpips_digest) for loss, seed in losses]
+    return cells
+
+
+def _cell(study: Study, scene: PreparedScene, row: Row, loss: Loss | None, seed: int | None, lpips_digest: str) -> Cell:
+    weights = str(scene.entry.weights or "") if row.needs_weights else ""
+    stream = scene.streams[row.variant]
+    files = concealer_files(row.conceal.replace(WEIGHTS, weights), row.options)
+    read = [digest_of_files(file) for file in files]
+    packages = [package for metric in study.metrics for package in METRICS.packages(metric)]
+    unit = Unit(
+        scene=scene.entry.name,
+        label=row.label,
+        stream=stream,
+        references=scene.references,
+        mask=None if loss is None or seed is None else scene.masks[(row.variant, loss, seed)],
+        loss=loss,
+        seed=seed,
+        conceal=row.conceal,
+        options=row.options,
+        weights=weights,
+        file_digest=" ".join([*read, *concealer_package(row.conceal), *packages]),
+        erode=row.erode,
+        metrics=study.metrics,
+        lpips_digest="" if LPIPS_SCALED.keys().isdisjoint(study.metrics) else lpips_digest,
+        lpips_views=study.lpips_views,
+        renderer=study.renderer,
+    )
+    return Cell(scene.entry.name, row, loss, seed, unit)

@@ -1,0 +1,56 @@
+"""Paths of open files, so that format detection and all readers of a command open a file once."""
+
+import os
+from io import BufferedReader
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from splatwire.files.kinds import Kind
+
+    _NativePath = Path
+else:
+    _NativePath = type(Path())
+
+
+class OpenedFile(_NativePath):
+    """Path of a file that stays open; `splatwire.files.kinds.opened` creates it.
+
+    `file_kind` and `open_regular` use the open file instead of opening the path again. For everything else, such as
+    readers of other packages, it is an ordinary path. Paths derived from it, such as `parent`, are not open.
+    """
+
+    _file: BufferedReader | None = None
+    _kind: "Kind | None" = None
+
+    @property
+    def kind(self) -> "Kind | None":
+        """Detected format; None if the path is not open."""
+        return self._kind
+
+    def attach(self, kind: "Kind", file: BufferedReader | None) -> None:
+        """Sets the detected format and the open file, which is None for a folder and for a path that cannot be read."""
+        self._kind, self._file = kind, file
+
+    def detach(self) -> None:
+        """Closes the file; the object is then an ordinary path."""
+        if self._file is not None:
+            self._file.close()
+        self._kind = self._file = None
+
+    def stat(self, *, follow_symlinks: bool = True) -> os.stat_result:
+        """Returns the status of the open file, even if the path was replaced since; see `Path.stat`."""
+        if self._file is not None and follow_symlinks:
+            return os.fstat(self._file.fileno())
+        return super().stat(follow_symlinks=follow_symlinks)
+
+    def reader(self) -> BufferedReader | None:
+        """Returns a reader at the first byte of the open file, to be closed by the caller; None if it is not open.
+
+        Readers share one position in the file: a new reader moves it for all of them.
+        """
+        if self._file is None:
+            return None
+        file = os.fdopen(os.dup(self._file.fileno()), "rb")
+        file.seek(0)
+        return file

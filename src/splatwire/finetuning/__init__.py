@@ -1,0 +1,9 @@
+"""Fine-tuning of explicit Gaussians on pictures, with the codec's rounding and packet loss in the loop."""
+
+from splatwire.finetuning.best import prune_and_tune as prune_and_tune
+from splatwire.finetuning.options import FineTuning as FineTuning
+from splatwire.finetuning.pictures import Pictures as Pictures
+from splatwire.finetuning.pictures import fitting_cameras as fitting_cameras
+from splatwire.finetuning.pictures import own_pictures as own_pictures
+from splatwire.finetuning.tune import Progress as Progress
+from splatwire.finetuning.tune import fine_tune as fine_tune

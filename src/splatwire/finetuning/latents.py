@@ -1,0 +1,231 @@
+"""Trainable parameters of explicit Gaussians, and back-propagation from attributes of Gaussians to these parameters."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.codec.gaussians.attributes import matrices_of
+from splatwire.ops.quaternions import quaternions_of
+from splatwire.types import Gaussians
+from splatwire.types.splats import Splats
+
+_LEAST_OPACITY, _MOST_OPACITY = 1e-3, 0.9998
+"""Range of initial opacities; a logit of 0 or 1 would be infinite."""
+
+
+@dataclass(eq=False)
+class Latents:
+    """Trainable parameters of N Gaussians, changed in place by the optimiser.
+
+    Attributes:
+        shifts: Displacements of the centres, in units of each Gaussian's size (`units`).
+        turns: Rotations about the principal axes of each Gaussian, radians. Always 0 between optimisation steps: after
+            each step, `settle` applies the rotations to `quats`, so that the parameters stay small and independent.
+        logs: Natural logarithms of the standard deviations.
+        logits: Logits of the opacities.
+        base: Harmonics of degree 0.
+        harmonics: Harmonics above degree 0.
+        centres: Centres without displacements, world coordinates.
+        units: Geometric mean of the two largest standard deviations of each Gaussian at the start, world units.
+        quats: Unit quaternions, (w, x, y, z).
+    """
+
+    shifts: Float[np.ndarray, "N 3"]
+    turns: Float[np.ndarray, "N 3"]
+    logs: Float[np.ndarray, "N 3"]
+    logits: Float[np.ndarray, "N"]
+    base: Float[np.ndarray, "N 3"]
+    harmonics: Float[np.ndarray, "N K 3"]
+    centres: Float[np.ndarray, "N 3"]
+    units: Float[np.ndarray, "N"]
+    quats: Float[np.ndarray, "N 4"]
+
+    @staticmethod
+    def of(splats: Splats) -> "Latents":
+        """Returns the parameters of given Gaussians."""
+        logs = np.log(np.maximum(splats.scales, np.float32(1e-12)))
+        ordered = np.sort(logs, axis=1)
+        opacities = np.clip(splats.opacities, np.float32(_LEAST_OPACITY), np.float32(_MOST_OPACITY))
+        zeros = np.zeros_like(splats.means)
+        return Latents(
+            zeros,
+            zeros.copy(),
+            logs,
+            np.log(opacities / (1 - opacities)),
+            splats.sh[:, 0].copy(),
+            splats.sh[:, 1:].copy(),
+            splats.means.copy(),
+            np.exp(ordered[:, 1:].mean(axis=1)),
+            _unit(splats.quats),
+        )
+
+    def trained(self) -> dict[str, np.ndarray]:
+        """Returns the trained arrays by name; changing them changes the parameters."""
+        names = ("shifts", "turns", "logs", "logits", "base", "harmonics")
+        return {name: getattr(self, name) for name in names if getattr(self, name).size}
+
+    def settle(self) -> None:
+        """Applies the rotations `turns` to `quats`, then sets `turns` to 0."""
+        self.quats = _unit(_product(self.quats, _rotation(self.turns)))
+        self.turns[:] = 0
+
+    def splats(self, offsets: "Offsets | None" = None) -> Splats:
+        """Returns the Gaussians with these parameters; with `offsets`, the rounded Gaussians."""
+        means, logs, quats = self.centres + self.units[:, None] * self.shifts, self.logs, self.quats
+        logits, base, harmonics = self.logits, self.base, self.harmonics
+        if offsets is not None:
+            means, logs, quats = means + offsets.means, logs + offsets.logs, _unit(_product(quats, offsets.quats))
+            logits, base = logits + offsets.logits, base + offsets.base
+            harmonics = harmonics + offsets.harmonics
+        opacities = np.float32(1) / (np.float32(1) + np.exp(-logits))
+        sh = np.concatenate([base[:, None], harmonics], axis=1)
+        return Splats(means, quats, np.exp(logs), opacities, sh)
+
+    def select(self, kept: np.ndarray) -> "Latents":
+        """Returns the parameters of the Gaussians at `kept` (indices)."""
+        return Latents(**{name: values[kept] for name, values in vars(self).items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Offsets:
+    """Differences of rounded Gaussians from exact Gaussians, expressed as changes of the trainable parameters.
+
+    Attributes:
+        means: Displacement of the centres, world units.
+        logs: Difference of the logarithms of the standard deviations.
+        quats: Rotation from the exact to the rounded Gaussian, relative to the principal axes of the exact Gaussian.
+        logits: Difference of the logits of the opacities.
+        base: Difference of the harmonics of degree 0.
+        harmonics: Difference of the harmonics above degree 0.
+    """
+
+    means: Float[np.ndarray, "N 3"]
+    logs: Float[np.ndarray, "N 3"]
+    quats: Float[np.ndarray, "N 4"]
+    logits: Float[np.ndarray, "N"]
+    base: Float[np.ndarray, "N 3"]
+    harmonics: Float[np.ndarray, "N K 3"]
+
+    @staticmethod
+    def between(exact: Splats, rounded: Splats) -> "Offsets":
+        """Returns the differences of rounded Gaussians, with scales in decreasing order, from the exact Gaussians.
+
+        A Gaussian has several equivalent parameterisations, which differ in the order and the signs of its axes. For
+        the rounded Gaussian, the one closest to the exact Gaussian is used.
+        """
+        order = np.argsort(-exact.scales, axis=1, kind="stable")
+        place = np.argsort(order, axis=1, kind="stable")
+        scales = np.take_along_axis(rounded.scales, place, axis=1)
+        own = matrices_of(exact.quats.astype(np.float64))
+        axes = np.take_along_axis(matrices_of(rounded.quats.astype(np.float64)), place[:, None, :], axis=2)
+        along = np.einsum("nij,nij->nj", own, axes)
+        axes *= np.where(along < 0, -1.0, 1.0)[:, None, :]
+        mirrored = np.flatnonzero(np.linalg.det(axes) < 0)
+        axes[mirrored, :, np.abs(along[mirrored]).argmin(axis=1)] *= -1
+        relative = np.einsum("nji,njk->nik", own, axes)
+        return Offsets(
+            rounded.means - exact.means,
+            np.log(np.maximum(scales, np.float32(1e-12)) / np.maximum(exact.scales, np.float32(1e-12))),
+            quaternions_of(relative).astype(np.float32),
+            _logit(rounded.opacities) - _logit(exact.opacities),
+            rounded.sh[:, 0] - exact.sh[:, 0],
+            rounded.sh[:, 1:] - exact.sh[:, 1:],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Gradients:
+    """Gradients of the loss with respect to the attributes of Gaussians, as the rasteriser returns them.
+
+    Attributes:
+        means: With respect to the centres.
+        quats: With respect to the unit quaternions.
+        scales: With respect to the standard deviations.
+        opacities: With respect to the opacities.
+        sh: With respect to the spherical harmonics.
+    """
+
+    means: Float[np.ndarray, "N 3"]
+    quats: Float[np.ndarray, "N 4"]
+    scales: Float[np.ndarray, "N 3"]
+    opacities: Float[np.ndarray, "N"]
+    sh: Float[np.ndarray, "N D 3"]
+
+
+def gradients_of(
+    latents: Latents, drawn: Splats, offsets: Offsets | None, found: Gradients
+) -> dict[str, Float[np.ndarray, "..."]]:
+    """Back-propagates gradients from the drawn Gaussians to the trainable parameters.
+
+    Rounding is treated as the identity function (straight-through).
+
+    Args:
+        latents: The parameters, with `turns` 0.
+        drawn: The drawn Gaussians, `latents.splats(offsets)`.
+        offsets: Differences caused by rounding, which count as constants; None without rounding.
+        found: Gradients with respect to the drawn Gaussians.
+
+    Returns:
+        Gradient with respect to each array of `Latents.trained`, by name.
+    """
+    turned = found.quats if offsets is None else _product(found.quats, _conjugate(offsets.quats))
+    turned = _product(_conjugate(latents.quats), turned)[:, 1:] * np.float32(0.5)
+    slope = drawn.opacities * (1 - drawn.opacities)
+    gradients = {
+        "shifts": found.means * latents.units[:, None],
+        "turns": turned,
+        "logs": found.scales * drawn.scales,
+        "logits": found.opacities * slope,
+        "base": found.sh[:, 0],
+        "harmonics": found.sh[:, 1:],
+    }
+    return {name: gradients[name] for name in latents.trained()}
+
+
+def harmonic_gradient(
+    basis: Float[np.ndarray, "N D"], seen: Gaussians, colors: Float[np.ndarray, "N 3"]
+) -> Float[np.ndarray, "N D 3"]:
+    """Returns the gradient with respect to spherical harmonics, given the gradient with respect to colours of a view.
+
+    The viewing direction counts as a constant, because centres move by fractions of a Gaussian's size only.
+
+    Args:
+        basis: Values of the harmonic functions in the viewing directions.
+        seen: The Gaussians of the view; colours clipped at 0 have no gradient.
+        colors: Gradient with respect to the colours.
+    """
+    return basis[:, :, None] * np.where(seen.colors > 0, colors, np.float32(0))[:, None, :]
+
+
+def _logit(opacities: np.ndarray) -> np.ndarray:
+    clipped = np.clip(opacities, np.float32(1e-6), np.float32(_MOST_OPACITY))
+    return np.log(clipped / (1 - clipped))
+
+
+def _unit(quats: np.ndarray) -> np.ndarray:
+    return quats / np.maximum(np.linalg.norm(quats, axis=1, keepdims=True), np.float32(1e-12))
+
+
+def _conjugate(quats: np.ndarray) -> np.ndarray:
+    return quats * np.array([1, -1, -1, -1], np.float32)
+
+
+def _rotation(turns: np.ndarray) -> np.ndarray:
+    """Returns the unit quaternions of small rotations, given as rotation vectors (N, 3)."""
+    return _unit(np.concatenate([np.ones_like(turns[:, :1]), turns / 2], axis=1))
+
+
+def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Multiplies quaternions, (N, 4) each."""
+    a, b, c, d = p.T
+    e, f, g, h = q.T
+    return np.stack(
+        [
+            a * e - b * f - c * g - d * h,
+            a * f + b * e + c * h - d * g,
+            a * g - b * h + c * e + d * f,
+            a * h + b * g - c * f + d * e,
+        ],
+        axis=1,
+    )

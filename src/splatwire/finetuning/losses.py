@@ -1,0 +1,82 @@
+"""Simulated packet loss during fine-tuning: Gaussians of lost packets are not drawn, and the others are enlarged."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool
+
+from splatwire.channel.transmit import datagrams_of, draw_in_order
+from splatwire.codec.gaussians.packets import PacketDivision
+from splatwire.concealment import Grow
+from splatwire.finetuning.latents import Gradients
+from splatwire.finetuning.options import FineTuning
+from splatwire.types import SplatScene
+from splatwire.types.splats import Splats
+
+_GROW = Grow()
+_MOST_OPAQUE = 0.999
+
+
+@dataclass(frozen=True, eq=False)
+class Reception:
+    """Received Gaussians of one iteration, and their enlargement by the concealer `grow`.
+
+    The concealer enlarges a Gaussian according to the lost share of the Gaussian's neighbours. Here, the lost share of
+    the whole scene is used for all Gaussians. The two shares are nearly equal, because packets are spread over the
+    scene.
+
+    Attributes:
+        known: Mask of received Gaussians.
+        size_gain: Factor on the standard deviations of the received Gaussians.
+        exponent: Exponent of the transmittance of the received Gaussians. An opacity o becomes
+            `1 - (1 - o) ** exponent`.
+    """
+
+    known: Bool[np.ndarray, "N"]
+    size_gain: float
+    exponent: float
+
+    @staticmethod
+    def of(known: Bool[np.ndarray, "N"]) -> "Reception":
+        """Computes the enlargement of received Gaussians from the share of lost ones, as the concealer `grow` does."""
+        gain, coverage = float(_GROW.gain(np.array([known.mean()]), known)[0]), SplatScene.COVERAGE
+        return Reception(known, gain**coverage.size, gain**coverage.opacity)
+
+    def shown(self, splats: Splats) -> Splats:
+        """Returns the received Gaussians, enlarged as a receiver with the concealer `grow` draws them."""
+        there = splats.select(self.known)
+        clear = 1 - np.minimum(there.opacities, np.float32(_MOST_OPAQUE))
+        opacities = 1 - clear ** np.float32(self.exponent)
+        return replace(there, scales=there.scales * np.float32(self.size_gain), opacities=opacities)
+
+    def gradients(self, splats: Splats, found: Gradients) -> Gradients:
+        """Back-propagates gradients from the drawn Gaussians to all Gaussians; the gradients of lost Gaussians are 0.
+
+        Args:
+            splats: All Gaussians, before the loss.
+            found: Gradients with respect to the drawn Gaussians, which `shown` returns.
+        """
+        clear = 1 - np.minimum(splats.opacities[self.known], np.float32(_MOST_OPAQUE))
+        slope = np.float32(self.exponent) * clear ** np.float32(self.exponent - 1)
+        changed = replace(found, scales=found.scales * np.float32(self.size_gain), opacities=found.opacities * slope)
+        whole = {}
+        for name, values in vars(changed).items():
+            whole[name] = np.zeros((len(self.known), *values.shape[1:]), np.float32)
+            whole[name][self.known] = values
+        return Gradients(**whole)
+
+
+def draw_reception(division: PacketDivision, options: FineTuning, rng: np.random.Generator) -> Reception | None:
+    """Simulates the random packet loss of one iteration.
+
+    Returns None if all packets are received, or none.
+
+    Args:
+        division: Packets of the scene.
+        options: Options with the loss model.
+        rng: Random generator; gives the seed of the loss.
+    """
+    assert options.loss is not None
+    received, _ = draw_in_order(datagrams_of(division.num_bytes), options.loss, int(rng.integers(1 << 62)))
+    known = received[division.packet]
+    return None if known.all() or not known.any() else Reception.of(known)

@@ -1,0 +1,45 @@
+"""Options of fine-tuning."""
+
+from dataclasses import dataclass
+
+from splatwire.arguments import check_fields
+from splatwire.bitstream import PRESETS, Packetization
+from splatwire.channel import LossModel
+from splatwire.codec.gaussians.quality import QUALITIES, Quality
+from splatwire.errors import InvalidValueError
+
+
+@dataclass(frozen=True)
+class FineTuning:
+    """Options of fine-tuning explicit Gaussians.
+
+    Attributes:
+        quality: Quality setting from which the quantisation steps follow.
+        iterations: Number of iterations, each with one view, at least 1.
+        refresh: Number of iterations between two roundings. In between, the difference between the rounded and the
+            exact value of each parameter stays constant.
+        loss: Loss model of the channel; every second iteration simulates a packet loss with this model. None for no
+            losses.
+        packetization: Rule by which Gaussians are divided into packets, for `loss`.
+        rate: Factor on all learning rates, above 0.
+        seed: Random seed of the order of views and of losses, at least 0.
+
+    Raises:
+        InvalidValueError: If a value is out of range.
+    """
+
+    quality: Quality = QUALITIES["default"]
+    iterations: int = 1000
+    refresh: int = 10
+    loss: LossModel | None = None
+    packetization: Packetization = PRESETS["paper"]
+    rate: float = 0.4
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name in ("iterations", "refresh"):
+            if getattr(self, name) < 1:
+                raise InvalidValueError(f"fine-tuning: {name} is at least 1, not {getattr(self, name)}")
+        if self.seed < 0 or not 0 < self.rate < 100:
+            raise InvalidValueError(f"fine-tuning: seed {self.seed} or rate {self.rate:g} is out of range")

@@ -1,0 +1,210 @@
+"""Fine-tuning of explicit Gaussians by gradient descent on rendered pictures, including the codec's rounding."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from splatwire.arguments import check_fields
+from splatwire.codec.gaussians.packets import divide_into_packets
+from splatwire.codec.gaussians.rounding import coding_for, round_splats
+from splatwire.errors import InvalidValueError
+from splatwire.finetuning.latents import Gradients, Latents, Offsets, gradients_of, harmonic_gradient
+from splatwire.finetuning.losses import draw_reception
+from splatwire.finetuning.options import FineTuning
+from splatwire.finetuning.pictures import Pictures
+from splatwire.ops.adam import update_run
+from splatwire.ops.spherical_harmonics import sh_basis
+from splatwire.ops.threads import share
+from splatwire.render.antialiasing import compensated
+from splatwire.render.cpu import Picture, float_arrays, keep_freed_memory
+from splatwire.render.precision import precision_classes
+from splatwire.types import Cameras, SplatCoding, SplatScene
+
+RATES = {"shifts": 0.02, "turns": 0.01, "logs": 0.01, "logits": 0.04, "base": 0.008, "harmonics": 0.002}
+"""Learning rate of each parameter of `Latents` in the first iteration. Centres move in units of their Gaussian's size,
+so that one rate fits scenes of any size."""
+LAST_RATE = 0.03
+"""Ratio of the last to the first learning rate; in between, the rate follows a cosine."""
+BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-15
+"""Constants of Adam. The second moment remembers all views: a Gaussian may fill few views and be tiny in the others."""
+STEADY = 0.5
+"""Share of the iterations after which the precision classes are computed again and then stay."""
+_DIVISIONS = 8
+"""Number of times that the division into packets is computed, if the channel loses packets."""
+_DARKEST = 1e-7
+"""Smallest mean squared error by which gradients are divided."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Progress after an iteration.
+
+    Attributes:
+        iteration: Number of completed iterations.
+        iterations: Total number of iterations.
+        psnr: PSNR of the picture of this iteration before its update, decibels.
+    """
+
+    iteration: int
+    iterations: int
+    psnr: float
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+def fine_tune(
+    scene: SplatScene,
+    pictures: Pictures,
+    options: FineTuning = FineTuning(),  # noqa: B008 - frozen
+    progress: Callable[[Progress], None] | None = None,
+) -> SplatScene:
+    """Changes Gaussians so that renderings of the decoded Gaussians are as similar to given pictures as possible.
+
+    Centres, rotations, scales, opacities and harmonics are optimised with Adam; the number of Gaussians stays the same.
+    Pictures are rendered with the values that a decoder obtains, and gradients pass through the rounding unchanged
+    (straight-through).
+
+    The loss of a view is its mean squared error, divided by the error of the same view when it was first rendered. All
+    views thus have similar weight, and a view that becomes much worse gets more weight. With the logarithm of the error
+    as the loss, Gaussians that are large in a single view would be sacrificed for other views.
+
+    The result depends only on the arguments, not on the number of threads.
+
+    Args:
+        scene: The Gaussians, already pruned to the final number. Each must have a visible effect.
+        pictures: The pictures and their cameras, relative to the origin of the scene.
+        options: The options.
+        progress: Called after each iteration.
+
+    Returns:
+        The scene with rounded Gaussians and their quantisation steps: encoding it without a quality is lossless.
+
+    Raises:
+        InvalidValueError: If there are no Gaussians, or cameras have another origin than the scene.
+    """
+    if not scene.num_elements:
+        raise InvalidValueError("fine-tuning: there are no Gaussians")
+    if pictures.cameras.origin != scene.origin:
+        raise InvalidValueError("fine-tuning: the cameras have another origin than the scene")
+    keep_freed_memory()
+    rng = np.random.Generator(np.random.PCG64(options.seed))
+    latents, optimizer, views = Latents.of(scene.splats), _Adam(), _shuffled(pictures.cameras.num_views, rng)
+    coding, offsets, division = _coding(latents, options), None, None
+    steady = math.ceil(STEADY * options.iterations)
+    divided = options.refresh * max(1, options.iterations // (_DIVISIONS * options.refresh))
+    scales = dict[tuple[int, bool], float]()
+    for step in range(options.iterations):
+        if step == steady:
+            coding = _coding(latents, options)
+        if step % options.refresh == 0 or step == steady:
+            exact = latents.splats()
+            rounded = round_splats(exact, coding)
+            offsets = Offsets.between(exact, rounded)
+            if options.loss is not None and step % divided == 0:
+                division = divide_into_packets(replace(scene, splats=rounded, coding=coding), options.packetization)
+        view, drawn = next(views), latents.splats(offsets)
+        reception = None
+        if division is not None and step % 2:
+            reception = draw_reception(division, options, rng)
+        shown = drawn if reception is None else reception.shown(drawn)
+        mask = None if pictures.masks is None else pictures.masks[view]
+        target = pictures.images[view].astype(np.float32) / 255
+        one = replace(scene, splats=shown, coding=None, hints=None)
+        error, found = picture_gradients(
+            one, pictures.cameras, view, target, mask, scales.get((view, reception is None))
+        )
+        scales.setdefault((view, reception is None), error)
+        if reception is not None:
+            found = reception.gradients(drawn, found)
+        gradients = gradients_of(latents, drawn, offsets, found)
+        optimizer.update(latents.trained(), gradients, options.rate * _decay(step / options.iterations))
+        latents.settle()
+        if progress:
+            progress(Progress(step + 1, options.iterations, -10 * math.log10(max(error, 1e-12))))
+    return replace(scene, splats=round_splats(latents.splats(), coding), coding=coding, hints=None)
+
+
+def picture_gradients(
+    scene: SplatScene,
+    cameras: Cameras,
+    view: int,
+    target: Float[np.ndarray, "H W 3"],
+    mask: Bool[np.ndarray, "H W"] | None = None,
+    scale: float | None = None,
+) -> tuple[float, Gradients]:
+    """Renders a view; returns its mean squared error, and the gradients of this error divided by `scale`.
+
+    For antialiased scenes, rendering reduces the opacities of small Gaussians by factors. These factors and the viewing
+    directions of the harmonics count as constants.
+
+    Args:
+        scene: The Gaussians.
+        cameras: The cameras, relative to the origin of the scene.
+        view: Index of the camera.
+        target: RGB in [0, 1] of the reference picture. The rendering is clamped to this range before the comparison, as
+            in `render_scene`.
+        mask: True for pixels that are compared; None for all. The error is the mean over all pixels of the view.
+        scale: Divisor of the gradients, above 0. None divides by the error itself, which gives the gradients of the
+            error's logarithm.
+    """
+    splats = scene.splats
+    plain = seen = splats.seen_from(cameras.centers[view])
+    if scene.antialiased:
+        seen = compensated(seen, cameras, view)
+    arrays = float_arrays(seen)
+    picture = Picture(arrays, cameras, view, kept=True)
+    image, _ = picture.draw(np.array(scene.background, np.float32))
+    difference = np.clip(image, 0, 1) - target
+    if mask is not None:
+        difference *= mask[:, :, None]
+    error = float(np.mean(np.square(difference, dtype=np.float64)))
+    d_image = difference * np.float32(2 / (difference.size * max(error if scale is None else scale, _DARKEST)))
+    means, quats, scales, opacities, colors, _ = picture.gradients(arrays, image, d_image)
+    if scene.antialiased:
+        opacities = opacities * (seen.opacities / np.maximum(plain.opacities, np.float32(1e-12)))
+    rays = splats.means - cameras.centers[view]
+    directions = rays / np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), np.float32(1e-12))
+    sh = harmonic_gradient(sh_basis(directions, splats.degree), seen, colors)
+    return error, Gradients(means, quats, scales, opacities, sh)
+
+
+class _Adam:
+    """The Adam optimiser; keeps the moments of each array by name."""
+
+    def __init__(self) -> None:
+        self._moments: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._steps = 0
+
+    def update(self, trained: dict[str, np.ndarray], gradients: dict[str, np.ndarray], rate: float) -> None:
+        """Changes arrays in place by one step, with the rates of `RATES` times `rate`."""
+        self._steps += 1
+        root = math.sqrt(1 - BETA2**self._steps)
+
+        def change(name: str) -> None:
+            values, gradient = trained[name], np.ascontiguousarray(gradients[name], np.float32)
+            if name not in self._moments:
+                self._moments[name] = np.zeros_like(values), np.zeros_like(values)
+            flat = [array.reshape(-1) for array in (values, gradient, *self._moments[name])]
+            size = RATES[name] * rate / (1 - BETA1**self._steps)
+            update_run(*flat, 0, values.size, *map(np.float32, (size, 1 / root, BETA1, BETA2, EPSILON)))
+
+        share(change, list(trained))
+
+
+def _coding(latents: Latents, options: FineTuning) -> SplatCoding:
+    splats = latents.splats()
+    return coding_for(splats, options.quality, precision_classes(splats))
+
+
+def _decay(share: float) -> float:
+    return LAST_RATE + (1 - LAST_RATE) * 0.5 * (1 + math.cos(math.pi * share))
+
+
+def _shuffled(count: int, rng: np.random.Generator) -> Iterator[int]:
+    """Yields indices of views endlessly: all views in random order, then all in a new random order, and so on."""
+    while True:
+        yield from rng.permutation(count).tolist()

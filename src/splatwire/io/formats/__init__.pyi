@@ -1,0 +1,17 @@
+from splatwire.files.scene_formats import FileFormat as FileFormat
+from splatwire.io.formats.content import FileContent as FileContent
+from splatwire.io.formats.kinds import find_format as find_format
+from splatwire.io.formats.kinds import format_for as format_for
+from splatwire.io.formats.kinds import format_of as format_of
+from splatwire.io.formats.kinds import is_antialiased as is_antialiased
+from splatwire.io.formats.kinds import read_all_rows as read_all_rows
+from splatwire.io.formats.kinds import read_content as read_content
+from splatwire.io.formats.kinds import read_rows as read_rows
+from splatwire.io.formats.kinds import read_splats as read_splats
+from splatwire.io.formats.kinds import register_format as register_format
+from splatwire.io.formats.kinds import splats_kind as splats_kind
+from splatwire.io.formats.kinds import write_splats as write_splats
+from splatwire.io.formats.ply_note import PlyNote as PlyNote
+from splatwire.io.formats.ply_note import read_note as read_note
+from splatwire.io.formats.splatv import MovingSplats as MovingSplats
+from splatwire.io.formats.splatv import read_splatv as read_splatv

@@ -1,0 +1,49 @@
+"""Metadata in the `asset` object of glTF and SOG: `copyright`, and fields of `extras`."""
+
+from pathlib import Path
+from typing import Any
+
+from splatwire.io.formats._placement import warn_of_unused_fields
+from splatwire.types.metadata import NO_METADATA, SceneMetadata, clean_text, metadata_from_json, metadata_to_json
+from splatwire.version import __version__
+
+_OWN = "splatwire"
+"""Key of the object in `extras` with metadata without a standard field (up axis, view), in the axes of a 3DGS PLY."""
+_TEXTS = ("title", "author", "license")
+
+
+def asset_of(metadata: SceneMetadata) -> dict[str, Any]:
+    """Returns a glTF `asset` object with the program's name and a scene's metadata."""
+    content = metadata_to_json(metadata)
+    extras: dict[str, Any] = {name: content.pop(name) for name in _TEXTS if name in content}
+    notice = ", ".join(extras[name] for name in ("author", "license") if name in extras)
+    if content:
+        extras[_OWN] = content
+    return {
+        "generator": f"splatwire {__version__}",
+        **({"copyright": notice} if notice else {}),
+        **({"extras": extras} if extras else {}),
+    }
+
+
+def metadata_of_asset(asset: object) -> SceneMetadata:
+    """Parses the metadata of a glTF or SOG `asset` object.
+
+    `copyright` is the license if `extras` has neither author nor license.
+    """
+    if not isinstance(asset, dict):
+        return NO_METADATA
+    given = asset.get("extras")
+    extras = given if isinstance(given, dict) else {}
+    own = extras.get(_OWN)
+    texts = {name: extras[name] for name in _TEXTS if name in extras}
+    if not {"author", "license"} & set(texts) and clean_text(asset.get("copyright")):
+        texts["license"] = asset["copyright"]
+    return metadata_from_json((own if isinstance(own, dict) else {}) | texts)
+
+
+def warn_of_unused_extras(path: Path, asset: object) -> None:
+    """Logs fields in the `extras` of an `asset` that may shift, scale or rotate the scene but are not applied."""
+    extras = asset.get("extras") if isinstance(asset, dict) else None
+    if isinstance(extras, dict):
+        warn_of_unused_fields(path, {name: extras[name] for name in extras if name not in (_OWN, *_TEXTS)})

@@ -1,0 +1,113 @@
+"""Division of Gaussians into chunks of a compressed PLY, so that no chunk mixes dense details with distant Gaussians.
+
+Compressed PLY stores chunks of 256 consecutive Gaussians; the bounds of a chunk determine the quantisation steps of its
+positions. A chunk of small, dense Gaussians that also contains distant ones has large steps, which round the small ones
+visibly. Gaussians of such chunks are therefore sorted by local scale (`local_scales`), and chunks are cut where the
+steps would become too large. A cut chunk is padded with transparent copies of its last Gaussian.
+"""
+
+import numpy as np
+
+from splatwire.io.formats.outliers import FINE, local_scales, morton_order
+from splatwire.types.splats import Splats
+
+CHUNK = 256
+WIDTHS = (11, 10, 11)
+"""Number of bits of the x, y and z coordinates of a position."""
+_LOOSER = (1, 2, 4, 8)
+"""Factors on the error limit, tried in ascending order until few enough Gaussians are padding."""
+_MOST_FILLED, _MOST_SHARE = 16 * CHUNK, 1 / 16
+"""Maximum number of padding Gaussians, and their maximum share of all Gaussians; the larger limit applies."""
+_CLASS = 8.0
+"""Ratio of the largest to the smallest local scale within a sorting class."""
+
+
+def arrange(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
+    """Divides Gaussians into chunks; only chunks with visible rounding are sorted again and cut.
+
+    Args:
+        splats: The Gaussians, sorted along a space-filling curve.
+
+    Returns:
+        Index of the input Gaussian at each file position, int64 (M), and mask of the padding Gaussians, bool (M).
+    """
+    count = splats.num_gaussians
+    rows, chunk = np.arange(count), np.arange(count) // CHUNK
+    errors = position_errors(splats.means.astype(np.float64))
+    unsure = np.flatnonzero(errors > np.median(splats.scales, axis=1) / FINE)  # skips neighbour searches for others
+    scales = local_scales(splats, unsure)
+    coarse = np.unique(chunk[unsure[errors[unsure] > scales / FINE]])
+    if not len(coarse):
+        return rows, np.zeros(count, bool)
+    last = np.array([chunk[-1]] if count % CHUNK else [], np.int64)  # only the last chunk may have fewer rows
+    again = np.isin(chunk, np.union1d(coarse, last))
+    index, filling = _cut(splats, rows[again], max(_MOST_FILLED, int(_MOST_SHARE * count)))
+    return np.concatenate([rows[~again], index]), np.concatenate([np.zeros(int((~again).sum()), bool), filling])
+
+
+def position_errors(means: np.ndarray) -> np.ndarray:
+    """Returns the largest rounding error of a coordinate of each Gaussian, world units, float64 (N).
+
+    Args:
+        means: Centres in file order, float64 (N, 3); every 256 of them are a chunk.
+    """
+    starts = np.arange(0, len(means), CHUNK)
+    spans = np.maximum.reduceat(means, starts) - np.minimum.reduceat(means, starts)
+    return np.repeat(_half_steps(spans), CHUNK)[: len(means)]
+
+
+def _half_steps(spans: np.ndarray) -> np.ndarray:
+    return np.asarray((spans / (2 * (2.0 ** np.array(WIDTHS) - 1))).max(axis=1))
+
+
+def _cut(splats: Splats, rows: np.ndarray, most_filled: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sorts some Gaussians by local scale and along a space-filling curve, and cuts them into chunks.
+
+    Args:
+        splats: All Gaussians.
+        rows: Indices of the Gaussians to sort and cut, int64 (n).
+        most_filled: Maximum number of padding Gaussians. The limit on rounding errors is raised until this number
+            suffices.
+
+    Returns:
+        Index into `splats` at each file position, int64 (m), and mask of the padding Gaussians, bool (m).
+    """
+    means, scales = splats.means[rows].astype(np.float64), local_scales(splats, rows)
+    classes = np.floor(np.log(np.maximum(scales, 1e-30)) / np.log(_CLASS)).astype(np.int64)
+    order = morton_order(means)
+    order = order[np.argsort(classes[order], kind="stable")]
+    for factor in _LOOSER:
+        lengths = _lengths(means[order], scales[order] * (factor / FINE))
+        if CHUNK * len(lengths) - len(rows) <= most_filled:
+            break
+    else:
+        lengths = [CHUNK] * (len(rows) // CHUNK) + [len(rows) % CHUNK] * (len(rows) % CHUNK > 0)
+    index, filling, begin = [], [], 0
+    for number, length in enumerate(lengths):
+        missing = 0 if number == len(lengths) - 1 else CHUNK - length
+        own = order[begin : begin + length]
+        index += [own, np.repeat(own[-1:], missing)]
+        filling += [np.zeros(length, bool), np.ones(missing, bool)]
+        begin += length
+    return rows[np.concatenate(index)], np.concatenate(filling)
+
+
+def _lengths(means: np.ndarray, limits: np.ndarray) -> list[int]:
+    """Returns the number of Gaussians of each chunk.
+
+    Each chunk ends before the first Gaussian that would enlarge the quantisation steps beyond the error limit of any
+    Gaussian in it.
+
+    Args:
+        means: Centres in the order of the file, world units, float64 (n, 3).
+        limits: Maximum rounding error of each Gaussian, world units, float64 (n).
+    """
+    lengths, begin = [], 0
+    while begin < len(means):
+        some, limit = means[begin : begin + CHUNK], np.minimum.accumulate(limits[begin : begin + CHUNK])
+        spans = np.maximum.accumulate(some) - np.minimum.accumulate(some)
+        beyond = np.flatnonzero(_half_steps(spans) > limit)
+        length = max(1, int(beyond[0])) if len(beyond) else len(some)
+        lengths.append(length)
+        begin += length
+    return lengths

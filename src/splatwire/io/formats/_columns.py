@@ -1,0 +1,167 @@
+"""Conversion of file columns to Gaussians: validation and memory limits shared by all readers."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.ops.spherical_harmonics import num_functions
+from splatwire.types.splats import ROWS, Splats
+
+MAX_GAUSSIANS = 20_000_000
+FREE_GAUSSIANS = 1 << 18
+"""Number of Gaussians accepted for a file of any size; with harmonics of degree 3 they take 62 MB of memory."""
+BYTES_PER_GAUSSIAN = 4
+"""Minimum file size per Gaussian beyond `FREE_GAUSSIANS`, bytes; the densest known files have 7. A Gaussian with
+harmonics of degree 3 takes 236 bytes of memory, so memory is at most about 120 times the file size."""
+
+MAX_LOG_SCALE = 60.0
+"""Limit of log scales: smaller sizes are raised to `exp(-60)`, larger ones than `exp(60)` are invalid."""
+_MIN_LENGTH = 1e-12
+"""Length below which a quaternion has no direction, as in 3DGS."""
+
+
+def check_count(path: Path, count: int, file_bytes: int) -> int:
+    """Checks the number of Gaussians in a header before memory is allocated.
+
+    Args:
+        path: The file, for messages.
+        count: Number of Gaussians according to the header.
+        file_bytes: Size of the file in bytes, before decompression.
+
+    Raises:
+        DatasetError: If the number is 0, above the limit, or too large for the file size.
+    """
+    if not 0 < count <= MAX_GAUSSIANS:
+        raise DatasetError(f"{path}: a count of {count} Gaussians is not in 1 to {MAX_GAUSSIANS}")
+    if count > max(FREE_GAUSSIANS, file_bytes // BYTES_PER_GAUSSIAN):
+        raise DatasetError(f"{path}: a count of {count} Gaussians is more than {file_bytes} bytes of file can hold")
+    return count
+
+
+def build_splats(
+    path: Path,
+    *,
+    means: np.ndarray,
+    quats: np.ndarray,
+    opacities: np.ndarray,
+    sh: np.ndarray,
+    log_scales: np.ndarray | None = None,
+    scales: np.ndarray | None = None,
+) -> Splats:
+    """Builds Gaussians from the arrays of a file with one row per Gaussian; quaternions are normalised.
+
+    Opacities are clipped to [0, 1], and sizes of 0 are raised to the minimum. Invalid values become NaN;
+    `splatwire.types.rows` decides which rows can be drawn.
+
+    Args:
+        path: The file, for messages.
+        means: (N, 3).
+        quats: (N, 4), w first, of any length.
+        opacities: (N), 0 to 1.
+        sh: (N, D, 3) coefficients.
+        log_scales: (N, 3) natural logarithms of the standard deviations; None if `scales` is given instead.
+        scales: (N, 3) standard deviations; None if `log_scales` is given instead.
+
+    Raises:
+        DatasetError: If columns have different lengths.
+    """
+    sizes = _sizes(scales) if log_scales is None else _sizes_of_logs(log_scales)
+    named = (("rotation", quats), ("opacity", opacities), ("harmonics", sh), ("scale", sizes))
+    for name, values in named:
+        if len(values) != len(means):
+            raise DatasetError(f"{path}: {len(values)} Gaussians have a {name}, {len(means)} a position")
+    wide = quats.astype(np.float64)
+    lengths = np.linalg.norm(wide, axis=1, keepdims=True)
+    lengths[lengths < _MIN_LENGTH] = np.nan
+    return Splats(
+        means=_column(means),
+        quats=_column(wide / lengths),
+        scales=_column(sizes),
+        opacities=_column(np.clip(opacities, 0, 1)),
+        sh=_column(sh),
+    )
+
+
+def _sizes(scales: np.ndarray | None) -> np.ndarray:
+    """Returns standard deviations with zeros raised to the minimum and negative values replaced by NaN."""
+    assert scales is not None
+    wide = np.asarray(scales, np.float32)
+    return np.where(wide < 0, np.nan, np.maximum(wide, np.float32(np.exp(-MAX_LOG_SCALE))))
+
+
+def _sizes_of_logs(logs: np.ndarray) -> np.ndarray:
+    """Converts natural logarithms of standard deviations to standard deviations.
+
+    Logarithms below `-MAX_LOG_SCALE`, also -inf (a size of 0), are raised to this minimum. Logarithms above
+    `MAX_LOG_SCALE` become infinite sizes.
+    """
+    return np.exp(np.where(logs > MAX_LOG_SCALE, np.inf, np.maximum(logs, -MAX_LOG_SCALE)).astype(np.float32))
+
+
+def _column(values: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(values, dtype=np.float32)
+
+
+def concatenate(parts: Sequence[Splats]) -> Splats:
+    """Concatenates at least one set of Gaussians, with spherical harmonics of the highest degree among them.
+
+    Missing harmonics are 0, so that the appearance of lower degrees is unchanged.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    found = Splats.empty(sum(part.num_gaussians for part in parts), max(part.degree for part in parts))
+    at = 0
+    for part in parts:
+        for begin in range(0, part.num_gaussians, ROWS):
+            run = part.run(begin, min(begin + ROWS, part.num_gaussians))
+            found.fill(at, of_degree(run, found.degree))
+            at += run.num_gaussians
+    return found
+
+
+def of_degree(splats: Splats, degree: int) -> Splats:
+    """Returns Gaussians with harmonics padded with zeros to a higher degree."""
+    missing = num_functions(degree) - splats.sh.shape[1]
+    return splats if not missing else replace(splats, sh=np.pad(splats.sh, ((0, 0), (0, missing), (0, 0))))
+
+
+def filled(path: Path, parts: Iterable[Splats]) -> Iterator[Splats]:
+    """Yields the non-empty batches of Gaussians for a writer; all must have the same degree of harmonics.
+
+    Args:
+        path: Path of the output, for messages.
+        parts: Batches of Gaussians, all of one degree of spherical harmonics.
+
+    Raises:
+        InvalidValueError: If there is no Gaussian, or degrees differ.
+    """
+    degree = None
+    for part in parts:
+        if not part.num_gaussians:
+            continue
+        degree = part.degree if degree is None else degree
+        if part.degree != degree:
+            raise InvalidValueError(f"Gaussians of degree {part.degree} after those of degree {degree}")
+        yield part
+    if degree is None:
+        raise InvalidValueError(f"{path}: there is no Gaussian to write")
+
+
+def join(path: Path, parts: Iterable[Splats]) -> Splats:
+    """Concatenates batches of Gaussians for a format that needs all of them at once.
+
+    Args:
+        path: Path of the output, for messages.
+        parts: Batches of Gaussians, all of one degree of spherical harmonics.
+
+    Raises:
+        InvalidValueError: If there is no Gaussian, degrees differ, or a value is invalid.
+    """
+    pieces = list(filled(path, parts))
+    whole = Splats(**{f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Splats)})
+    if not all(np.isfinite(value).all() for value in vars(whole).values()) or not (whole.scales > 0).all():
+        raise InvalidValueError("a Gaussian has a number that is not finite, or a size that is not positive")
+    return whole

@@ -1,0 +1,278 @@
+"""Warnings about PLY comments and JSON fields that may change the meaning of a scene's values but are not applied.
+
+Comments may describe shifts, scales, axes and units of positions, or the encoding of opacities, scales and colours.
+There is no standard for them. This package applies only its own comment of an origin, and comments that name the up
+axis (`splatwire.io.formats.ply_metadata`). All other comments of this kind, and such fields of SOG and glTF, are
+logged, and values are read as they are in the file.
+"""
+
+import logging
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from splatwire.errors import DatasetError
+from splatwire.files.capped import read_at_most
+from splatwire.io.formats.ply_comments import OFFSET, ORIGIN, stated_origin
+from splatwire.io.formats.ply_metadata import is_metadata, names_up
+from splatwire.types.origin import describe_origin
+
+LOG = logging.getLogger(__name__)
+_WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[-+]?(?:\d[\d',]*\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+"""Words and numbers of a comment, also those of names such as `globalShift` and `shift_x`."""
+_SHIFTS = frozenset(
+    (
+        "shift",
+        "shifts",
+        "shifted",
+        "offset",
+        "offsets",
+        "translation",
+        "translate",
+        "translated",
+        "origin",
+        "center",
+        "centre",
+        "centroid",
+        "datum",
+        "anchor",
+        "easting",
+        "northing",
+        "latitude",
+        "longitude",
+        "lat",
+        "lon",
+        "altitude",
+        "utm",
+        "mgrs",
+        "gps",
+        "geolocation",
+        "ecef",
+        "recenter",
+        "recentered",
+        "recentred",
+        "normalization",
+        "normalisation",
+        "similarity",
+        *(f"{word}{axis}" for word in ("shift", "offset", "translation", "origin", "center") for axis in "xyz"),
+        "transform",
+        "transformation",
+        "matrix",
+    )
+)
+_SYSTEMS = re.compile(r"\b(?:epsg|crs|srs|wkt|proj4?|utm[-_ ]?zone|geo[-_ ]?ref\w*|projcs|geogcs)\b", re.I)
+_POINTS = re.compile(r"\b(?:ref(?:erence)?|base|local|world|geo)[-_ ]?(?:point|position|pos|coord\w*)\b", re.I)
+_POSES = re.compile(
+    r"\b(?:sim[-_ ]?3|se[-_ ]?3|(?:mean|median|average)(?:[-_ ]?(?:xyz|pos|positions?|points?|coord\w*))?|"
+    r"(?:\w+[-_ ])?pose|(?:world|local|model|scene|object|map|global|geo|ecef|enu|ned)[-_ ]?(?:to|2|from)[-_ ]?[a-z]+|"
+    r"[a-z]2w|w2[a-z]|t[-_ ]?(?:[cwlbmg]{2}|(?:[a-z]+[-_ ])?(?:world|local|model))|"
+    r"(?:geo)?(?:registration|location|position)|align(?:ment)?)"
+    r"(?P<values>(?:[\s:=,;()\[\]]+[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?){3,})",
+    re.I,
+)
+"""Pattern of names of poses, similarities and mean positions that are followed by three or more numbers."""
+_TURNS = re.compile(
+    r"(?:rotat(?:e|ed|ion)|quaternion|euler(?:[-_ ]angles)?|flip(?:ped)?|mirror(?:ed)?|swap(?:ped)?)"
+    r"(?:[-_ :=,()\[\]]*(?:axis|about|around|by|[xyz]+|yes|true|[-+\d.]+))+",
+    re.I,
+)
+_SCALES = frozenset(("scale", "scaled", "scaling", "scalefactor", "multiply", "multiplied", "multiplier"))
+_UNITS = frozenset(("unit", "units", "meters", "metres", "metersperunit"))
+_LENGTHS = re.compile(
+    r"\b(?:cm|mm|millimet(?:er|re)s?|centimet(?:er|re)s?|kilomet(?:er|re)s?|inch(?:es)?|feet|foot|yards?)\b", re.I
+)
+_METRES = frozenset(("m", "meter", "meters", "metre", "metres", "1"))
+_AXES = re.compile(
+    r"\b(?:axis|axes|handed(?:ness)?|right-?handed|left-?handed|(?:coordinate|coord|axis|world)[-_ ]?(?:system|frame|"
+    r"convention|space)|opengl|opencv|[xyz][-_ ]?up)\b|\bup[-_ ]?(?:axis|vector|dir(?:ection)?)?\s*[:=]"
+    r"|\bup[-_ ]?(?:axis|vector|dir(?:ection)?)\b|^\s*up\s+[-+]?(?:[xyz]\b|\d)|[xyz]_up",
+    re.I,
+)
+_OWN_AXES = re.compile(r"\b(?:RDF|3DGS|colmap|opencv)\b", re.I)
+"""Names of the axis convention of this package; comments that name it are not logged."""
+_PROGRAM = re.compile(
+    r"\s*(?:generator|(?:generated|created|exported|written|made|produced|saved|converted)\s+(?:by|in|using|from))\b",
+    re.I,
+)
+"""Start of comments with the name and version of a program."""
+_TOOL = re.compile(r"\b\w+-transform\b(?:\s+v?[\d.]+)?", re.I)
+"""Names of programs such as PlayCanvas' `splat-transform`, and their version."""
+_VECTOR = 3
+_MATRICES = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
+"""Numbers of rows and columns of a matrix, by its number of values."""
+_OTHER_VALUES = (
+    (
+        re.compile(
+            r"(?:opacit(?:y|ies)|alphas?|scales?)\b(?!.*\bnot\b).*\b(?:linear|activated|sigmoid\w*|exp|exponentiated|"
+            r"uint8|bytes?|0\s*(?:-|\.\.|to)\s*(?:1|100|255))\b",
+            re.I,
+        ),
+        "another unit of opacities or scales",
+    ),
+    (re.compile(r"\b(?:xyzw|quat\w*[-_ ]order\W+x|scalar[-_ ]last)\b", re.I), "another order of the rotations"),
+    (
+        re.compile(
+            r"colou?r[-_ ]?(?:space|profile)\W+(?!\W*s?rgb\b)\w|\blinear[-_ ]?s?rgb\b|\bgamma\W+\d|\bacescg\b", re.I
+        ),
+        "another colour space",
+    ),
+)
+"""Patterns of comments about the values of Gaussians, and their meanings."""
+_SURVEY_BYTES = 1 << 16
+"""Size of the part of a `metadata.xml` that is searched for its origin, bytes."""
+_MAX_NUMBERS = 32
+"""Maximum number of values of a list or object that may be a vector or a matrix."""
+_MAX_BETWEEN = 4
+"""Maximum number of words between a keyword and its number."""
+
+
+def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -> None:
+    """Logs comments that may change the meaning of the file's values (e.g. a shift of positions) but are not applied.
+
+    Args:
+        path: The file.
+        comments: Text of each comment, without the word `comment`.
+        keyword: First word of the comment that this format applies as its origin: `ORIGIN` or `OFFSET`.
+    """
+    known = tuple(comments)
+    used = stated_origin(keyword, known)
+    for comment in known:
+        word = comment.split()[:1]
+        if word == [keyword]:
+            if (stated := stated_origin(keyword, [comment])) is None:
+                LOG.warning("%s: comment %.80r is not three numbers within 1e12: it is left out", path, comment)
+            elif stated != used:
+                LOG.warning(
+                    "%s: comment %.80r differs from an earlier one: (%s) is used",
+                    path, comment, "no origin" if used is None else describe_origin(used),
+                )  # fmt: skip
+        elif word in ([ORIGIN], [OFFSET]):
+            _warn(path, comment, "a shift of the positions")
+        elif (meaning := _meaning(comment)) is not None:
+            _warn(path, comment, meaning)
+
+
+def warn_of_files_beside(path: Path) -> None:
+    """Logs files beside a PLY with the shift that Pix4D, Metashape or DJI Terra subtracted from its positions."""
+    folder = path.parent
+    beside = [folder / name for name in (f"{path.stem}_offset.xyz", "offset.xyz", f"{path.stem}_origin.json")]
+    found = [file.name for file in beside if file.is_file()]
+    survey = folder / "metadata.xml"
+    if survey.is_file() and b"<SRSOrigin>" in read_at_most(survey, _SURVEY_BYTES, DatasetError):
+        found.append(survey.name)
+    if found:
+        LOG.warning(
+            "%s: %s beside it may have a shift of the positions: it is left out, positions are read as they are in "
+            "the file", path, ", ".join(found),
+        )  # fmt: skip
+
+
+def warn_of_unused_fields(path: Path, content: object) -> None:
+    """Logs fields of a JSON object that may change positions (shift, scale, axes) or other values, and are not applied.
+
+    Args:
+        path: The file.
+        content: The object, of which only texts, numbers and short lists or objects of numbers are considered.
+    """
+    for name, value in content.items() if isinstance(content, dict) else ():
+        text = _text(value)
+        if text is not None and (meaning := _meaning(f"{name}: {text}")) is not None:
+            _warn(path, f"{name}: {text}", meaning, "field")
+
+
+def _text(value: object) -> str | None:
+    """Returns a text, a number, or a list or object of numbers as text; None for other values."""
+    if isinstance(value, dict):
+        value = [part for pair in value.items() for part in pair]
+    if isinstance(value, list):
+        numbers = len(value) <= _MAX_NUMBERS and all(isinstance(part, (str, int, float)) for part in value)
+        return " ".join(f"{part:.40}" if isinstance(part, str) else repr(part) for part in value) if numbers else None
+    return f"{value:.200}" if isinstance(value, str) else repr(value) if isinstance(value, (int, float)) else None
+
+
+def _warn(path: Path, comment: str, meaning: str, kind: str = "comment") -> None:
+    LOG.warning(
+        "%s: %s %.80r may be %s: it is left out, values are read as they are in the file",
+        path, kind, comment, meaning,
+    )  # fmt: skip
+
+
+def _meaning(comment: str) -> str | None:
+    """Returns the possible meaning of a comment, such as `a shift of the positions`.
+
+    Returns None for comments that this package applies, and for comments that do not affect any values.
+    """
+    if comment.startswith("splatwire") or is_metadata(comment):
+        return None
+    words = [word.lower() for word in _WORDS.findall(_TOOL.sub("", comment))]
+    numbers = [_number(word) for word in words]
+    if _PROGRAM.match(comment) and sum(number is not None for number in numbers) < _VECTOR:
+        return None
+    for pattern, meaning in _OTHER_VALUES:
+        if pattern.search(comment):
+            return meaning
+    if _SYSTEMS.search(comment):
+        return "the coordinate reference system of the positions"
+    if values := _after(words, numbers, _SHIFTS):
+        return None if _is_identity(values) else "a shift of the positions"
+    if pose := _POSES.search(comment):
+        values = [float(word) for word in re.split(r"[^-+.\de]+", pose["values"].lower()) if word]
+        return None if _is_identity(values) else "a shift of the positions"
+    if _POINTS.search(comment) and any(numbers):
+        return "a shift of the positions"
+    if values := _after(words, numbers, _SCALES):
+        return None if set(values) == {1.0} else "a scale of the positions"
+    if any(word in _UNITS for word in words):
+        place = next(place for place, word in enumerate(words) if word in _UNITS)
+        named = [word for word in words[place + 1 :] if word not in ("is", "in", "per", "unit", "units")]
+        return None if not named or set(named) <= _METRES else "the unit of the positions"
+    if _LENGTHS.search(comment):
+        return "the unit of the positions"
+    if turn := _TURNS.search(comment):
+        values = [value for word in re.split(r"[^-+.\d]+", turn[0]) if (value := _number(word)) is not None]
+        if not values or (any(values) and not (len(values) > _VECTOR and _is_identity(values))):
+            return "a rotation of the positions"
+    if names_up(comment) or not _AXES.search(comment) or _OWN_AXES.search(comment):
+        return None
+    return "a system of axes"
+
+
+def _number(word: str) -> float | None:
+    try:
+        return float(word.replace(",", "").replace("'", ""))
+    except ValueError:
+        return None
+
+
+def _is_identity(values: list[float]) -> bool:
+    """Returns True for numbers that shift nothing: zeros, one flag, an identity matrix, or an identity rotation.
+
+    Args:
+        values: Numbers of a comment or field, interpreted by their count. 1: a flag. 3: a vector. 9, 12 or 16: a matrix
+            (3 x 3, 3 x 4 or 4 x 4), row by row. Other counts: a rotation, a shift and a scale.
+    """
+    if len(values) in (1, _VECTOR):
+        return not any(values) or values == [1.0]
+    if len(values) in _MATRICES:
+        rows, columns = _MATRICES[len(values)]
+        return values == [float(row == column) for row in range(rows) for column in range(columns)]
+    return set(values) <= {0.0, 1.0} and values.count(1) <= 2
+
+
+def _after(words: list[str], numbers: list[float | None], keywords: frozenset[str]) -> list[float]:
+    """Returns the numbers of a comment after its first keyword; empty if there is none.
+
+    A keyword only counts if a number follows within a few words.
+
+    Args:
+        words: Words and numbers of the comment, in lower case.
+        numbers: Value of each word; None for words that are no number.
+        keywords: Words that announce a number, such as `shift`.
+    """
+    for place, word in enumerate(words):
+        if word not in keywords:
+            continue
+        found = [number for number in numbers[place + 1 :] if number is not None]
+        if any(number is not None for number in numbers[place + 1 : place + 2 + _MAX_BETWEEN]):
+            return found
+    return []

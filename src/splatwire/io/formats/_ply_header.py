@@ -1,0 +1,159 @@
+"""PLY header: elements, the properties of their rows, and the encoding."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.errors import DatasetError
+from splatwire.files.kinds import is_not
+
+MAX_ROWS = 20_000_000
+_MAX_HEADER_BYTES = 65_536
+_MAX_PROPERTIES = 1024
+_MAX_ELEMENTS = 16
+_MAX_LINE = 120
+_REMARKS = (b"comment", b"obj_info")
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_TYPES = {
+    "char": "i1",
+    "uchar": "u1",
+    "short": "i2",
+    "ushort": "u2",
+    "int": "i4",
+    "uint": "u4",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "float": "f4",
+    "double": "f8",
+    "float32": "f4",
+    "float64": "f8",
+    "half": "f2",
+    "float16": "f2",
+    "int64": "i8",
+    "uint64": "u8",
+}
+_ASCII_BYTES = 2
+"""Minimum number of bytes of a number and its separator in a text PLY."""
+
+
+@dataclass(frozen=True)
+class PlyHeader:
+    """Parsed PLY header.
+
+    Attributes:
+        order: Byte order of binary data, `<` or `>`; empty for text.
+        elements: Number of rows and row type (structured dtype) of each element in file order, up to the first element
+            with list properties.
+        lists: Name of the first element with list properties, which is not read, like all later elements; None if no
+            element has lists.
+        comments: Text of each comment, without the word `comment`; bytes that are not UTF-8 are replaced.
+    """
+
+    order: str
+    elements: dict[str, tuple[int, np.dtype]]
+    lists: str | None
+    comments: tuple[str, ...] = ()
+
+    @property
+    def num_bytes(self) -> int:
+        """Total size of the element rows in bytes; for a text file the minimum possible size."""
+        sizes = (_ASCII_BYTES * len(d.names or ()) if not self.order else d.itemsize for _, d in self.elements.values())
+        counts = (count for count, _ in self.elements.values())
+        return sum(count * size for count, size in zip(counts, sizes, strict=True)) - (not self.order)
+
+
+def read_header(path: Path, source: Iterator[bytes]) -> tuple[PlyHeader, bytes]:
+    """Parses the header from the chunks of a file.
+
+    Args:
+        path: The file, for messages.
+        source: Iterator over the bytes of the file in chunks.
+
+    Returns:
+        The header, and the bytes after it in the last chunk read.
+
+    Raises:
+        DatasetError: If it is not a PLY header, or too long.
+    """
+    data = b""
+    while True:
+        piece = next(source, b"")
+        data += piece
+        newline = b"\r\n" if data[3:5] == b"\r\n" else data[3:4] if data[3:4] in (b"\n", b"\r") else b"\n"
+        mark = newline + b"end_header" + newline
+        end = data.find(mark)
+        if 0 <= end <= _MAX_HEADER_BYTES:
+            return _parse(path, data[:end], newline), data[end + len(mark) :]
+        if data.startswith(b"ply" + newline) and len(data) > _MAX_HEADER_BYTES:
+            raise DatasetError(
+                f"{path}: the PLY header is longer than {_MAX_HEADER_BYTES:,} bytes: shorten its comments"
+            )
+        if not piece or len(data) > _MAX_HEADER_BYTES:
+            raise DatasetError(is_not(path, "a PLY file", f"no end_header in the first {len(data)} bytes"))
+
+
+def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
+    lines = [line.strip() for line in head.split(newline)]
+    comments = tuple(_comment(line) for line in lines if line.startswith(_REMARKS))
+    lines = [line for line in lines if line and not line.startswith(_REMARKS)]
+    try:
+        texts = [line.decode("ascii") for line in lines]
+    except UnicodeDecodeError as error:
+        raise DatasetError(f"{path}: the PLY header is not ASCII text") from error
+    if odd := next((text for text in texts if len(text) > _MAX_LINE or not text.replace("\t", " ").isprintable()), ""):
+        raise DatasetError(f"{path}: {odd[:80]!r} is no line of a PLY header")
+    words = [text.split() for text in texts]
+    form = words[1] if len(words) > 1 else []
+    if words[:1] != [["ply"]] or len(form) != 3 or form[0] != "format" or form[1] not in _ORDERS or form[2] != "1.0":
+        raise DatasetError(is_not(path, "a PLY file of version 1.0", f"it starts with {' / '.join(texts[:2])[:80]!r}"))
+    order = _ORDERS[form[1]]
+    rows, lists = _elements(path, words[2:], order or "<")
+    return PlyHeader(order, rows, lists, comments)
+
+
+def _comment(line: bytes) -> str:
+    return line.partition(b" " if b"\t" not in line[:9] else b"\t")[2].strip().decode("utf-8", "replace")
+
+
+def _elements(path: Path, lines: list[list[str]], order: str) -> tuple[dict[str, tuple[int, np.dtype]], str | None]:
+    elements: dict[str, tuple[int, list[tuple[str, str]]]] = {}
+    lists = None
+    for words in lines:
+        line = " ".join(words)[:80]
+        if words[0] == "element":
+            name, count = _element(path, words)
+            if name in elements or len(elements) == _MAX_ELEMENTS:
+                raise DatasetError(f"{path}: {line!r} is there twice, or more than {_MAX_ELEMENTS} elements")
+            elements[name] = (count, [])
+        elif not elements or words[0] != "property":
+            raise DatasetError(f"{path}: expected an element or a property of one, found {line!r}")
+        elif len(words) == 5 and words[1] == "list" and words[2] in _TYPES and words[3] in _TYPES:
+            lists = lists or list(elements)[-1]
+        elif len(words) == 3 and words[1] in _TYPES:
+            list(elements.values())[-1][1].append((words[2], order + _TYPES[words[1]]))
+        else:
+            raise DatasetError(f"{path}: expected a property of one number, found {line!r}")
+    found: dict[str, tuple[int, np.dtype]] = {}
+    for name, (count, fields) in elements.items():
+        if name == lists:
+            break
+        if not 0 < len({field for field, _ in fields}) == len(fields) <= _MAX_PROPERTIES:
+            wanted = f"1 to {_MAX_PROPERTIES}, all different, are allowed"
+            raise DatasetError(f"{path}: element {name} has {len(fields)} properties ({wanted})")
+        found[name] = (count, np.dtype(fields))
+    return found, lists
+
+
+def _element(path: Path, words: list[str]) -> tuple[str, int]:
+    line = " ".join(words)[:80]
+    if len(words) != 3 or not words[2].isdigit():
+        raise DatasetError(f"{path}: {line!r} is no element with a number of rows")
+    if len(words[2]) > 12 or int(words[2]) > MAX_ROWS:
+        raise DatasetError(f"{path}: {words[2][:20]} rows of {words[1][:40]} are more than the limit of {MAX_ROWS}")
+    return words[1], int(words[2])

@@ -1,0 +1,154 @@
+"""Detection of PLY columns that are probably not in the units of a 3DGS PLY.
+
+A 3DGS PLY has logits of opacities, logarithms of scales, and coefficients of harmonics. Some programs write linear
+opacities, scales and colours in the same columns. The columns have no units, so the two cases can only be distinguished
+by the range of the values.
+"""
+
+import logging
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.io.formats._columns import MAX_LOG_SCALE
+from splatwire.io.formats.ply_file import PlyElement
+from splatwire.types.splats import ROWS
+
+LOG = logging.getLogger(__name__)
+_PARTS = re.compile(r"(?:f_dc|f_rest|scale|rot)_\d+|[xyz]")
+_MIN_ROWS = 4
+"""Minimum number of Gaussians for warnings about opacities or colours alone; fewer may have any values."""
+_MAX_LOGIT = 30.0
+"""Largest plausible logit; float32 rounds the opacity of a logit above 17 to 1."""
+_OUTSIDE = 0.01
+"""Maximum share of opacities outside of the expected range; some programs do not limit them exactly."""
+_MAX_SIZE = 0.25
+"""Largest plausible ratio of the median size of Gaussians to the extent of a scene."""
+_SKEWED = 0.05
+"""Ratio of minimum to median of positive scales; lower ratios are typical of sizes."""
+_SPREAD_QUANTILES = (0.05, 0.95)
+_MAX_COLOUR = 10.0
+"""Largest plausible median of the coefficients of colours; colours from 0 to 1 have coefficients up to 1.8."""
+
+
+def warn_of_other_units(vertices: PlyElement) -> None:
+    """Logs a warning if opacities, scales or colours do not look like logits, logarithms or coefficients.
+
+    Raises:
+        DatasetError: If a property is missing.
+    """
+    some = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // ROWS))])
+    opacities, scales = some.select_wide(["opacity"])[:, 0], some.columns("scale_", 3).astype(np.float64)
+    opacities, scales = opacities[~np.isnan(opacities)], scales[~np.isnan(scales)]
+    meant = _unit_of_opacities(some, opacities)
+    positive = bool(scales.size) and scales.min() >= 0
+    several = len(some.rows) >= _MIN_ROWS
+    sizes = positive and (meant is not None or (len(some.rows) > 1 and _look_like_sizes(some, scales, several)))
+    if sizes:
+        _warn_of_scales(vertices.path, scales)
+    if meant is not None and (several or sizes):
+        _warn_of_opacities(vertices.path, opacities, meant)
+    if several:
+        _warn_of_colours(vertices.path, some)
+    _warn_of_integers(some)
+
+
+def _warn_of_integers(some: PlyElement) -> None:
+    """Logs properties of Gaussians that are integers, because they are probably quantised with an unknown step."""
+    whole = [name for name in some.names if some.rows.dtype[name].kind in "ui" and _PARTS.fullmatch(name)]
+    if whole:
+        LOG.warning(
+            "%s: properties %s are integers, so they may be quantised; they are read as they are: write floats",
+            some.path, ", ".join(whole)[:200],
+        )  # fmt: skip
+
+
+def _look_like_sizes(some: PlyElement, scales: np.ndarray, several: bool) -> bool:
+    """Returns True if the scales in a file are probably sizes instead of logarithms of sizes.
+
+    As logarithms, they would give Gaussians too large for the scene, or have an implausible distribution: all from 0 to
+    1, or a minimum far below the median.
+
+    Args:
+        some: Rows of the file.
+        scales: The scales, all at least 0 and none of them NaN.
+        several: True if there are enough rows to judge the distribution.
+    """
+    low, middle, high = float(scales.min()), float(np.median(scales)), float(scales.max())
+    if np.exp(min(middle, MAX_LOG_SCALE)) > _MAX_SIZE * _extent(some):
+        return True
+    return several and low < high and (low < _SKEWED * middle or high <= 1)
+
+
+def _warn_of_scales(path: Path, scales: np.ndarray) -> None:
+    low, high = float(scales.min()), float(scales.max())
+    LOG.warning(
+        "%s: all scales are from %.4g to %.4g, so they may be linear; they are read as logarithms, which gives "
+        "sizes from %.4g to %.4g: write log(scale)",
+        path, low, high, *np.exp(np.minimum([low, high], MAX_LOG_SCALE)),
+    )  # fmt: skip
+
+
+def _extent(some: PlyElement) -> float:
+    """Returns the extent of the scene along its longest axis, without outliers, world units."""
+    means = some.select_wide(["x", "y", "z"])
+    means = means[np.isfinite(means).all(axis=1)]
+    if not len(means):
+        return 0.0
+    low, high = np.quantile(means, _SPREAD_QUANTILES, axis=0)
+    return float((high - low).max())
+
+
+def _unit_of_opacities(some: PlyElement, values: np.ndarray) -> str | None:
+    """Returns a description of the unit of opacities, such as `linear`, if they are probably no logits, else None.
+
+    Args:
+        some: Rows of the file.
+        values: Opacities that are not NaN.
+    """
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return None
+    low, high = np.quantile(values, (_OUTSIDE, 1 - _OUTSIDE), method="nearest")
+    if low >= 0 and 0 < high <= 1 and (low < high or high == 1 or len(some.rows) < _MIN_ROWS):
+        return "linear"
+    if values.min() >= 0 and (np.quantile(finite, _SPREAD_QUANTILES[1]) > _MAX_LOGIT or _are_bytes(some, finite)):
+        return "from 0 to 255 or another maximum"
+    return None
+
+
+def _warn_of_opacities(path: Path, values: np.ndarray, meant: str) -> None:
+    low, high = float(values.min()), float(values.max())
+    read = 1 / (1 + np.exp(-np.clip([low, high], -MAX_LOG_SCALE, MAX_LOG_SCALE)))
+    LOG.warning(
+        "%s: all opacities are from %.4g to %.4g, so they may be %s; they are read as logits, which gives "
+        "opacities from %.2g to %.2g: write log(opacity / (1 - opacity)) with opacities from 0 to 1",
+        path, low, high, meant, *read,
+    )  # fmt: skip
+
+
+def _are_bytes(some: PlyElement, values: np.ndarray) -> bool:
+    """Returns True if opacities are probably integer codes such as bytes.
+
+    Their property has an integer type, or all values are whole numbers and at least three are different.
+    """
+    if some.rows.dtype["opacity"].kind in "ui":
+        return True
+    whole = np.unique(values)
+    return len(whole) > 2 and bool((whole == np.floor(whole)).all())
+
+
+def _warn_of_colours(path: Path, some: PlyElement) -> None:
+    if some.count_of("f_dc_") != 3:
+        return
+    values = some.columns("f_dc_", 3).astype(np.float64)
+    values = values[np.isfinite(values)]
+    if not values.size or values.min() < 0 or np.median(values) <= _MAX_COLOUR:
+        return
+    LOG.warning(
+        "%s: all properties f_dc_* are from %.4g to %.4g, so they may be colours from 0 to 255; they are read as "
+        "coefficients of harmonics: write (colour / 255 - 0.5) / 0.28209479",
+        path, values.min(), values.max(),
+    )  # fmt: skip

@@ -1,0 +1,167 @@
+"""Writer of bundled SOG (see `splatwire.io.formats.sog`)."""
+
+import io
+import json
+import zipfile
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from splatwire.files.kinds import SOG_META_NAME
+from splatwire.files.whole import written_whole
+from splatwire.io.formats._asset import asset_of
+from splatwire.io.formats._codebooks import nearest_number, number_codebook, vector_palette
+from splatwire.io.formats._columns import join
+from splatwire.io.formats._rotations import smallest_three
+from splatwire.io.formats.outliers import (
+    DEFAULT,
+    Column,
+    Outliers,
+    costly_outliers,
+    find_outliers,
+    local_scales,
+    spatial_order,
+    treated_positions,
+    visible_errors,
+    warn_of_errors,
+    warn_of_outliers,
+)
+from splatwire.io.formats.sog import CODES, PALETTE_COLUMNS
+from splatwire.types.metadata import NO_METADATA, SceneMetadata
+from splatwire.types.splats import Splats
+
+_MIN_PALETTE, _MAX_PALETTE = 1024, 65536
+_POSITION_TOP = 65535
+_MOST_RANGE = 4.0
+"""Maximum ratio of the range of all positions to that without outliers; above it outliers are moved or removed.
+Outliers are moved to within twice the range of the other positions."""
+_FIXED_DATE = (1980, 1, 1, 0, 0, 0)
+
+
+def write_sog(
+    parts: Iterable[Splats],
+    path: Path,
+    *,
+    antialiased: bool = False,
+    outliers: Outliers = DEFAULT,
+    metadata: SceneMetadata = NO_METADATA,
+) -> int:
+    """Writes a bundled SOG with the Gaussians in Morton order; arguments as in `splatwire.io.formats.write_splats`."""
+    splats = _treat_outliers(join(path, parts), path, outliers)
+    column = find_outliers(splats.means)
+    found = _errors(replace(column, outside=np.zeros(len(column.values), bool)))
+    if visible_errors(found, np.median(splats.scales, axis=1)).any():
+        warn_of_errors(path, found, local_scales(splats, np.arange(splats.num_gaussians)))
+    means = splats.means.astype(np.float64)
+    order = spatial_order(column)
+    pictures: dict[str, np.ndarray] = {}
+    meta = {"version": 2, "asset": asset_of(metadata), "count": len(means)}
+    if antialiased:
+        meta["antialias"] = True
+    meta["means"] = _means(means[order], pictures)
+    logs = np.log(splats.scales[order])
+    meta["scales"] = _coded("scales", logs, np.full(len(logs), 255, np.uint8), pictures)
+    pictures["quats.webp"] = _rotations(splats.quats[order])
+    meta["quats"] = {"files": ["quats.webp"]}
+    sh = splats.sh[order]
+    opacities = np.rint(splats.opacities[order] * 255).clip(0, 255).astype(np.uint8)
+    meta["sh0"] = _coded("sh0", sh[:, 0], opacities, pictures)
+    if splats.degree:
+        meta["shN"] = _harmonics(sh[:, 1:], splats.degree, pictures)
+    with written_whole(path) as unfinished, zipfile.ZipFile(unfinished, "w") as bundle:  # images are compressed already
+        for name, pixels in pictures.items():
+            bundle.writestr(zipfile.ZipInfo(name, _FIXED_DATE), _webp(pixels))
+        bundle.writestr(zipfile.ZipInfo(SOG_META_NAME, _FIXED_DATE), json.dumps(meta))
+    return len(means)
+
+
+def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
+    """Moves or removes outliers that enlarge the range of positions so much that all other positions lose precision."""
+    column = costly_outliers(splats, _errors)
+    logs, others = _logs(column.values), _logs(column.others)
+    low, high = others.min(axis=0), others.max(axis=0)
+    span, whole = high - low, np.ptp(logs, axis=0)
+    if not (whole > _MOST_RANGE * span).any() or not column.outside.any():
+        return splats
+    room = span.max() / 2
+    bounds = [np.sign(end) * np.expm1(np.abs(end)) for end in (low - room, high + room)]
+    beyond = np.flatnonzero(((column.values < bounds[0]) | (column.values > bounds[1])).any(axis=1))
+    if not len(beyond):
+        return splats
+    steps = (float(whole.max()) / _POSITION_TOP, float(span.max()) / _POSITION_TOP)
+    warn_of_outliers(path, treatment, "positions", column, steps, len(beyond))
+    return treated_positions(splats, treatment, beyond, column.middle, *bounds)
+
+
+def _errors(column: Column) -> np.ndarray:
+    """Returns the rounding error of each Gaussian's position, except outliers: the maximum over x, y and z.
+
+    SOG quantises logarithms of positions, so the steps grow with the distance from 0.
+
+    Args:
+        column: Positions of all Gaussians, with outliers marked.
+
+    Returns:
+        Errors of the n Gaussians that are not outliers, world units, float64 (n).
+    """
+    logs = _logs(column.others)
+    half = np.ptp(logs, axis=0) / (2 * _POSITION_TOP)
+    return np.asarray(((1 + np.abs(column.others)) * half).max(axis=1))
+
+
+def _logs(means: np.ndarray) -> np.ndarray:
+    return np.sign(means) * np.log1p(np.abs(means))
+
+
+def _means(means: np.ndarray, pictures: dict[str, np.ndarray]) -> dict[str, object]:
+    logs = _logs(means)
+    low, high = logs.min(axis=0), logs.max(axis=0)
+    span = np.where(high > low, high - low, 1)
+    codes = np.rint((logs - low) / span * _POSITION_TOP).astype(np.int64)
+    names = ["means_l.webp", "means_u.webp"]
+    for name, part in zip(names, (codes & 255, codes >> 8), strict=True):
+        pictures[name] = _opaque(part)
+    return {"mins": low.tolist(), "maxs": high.tolist(), "files": names}
+
+
+def _coded(section: str, values: np.ndarray, alpha: np.ndarray, pictures: dict[str, np.ndarray]) -> dict[str, object]:
+    codebook = number_codebook(values, CODES)
+    name = f"{section}.webp"
+    pictures[name] = np.concatenate([nearest_number(values, codebook), alpha[:, None]], axis=1)
+    return {"codebook": codebook.tolist(), "files": [name]}
+
+
+def _rotations(quats: np.ndarray) -> np.ndarray:
+    largest, shares = smallest_three(quats)
+    return np.concatenate([np.rint(shares * 255).clip(0, 255), 252 + largest[:, None]], axis=1).astype(np.uint8)
+
+
+def _harmonics(sh: np.ndarray, degree: int, pictures: dict[str, np.ndarray]) -> dict[str, object]:
+    count, width, _ = sh.shape
+    size = min(max(_MIN_PALETTE, 1 << (count.bit_length() - 1)), _MAX_PALETTE)
+    palette, labels = vector_palette(sh.reshape(count, -1), size)
+    codebook = number_codebook(palette, CODES)
+    rows = np.zeros((-(-len(palette) // PALETTE_COLUMNS) * PALETTE_COLUMNS, width, 3), np.uint8)
+    rows[: len(palette)] = nearest_number(palette, codebook).reshape(-1, width, 3)
+    names = ["shN_centroids.webp", "shN_labels.webp"]
+    pictures[names[0]] = _opaque(rows.reshape(-1, 3)).reshape(-1, PALETTE_COLUMNS * width, 4)
+    pictures[names[1]] = _opaque(np.stack([labels & 255, labels >> 8, np.zeros_like(labels)], axis=1))
+    return {"count": len(palette), "bands": degree, "codebook": codebook.tolist(), "files": names}
+
+
+def _opaque(rgb: np.ndarray) -> np.ndarray:
+    return np.concatenate([rgb, np.full((len(rgb), 1), 255)], axis=1).astype(np.uint8)
+
+
+def _webp(pixels: np.ndarray) -> bytes:
+    """Encodes values as a lossless WebP image of nearly square shape, with sides that are multiples of 4 pixels."""
+    if pixels.ndim == 2:
+        width = -(-int(np.ceil(np.sqrt(len(pixels)))) // 4) * 4
+        height = -(-len(pixels) // (4 * width)) * 4
+        pixels = np.pad(pixels, ((0, width * height - len(pixels)), (0, 0))).reshape(height, width, 4)
+    file = io.BytesIO()
+    Image.fromarray(pixels, "RGBA").save(file, "WEBP", lossless=True, exact=True, quality=100, method=4)
+    return file.getvalue()

@@ -1,0 +1,102 @@
+"""Extension records of SPZ files, each of which has a type, a size and content."""
+
+import json
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+from splatwire.errors import DatasetError
+from splatwire.types.metadata import NO_METADATA, SceneMetadata, metadata_from_json, metadata_to_json
+
+MAX_EXTENSION_BYTES = 1 << 20
+"""Maximum total size of the records of a file, bytes."""
+_RECORD = struct.Struct("<II")
+SAFE_ORBIT, COORDINATE_SYSTEM = 0xADBE0002, 0xADBE0003
+FRAMES = (
+    "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF", "LBD", "RBD", "LBU", "RBU", "LFD", "RFD", "LFU", "RFU",
+)  # fmt: skip
+"""Axis conventions of the extension `SPZ_ADOBE_coordinate_system`, from code 1; 0 means the default."""
+FRAME = "RUB"
+_METADATA = 0x53570001
+"""Record type of this package: metadata of the scene as a JSON object, in the axes of a 3DGS PLY."""
+KNOWN = (SAFE_ORBIT, COORDINATE_SYSTEM, _METADATA)
+_ORBIT = struct.Struct("<3f")
+
+
+def metadata_of_records(extensions: dict[int, bytes]) -> SceneMetadata:
+    """Parses the metadata in the records of a file; damaged records are ignored."""
+    found = NO_METADATA
+    if _METADATA in extensions:
+        try:
+            found = metadata_from_json(json.loads(extensions[_METADATA].decode("utf-8")))
+        except (ValueError, RecursionError):
+            found = NO_METADATA
+    orbit = extensions.get(SAFE_ORBIT, b"")
+    if len(orbit) != _ORBIT.size:
+        return found
+    return metadata_from_json({"orbit": list(_ORBIT.unpack(orbit))}).over(found)
+
+
+def write_records(metadata: SceneMetadata) -> bytes:
+    """Serialises the metadata of a scene as extension records; empty if no metadata is set."""
+    content, records = metadata_to_json(metadata), b""
+    if metadata.orbit is not None:
+        records += _RECORD.pack(SAFE_ORBIT, _ORBIT.size) + _ORBIT.pack(*content.pop("orbit"))
+    if content:
+        text = json.dumps(content, ensure_ascii=False).encode()
+        records += _RECORD.pack(_METADATA, len(text)) + text
+    return records
+
+
+def frame_of(path: Path, extensions: dict[int, bytes]) -> str:
+    """Returns the axis convention, such as `RUB`, that the extension records of a file declare.
+
+    Raises:
+        DatasetError: If the record of the axis convention has a wrong size or an unknown code.
+    """
+    content = extensions.get(COORDINATE_SYSTEM)
+    if content is None:
+        return FRAME
+    code = int.from_bytes(content[:4], "little")
+    if len(content) != 4 or code > len(FRAMES):
+        raise DatasetError(
+            f"{path}: extension SPZ_ADOBE_coordinate_system has {len(content)} bytes and names frame {code}; it has 4 "
+            f"bytes and names 1 to {len(FRAMES)}, or 0 for none"
+        )
+    return FRAMES[code - 1] if code else FRAME
+
+
+def split_records(path: Path, data: bytes | memoryview) -> list[tuple[int, bytes]]:
+    """Returns type and content of each record.
+
+    Raises:
+        DatasetError: If a record exceeds the data.
+    """
+    return list(_each_record(path, data))
+
+
+def records_by_type(path: Path, records: list[tuple[int, bytes]]) -> dict[int, bytes]:
+    """Returns the content of records by type.
+
+    Raises:
+        DatasetError: If a type occurs twice.
+    """
+    found: dict[int, bytes] = {}
+    for kind, content in records:
+        if kind in found:
+            raise DatasetError(f"{path}: extension 0x{kind:08X} is there twice")
+        found[kind] = content
+    return found
+
+
+def _each_record(path: Path, data: bytes | memoryview) -> Iterator[tuple[int, bytes]]:
+    at = 0
+    if len(data) > MAX_EXTENSION_BYTES:
+        raise DatasetError(f"{path}: {len(data):,} bytes of extensions, at most {MAX_EXTENSION_BYTES:,} are read")
+    while any(data[at:]):  # zeros at the end are padding
+        kind, size = _RECORD.unpack_from(data, at) if at + _RECORD.size <= len(data) else (0, len(data))
+        at += _RECORD.size
+        if not kind or size > len(data) - at:
+            raise DatasetError(f"{path}: an extension record of {size:,} bytes ends after its {len(data):,} bytes")
+        yield kind, bytes(data[at : at + size])
+        at += size

@@ -1,0 +1,354 @@
+"""Compressed PLY of PlayCanvas and SuperSplat: 16 bytes per Gaussian, quantised per chunk of 256 Gaussians.
+
+Axes are RDF (right, down, forward), as in this package.
+
+Element `chunk` has the bounds of positions, logarithmic scales and colours. `vertex` has four words: positions and
+scales of 11, 10 and 11 bits; rotation of 2 and three times 10 bits (index of the largest of w, x, y, z, and the three
+other components); colour and opacity of four times 8 bits. `sh` has the spherical harmonics coefficients of degree 1
+and above, one byte each for -4 to 4.
+"""
+
+import logging
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.errors import DatasetError
+from splatwire.files.whole import written_whole
+from splatwire.io.formats._chunks import CHUNK, WIDTHS, arrange, position_errors
+from splatwire.io.formats._columns import build_splats, check_count, join
+from splatwire.io.formats._placement import warn_of_unused_comments
+from splatwire.io.formats._rotations import from_smallest_three, smallest_three
+from splatwire.io.formats.content import FileContent, warn_of_rounded_positions
+from splatwire.io.formats.outliers import (
+    DEFAULT,
+    SHARES,
+    VISIBLE,
+    Column,
+    Outliers,
+    costly_outliers,
+    find_outliers,
+    local_scales,
+    morton_order,
+    spatial_order,
+    treated_positions,
+    warn_of_errors,
+    warn_of_outliers,
+)
+from splatwire.io.formats.ply_comments import (
+    OFFSET,
+    antialiasing_comments,
+    origin_comments,
+    stated_origin,
+    states_antialiasing,
+    warn_of_unclear_antialiasing,
+)
+from splatwire.io.formats.ply_file import PlyElement
+from splatwire.io.formats.ply_metadata import metadata_comments, stated_metadata
+from splatwire.ops.spherical_harmonics import DC, num_functions
+from splatwire.types.metadata import NO_METADATA, SceneMetadata
+from splatwire.types.origin import NO_ORIGIN, Origin, check_origin, choose_origin, describe_origin
+from splatwire.types.splats import Splats
+
+LOG = logging.getLogger(__name__)
+_AXES, _CHANNELS = ("x", "y", "z"), ("r", "g", "b")
+_BOUNDS = (_AXES, tuple(f"scale_{axis}" for axis in _AXES), _CHANNELS)
+_WORDS = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
+_WIDE, _BYTES, _TENS = WIDTHS, (8, 8, 8, 8), (2, 10, 10, 10)
+_MAX_LOG_SCALE = 20.0
+_SH_RANGE = 8.0
+_FLOAT_BYTES = 4
+_COST = 2.0
+"""Minimum ratio of the quantisation steps with and without outliers for which outliers are moved or removed."""
+_VISIBLE_STEP = 1 / 32
+"""Maximum quantisation step of colours and of logarithms of scales that is invisible."""
+_DEGREES = {3 * (num_functions(degree) - 1): degree for degree in range(4)}
+
+
+def content_of_chunks(elements: dict[str, PlyElement]) -> FileContent:
+    """Builds Gaussians from the elements of a compressed PLY; comments may contain an offset and antialiasing.
+
+    Raises:
+        DatasetError: If an element or property is missing or of wrong size, or values are invalid.
+    """
+    chunks, vertices = elements["chunk"], elements.get("vertex")
+    path = chunks.path
+    if vertices is None:
+        raise DatasetError(f"{path}: a compressed PLY without element vertex")
+    count = check_count(path, len(vertices.rows), vertices.rows.nbytes)
+    if len(chunks.rows) != -(-count // CHUNK):
+        raise DatasetError(f"{path}: {len(chunks.rows)} chunks for {count} Gaussians, {CHUNK} to a chunk")
+    positions, rotations, scales, colors = (_word(vertices, name) for name in _WORDS)
+    chunk = np.arange(count) // CHUNK
+    rgba = _unpack(colors, _BYTES)
+    has_colors = "min_r" in chunks.names
+    color = _within(chunks, _BOUNDS[2], chunk, rgba[:, :3]) if has_colors else rgba[:, :3]
+    harmonics = [((color - 0.5) / np.float32(DC))[:, None]]
+    if "sh" in elements:
+        harmonics.append(_harmonics(elements["sh"], count))
+    low, high, own, wide = _position_bounds(chunks)
+    share = _unpack(positions, _WIDE)
+    splats = build_splats(
+        path,
+        means=low[chunk] * (1 - share) + high[chunk] * share,
+        quats=from_smallest_three((rotations >> 30).astype(np.int64), _unpack(rotations, _TENS)[:, 1:]),
+        log_scales=_within(chunks, _BOUNDS[1], chunk, _unpack(scales, _WIDE)),
+        opacities=rgba[:, 3],
+        sh=np.concatenate(harmonics, axis=1),
+    )
+    if not wide:
+        warn_of_rounded_positions(path, splats, own)
+    warn_of_unclear_antialiasing(path, chunks.comments)
+    warn_of_unused_comments(path, chunks.comments, OFFSET)
+    offset = stated_origin(OFFSET, chunks.comments) or NO_ORIGIN
+    if offset != NO_ORIGIN and own != NO_ORIGIN:
+        LOG.warning(
+            "%s: its comment adds the offset (%s) to positions that are already near (%s): it may be of another file",
+            path, describe_origin(offset), describe_origin(own),
+        )  # fmt: skip
+    origin = check_origin([stated + chosen for stated, chosen in zip(offset, own, strict=True)])
+    metadata = stated_metadata(chunks.comments).moved_origin(NO_ORIGIN, own)
+    return FileContent(splats, origin, states_antialiasing(chunks.comments), metadata)
+
+
+def _position_bounds(chunks: PlyElement) -> tuple[np.ndarray, np.ndarray, Origin, bool]:
+    """Reads the bounds of the positions in each chunk and chooses an origin near them.
+
+    Returns:
+        Minimum and maximum of each chunk relative to the origin, float32 (C, 3) each; the origin; True if the bounds in
+        the file are float64.
+    """
+    names = [[f"{side}_{name}" for name in _BOUNDS[0]] for side in ("min", "max")]
+    low, high = (chunks.select_wide(some) for some in names)
+    wide = all(chunks.rows.dtype[name].itemsize > _FLOAT_BYTES for some in names for name in some)
+    origin = choose_origin(np.concatenate([low, high]), wide=wide)
+    return (low - np.array(origin)).astype(np.float32), (high - np.array(origin)).astype(np.float32), origin, wide
+
+
+def _word(vertices: PlyElement, name: str) -> np.ndarray:
+    if name not in vertices.names or (dtype := vertices.rows.dtype[name]).kind != "u" or dtype.itemsize != 4:
+        raise DatasetError(f"{vertices.path}: property {name} of 32 bits is missing")
+    return np.asarray(vertices.rows[name], np.uint32)
+
+
+def _unpack(words: np.ndarray, widths: tuple[int, ...]) -> np.ndarray:
+    """Extracts bit fields of 32-bit words, scaled to 0 to 1; `widths` are the numbers of bits, highest first."""
+    shifts = np.cumsum((0, *widths[:0:-1]))[::-1]
+    fields = [(words >> int(shift) & ((1 << width) - 1)) / np.float32((1 << width) - 1)
+              for shift, width in zip(shifts, widths, strict=True)]  # fmt: skip
+    return np.stack(fields, axis=1).astype(np.float32)
+
+
+def _within(chunks: PlyElement, names: tuple[str, ...], chunk: np.ndarray, share: np.ndarray) -> np.ndarray:
+    low, high = (chunks.select([f"{side}_{name}" for name in names])[chunk] for side in ("min", "max"))
+    return low * (1 - share) + high * share
+
+
+def _harmonics(element: PlyElement, count: int) -> np.ndarray:
+    width = element.count_of("f_rest_")
+    if width not in _DEGREES or not width or len(element.rows) != count:
+        size = f"{len(element.rows)} rows of {width} harmonics"
+        raise DatasetError(f"{element.path}: {size} are not those of {count} Gaussians of degree 1 to 3")
+    codes = element.columns("f_rest_", width)
+    share = np.where(codes == 0, 0, np.where(codes == 255, 1, (codes + 0.5) / 256))  # keeps the end points exact
+    return ((share - 0.5) * _SH_RANGE).astype(np.float32).reshape(count, 3, -1).transpose(0, 2, 1)
+
+
+def write_compressed_ply(
+    parts: Iterable[Splats],
+    path: Path,
+    *,
+    antialiased: bool = False,
+    origin: Origin = NO_ORIGIN,
+    outliers: Outliers = DEFAULT,
+    metadata: SceneMetadata = NO_METADATA,
+) -> int:
+    """Writes a compressed PLY with the Gaussians sorted along a Morton curve; outliers of the positions are last.
+
+    Positions are relative to the origin, which is stored as a comment. See `splatwire.io.formats.write_splats`.
+    """
+    remarks = antialiasing_comments(antialiased) + origin_comments(OFFSET, origin)
+    remarks += metadata_comments(metadata)
+    splats = _sorted(join(path, parts), path, outliers)
+    splats = _scales_and_colours(splats, path, outliers)
+    total, splats = splats.num_gaussians, _arranged(splats, path)
+    means, quats, scales, sh = splats.means, splats.quats, splats.scales, splats.sh
+    color = np.concatenate([sh[:, 0] * np.float32(DC) + np.float32(0.5), splats.opacities[:, None]], axis=1)
+    logs = np.log(scales).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
+    bounds, shares = zip(*(_normalised(values) for values in (means, logs, color[:, :3])), strict=True)
+    rgba = np.concatenate([shares[2], color[:, 3:].clip(0, 1)], axis=1)
+    words = np.stack([_pack(shares[0], _WIDE), _packed_rotations(quats), _pack(shares[1], _WIDE), _pack(rgba, _BYTES)])
+    rest = sh[:, 1:].transpose(0, 2, 1).reshape(len(means), -1)
+    codes = np.trunc((rest / _SH_RANGE + 0.5) * CHUNK).clip(0, CHUNK - 1).astype(np.uint8)
+    with written_whole(path) as unfinished, unfinished.open("wb") as file:
+        file.write(_header(len(means), rest.shape[1], remarks))
+        file.write(np.concatenate(bounds, axis=1).astype("<f4").tobytes())
+        file.write(words.T.astype("<u4").tobytes())
+        file.write(codes.tobytes())
+    return total
+
+
+def _arranged(splats: Splats, path: Path) -> Splats:
+    """Divides Gaussians into chunks so that dense and distant Gaussians do not share a chunk; logs visible rounding.
+
+    Chunks are padded with transparent Gaussians (`splatwire.io.formats._chunks`).
+    """
+    index, filling = arrange(splats)
+    found = splats.select(index)
+    if filling.any():
+        LOG.info("%s: %s transparent rows keep near and far Gaussians apart", path, f"{int(filling.sum()):,}")
+        found = replace(found, opacities=np.where(filling, np.float32(0), found.opacities))
+    errors = position_errors(found.means.astype(np.float64))
+    unsure = ~filling & (errors > np.median(found.scales, axis=1) / VISIBLE)
+    if unsure.any():
+        rows = np.flatnonzero(~filling)
+        warn_of_errors(path, errors[rows], local_scales(splats, index[rows]))
+    return found
+
+
+def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
+    """Sorts Gaussians spatially, and moves or removes outliers that degrade the other Gaussians in their chunk."""
+    if treatment == "prune":
+        splats = _without_far(splats, path)
+    column = find_outliers(splats.means)
+    splats = splats.select(spatial_order(column))
+    usual = int((~column.outside).sum())
+    first, end = usual // CHUNK * CHUNK, min(-(-usual // CHUNK) * CHUNK, splats.num_gaussians)
+    if end == usual:
+        return splats
+    places, tops = splats.means[first:end].astype(np.float64), np.array([(1 << width) - 1 for width in _WIDE])
+    low, high = column.middle - column.reach, column.middle + column.reach
+    spans = [np.ptp(some, axis=0) / tops for some in (places, places.clip(low, high), places[: usual - first])]
+    whole, clamped, alone = (float(span.max()) for span in spans)
+    if whole < _COST * clamped:
+        return splats
+    last = splats.num_gaussians if treatment == "prune" else end
+    warn_of_outliers(path, treatment, "positions", column, (whole, alone), last - usual)
+    return treated_positions(splats, treatment, np.arange(usual, last), column.middle, low, high)
+
+
+def _without_far(splats: Splats, path: Path) -> Splats:
+    """Removes the far Gaussians, up to half of all, that would cause visible rounding of the other Gaussians."""
+
+    def errors(column: Column) -> np.ndarray:
+        means = column.others
+        order, found = morton_order(means), np.empty(len(means))
+        found[order] = position_errors(means[order])
+        return found
+
+    column = costly_outliers(splats, errors)
+    if column.outside.sum() <= find_outliers(splats.means).outside.sum():
+        return splats
+    nobody = replace(column, outside=np.zeros_like(column.outside))
+    steps = (2 * float(errors(nobody).max()), 2 * float(errors(column).max()))
+    warn_of_outliers(path, "prune", "positions", column, steps)
+    return splats.select(~column.outside)
+
+
+def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Splats:
+    """Clips or removes outliers of scales and colours that cause visible quantisation steps in their chunks."""
+    logs = np.log(splats.scales.astype(np.float64)).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
+    colours = splats.sh[:, 0].astype(np.float64) * DC
+    kept = np.ones(splats.num_gaussians, bool)
+    for what, values, top in (("scales", logs, (1 << _WIDE[1]) - 1), ("colours", colours, (1 << _BYTES[0]) - 1)):
+        column, near, steps = _costly_values(values, top)
+        if steps[0] < max(_COST * steps[1], _VISIBLE_STEP):
+            continue
+        warn_of_outliers(path, treatment, what, column, (steps[0], steps[2]))
+        if treatment == "prune":
+            kept &= ~column.outside
+        elif treatment == "clamp":
+            splats = _with_values(splats, what, column.outside, near)
+    return splats if kept.all() else splats.select(kept)
+
+
+def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, list[float]]:
+    """Finds the fewest outliers of scales or colours whose clipping makes the quantisation steps invisible.
+
+    Args:
+        values: Logarithms of scales, or colours, in the order of the file, float64 (N, 3).
+        top: Largest quantised value; the step is the range of a chunk divided by it.
+
+    Returns:
+        The values with their outliers marked; the values with outliers clipped to the range of the other values; and
+        the largest quantisation step of the affected chunks in three cases: outliers kept, clipped, removed. The steps
+        are 0 if there are no outliers.
+    """
+    found = []
+    for share in SHARES:
+        column = find_outliers(values, share)
+        near = values.clip(column.middle - column.reach, column.middle + column.reach)
+        alone = np.where(column.outside[:, None], np.nan, values)
+        chunks = np.arange(-(-len(values) // CHUNK))
+        if share == SHARES[0]:  # few outliers affect no other chunk
+            chunks = np.unique(np.flatnonzero(column.outside) // CHUNK)
+        steps = [_largest_span(some, chunks) / top if len(chunks) else 0.0 for some in (values, near, alone)]
+        found.append((column, near, steps))
+        if _largest_span(near, np.arange(-(-len(values) // CHUNK))) / top < _VISIBLE_STEP:
+            return found[-1]
+    return found[0]
+
+
+def _with_values(splats: Splats, what: str, rows: np.ndarray, values: np.ndarray) -> Splats:
+    """Replaces attribute values of some Gaussians.
+
+    Args:
+        splats: All Gaussians.
+        what: Attribute: logarithms of scales, or colours minus 0.5.
+        rows: Mask of the Gaussians to change, bool (N).
+        values: New values of all Gaussians, (N, 3); only the values of Gaussians in the mask `rows` are used.
+    """
+    if what == "scales":
+        scales = splats.scales.copy()
+        scales[rows] = np.exp(values[rows])
+        return replace(splats, scales=scales)
+    sh = splats.sh.copy()
+    sh[rows, 0] = values[rows] / DC
+    return replace(splats, sh=sh)
+
+
+def _largest_span(values: np.ndarray, chunks: np.ndarray) -> float:
+    """Returns the largest range of any component within one of the given chunks; NaN is ignored."""
+    starts = np.arange(0, len(values), CHUNK)
+    spans = np.fmax.reduceat(values, starts) - np.fmin.reduceat(values, starts)
+    return float(np.nan_to_num(spans[chunks]).max())
+
+
+def _normalised(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Scales values to the range of their chunk; returns minimum and maximum of each chunk, and scaled values."""
+    starts = np.arange(0, len(values), CHUNK)
+    low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+    chunk = np.arange(len(values)) // CHUNK
+    span = np.where(high - low < 1e-5, 1, high - low)[chunk]
+    return np.concatenate([low, high], axis=1), ((values - low[chunk]) / span).clip(0, 1)
+
+
+def _pack(shares: np.ndarray, widths: tuple[int, ...]) -> np.ndarray:
+    words = np.zeros(len(shares), np.uint32)
+    for field, width in enumerate(widths):
+        top = (1 << width) - 1
+        words = words << np.uint32(width) | np.rint(shares[:, field].astype(np.float64) * top).astype(np.uint32)
+    return words
+
+
+def _packed_rotations(quats: np.ndarray) -> np.ndarray:
+    largest, shares = smallest_three(quats)
+    return largest.astype(np.uint32) << np.uint32(30) | _pack(shares.clip(0, 1), _TENS[1:])
+
+
+def _header(count: int, rest: int, remarks: list[str]) -> bytes:
+    bounds = [f"property float {side}_{name}" for names in _BOUNDS for side in ("min", "max") for name in names]
+    lines = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment splatwire",
+        *(f"comment {remark}" for remark in remarks),
+        f"element chunk {-(-count // CHUNK)}",
+        *bounds,
+    ]
+    lines += [f"element vertex {count}", *(f"property uint {name}" for name in _WORDS)]
+    if rest:
+        lines += [f"element sh {count}", *(f"property uchar f_rest_{i}" for i in range(rest))]
+    return ("\n".join(lines) + "\nend_header\n").encode()

@@ -1,0 +1,70 @@
+"""Content of a file of explicit Gaussians: the Gaussians and scene properties."""
+
+import logging
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from splatwire.arguments import CheckedFields
+from splatwire.types.metadata import NO_METADATA, SceneMetadata
+from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin
+from splatwire.types.splats import Splats
+
+LOG = logging.getLogger(__name__)
+_VISIBLE = 0.5
+"""Ratio of the step of rounded positions to the median size of Gaussians above which rounding is visible."""
+Content = TypeVar("Content", bound="FileContent")
+
+
+@dataclass(frozen=True, eq=False)
+class FileContent(CheckedFields):
+    """Gaussians and scene properties in a file.
+
+    Attributes:
+        splats: The Gaussians; positions are relative to `origin`.
+        origin: World coordinates of the point that positions are relative to.
+        antialiased: True if the file declares that Gaussians lose opacity when they are widened to a pixel.
+        metadata: Metadata of the scene, also relative to `origin`.
+    """
+
+    splats: Splats
+    origin: Origin = NO_ORIGIN
+    antialiased: bool = False
+    metadata: SceneMetadata = NO_METADATA
+
+    def relative_to(self: Content, origin: Origin) -> Content:
+        """Returns the same Gaussians and metadata with positions relative to another origin."""
+        return replace(
+            self,
+            splats=self.splats.moved_origin(self.origin, origin),
+            origin=origin,
+            metadata=self.metadata.moved_origin(self.origin, origin),
+        )
+
+    def with_chosen_origin(self: Content) -> Content:
+        """Returns the content relative to an origin near the Gaussians if they are far from 0 (`choose_origin`)."""
+        if self.origin != NO_ORIGIN:
+            return self
+        return self.relative_to(choose_origin(self.splats.means, wide=False))
+
+
+def warn_of_rounded_positions(path: Path, splats: Splats, origin: Origin) -> None:
+    """Logs a warning if the float32 positions in a file are so far from 0 that they were rounded visibly when written.
+
+    Args:
+        path: The file.
+        splats: The Gaussians, relative to the origin.
+        origin: Point near the Gaussians that was subtracted from the positions in the file.
+    """
+    if origin == NO_ORIGIN:
+        return
+    step = float(np.spacing(np.float32(np.abs(origin).max())))
+    sizes = splats.scales[np.isfinite(splats.scales)]
+    if len(sizes) and step > _VISIBLE * float(np.median(sizes)):
+        LOG.warning(
+            "%s: positions are float32 and up to %.6g from 0, where they have steps of %.2g, and the median size of "
+            "Gaussians is %.2g: the file has lost precision; write float64, or subtract a point near the scene first",
+            path, float(np.abs(origin).max()), step, float(np.median(sizes)),
+        )  # fmt: skip

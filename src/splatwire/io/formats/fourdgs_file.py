@@ -1,0 +1,207 @@
+"""`.4dgs` files: Gaussians, each with the time interval in which it exists; read and written by the package fourdgs.
+
+Such a file has no frames. A sequence is written with one record for each run of frames in which a Gaussian keeps its
+values, without motion and fading. To read frames, the Gaussians are evaluated at the middle of each frame.
+"""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import fourdgs
+import numpy as np
+from fourdgs.opcode import CHUNK
+from fourdgs.records import parse_chunk
+from fourdgs.serialization import MAGIC, check_magic, iter_records
+
+from splatwire.errors import MALFORMED, DatasetError
+from splatwire.files.whole import written_whole
+from splatwire.io.formats._axes import SPZ_FLIPS, flip_axes
+from splatwire.io.formats._columns import build_splats, check_count, concatenate
+from splatwire.io.formats.content import FileContent
+from splatwire.ops.spherical_harmonics import DC, num_functions
+from splatwire.types.metadata import SceneMetadata
+from splatwire.types.splats import Splats
+
+RATE = 30.0
+"""Frames per second at which a file of another program is read."""
+MAX_FRAMES = 20_000
+"""Maximum number of frames that are read."""
+_FPS, _AXES, _Y_UP, _Z_UP = "splatwire:fps", "coordinate_system", "y-up-right-handed", "z-up-right-handed"
+_LOWEST, _HIGHEST = -4.0, 4.0
+"""Coefficients of harmonics that the bytes 0 and 255 stand for."""
+
+
+@dataclass(frozen=True)
+class FourdgsFrames:
+    """Frames of a `.4dgs` file.
+
+    Attributes:
+        path: The file.
+        num_frames: Number of frames.
+        rate: Frames per second.
+        scene: The file as the package fourdgs reads it.
+    """
+
+    path: Path
+    num_frames: int
+    rate: float
+    scene: Any
+
+    def read(self) -> Iterator[FileContent]:
+        """Yields the Gaussians in the middle of each frame; a frame may be empty."""
+        axes = self.scene.header.attributes.get(_AXES, "")
+        metadata = SceneMetadata(up="z") if axes == _Z_UP else SceneMetadata()
+        for number in range(self.num_frames):
+            try:
+                splats = _splats_at(self.path, self.scene, (number + 0.5) / self.rate)
+            except MALFORMED as error:
+                raise DatasetError(f"{self.path}: frame {number}: {error}") from error
+            yield FileContent(flip_axes(splats, SPZ_FLIPS) if axes == _Y_UP else splats, metadata=metadata)
+
+
+def fourdgs_frames(path: Path) -> FourdgsFrames:
+    """Opens a `.4dgs` file.
+
+    The frame rate is known only for files written by this package; otherwise, 30 frames per second are assumed. Scenes
+    with the coordinate system `y-up-right-handed` are converted to the axes of a PLY.
+
+    Raises:
+        DatasetError: If the package fourdgs cannot read the file, or the file has too many Gaussians or frames.
+    """
+    try:
+        if count := _announced(path):
+            check_count(path, count, path.stat().st_size)
+        scene = fourdgs.read(str(path), recover_truncated=False)
+    except (fourdgs.FourdgsError, OSError, *MALFORMED) as error:
+        raise DatasetError(f"{path}: {error}") from error
+    check_count(path, scene.gaussians.count, path.stat().st_size)
+    try:
+        rate = float(scene.header.attributes.get(_FPS, RATE))
+    except ValueError:
+        rate = RATE
+    rate = rate if 0.01 <= rate <= 1000 else RATE
+    count = max(round(scene.duration_sec * rate), 1) if math.isfinite(scene.duration_sec) else 0
+    if not 0 < count <= MAX_FRAMES:
+        raise DatasetError(
+            f"{path}: {scene.duration_sec:g} s are not 1 to {MAX_FRAMES:,} frames at {rate:g} per second"
+        )
+    return FourdgsFrames(path, count, rate, scene)
+
+
+def _announced(path: Path) -> int:
+    """Returns the number of Gaussians that the chunk headers of a file declare, without decoding the chunks."""
+    data = path.read_bytes()
+    check_magic(data)
+    records = iter_records(data, len(MAGIC))
+    return sum(parse_chunk(record.content)[0].count for record in records if record.opcode == CHUNK)
+
+
+def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int:
+    """Writes a sequence; returns the number of frames.
+
+    The package fourdgs rounds values, within the error bounds that it declares in the file. Colours below 0 and above 1
+    are clipped.
+
+    Args:
+        frames: Frames of one degree of harmonics.
+        path: The file, written atomically.
+        rate: Frames per second.
+    """
+    runs, origin = _Runs(rate), None
+    for frame in frames:
+        origin = frame.origin if origin is None else origin
+        runs.add(flip_axes(frame.relative_to(origin).splats, SPZ_FLIPS))
+    splats, begins, ends = runs.finish()
+    count = runs.num_frames
+    if not splats.num_gaussians:
+        raise DatasetError(f"{path}: a sequence without Gaussians cannot be written")
+    harmonics = (splats.sh[:, 1:] - _LOWEST) / (_HIGHEST - _LOWEST) * 255
+    records = fourdgs.GaussianSet(
+        positions=splats.means,
+        scales=splats.scales,
+        rotations=np.roll(splats.quats, -1, axis=1),
+        colors=np.concatenate([np.clip(0.5 + DC * splats.sh[:, 0], 0, 1), splats.opacities[:, None]], axis=1),
+        motions=np.zeros_like(splats.means),
+        mu_t=((begins + ends) / 2).astype(np.float32),
+        sigma_t=np.full(len(begins), np.inf, np.float32),
+        win_lo=begins,
+        win_hi=ends,
+        sh=np.rint(harmonics.clip(0, 255)).astype(np.uint8).transpose(0, 2, 1).reshape(len(begins), -1)
+        if splats.degree
+        else None,
+        sh_degree=splats.degree,
+    )
+    attributes = {_AXES: _Y_UP, "color_space": "srgb-rec709-display", _FPS: f"{rate:g}"}
+    with written_whole(path) as target:
+        options = fourdgs.WriteOptions(metadata=attributes)
+        fourdgs.write(str(target), records, count / rate, options=options)
+    return count
+
+
+class _Runs:
+    """Collects runs: consecutive frames in which a Gaussian keeps all its values.
+
+    Gaussians of consecutive frames are compared row by row if both frames have the same number of Gaussians. Otherwise,
+    all runs end.
+
+    Attributes:
+        num_frames: Number of frames so far.
+    """
+
+    def __init__(self, rate: float) -> None:
+        self._rate, self.num_frames = rate, 0
+        self._open: Splats | None = None
+        self._begins = np.zeros(0, np.int64)
+        self._done: list[tuple[Splats, np.ndarray, np.ndarray]] = []
+
+    def add(self, splats: Splats) -> None:
+        """Adds the next frame."""
+        before = self._open
+        if before is None or before.num_gaussians != splats.num_gaussians:
+            self._close(np.ones(0 if before is None else before.num_gaussians, bool))
+            self._begins = np.full(splats.num_gaussians, self.num_frames)
+        else:
+            changed = np.zeros(splats.num_gaussians, bool)
+            for column in fields(splats):
+                rows = (getattr(before, column.name) != getattr(splats, column.name)).reshape(len(changed), -1)
+                changed |= rows.any(axis=1)
+            self._close(changed)
+            self._begins[changed] = self.num_frames
+        self._open, self.num_frames = splats, self.num_frames + 1
+
+    def finish(self) -> tuple[Splats, np.ndarray, np.ndarray]:
+        """Returns one Gaussian for each run, and begin and end of each run, seconds, float64 (N)."""
+        if self._open is not None:
+            self._close(np.ones(self._open.num_gaussians, bool))
+        if not self._done:
+            return Splats.empty(0, 0), np.zeros(0), np.zeros(0)
+        parts, begins, ends = zip(*self._done, strict=True)
+        return concatenate(parts), np.concatenate(begins) / self._rate, np.concatenate(ends) / self._rate
+
+    def _close(self, rows: np.ndarray) -> None:
+        if self._open is not None and rows.any():
+            begins = self._begins[rows]
+            self._done.append((self._open.select(rows), begins, np.full(len(begins), self.num_frames)))
+
+
+def _splats_at(path: Path, scene: Any, time: float) -> Splats:
+    """Returns the Gaussians that are visible at a time, in the axes of the file."""
+    state, records = scene.state_at(time), scene.gaussians
+    rows = state["indices"]
+    degree = records.sh_degree if records.sh is not None else 0
+    sh = np.zeros((len(rows), num_functions(degree), 3), np.float32)
+    sh[:, 0] = (records.colors[rows, :3] - 0.5) / DC
+    if degree:
+        stored = records.sh[rows].reshape(len(rows), 3, -1)[:, :, : sh.shape[1] - 1]
+        sh[:, 1:] = stored.transpose(0, 2, 1) / 255 * (_HIGHEST - _LOWEST) + _LOWEST
+    return build_splats(
+        path,
+        means=state["centers"],
+        quats=np.roll(state["orientations"], 1, axis=1),
+        scales=records.scales[rows],
+        opacities=state["opacity"],
+        sh=sh,
+    )

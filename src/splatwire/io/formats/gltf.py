@@ -1,0 +1,389 @@
+"""glTF with KHR_gaussian_splatting, binary or as a document with its buffers; axes are LUF (left, up, forward).
+
+Attributes of a primitive of points: POSITION, and with the extension's prefix ROTATION (x, y, z, w), SCALE (standard
+deviations), OPACITY and SH_DEGREE_l_COEF_n. Integers are normalised. Node transforms are applied.
+"""
+
+import base64
+import binascii
+import json
+import logging
+import re
+import struct
+from pathlib import Path, PurePosixPath
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+import numpy as np
+
+from splatwire.errors import DatasetError
+from splatwire.files.capped import read_at_most, read_json
+from splatwire.files.kinds import EXT_SPLATWIRE
+from splatwire.io.formats._asset import metadata_of_asset, warn_of_unused_extras
+from splatwire.io.formats._axes import GLTF_FLIPS as GLTF_FLIPS
+from splatwire.io.formats._axes import harmonic_signs, is_similarity, transform_splats
+from splatwire.io.formats._columns import MAX_GAUSSIANS, MAX_LOG_SCALE, build_splats, check_count, concatenate
+from splatwire.io.formats._files import mapped_file
+from splatwire.io.formats._gltf_nodes import Instance, entry, shown_instances
+from splatwire.io.formats.content import FileContent
+from splatwire.ops.spherical_harmonics import MAX_DEGREE
+from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin
+from splatwire.types.splats import Splats
+
+LOG = logging.getLogger(__name__)
+MAGIC = b"glTF"
+EXTENSION = "KHR_gaussian_splatting"
+_HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
+_MAX_JSON_BYTES = 4 << 20
+_ROUNDING = 1e-3
+"""Largest distance of opacities from the range 0 to 1 that is attributed to rounding; above it a warning is logged."""
+_POINTS = 0
+_TYPES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+_COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
+_INDICES = {5121: "u1", 5123: "<u2", 5125: "<u4"}
+_KNOWN = {
+    "kernel": ("ellipse",),
+    "colorSpace": ("srgb_rec709_display",),
+    "projection": ("perspective",),
+    "sortingMethod": ("cameraDistance",),
+}
+"""Supported settings of the extension."""
+_SUPPORTED = (EXTENSION, EXT_SPLATWIRE, "KHR_mesh_quantization")
+"""Extensions that a document may require."""
+_HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "KHR_xmp")
+"""Name prefixes of extensions that do not affect Gaussians."""
+_SMALLEST = float(np.exp(-MAX_LOG_SCALE))
+
+
+def read_gltf(path: Path) -> FileContent:
+    """Reads all Gaussians of the scene of a glTF file, with node transforms applied, and its metadata.
+
+    A translation to coordinates far from 0 that all nodes share becomes the origin. `extras.antialiased` is our own
+    property.
+
+    Args:
+        path: A binary glTF, or a document whose buffers are files in its folder or `data:` URIs.
+
+    Raises:
+        DatasetError: If the file is damaged, has no Gaussians, contains compressed Gaussians, or names a buffer outside
+            its folder.
+        OSError: If the file cannot be read.
+    """
+    if read_at_most(path, len(MAGIC), DatasetError) == MAGIC:
+        document, binary = _chunks(path, mapped_file(path))
+    else:
+        document, binary = read_json(path, DatasetError), None
+        if not isinstance(document, dict):
+            raise DatasetError(f"{path}: the glTF document is no object")
+    try:
+        return _Gltf(path, document, binary).content()
+    except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError) as error:
+        raise DatasetError(f"{path}: the glTF document is damaged: {type(error).__name__} {error}") from error
+
+
+def _chunks(path: Path, data: memoryview) -> tuple[dict[str, Any], memoryview]:
+    if len(data) < _HEADER.size + _CHUNK.size or bytes(data[:4]) != MAGIC:
+        raise DatasetError(f"{path}: not a binary glTF file, it starts with {bytes(data[:4])!r}")
+    _, version, length = _HEADER.unpack_from(data)
+    if version == 2 and length > len(data):
+        raise DatasetError(f"{path}: is cut: it has {len(data):,} of {length:,} bytes")
+    if version != 2:
+        raise DatasetError(f"{path}: glTF of version {version}; version 2 is read")
+    found: dict[bytes, memoryview] = {}
+    view, at = data[:length], _HEADER.size
+    while at + _CHUNK.size <= length:
+        size, kind = _CHUNK.unpack_from(data, at)
+        at += _CHUNK.size
+        if size > length - at:
+            raise DatasetError(f"{path}: chunk {kind!r} of {size} bytes ends after the file")
+        found.setdefault(kind, view[at : at + size])
+        at += size
+    document = found.get(b"JSON", view[:0])
+    if len(document) > _MAX_JSON_BYTES:
+        raise DatasetError(f"{path}: a JSON chunk of {len(document)} bytes is more than {_MAX_JSON_BYTES}")
+    try:
+        content = json.loads(bytes(document))
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{path}: the JSON chunk is no JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise DatasetError(f"{path}: the JSON chunk is no object")
+    return content, found.get(b"BIN\0", view[:0])
+
+
+def _extras(primitive: dict[str, Any]) -> dict[str, Any]:
+    extras = primitive.get("extras")
+    return extras if isinstance(extras, dict) else {}
+
+
+class _Gltf:
+    """A glTF document with its buffers."""
+
+    def __init__(self, path: Path, document: dict[str, Any], binary: memoryview | None) -> None:
+        self._path, self._document, self._binary = path, document, binary
+        self._buffers: dict[int, memoryview] = {}
+        self._resources: dict[str, memoryview] = {}
+
+    def _check_version(self) -> None:
+        """Checks that the document requires no unsupported version or extension.
+
+        Raises:
+            DatasetError: If it has another version, or requires an extension that may affect Gaussians.
+        """
+        asset = self._document.get("asset")
+        for name in ("version", "minVersion"):
+            version = asset.get(name, "2.0") if isinstance(asset, dict) else "2.0"
+            if not isinstance(version, str) or not re.fullmatch(r"2\.[0-9]+", version):
+                raise DatasetError(f"{self._path}: asset.{name} is {version!r:.40}; glTF of version 2 is read")
+        required = self._document.get("extensionsRequired", [])
+        unknown = [str(name) for name in required if name not in _SUPPORTED and not str(name).startswith(_HARMLESS)]
+        if unknown:
+            names = ", ".join(unknown)[:120]
+            raise DatasetError(f"{self._path}: it requires {names}, which is not read: export it without")
+
+    def content(self) -> FileContent:
+        """Returns the Gaussians of all primitives, repeated for each node that shows them, and the scene's metadata."""
+        self._check_version()
+        meshes = self._document.get("meshes", [])
+        found = {index: self._primitives(mesh) for index, mesh in enumerate(meshes)}
+        found = {index: primitives for index, primitives in found.items() if primitives}
+        if not found:
+            raise DatasetError(f"{self._path}: no primitive with {EXTENSION}, which says that points are Gaussians")
+        shown = [instance for instance in self._instances(found) if instance.mesh in found]
+        counts = {index: sum(map(self._count, found[index])) for index in {instance.mesh for instance in shown}}
+        # Count distinct buffers: two buffer entries may be the same file.
+        held = sum({id(data): len(data) for data in self._buffers.values()}.values())
+        check_count(self._path, sum(counts[instance.mesh] for instance in shown), held)
+        read = {index: [self._primitive(primitive) for primitive in found[index]] for index in {s.mesh for s in shown}}
+        shifts = np.array([instance.matrix[:3, 3] for instance in shown]) * GLTF_FLIPS
+        origin = choose_origin(shifts, wide=False)
+        moved = [self._moved(part, instance, origin) for instance in shown for part in read[instance.mesh]]
+        primitives = [primitive for index in read for primitive in found[index]]
+        antialiased = all(_extras(primitive).get("antialiased") is True for primitive in primitives)
+        warn_of_unused_extras(self._path, self._document.get("asset"))
+        metadata = metadata_of_asset(self._document.get("asset")).moved_origin(NO_ORIGIN, origin)
+        return FileContent(concatenate(moved), origin, antialiased, metadata)
+
+    def _instances(self, found: dict[int, list[dict[str, Any]]]) -> list[Instance]:
+        """Returns the placed meshes that contain Gaussians, and logs unsupported properties.
+
+        Args:
+            found: Primitives with Gaussians by index of the mesh.
+        """
+        shown = [instance for instance in shown_instances(self._path, self._document) if instance.mesh in found]
+        if not shown:
+            LOG.warning("%s: no node of its scene shows the Gaussians: they are read as they are", self._path)
+            return [Instance(mesh, np.eye(4), None) for mesh in found]
+        if hidden := len(found) - len({instance.mesh for instance in shown}):
+            LOG.warning("%s: %d meshes of Gaussians that its scene does not show are left out", self._path, hidden)
+        nodes = self._document.get("nodes", [])
+        if any(instance.node is not None and "skin" in nodes[instance.node] for instance in shown):
+            LOG.warning("%s: skins of nodes are left out: Gaussians stay where their attributes are", self._path)
+        if self._document.get("animations"):
+            LOG.warning("%s: its animations are left out", self._path)
+        vanished = [instance for instance in shown if not instance.matrix[:3, :3].any()]
+        if vanished:
+            LOG.warning("%s: %d nodes that are scaled to nothing are left out", self._path, len(vanished))
+        return [instance for instance in shown if instance.matrix[:3, :3].any()]
+
+    def _primitives(self, mesh: dict[str, Any]) -> list[dict[str, Any]]:
+        """Returns the primitives of a mesh that are Gaussians.
+
+        Raises:
+            DatasetError: If a primitive is compressed.
+        """
+        own = [one for one in mesh.get("primitives", []) if EXTENSION in one.get("extensions", {})]
+        for primitive in own:
+            settings = primitive["extensions"][EXTENSION]
+            if packed := settings.get("extensions"):
+                names = ", ".join(map(str, packed))[:80]
+                raise DatasetError(f"{self._path}: Gaussians compressed by {names} are not read")
+            for name, values in _KNOWN.items():
+                if settings.get(name, values[0]) not in values:
+                    LOG.warning("%s: %s %.40r is read as %s", self._path, name, settings[name], values[0])
+            if unknown := settings.keys() - _KNOWN.keys() - {"extras"}:
+                names = ", ".join(sorted(map(str, unknown)))[:120]
+                LOG.warning("%s: %s of %s are not known: the scene may look different", self._path, names, EXTENSION)
+            ignored = [name for name in ("indices", "targets") if name in primitive]
+            ignored += ["mode"] if primitive.get("mode", _POINTS) != _POINTS else []
+            if ignored:
+                names = ", ".join(ignored)
+                LOG.warning("%s: %s of a primitive of Gaussians are left out: all are points", self._path, names)
+        return own
+
+    def _count(self, primitive: dict[str, Any]) -> int:
+        """Returns the number of Gaussians of a primitive according to the document, and locates its buffers.
+
+        Raises:
+            DatasetError: If an attribute has no accessor, or the number is invalid.
+        """
+        counts = {}
+        for name, index in primitive["attributes"].items():
+            if type(index) is not int:
+                raise DatasetError(f"{self._path}: attribute {name[:80]} names no accessor")
+            accessor = entry(self._path, self._document["accessors"], index, "accessor")
+            counts[name] = accessor["count"]
+            if name == "POSITION" or name.startswith(EXTENSION):
+                self._locate(accessor)
+        count = counts.get("POSITION", 0)
+        if type(count) is not int or count < 0:
+            raise DatasetError(f"{self._path}: attribute POSITION has {count!r:.40} rows")
+        return count
+
+    def _locate(self, accessor: dict[str, Any]) -> None:
+        """Opens the buffers of an accessor."""
+        sparse = accessor.get("sparse", {})
+        for place in (accessor, sparse.get("indices", {}), sparse.get("values", {})):
+            if "bufferView" in place:
+                view = entry(self._path, self._document["bufferViews"], place["bufferView"], "buffer view")
+                self._buffer(view["buffer"])
+
+    def _moved(self, splats: Splats, instance: Instance, origin: Origin) -> Splats:
+        """Applies the transform of a node to Gaussians; the resulting positions are relative to `origin`.
+
+        Raises:
+            DatasetError: If the result is out of range.
+        """
+        flips = np.diag(GLTF_FLIPS)
+        matrix, shift = flips @ instance.matrix[:3, :3] @ flips, flips @ instance.matrix[:3, 3] - np.array(origin)
+        if np.array_equal(matrix, np.eye(3)) and not shift.any():
+            return splats
+        if not np.isfinite(matrix).all() or not np.isfinite(shift).all():
+            raise DatasetError(f"{self._path}: node {instance.node} moves its Gaussians too far")
+        if splats.degree and not is_similarity(matrix):
+            LOG.warning(
+                "%s: node %s stretches its Gaussians: their shape follows, and their harmonics only turn",
+                self._path, instance.node,
+            )  # fmt: skip
+        moved = transform_splats(splats, matrix, shift)
+        np.maximum(moved.scales, np.float32(_SMALLEST), out=moved.scales)
+        return moved
+
+    def _primitive(self, primitive: dict[str, Any]) -> Splats:
+        attributes = primitive["attributes"]
+        means = self._accessor(attributes, "POSITION", 3)
+        names = [
+            f"{EXTENSION}:SH_DEGREE_{band}_COEF_{i}" for band in range(MAX_DEGREE + 1) for i in range(2 * band + 1)
+        ]
+        there = [name in attributes for name in names]
+        functions = there.index(False) if False in there else len(there)
+        if any(there[functions:]) or functions not in (1, 4, 9, 16):
+            raise DatasetError(f"{self._path}: {sum(there)} attributes SH_DEGREE_* are not those of a degree of 0 to 3")
+        if higher := sum(name.startswith(f"{EXTENSION}:SH_DEGREE_") for name in attributes) - functions:
+            LOG.warning("%s: %d attributes of harmonics above degree %d are left out", self._path, higher, MAX_DEGREE)
+        quats = self._accessor(attributes, f"{EXTENSION}:ROTATION", 4)
+        sh = np.empty((len(means), functions, 3), np.float32)
+        signs = harmonic_signs(GLTF_FLIPS, int(functions**0.5) - 1)
+        for place, name in enumerate(names[:functions]):
+            rows = self._accessor(attributes, name, 3)
+            if len(rows) != len(means):
+                raise DatasetError(f"{self._path}: {len(rows)} Gaussians have {name}, {len(means)} a position")
+            sh[:, place] = rows * signs[place]
+        opacities = self._accessor(attributes, f"{EXTENSION}:OPACITY", 1)[:, 0]
+        outside = int(((opacities < -_ROUNDING) | (opacities > 1 + _ROUNDING)).sum())
+        if outside:
+            LOG.warning(
+                "%s: %s of %s opacities are outside of 0 to 1, so they may be logits: they are clipped to 0 to 1, as "
+                "glTF has opacities themselves", self._path, f"{outside:,}", f"{len(opacities):,}",
+            )  # fmt: skip
+        return build_splats(
+            self._path,
+            means=means * np.array(GLTF_FLIPS, np.float32),
+            quats=np.roll(quats, 1, axis=1) * np.array((1, *GLTF_FLIPS), np.float32),
+            scales=self._accessor(attributes, f"{EXTENSION}:SCALE", 3),
+            opacities=opacities,
+            sh=sh,
+        )
+
+    def _buffer(self, index: int) -> memoryview:
+        """Returns the bytes of a glTF buffer, which may be a part of the file, another file or a `data:` URI.
+
+        Raises:
+            DatasetError: If the buffer is missing, or not in the file, the folder of the file or a `data:` URI.
+        """
+        if index not in self._buffers:
+            uri = entry(self._path, self._document["buffers"], index, "buffer").get("uri")
+            if uri is not None:
+                if not isinstance(uri, str):
+                    raise DatasetError(f"{self._path}: {uri!r:.60} is no URI of a buffer")
+                if uri not in self._resources:
+                    self._resources[uri] = self._resource(uri)
+                self._buffers[index] = self._resources[uri]
+            elif self._binary is not None and index == 0:
+                self._buffers[index] = self._binary
+            else:
+                raise DatasetError(f"{self._path}: buffer {index} has no URI")
+        return self._buffers[index]
+
+    def _resource(self, uri: str) -> memoryview:
+        if uri.startswith("data:"):
+            head, _, content = uri.partition(",")
+            try:
+                if not re.search(";base64$", head):
+                    raise binascii.Error("it is not base64")
+                return memoryview(base64.b64decode(content, validate=True))
+            except (binascii.Error, ValueError) as error:
+                raise DatasetError(f"{self._path}: a buffer's data: URI is damaged: {error}") from error
+        parts, name = urlsplit(uri), PurePosixPath(unquote(urlsplit(uri).path))
+        if parts.scheme or parts.netloc or name.is_absolute() or ".." in name.parts or "\\" in uri or "\0" in str(name):
+            raise DatasetError(f"{self._path}: buffer {uri!r:.80} is no file in the folder of the document")
+        return mapped_file(self._path.parent / name)
+
+    def _accessor(self, attributes: dict[str, int], name: str, width: int) -> np.ndarray:
+        """Returns the values of a glTF accessor (vertex attribute) as float32 (N, width)."""
+        if name not in attributes:
+            raise DatasetError(f"{self._path}: attribute {name} is missing")
+        accessor = entry(self._path, self._document["accessors"], attributes[name], "accessor")
+        code, count = accessor["componentType"], accessor["count"]
+        if code not in _COMPONENTS or _TYPES.get(accessor["type"]) != width:
+            raise DatasetError(f"{self._path}: attribute {name} is no plain array of {width} numbers per Gaussian")
+        dtype = np.dtype(_COMPONENTS[code])
+        whole = name == "POSITION" and not accessor.get("normalized")  # by KHR_mesh_quantization
+        if dtype.kind != "f" and not accessor.get("normalized") and not whole:
+            raise DatasetError(f"{self._path}: attribute {name} has integers that are not normalised")
+        rows = self._rows(name, accessor, dtype, (count, width))
+        if "sparse" in accessor:
+            rows = self._replaced(name, accessor["sparse"], rows)
+        if dtype.kind == "f" or whole:
+            return rows.astype(np.float32)
+        return np.maximum(rows.astype(np.float32) / np.float32(np.iinfo(dtype).max), -1)
+
+    def _replaced(self, name: str, sparse: dict[str, Any], rows: np.ndarray) -> np.ndarray:
+        """Returns the rows of an accessor after replacing those that its `sparse` object lists."""
+        indices, values = sparse["indices"], sparse["values"]
+        dtype = np.dtype(_INDICES[indices["componentType"]])
+        places = self._rows(name, indices, dtype, (sparse["count"], 1))[:, 0]
+        new = self._rows(name, values, rows.dtype, (sparse["count"], rows.shape[1]))
+        if (places >= len(rows)).any():
+            raise DatasetError(f"{self._path}: attribute {name} replaces a row that it does not have")
+        replaced = rows.copy()
+        replaced[places] = new
+        return replaced
+
+    def _rows(self, name: str, place: dict[str, Any], dtype: np.dtype, shape: tuple[int, int]) -> np.ndarray:
+        """Returns an array in a buffer; zeros if no buffer view is named.
+
+        Args:
+            name: Name of the attribute, for messages.
+            place: Object with `bufferView` and `byteOffset`.
+            dtype: Type of its numbers.
+            shape: Number of rows, and of numbers in each.
+        """
+        count, width = shape
+        if "bufferView" not in place:
+            if type(count) is not int or not 0 <= count <= MAX_GAUSSIANS:
+                raise DatasetError(f"{self._path}: attribute {name} has an impossible number of rows, {count!r:.40}")
+            return np.broadcast_to(np.zeros(width, dtype), shape)
+        view = entry(self._path, self._document["bufferViews"], place["bufferView"], "buffer view")
+        if packed := view.get("extensions"):
+            names = ", ".join(map(str, packed))[:80]
+            raise DatasetError(f"{self._path}: attribute {name} is compressed by {names}, which is not read")
+        start, offset = view.get("byteOffset", 0), place.get("byteOffset", 0)
+        stride = view.get("byteStride", dtype.itemsize * width)
+        size, item = view["byteLength"], dtype.itemsize * width
+        sizes = (start, offset, stride, size, count)
+        if not all(isinstance(value, int) and 0 <= value < 1 << 40 for value in sizes):
+            raise DatasetError(f"{self._path}: attribute {name} has impossible sizes {sizes}")
+        binary = self._buffer(view.get("buffer"))
+        if start + size > len(binary) or offset + stride * max(count - 1, 0) + item > size or stride < item:
+            raise DatasetError(f"{self._path}: attribute {name} of {count} rows ends after its buffer")
+        return np.ndarray(shape, dtype, binary, start + offset, (stride, dtype.itemsize))

@@ -1,0 +1,482 @@
+"""Format detection of explicit Gaussians, and dispatch to readers and writers."""
+
+import importlib
+import logging
+import os
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatwire.arguments import checked
+from splatwire.errors import MALFORMED, DatasetError, InvalidValueError, UnknownNameError
+from splatwire.files.kinds import (
+    ANCHORS_PLY,
+    COMPRESSED_PLY,
+    GLB,
+    GLTF,
+    KSPLAT,
+    MODEL_3DGS,
+    OTHER_PLY,
+    SOG,
+    SOG_FOLDER,
+    SOG_LEVELS,
+    SOG_META,
+    SPLAT,
+    SPLATS_PLY,
+    SPZ,
+    USD,
+    Kind,
+    file_kind,
+    is_not,
+    kind_of_format,
+    opened,
+    trained_ply,
+)
+from splatwire.files.names import path_of
+from splatwire.files.scene_formats import FORMATS, FileFormat
+from splatwire.files.whole import written_whole
+from splatwire.io.formats._placement import warn_of_files_beside
+from splatwire.io.formats.compressed_ply import content_of_chunks, write_compressed_ply
+from splatwire.io.formats.content import FileContent, warn_of_rounded_positions
+from splatwire.io.formats.outliers import DEFAULT, Outliers, check_outliers
+from splatwire.io.formats.ply import content_of_vertices, warn_of_colour_space, write_ply
+from splatwire.io.formats.ply_file import read_ply_elements
+from splatwire.io.formats.ply_note import PlyNote
+from splatwire.plugins import source_of
+from splatwire.types.metadata import NO_METADATA, SceneMetadata
+from splatwire.types.origin import NO_ORIGIN, Origin, describe_origin
+from splatwire.types.rows import Rows, invalid_fields, rows_of_splats
+from splatwire.types.splats import Splats
+
+LOG = logging.getLogger(__name__)
+
+
+@checked
+def find_format(kind: Kind) -> FileFormat | None:
+    """Returns the registered scene format of a detected kind of file, or None."""
+    for form in FORMATS.registered().values():
+        if kind in form.kinds or (form.recognises is not None and kind == kind_of_format(form)):
+            return form
+    return None
+
+
+@checked
+def format_of(kind: Kind) -> str | None:
+    """Returns the name of the scene format of a detected kind of file, or None if it has no explicit Gaussians."""
+    form = find_format(kind)
+    return None if form is None or form.scene_type is not None else form.name
+
+
+@checked
+def splats_kind(path: Path) -> str | None:
+    """Detects the format of a file of explicit Gaussians by its content (`splatwire.files.kinds`).
+
+    Returns:
+        `ply`, `spz`, `sog` (also for a folder with `meta.json`, or that file), `streamed sog`, `splat`, `ksplat`,
+        `glb`, or None for anything else, including missing files.
+    """
+    return format_of(file_kind(path))
+
+
+@checked
+def read_splats(path: Path) -> Splats:
+    """Reads explicit Gaussians of any supported format, in world coordinates; see `read_content`.
+
+    Raises:
+        DatasetError: See `read_content`.
+    """
+    return read_content(path).relative_to(NO_ORIGIN).splats
+
+
+@checked
+def read_content(path: Path) -> FileContent:
+    """Reads explicit Gaussians of any supported format, with axes as in a 3DGS PLY (RDF).
+
+    Invisible and undrawable Gaussians are removed and logged (`splatwire.types.rows`). A single transparent Gaussian is
+    kept, because files of empty frames contain one. Positions far from 0 are relative to an origin near them, so that
+    float32 suffices.
+
+    Raises:
+        DatasetError: If the format is not supported, the file is damaged, or no Gaussian can be drawn; the message
+            names the field and the problem.
+    """
+    path = path_of(path, "a file of Gaussians")
+    content, rows = read_all_rows(path)
+    if len(rows.kept) == rows.num_invisible == 1:  # file of an empty frame, see `splatwire.sequence.written_frames`
+        LOG.warning("%s: its only Gaussian is transparent: the scene is empty", path)
+        return content
+    rows.log_removed(path, "Gaussians")
+    if not bool(rows.kept.any()):
+        found = f"{rows.num_invisible:,} draw nothing, {rows.num_invalid:,} cannot be drawn"
+        fields = ", ".join(invalid_fields(content.splats))
+        why = f" (invalid: {fields})" if fields else ""
+        raise DatasetError(f"{path}: none of its {len(rows.kept):,} Gaussians is left: {found}{why}")
+    return content if rows.complete else replace(content, splats=content.splats.gathered(rows.kept))
+
+
+@checked
+def is_antialiased(path: Path) -> bool:
+    """Returns True if a file declares that its Gaussians lose opacity when they are widened to a pixel.
+
+    SPZ and SOG have a flag, PLY has comments of training programs (`splatwire.io.formats.ply_comments`).
+
+    Raises:
+        DatasetError: If it is a damaged file of explicit Gaussians.
+    """
+    form = find_format(file_kind(path))
+    return form is not None and form.scene_type is None and _content(form, path).antialiased
+
+
+@checked
+def read_rows(path: Path) -> tuple[Splats, Rows]:
+    """Reads all Gaussians of a file in world coordinates, including those that cannot be drawn.
+
+    Returns:
+        The Gaussians; and the classification of each as drawable, invisible or invalid.
+
+    Raises:
+        DatasetError: If the format is not supported, or the file is damaged.
+    """
+    content, rows = read_all_rows(path)
+    return content.relative_to(NO_ORIGIN).splats, rows
+
+
+@checked
+def read_all_rows(path: Path) -> tuple[FileContent, Rows]:
+    """Reads all Gaussians of a file, including those that cannot be drawn, and classifies them.
+
+    Each Gaussian is drawable, invisible or invalid (`Rows`).
+
+    Positions are relative to the origin of the content.
+
+    Raises:
+        DatasetError: If the format is not supported, or the file is damaged.
+    """
+    try:
+        with (
+            opened(path) as source,
+            np.errstate(over="ignore", invalid="ignore"),
+        ):  # invalid values are classified later
+            form = find_format(file_kind(source))
+            if form is None or form.scene_type is not None:
+                raise DatasetError(is_not(path, "a file of explicit Gaussians"))
+            found = _content(form, source)
+            content = found.with_chosen_origin()
+            if found.origin == NO_ORIGIN:
+                warn_of_rounded_positions(path, content.splats, content.origin)
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except InvalidValueError as error:
+        raise DatasetError(f"{path}: {error}") from error
+    return content, rows_of_splats(content.splats)
+
+
+def _trained(folder: Path) -> Path:
+    """Returns the PLY of the last iteration of a 3DGS model folder.
+
+    Raises:
+        DatasetError: If the PLY was removed after the format of the folder had been detected.
+    """
+    path = trained_ply(folder)
+    if path is None:
+        raise DatasetError(f"{folder}: has no point_cloud/iteration_*/point_cloud.ply")
+    return path
+
+
+def _read_ply(path: Path) -> FileContent:
+    elements = read_ply_elements(path)
+    warn_of_files_beside(path)
+    if "chunk" in elements:
+        return content_of_chunks(elements)
+    if "vertex" not in elements:
+        raise DatasetError(f"{path}: has no element vertex")
+    warn_of_colour_space(elements)
+    return content_of_vertices(elements["vertex"])
+
+
+def _content(form: FileFormat, path: Path) -> FileContent:
+    """Reads a file of explicit Gaussians.
+
+    Raises:
+        DatasetError: If the file is damaged.
+        InvalidValueError: If a reader of another package returned a wrong type.
+    """
+    content = read_with(form, path)
+    if isinstance(content, Splats):
+        return FileContent(content)
+    if not isinstance(content, FileContent):
+        found = f"file format '{form.name}'{FORMATS.brought_by(form.name)} returned {type(content).__name__}"
+        raise InvalidValueError(f"{found}, not FileContent or Splats")
+    return content
+
+
+def read_with(form: FileFormat, path: Path) -> Any:
+    """Reads a file with the reader of its format.
+
+    Raises:
+        DatasetError: If a reader of another package fails.
+    """
+    assert form.read is not None
+    if form.recognises is None:
+        return form.read(path)
+    try:
+        return form.read(path)
+    except MALFORMED as error:
+        raise DatasetError(f"{path}: file format '{form.name}' cannot read it: {error}") from error
+
+
+def format_named(name: str) -> FileFormat:
+    """Returns a format of explicit Gaussians that can be written.
+
+    Raises:
+        UnknownNameError: If no writable format has that name.
+    """
+    form = FORMATS.find(name)
+    if form is None or form.write is None or form.scene_type is not None:
+        written = [known.name for known in FORMATS.all().values() if known.write and known.scene_type is None]
+        raise UnknownNameError("format of explicit Gaussians", name, written)
+    return form
+
+
+@checked
+def format_for(path: str | os.PathLike[str]) -> FileFormat:
+    """Returns the format with the longest suffix that a file name ends with.
+
+    Raises:
+        UnknownNameError: If no writable format matches.
+    """
+    name = path_of(path, "a file of Gaussians").name.lower()
+    for known in (FORMATS.registered, FORMATS.all):
+        writable = [form for form in known().values() if form.write is not None]
+        for form in sorted(writable, key=lambda form: len(form.suffix), reverse=True):
+            if name.endswith(form.suffix):
+                return form
+    raise UnknownNameError("format of explicit Gaussians", name, [form.suffix[1:] for form in writable])
+
+
+@checked
+def write_splats(
+    parts: Iterable[Splats],
+    path: Path,
+    note: PlyNote | None = None,
+    *,
+    antialiased: bool = False,
+    origin: Origin = NO_ORIGIN,
+    outliers: Outliers = DEFAULT,
+    metadata: SceneMetadata = NO_METADATA,
+) -> int:
+    """Writes explicit Gaussians in the format of the file name's suffix.
+
+    Args:
+        parts: Batches of Gaussians, all of one degree of spherical harmonics; may be a generator. PLY and `.splat` are
+            written batch by batch.
+        path: Path of the file, written atomically.
+        note: Quantisation steps to store in a PLY; other formats ignore it.
+        antialiased: True if Gaussians lose opacity when they are widened to a pixel. PLY, SPZ and SOG store it; other
+            formats log a warning.
+        origin: World coordinates of the point that positions are relative to. A PLY stores float64 world coordinates;
+            formats that cannot do so log a warning.
+        outliers: Treatment of a few Gaussians that would reduce the precision of all others, in formats with steps
+            relative to the range of all values.
+        metadata: Metadata of the scene, relative to `origin`. Formats that cannot store it log a warning.
+
+    Returns:
+        Number of Gaussians written.
+
+    Raises:
+        UnknownNameError: If the suffix is not that of a supported format.
+        InvalidValueError: If there is no Gaussian, a number is not finite, degrees differ, or the format does not store
+            explicit Gaussians.
+        OSError: If the file cannot be written.
+    """
+    form = format_for(path)
+    if form.scene_type is not None:
+        held = form.scene_type.__name__
+        raise InvalidValueError(f"{path}: {form.what} holds scenes of the type {held}, not explicit Gaussians")
+    facts = kept_facts(
+        form, path, antialiased=antialiased, origin=origin, outliers=outliers, metadata=metadata, note=note
+    )
+    return write_with(form, parts, path, **facts)
+
+
+def write_with(form: FileFormat, content: Any, path: Path, **facts: Any) -> int:
+    """Writes a file atomically with the writer of its format.
+
+    Args:
+        form: The format.
+        content: Batches of explicit Gaussians, or a scene of the format's type.
+        path: The file.
+        facts: Keyword arguments of the writer with scene properties (`kept_facts`).
+
+    Returns:
+        Number of Gaussians written, as returned by the writer.
+    """
+    assert form.write is not None
+    if form.recognises is None:
+        return int(form.write(content, path, **facts))
+    with written_whole(path) as target:
+        count = form.write(content, target, **facts)
+        if not target.exists():
+            raise InvalidValueError(f"file format '{form.name}'{FORMATS.brought_by(form.name)} wrote no file")
+    return count if isinstance(count, int) else 0
+
+
+def kept_facts(
+    form: FileFormat,
+    path: Path,
+    *,
+    antialiased: bool = False,
+    origin: Origin = NO_ORIGIN,
+    outliers: Outliers = DEFAULT,
+    metadata: SceneMetadata = NO_METADATA,
+    note: PlyNote | None = None,
+) -> dict[str, Any]:
+    """Returns the scene properties that a format can store, as keyword arguments of its writer.
+
+    Logs a warning about properties that the format cannot store. See `write_splats` for the arguments.
+    """
+    treatment = check_outliers(outliers)
+    facts: dict[str, Any] = {"outliers": treatment} if "outliers" in form.keeps else {}
+    if note is not None and "note" in form.keeps:
+        facts["note"] = note
+    if antialiased and "antialiased" in form.keeps:
+        facts["antialiased"] = True
+    if antialiased and form.name == "glb":
+        LOG.warning("%s: the request for antialiasing is in extras, which other programs do not read", path)
+    elif antialiased and "antialiased" not in form.keeps:
+        LOG.warning("%s: such files cannot ask for antialiasing, as the scene does: PLY, SPZ and SOG can", path)
+    if origin != NO_ORIGIN and "origin" in form.keeps:
+        facts["origin"] = origin
+    if origin != NO_ORIGIN and ("origin" not in facts or form.name == "compressed.ply"):
+        where = "only a comment in such files holds" if "origin" in facts else "such files do not hold"
+        LOG.warning(
+            "%s: positions are relative to the scene's origin (%s), which %s; PLY and glTF have world coordinates",
+            path, describe_origin(origin).replace(" ", ", "), where,
+        )  # fmt: skip
+    if (known := metadata.known()) and "metadata" in form.keeps:
+        facts["metadata"] = metadata
+    elif known:
+        LOG.warning("%s: such files have no place for metadata: %s will be lost", path, ", ".join(known))
+    return facts
+
+
+@checked
+def register_format(form: FileFormat) -> FileFormat:
+    """Registers a file format of another package.
+
+    Args:
+        form: The format, with a detector and a reader or writer.
+
+    Returns:
+        The format.
+
+    Raises:
+        InvalidValueError: If a part is missing or invalid, or the name is taken.
+    """
+    if wrong := _problem(form):
+        raise InvalidValueError(f"file format {form.name!r:.40} is not complete: {wrong}")
+    FORMATS.register(form.name, form, source_of(form.read or form.write))
+    return form
+
+
+def _problem(form: FileFormat) -> str:
+    """Returns a message about a missing or invalid part of a registered format; empty if it is complete."""
+    if not isinstance(form.name, str) or not re.fullmatch("[a-z0-9][a-z0-9_.]{0,31}", form.name, re.ASCII):
+        return "its name must be 1 to 32 lower-case letters, digits, dots and underscores"
+    if not isinstance(form.what, str) or not form.what:
+        return "what must name such a file, such as 'an SPZ file'"
+    if form.read is None and form.write is None:
+        return "it neither reads nor writes"
+    if form.recognises is None:
+        return "recognises is missing"
+    called = ("recognises", "read", "write")
+    wrong = [name for name in called if getattr(form, name) is not None and not callable(getattr(form, name))]
+    if wrong:
+        return f"{', '.join(wrong)} cannot be called"
+    if form.scene_type is not None and not isinstance(form.scene_type, type):
+        return f"scene_type must be a class, not {form.scene_type!r:.40}"
+    if not isinstance(form.keeps, frozenset | set | tuple | list) or not all(isinstance(k, str) for k in form.keeps):
+        return "keeps must be a set of names"
+    unknown = sorted(set(form.keeps) - _FACTS)
+    return f"keeps has {', '.join(unknown)}; known are {', '.join(sorted(_FACTS))}" if unknown else ""
+
+
+_FACTS = frozenset(("antialiased", "metadata", "note", "origin", "outliers"))
+
+
+def _first_used(module: str, name: str) -> Callable[..., Any]:
+    """Returns a function that imports and calls the reader or writer `name` of a module of `splatwire.io.formats`.
+
+    The deferred import avoids loading the libraries of all other formats.
+    """
+
+    def call(*arguments: Any, **facts: Any) -> Any:
+        return getattr(importlib.import_module(f"splatwire.io.formats.{module}"), name)(*arguments, **facts)
+
+    return call
+
+
+_EXPLICIT = (
+    FileFormat(
+        "ply",
+        "a PLY",
+        read=lambda path: _read_ply(path),
+        write=write_ply,
+        kinds=(SPLATS_PLY, ANCHORS_PLY, COMPRESSED_PLY, OTHER_PLY),
+        keeps=_FACTS - {"outliers"},
+    ),
+    FileFormat("compressed.ply", "a compressed PLY", write=write_compressed_ply, keeps=_FACTS - {"note"}),
+    FileFormat(
+        "spz",
+        "an SPZ file",
+        read=_first_used("spz", "read_spz"),
+        write=_first_used("spz_writer", "write_spz"),
+        kinds=(SPZ,),
+        keeps=_FACTS - {"note", "origin"},
+    ),
+    FileFormat(
+        "sog",
+        "a SOG file",
+        read=_first_used("sog", "read_sog"),
+        write=_first_used("_sog_writer", "write_sog"),
+        kinds=(SOG, SOG_FOLDER, SOG_META),
+        keeps=_FACTS - {"note", "origin"},
+    ),
+    FileFormat(
+        "streamed sog", "a streamed SOG", read=_first_used("streamed_sog", "read_streamed_sog"), kinds=(SOG_LEVELS,)
+    ),
+    FileFormat(
+        "splat",
+        "a .splat file",
+        read=_first_used("splat", "read_splat"),
+        write=_first_used("splat", "write_splat"),
+        kinds=(SPLAT,),
+    ),
+    FileFormat("ksplat", "a .ksplat file", read=_first_used("ksplat", "read_ksplat"), kinds=(KSPLAT,)),
+    FileFormat(
+        "glb",
+        "a glTF file",
+        read=_first_used("gltf", "read_gltf"),
+        write=_first_used("gltf_writer", "write_gltf"),
+        kinds=(GLB, GLTF),
+        keeps=_FACTS - {"note", "outliers"},
+    ),
+    *(
+        FileFormat(
+            name,
+            "an OpenUSD scene",
+            read=_first_used("usd", "read_usd"),
+            write=_first_used("usd", "write_usd"),
+            kinds=(USD,) if name == "usd" else (),
+            keeps=frozenset(("origin", "metadata")),
+        )
+        for name in ("usd", "usda", "usdc", "usdz")
+    ),
+    FileFormat("3dgs", "a model folder of 3DGS", read=lambda path: _read_ply(_trained(path)), kinds=(MODEL_3DGS,)),
+)
+for _form in _EXPLICIT:
+    FORMATS.register(_form.name, _form, f"{__name__}.{_form.name}")

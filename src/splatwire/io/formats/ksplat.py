@@ -1,0 +1,162 @@
+"""`.ksplat` of GaussianSplats3D (github.com/mkkellogg/GaussianSplats3D), version 0.1, read only; RDF axes.
+
+A header of 4096 bytes, a header of 1024 bytes per section, then the sections: sizes of partially filled buckets
+(spatial groups of Gaussians), centres of the buckets, and the Gaussians. Values have 32 bits at compression level 0,
+and 16 bits relative to the centre of the bucket at levels 1 and 2; level 2 has spherical harmonics in 8 bits.
+"""
+
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.errors import DatasetError
+from splatwire.files.kinds import is_not
+from splatwire.io.formats._columns import build_splats, check_count
+from splatwire.io.formats._files import mapped_file
+from splatwire.ops.spherical_harmonics import DC, num_functions
+from splatwire.types.splats import Splats
+
+_HEADER_BYTES, _SECTION_BYTES = 4096, 1024
+_MAX_SECTIONS, _MAX_DEGREE, _MAX_LEVEL = 4096, 2, 2
+_SECTION = struct.Struct("<4IfH2xI4xIIH")
+_DEFAULT_RANGE = 32767
+_DEFAULT_HARMONICS = 1.5
+
+
+def _record(level: int, degree: int) -> np.dtype:
+    wide, rest = ("<f4", "<f4") if level == 0 else ("<u2", "<f2"), 3 * (num_functions(degree) - 1)
+    position, number = wide
+    fields = [("position", position, 3), ("scale", number, 3), ("rotation", number, 4), ("color", "u1", 4)]
+    if rest:
+        fields.append(("harmonics", ("<f4", "<f2", "u1")[level], rest))
+    return np.dtype(fields)
+
+
+@dataclass(frozen=True)
+class _Section:
+    """Parsed header of one section of a `.ksplat` file."""
+
+    count: int
+    places: int
+    bucket_size: int
+    buckets: int
+    block_size: float
+    bucket_bytes: int
+    range: int
+    full: int
+    partial: int
+    degree: int
+
+
+def read_ksplat(path: Path) -> Splats:
+    """Reads a `.ksplat` file; missing harmonics of sections with a lower degree are 0.
+
+    Raises:
+        DatasetError: If the file is damaged or of another format.
+        OSError: If the file cannot be read.
+    """
+    data = mapped_file(path)
+    if len(data) < _HEADER_BYTES + _SECTION_BYTES or data[0] != 0 or not 1 <= data[1] < 10:
+        why = f"{len(data)} bytes, and {list(data[:2])} is its version"
+        raise DatasetError(is_not(path, "a .ksplat file of version 0.1", why))
+    num_sections, _, _, count, level = struct.unpack_from("<IIIIH", data, 4)
+    check_count(path, count, len(data))
+    if not 0 < num_sections <= _MAX_SECTIONS or level > _MAX_LEVEL or not count:
+        raise DatasetError(f"{path}: {num_sections} sections, compression level {level}, {count} Gaussians: impossible")
+    low, high = (float(value) for value in struct.unpack_from("<ff", data, 36))
+    bounds = (low or -_DEFAULT_HARMONICS, high or _DEFAULT_HARMONICS)
+    at = _HEADER_BYTES + num_sections * _SECTION_BYTES
+    if at > len(data):
+        raise DatasetError(f"{path}: {num_sections} sections do not fit into {len(data)} bytes")
+    parts: list[dict[str, np.ndarray]] = []
+    for index in range(num_sections):
+        section = _parse_section(path, data, index)
+        if section.places:
+            part, at = _read_section(path, data, at, section, level, bounds)
+            parts.append(part)
+    if (found := sum(len(part["means"]) for part in parts)) != count:
+        raise DatasetError(f"{path}: the sections have {found} Gaussians, the header says {count}")
+    width = max(part["sh"].shape[1] for part in parts)
+    for part in parts:
+        part["sh"] = np.pad(part["sh"], ((0, 0), (0, width - part["sh"].shape[1]), (0, 0)))
+    return build_splats(path, **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+
+
+def _parse_section(path: Path, data: memoryview, index: int) -> _Section:
+    section = _Section(*_SECTION.unpack_from(data, _HEADER_BYTES + index * _SECTION_BYTES))
+    if section.degree > _MAX_DEGREE:
+        raise DatasetError(f"{path}: section {index} has harmonics of degree {section.degree}, not 0 to {_MAX_DEGREE}")
+    if section.count > section.places or section.partial + section.full > max(section.buckets, 0):
+        raise DatasetError(f"{path}: section {index} has more Gaussians or buckets than room for them")
+    return section
+
+
+def _read_section(
+    path: Path, data: memoryview, at: int, section: _Section, level: int, bounds: tuple[float, float]
+) -> tuple[dict[str, np.ndarray], int]:
+    record = _record(level, section.degree)
+    centers_at = at + 4 * section.partial
+    rows_at = centers_at + section.bucket_bytes * section.buckets
+    end = rows_at + record.itemsize * section.places
+    if end > len(data):
+        raise DatasetError(f"{path}: a section of {section.places} Gaussians ends at byte {end} of {len(data)}")
+    rows = np.frombuffer(data, record, section.count, rows_at)
+    color = rows["color"].astype(np.float32) / 255
+    sh = ((color[:, None, :3] - 0.5) / np.float32(DC)).astype(np.float32)
+    if section.degree:
+        sh = np.concatenate([sh, _harmonics(rows["harmonics"], level, section.degree, bounds)], axis=1)
+    means = rows["position"].astype(np.float32)
+    if level:
+        means = _from_bucket(path, data, at, centers_at, section, means)
+    columns: dict[str, np.ndarray] = {
+        "means": means,
+        "sh": sh,
+        "opacities": color[:, 3],
+        "scales": rows["scale"],
+        "quats": rows["rotation"],
+    }
+    return columns, end
+
+
+def _from_bucket(
+    path: Path, data: memoryview, at: int, centers_at: int, section: _Section, codes: np.ndarray
+) -> np.ndarray:
+    """Decodes positions that are stored in 16 bits relative to the centres of buckets (groups of Gaussians).
+
+    Args:
+        path: The file, for messages.
+        data: Content of the file.
+        at: Byte offset of the sizes of the partially filled buckets.
+        centers_at: Byte offset of the centres of the buckets.
+        section: Header of the section.
+        codes: 16-bit position codes, (N, 3).
+
+    Returns:
+        Positions, world units, (N, 3).
+    """
+    if section.bucket_bytes != 12:
+        raise DatasetError(f"{path}: bucket centres of {section.bucket_bytes} bytes, 12 are read")
+    sizes = np.frombuffer(data, "<u4", section.partial, at).astype(np.int64)
+    in_full = section.full * section.bucket_size
+    if in_full + int(sizes.sum()) < section.count:
+        raise DatasetError(f"{path}: buckets for {in_full + int(sizes.sum())} of {section.count} Gaussians")
+    row = np.arange(section.count)
+    bucket = section.full + np.searchsorted(np.cumsum(sizes), row - in_full, side="right")
+    bucket = np.where(row < in_full, row // max(section.bucket_size, 1), bucket)
+    centers = np.frombuffer(data, "<f4", 3 * section.buckets, centers_at).reshape(-1, 3)
+    levels = section.range or _DEFAULT_RANGE
+    return (codes - np.float32(levels)) * np.float32(section.block_size / 2 / levels) + centers[bucket]
+
+
+def _harmonics(values: np.ndarray, level: int, degree: int, bounds: tuple[float, float]) -> np.ndarray:
+    numbers = values.astype(np.float32)
+    if level == 2:
+        numbers = bounds[0] + numbers / np.float32(255) * np.float32(bounds[1] - bounds[0])
+    bands, start = [], 0
+    for band in range(1, degree + 1):  # order within a band: all red, then green, then blue
+        width = 3 * (2 * band + 1)
+        bands.append(numbers[:, start : start + width].reshape(len(values), 3, 2 * band + 1).transpose(0, 2, 1))
+        start += width
+    return np.concatenate(bands, axis=1)

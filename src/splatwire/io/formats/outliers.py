@@ -1,0 +1,282 @@
+"""Outliers: a few Gaussians with extreme values, which reduce the precision of all others in quantised formats.
+
+A trainer may leave one Gaussian a million units away. SPZ and SOG divide the range of all positions into quantisation
+steps; compressed PLY divides the range of each chunk of 256 Gaussians. All other Gaussians would then be rounded to
+large steps.
+"""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from splatwire.errors import UnknownNameError
+from splatwire.ops.knn import NeighborTree
+from splatwire.ops.morton import MAX_AXIS_BITS, morton_encode
+from splatwire.types.splats import Splats
+
+LOG = logging.getLogger(__name__)
+Outliers = Literal["clamp", "prune", "keep"]
+"""What to do with outliers: `clamp` moves them to the end of the range of the other values, `prune` removes them,
+`keep` writes them unchanged at the cost of the precision of the others."""
+DEFAULT: Outliers = "clamp"
+SHARES = (0.01, 0.03, 0.06, 0.12, 0.25, 0.5)
+"""Maximum share of the values that counts as outliers (at least one value), tried in ascending order until the other
+values are not rounded visibly."""
+VISIBLE = 8.0
+"""Position errors are visible if larger than the local scale (`local_scales`) divided by this number."""
+FINE = 16.0
+"""Outliers are removed or moved, and chunks are split, if position errors exceed the local scale divided by this
+number."""
+_FEW_COSTLY = 0.01
+"""Outliers are left unchanged if at most this share of the Gaussians has position errors above the limit of `FINE`."""
+_NEIGHBOURS = 4
+_REACH = 4.0
+"""Minimum distance of outliers from the median, in multiples of the distance of the farthest Gaussian that is no
+outlier."""
+_FEWEST = 8
+"""Minimum number of Gaussians for a scene to have outliers."""
+_DONE = {"clamp": "moved to the end of the range of the others", "prune": "left out", "keep": "kept (--outliers keep)"}
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """Values of one attribute of all Gaussians, with the outliers marked.
+
+    Attributes:
+        values: float64 (N, C).
+        middle: Median of each component, float64 (C).
+        reach: Distance from `middle` (maximum norm) beyond which a value is an outlier.
+        outside: Mask of the outliers, bool (N).
+    """
+
+    values: np.ndarray
+    middle: np.ndarray
+    reach: float
+    outside: np.ndarray
+
+    @property
+    def distances(self) -> np.ndarray:
+        """Distance of each Gaussian's value from the median, maximum norm, float64 (N)."""
+        return np.asarray(np.abs(self.values - self.middle).max(axis=1))
+
+    @property
+    def others(self) -> np.ndarray:
+        """Indices of the Gaussians that are not outliers."""
+        return self.values[~self.outside]
+
+
+def check_outliers(name: str) -> Outliers:
+    """Raises an error for an unknown treatment of outliers.
+
+    Raises:
+        UnknownNameError: If no treatment has that name.
+    """
+    for known in get_args(Outliers):
+        if name == known:
+            return known
+    raise UnknownNameError("treatment of outliers", name, get_args(Outliers))
+
+
+def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
+    """Finds the outliers among the values of an attribute.
+
+    Args:
+        values: Finite values, float64 (N, C).
+        share: Maximum share of outliers, up to 0.5.
+
+    Returns:
+        The values with their outliers marked.
+    """
+    wide = np.asarray(values, np.float64)
+    middle = np.median(wide, axis=0)
+    distances = np.abs(wide - middle).max(axis=1)
+    if len(wide) < _FEWEST:
+        return Column(wide, middle, float(distances.max(initial=0.0)), np.zeros(len(wide), bool))
+    allowed = max(1, int(share * len(wide)))
+    usual = float(np.partition(distances, -allowed - 1)[-allowed - 1])
+    reach = max(_REACH * usual, float(np.finfo(np.float32).tiny))
+    return Column(wide, middle, reach, distances > reach)
+
+
+def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> Column:
+    """Finds the smallest set of far Gaussians whose removal makes rounding of nearly all other Gaussians invisible.
+
+    If no set of up to half of the Gaussians suffices, at most one hundredth are marked.
+
+    Args:
+        splats: The Gaussians.
+        errors: Function of the positions of all Gaussians with outliers marked. Returns the largest rounding error of a
+            coordinate, for each Gaussian that is no outlier, world units, float64 (n).
+
+    Returns:
+        The positions with these Gaussians marked as outliers.
+    """
+    known: list[np.ndarray] = []
+
+    def is_costly(column: Column) -> bool:
+        inside, found = ~column.outside, errors(column)
+        if not _are_costly(found, np.median(splats.scales[inside], axis=1)):
+            return False
+        known[:] = known or [local_scales(splats, np.arange(splats.num_gaussians))]
+        return _are_costly(found, known[0][inside])
+
+    first = find_outliers(splats.means)
+    if not is_costly(first):
+        return first
+    columns = (find_outliers(splats.means, share) for share in SHARES[1:])
+    return next((column for column in columns if column.outside.any() and not is_costly(column)), first)
+
+
+def local_scales(splats: Splats, rows: np.ndarray) -> np.ndarray:
+    """Returns a local length scale for each Gaussian, used to judge whether position errors are visible.
+
+    Args:
+        splats: All Gaussians.
+        rows: Indices of the Gaussians, int64 (n).
+
+    Returns:
+        Distance to the fourth nearest neighbour or the middle one of the three standard deviations, whichever is
+        larger, world units, float64 (n).
+    """
+    if not len(rows):
+        return np.zeros(0)
+    means = splats.means.astype(np.float64)
+    _, distances = NeighborTree(means).query(means[rows], _NEIGHBOURS + 1)
+    return np.maximum(distances[:, -1], np.median(splats.scales[rows].astype(np.float64), axis=1))
+
+
+def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    """Returns a mask of the Gaussians whose position error is visible.
+
+    Args:
+        errors: Largest position error along an axis of each Gaussian, world units, (N).
+        scales: Local scale of each Gaussian (`local_scales`), (N).
+    """
+    return np.asarray(errors > scales / VISIBLE)
+
+
+def _are_costly(errors: np.ndarray, scales: np.ndarray) -> bool:
+    """True if too many Gaussians have position errors above the limit `FINE` (arguments: see `visible_errors`)."""
+    return bool(len(errors)) and float((errors > scales / FINE).mean()) > _FEW_COSTLY
+
+
+def warn_of_errors(path: Path, errors: np.ndarray, scales: np.ndarray) -> None:
+    """Logs number and size of visible rounding errors in a file.
+
+    Args:
+        path: The file, for the message.
+        errors: Largest position error along an axis of each Gaussian, world units, (N).
+        scales: Local scale of each Gaussian (`local_scales`), (N).
+    """
+    seen = visible_errors(errors, scales)
+    if not seen.any():
+        return
+    LOG.warning(
+        "%s: positions of %s of %s Gaussians are rounded by up to %.3g, and their neighbours are %.3g away (median): "
+        "near and far Gaussians share the steps of this format; PLY keeps them, `--outliers prune` drops far ones",
+        path, f"{int(seen.sum()):,}", f"{len(seen):,}", float(errors[seen].max()), float(np.median(scales[seen])),
+    )  # fmt: skip
+
+
+def spatial_order(positions: Column) -> np.ndarray:
+    """Returns the order of Gaussians along a Morton curve, followed by the outliers, nearest first.
+
+    Args:
+        positions: The centres, with outliers marked.
+
+    Returns:
+        Index of the Gaussian at each position of the order, int64 (N).
+    """
+    inside = np.flatnonzero(~positions.outside)
+    outside = np.flatnonzero(positions.outside)
+    far = outside[np.argsort(positions.distances[outside], kind="stable")]
+    return np.concatenate([inside[morton_order(positions.values[inside])], far])
+
+
+def morton_order(means: np.ndarray) -> np.ndarray:
+    """Returns the order of points along a Morton curve of 42 bits per axis.
+
+    With so many bits, the points within an object are sorted even if another object is a million times its size away.
+
+    Args:
+        means: Finite, float64 (N, 3), at least one.
+
+    Returns:
+        Index of the point at each position of the order, int64 (N).
+    """
+    low = means.min(axis=0)
+    extent = max(float((means - low).max()), 1e-30)
+    cells = ((means - low) / extent * ((1 << 2 * MAX_AXIS_BITS) - 1)).astype(np.int64)
+    fine, coarse = morton_encode(cells & ((1 << MAX_AXIS_BITS) - 1)), morton_encode(cells >> MAX_AXIS_BITS)
+    return np.lexsort((fine, coarse))
+
+
+def pull_into_box(splats: Splats, index: np.ndarray, middle: np.ndarray, low: np.ndarray, high: np.ndarray) -> Splats:
+    """Moves some Gaussians towards a point until their centres are within a box, scaling them by the same factor.
+
+    The view from that point does not change.
+
+    Args:
+        splats: All Gaussians.
+        index: Indices of the Gaussians to move, int64 (n).
+        middle: Target point within the box, (3).
+        low: Minimum coordinates of the box, (3).
+        high: Maximum coordinates of the box, (3).
+    """
+    places, scales = splats.means[index].astype(np.float64), splats.scales.copy()
+    ways = places - middle
+    with np.errstate(divide="ignore", invalid="ignore"):
+        room = np.where(ways > 0, (high - middle) / ways, np.where(ways < 0, (low - middle) / ways, np.inf))
+    factors = np.minimum(room.min(axis=1), 1)[:, None]
+    means = splats.means.copy()
+    means[index] = middle + ways * factors
+    scales[index] = np.maximum(scales[index] * factors, np.finfo(np.float32).tiny)
+    return replace(splats, means=means, scales=scales)
+
+
+def treated_positions(
+    splats: Splats, treatment: Outliers, index: np.ndarray, middle: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> Splats:
+    """Moves or removes outliers, or keeps them, as given by `treatment`.
+
+    Args:
+        splats: The Gaussians.
+        treatment: `clamp` to move the outliers into the box, `prune` to remove them, or `keep`.
+        index: Indices of the outliers, int64 (n).
+        middle: Point within the box towards which outliers are moved, (3).
+        low: Minimum coordinates of the box, (3).
+        high: Maximum coordinates of the box, (3).
+    """
+    if treatment == "keep":
+        return splats
+    if treatment == "clamp":
+        return pull_into_box(splats, index, middle, low, high)
+    kept = np.ones(splats.num_gaussians, np.bool_)
+    kept[index] = False
+    return splats.select(kept)
+
+
+def warn_of_outliers(
+    path: Path, treatment: Outliers, what: str, column: Column, steps: tuple[float, float], count: int | None = None
+) -> None:
+    """Logs the number of outliers, their distance, the quantisation steps of the other Gaussians, and what is done.
+
+    Args:
+        path: The file.
+        treatment: What is done with the outliers.
+        what: Name of the values, such as `positions`.
+        column: The values with their outliers marked.
+        steps: Quantisation steps of the other Gaussians if the outliers are kept, and if they are moved or removed.
+        count: Number of outliers that are moved or removed; None for all.
+    """
+    number, total = int(column.outside.sum()) if count is None else count, len(column.values)
+    far, usual = float(column.distances.max()), float(column.distances[~column.outside].max())
+    LOG.warning(
+        "%s: %s of %s Gaussians have outlying %s, up to %.4g from the median (the others up to %.4g); with them steps "
+        "of the others are %.3g, without them %.3g; outliers are %s",
+        path, f"{number:,}", f"{total:,}", what, far, usual, *steps, _DONE[treatment],
+    )  # fmt: skip

@@ -1,0 +1,268 @@
+"""The PLY files of 3DGS, supported by nearly every splat viewer; axes are RDF (right, down, forward).
+
+Properties, in any order: `x y z nx ny nz f_dc_0..2 f_rest_0.. opacity scale_0..2 rot_0..3`. `f_rest` has all
+coefficients of red, then green, then blue, `opacity` is a logit, `scale` a natural logarithm and `rot` a quaternion (w,
+x, y, z). All are written as float32; only `x y z` of geo-referenced scenes are float64, and a comment has the origin.
+`filter_3D` of Mip-Splatting is the standard deviation of a filter, which is applied while reading.
+"""
+
+import hashlib
+import logging
+import re
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.files.whole import written_whole
+from splatwire.io.formats._columns import MAX_LOG_SCALE, build_splats, check_count, filled
+from splatwire.io.formats._placement import warn_of_unused_comments
+from splatwire.io.formats._ply_values import warn_of_other_units
+from splatwire.io.formats.content import FileContent, warn_of_rounded_positions
+from splatwire.io.formats.ply_comments import (
+    ORIGIN,
+    antialiasing_comments,
+    origin_comments,
+    stated_origin,
+    states_antialiasing,
+    warn_of_unclear_antialiasing,
+)
+from splatwire.io.formats.ply_file import PlyElement
+from splatwire.io.formats.ply_metadata import metadata_comments, stated_metadata
+from splatwire.io.formats.ply_note import DIGEST_DIGITS, PlyNote, marked
+from splatwire.ops.spherical_harmonics import MAX_DEGREE, degree_of, num_functions
+from splatwire.types.metadata import NO_METADATA, SceneMetadata
+from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin, describe_origin, misses_positions
+from splatwire.types.splats import ROWS, Splats
+
+LOG = logging.getLogger(__name__)
+_REST_OF_4 = 72
+"""Number of properties `f_rest_*` for harmonics of degree 4."""
+_AXES = ("x", "y", "z")
+_FILTER = re.compile(r"filter[-_ ]?3d", re.IGNORECASE)
+"""Property with the standard deviation of the Mip-Splatting filter."""
+_CHANGING = re.compile(
+    r"filter|mip|anti[-_]?alias|smooth|kernel|motion|trbf|omega|velocity|deleted|hidden|visib|^(?:t|time(?:stamp)?|state)$",
+    re.IGNORECASE,
+)
+"""Name patterns of properties that may change, move or hide Gaussians in an unknown way."""
+_HINTS = {
+    2: "; those of 2DGS are flat: add a property scale_2 of -30, the logarithm of a thickness near 0",
+    6: "; a PLY of anchors is read by `splatwire import scaffold` or `hacpp`",
+}
+"""Hints for files with another number of scales."""
+_FLOAT_BYTES = 4
+_LINEAR_RGB = 1
+"""Value of the element `color_space` of SHARP for linear RGB; 0 is sRGB."""
+_COUNT_DIGITS = 12
+_MIN_OPACITY = 1e-6
+"""Minimum distance of written opacities from 0 and 1, where the logit is infinite."""
+
+
+def content_of_vertices(vertices: PlyElement) -> FileContent:
+    """Builds Gaussians from the vertices of a 3DGS PLY.
+
+    Normals and unknown properties are ignored; quaternions are normalised. Positions far from 0 are returned relative
+    to an origin, which is subtracted in float64: the origin in the header comments, or one chosen near the Gaussians.
+
+    Raises:
+        DatasetError: If a property is missing, or values are invalid.
+    """
+    path = vertices.path
+    check_count(path, len(vertices.rows), vertices.rows.nbytes)
+    if vertices.count_of("scale_") != 3:
+        count = vertices.count_of("scale_")
+        hint = _HINTS.get(count, "")
+        raise DatasetError(f"{path}: has {count} properties scale_*, explicit Gaussians have 3{hint}")
+    if not vertices.count_of("f_dc_") and {"red", "green", "blue"} <= set(vertices.names):
+        raise DatasetError(
+            f"{path}: has colours (red, green, blue) and no properties f_dc_*: write f_dc = (colour / 255 - 0.5) / "
+            "0.28209479"
+        )
+    num_rest = vertices.count_of("f_rest_")
+    try:
+        degree = MAX_DEGREE if num_rest == _REST_OF_4 else degree_of(num_rest // 3 + 1 if num_rest % 3 == 0 else -1)
+    except InvalidValueError as error:
+        raise DatasetError(f"{path}: {num_rest} properties f_rest_* are not those of a degree from 0 to 4") from error
+    if num_rest == _REST_OF_4:
+        LOG.warning(
+            "%s: harmonics of degree 4 are read up to degree %d: %d of %d coefficients of each Gaussian are left out",
+            path, MAX_DEGREE, _REST_OF_4 + 3 - 3 * num_functions(MAX_DEGREE), _REST_OF_4 + 3,
+        )  # fmt: skip
+    warn_of_unclear_antialiasing(path, vertices.comments)
+    warn_of_unused_comments(path, vertices.comments, ORIGIN)
+    unknown = [name for name in vertices.names if _CHANGING.search(name) and not _FILTER.fullmatch(name)]
+    unknown += [name for name in vertices.names if _FILTER.fullmatch(name)][1:]
+    if unknown:
+        LOG.warning(
+            "%s: properties %s are not known and left out: the scene may look different",
+            path, ", ".join(unknown)[:200],
+        )  # fmt: skip
+    warn_of_other_units(vertices)
+    splats, origin = Splats.empty(len(vertices.rows), degree), _origin(vertices)
+    for begin in range(0, len(vertices.rows), ROWS):
+        splats.fill(begin, _some(replace(vertices, rows=vertices.rows[begin : begin + ROWS]), num_rest, origin))
+    if min(vertices.rows.dtype[name].itemsize for name in _AXES) <= _FLOAT_BYTES:
+        warn_of_rounded_positions(path, splats, origin)
+    metadata = stated_metadata(vertices.comments).moved_origin(NO_ORIGIN, origin)
+    return FileContent(splats, origin, states_antialiasing(vertices.comments), metadata)
+
+
+def warn_of_colour_space(elements: dict[str, PlyElement]) -> None:
+    """Logs a warning if the element `color_space` of SHARP declares linear RGB."""
+    stated = elements.get("color_space")
+    if stated is not None and stated.names and stated.rows[stated.names[0]][:1].tolist() == [_LINEAR_RGB]:
+        LOG.warning(
+            "%s: element color_space is %d, linear RGB: colours are read as sRGB and may look too dark",
+            stated.path, _LINEAR_RGB,
+        )  # fmt: skip
+
+
+def _origin(vertices: PlyElement) -> Origin:
+    """Returns the origin in the header comments if it is near the Gaussians, else a chosen origin."""
+    some = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // ROWS))])
+    means = some.select_wide(list(_AXES))
+    stated = stated_origin(ORIGIN, vertices.comments)
+    if stated is not None and (apart := misses_positions(stated, means)) is None:
+        return stated
+    wide = any(vertices.rows.dtype[name] != np.float32 for name in _AXES)
+    chosen = choose_origin(means, wide=wide)
+    if stated is not None:
+        LOG.warning(
+            "%s: its comment has the origin (%s), which is %.6g away from the Gaussians: it may be of another file; "
+            "positions are read as they are in the file, relative to (%s)",
+            vertices.path, describe_origin(stated), apart, describe_origin(chosen),
+        )  # fmt: skip
+    return chosen
+
+
+def _some(vertices: PlyElement, num_rest: int, origin: Origin) -> Splats:
+    harmonics = [vertices.columns("f_dc_", 3)[:, None]]
+    if num_rest:
+        rest = vertices.columns("f_rest_", num_rest)
+        harmonics.append(rest.reshape(len(rest), 3, -1).transpose(0, 2, 1)[:, : num_functions(MAX_DEGREE) - 1])
+    log_scales, opacities = vertices.columns("scale_", 3), _expit(vertices.select(["opacity"])[:, 0])
+    if filters := [name for name in vertices.names if _FILTER.fullmatch(name)]:
+        log_scales, opacities = _filtered(log_scales, opacities, vertices.select_wide(filters[:1]))
+    return build_splats(
+        vertices.path,
+        means=vertices.select_wide(list(_AXES)) - np.array(origin),
+        quats=vertices.columns("rot_", 4),
+        log_scales=log_scales,
+        opacities=opacities,
+        sh=np.concatenate(harmonics, axis=1),
+    )
+
+
+def _filtered(log_scales: np.ndarray, opacities: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Applies the 3D smoothing filter of Mip-Splatting to Gaussians (Yu et al., CVPR 2024, equation 9).
+
+    Args:
+        log_scales: float32 (N, 3), logarithms of standard deviations.
+        opacities: float32 (N).
+        sizes: Standard deviation of the filter of each Gaussian, float64 (N, 1).
+
+    Returns:
+        Logarithms of the standard deviations of the convolution, and opacities times the root of the ratio of the
+        covariances' determinants.
+    """
+    logs = np.maximum(log_scales.astype(np.float64), -MAX_LOG_SCALE)
+    with np.errstate(divide="ignore"):
+        wider = np.logaddexp(2 * logs, 2 * np.log(np.abs(sizes))) / 2
+    return wider.astype(np.float32), (opacities * np.exp((logs - wider).sum(axis=1))).astype(np.float32)
+
+
+def _expit(logits: np.ndarray) -> np.ndarray:
+    """Logistic function in float32, without the slow import of scipy.
+
+    It differs from `scipy.special.expit` in the last digit of 1 in 4,000 values. Importing scipy takes 0.3 s.
+    """
+    with np.errstate(over="ignore"):
+        return 1 / (1 + np.exp(-logits.astype(np.float64)).astype(np.float32))
+
+
+def write_ply(
+    parts: Iterable[Splats],
+    path: Path,
+    note: PlyNote | None = None,
+    *,
+    antialiased: bool = False,
+    origin: Origin = NO_ORIGIN,
+    metadata: SceneMetadata = NO_METADATA,
+) -> int:
+    """Writes a PLY batch by batch, so that not all Gaussians must be in memory.
+
+    Normals are written as 0; opacities stay a millionth away from 0 and 1. With an origin, positions are written as
+    float64 world coordinates. See `splatwire.io.formats.write_splats`.
+    """
+    count, degree, digest = 0, 0, hashlib.sha256()
+    remarks = antialiasing_comments(antialiased) + origin_comments(ORIGIN, origin)
+    remarks += metadata_comments(metadata.moved_origin(origin, NO_ORIGIN))
+    with written_whole(path) as unfinished, unfinished.open("wb") as file:
+        for part in filled(path, parts):
+            if not count:
+                degree = part.degree
+                file.write(_header(0, degree, note, digest.hexdigest(), remarks, origin))
+            rows, end = _rows(part), count + part.num_gaussians
+            rows = rows if note is None else marked(rows, note.marks[count:end])
+            data = _record_bytes(rows, origin)
+            digest.update(data)
+            file.write(data)
+            count = end
+        file.seek(0)
+        file.write(_header(count, degree, note, digest.hexdigest(), remarks, origin))
+    return count
+
+
+def _record_bytes(rows: np.ndarray, origin: Origin) -> bytes:
+    """Serialises Gaussians as float32 records; with an origin, positions are float64 world coordinates."""
+    if origin == NO_ORIGIN:
+        return rows.astype("<f4").tobytes()
+    records = np.empty(len(rows), [("means", "<f8", 3), ("rest", "<f4", rows.shape[1] - 3)])
+    records["means"] = rows[:, :3] + np.array(origin)
+    records["rest"] = rows[:, 3:]
+    return records.tobytes()
+
+
+def property_names(degree: int) -> list[str]:
+    """Returns the names of a vertex's properties in file order.
+
+    Args:
+        degree: Degree of the spherical harmonics.
+    """
+    rest = 3 * ((degree + 1) ** 2 - 1)
+    return [
+        *("x", "y", "z", "nx", "ny", "nz"),
+        *(f"f_dc_{i}" for i in range(3)),
+        *(f"f_rest_{i}" for i in range(rest)),
+        "opacity",
+        *(f"scale_{i}" for i in range(3)),
+        *(f"rot_{i}" for i in range(4)),
+    ]
+
+
+def _header(count: int, degree: int, note: PlyNote | None, digest: str, remarks: list[str], origin: Origin) -> bytes:
+    """Returns the header; a padding comment makes its length independent of the number of Gaussians."""
+    digits = str(count)
+    lines = ["ply", "format binary_little_endian 1.0", "comment splatwire" + "." * (_COUNT_DIGITS - len(digits))]
+    lines += [] if note is None else [note.line(digest[:DIGEST_DIGITS])]
+    lines += [f"comment {remark}" for remark in remarks]
+    wide = _AXES if origin != NO_ORIGIN else ()
+    types = {name: "double" if name in wide else "float" for name in property_names(degree)}
+    lines += [f"element vertex {digits}", *(f"property {kind} {name}" for name, kind in types.items())]
+    return ("\n".join(lines) + "\nend_header\n").encode()
+
+
+def _rows(part: Splats) -> np.ndarray:
+    means, quats, scales, sh = part.means, part.quats, part.scales, part.sh
+    opacities = np.clip(part.opacities.astype(np.float64), _MIN_OPACITY, 1 - _MIN_OPACITY)
+    rest = sh[:, 1:].transpose(0, 2, 1).reshape(len(means), -1)
+    logits = np.log(opacities / (1 - opacities))[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.log(scales)
+    rows = np.concatenate([means, np.zeros_like(means), sh[:, 0], rest, logits, logs, quats], axis=1)
+    if not np.isfinite(rows).all():
+        raise InvalidValueError("a Gaussian has a number that is not finite, or a size that is not positive")
+    return rows

@@ -1,0 +1,101 @@
+"""Scene properties in the header comments of a PLY.
+
+Brush, gsplat and nerfstudio write `SplatRenderMode: mip`, Postshot `antialiased 1`. The origin comment is our own.
+"""
+
+import logging
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from splatwire.errors import InvalidValueError
+from splatwire.types.origin import NO_ORIGIN, Origin, check_origin, describe_origin
+
+LOG = logging.getLogger(__name__)
+ORIGIN, OFFSET = "splatwire-origin", "splatwire-offset"
+"""Keywords of comments. `splatwire-origin X Y Z`: coordinates in the file are absolute, and encoded streams are
+relative to this point. `splatwire-offset X Y Z`: coordinates in the file are relative to this point."""
+ANTIALIASED = "SplatRenderMode: mip"
+_SWITCH = re.compile(
+    r"(?:anti[-_ ]?alias(?:ed|ing)?|mip[-_ ]?(?:splat(?:s|ting)?|filter(?:ed|ing)?)|mip|aa)(?:\s*[:=]\s*|\s+|$)(\S*)",
+    re.I,
+)
+_MODE = re.compile(
+    r"(?:splat[-_ ]?)?(?:render(?:ing|er)?|raster(?:i[sz](?:e|er|ation))?)[-_ ]?mode(?:\s*[:=]\s*|\s+)(\S.*)", re.I
+)
+_YES = frozenset(("", "1", "1.0", "true", "yes", "on", "enabled"))
+_NO = frozenset(("0", "0.0", "false", "no", "off", "none", "disabled"))
+_CLASSIC = re.compile(r"default|classic|normal|standard|vanilla|3dgs|gaussian|none|off|0|false|no", re.I)
+_ABOUT = re.compile(
+    r"anti[-_ ]?alias|\bmip[-_ ]?(?:splat|filter)|splat[-_ ]?render[-_ ]?mode|raster\w*[-_ ]?mode"
+    r"|\b(?:kernel|filter)[-_ ]?size|\b(?:2d|low[-_ ]?pass|smoothing)[-_ ]?filter|\bfilter[-_ ]?2d|\blow[-_ ]?pass\b"
+    r"|\beps[-_ ]?2d|\bdilation|\bopacity[-_ ]?compensation|\bcompensat",
+    re.I,
+)
+"""Pattern of comments that refer to antialiasing."""
+_MIP = re.compile(r"(?:mip[-_ ]?(?:splat(?:s|ting)?|filter(?:ed|ing)?)?|anti[-_ ]?alias(?:ed|ing)?)", re.I)
+
+
+def states_antialiasing(comments: Iterable[str]) -> bool:
+    """Returns True if the last header comment about antialiasing enables it.
+
+    Args:
+        comments: Text of each comment, without the word `comment`.
+    """
+    stated = [answer for comment in comments if (answer := _antialiasing_setting(comment)) is not None]
+    return bool(stated) and stated[-1]
+
+
+def warn_of_unclear_antialiasing(path: Path, comments: Iterable[str]) -> None:
+    """Logs comments that refer to antialiasing but cannot be parsed.
+
+    Args:
+        path: The file.
+        comments: Text of each comment, without the word `comment`.
+    """
+    known = tuple(comments)
+    for comment in known:
+        if _ABOUT.search(comment) and _antialiasing_setting(comment) is None:
+            LOG.warning(
+                "%s: comment %.80r is not understood: the scene is drawn %s antialiasing",
+                path, comment, "with" if states_antialiasing(known) else "without",
+            )  # fmt: skip
+
+
+def _antialiasing_setting(comment: str) -> bool | None:
+    """Returns True or False if a comment enables or disables antialiasing; None if it does neither."""
+    text = comment.strip().rstrip(".;,").replace('"', "").replace("'", "")
+    if mode := _MODE.fullmatch(text):
+        kind = mode[1].strip()
+        return True if _MIP.fullmatch(kind) else False if _CLASSIC.fullmatch(kind) else None
+    if (switch := _SWITCH.fullmatch(text)) and switch[1].lower() in _YES | _NO:
+        return switch[1].lower() in _YES
+    return None
+
+
+def antialiasing_comments(antialiased: bool) -> list[str]:
+    """Returns a list with the comment that enables antialiasing; empty without antialiasing."""
+    return [ANTIALIASED] if antialiased else []
+
+
+def origin_comments(keyword: str, origin: Origin) -> list[str]:
+    """Returns a list with the comment that stores the origin; empty for the origin (0, 0, 0).
+
+    Args:
+        keyword: `ORIGIN` or `OFFSET`.
+        origin: World coordinates of the origin.
+    """
+    return [] if origin == NO_ORIGIN else [f"{keyword} {describe_origin(origin)}"]
+
+
+def stated_origin(keyword: str, comments: Iterable[str]) -> Origin | None:
+    """Returns the origin in the first valid comment that starts with `keyword`, or None."""
+    for comment in comments:
+        words = comment.split()
+        if words[:1] != [keyword]:
+            continue
+        try:
+            return check_origin([float(word) for word in words[1:]])
+        except (InvalidValueError, ValueError):
+            continue
+    return None

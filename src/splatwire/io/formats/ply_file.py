@@ -1,0 +1,170 @@
+"""A strict reader of PLY files, binary or text: elements of scalar properties; elements with lists are skipped."""
+
+import lzma
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from splatwire.errors import DatasetError
+from splatwire.files.capped import open_regular
+from splatwire.files.kinds import XZ_MAGIC
+from splatwire.io.formats._ply_header import read_header
+from splatwire.io.formats._ply_rows import binary_rows, text_rows
+
+_MAX_RATIO, _FREE_BYTES = 32, 16 << 20
+"""Maximum decompression ratio of xz archives, and decompressed bytes accepted for archives of any size."""
+_CHUNK_BYTES = 1 << 20
+_XZ_MEMORY_LIMIT = 80 << 20
+"""Memory limit of the decoder; archives of the highest preset need 65 MiB."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlyElement:
+    """All rows of one element of a PLY file, such as its vertices.
+
+    Attributes:
+        path: Path of the file, for messages.
+        name: Name of the element, usually `vertex`.
+        rows: Structured array with one field per property; floats may be NaN or infinite.
+        comments: Text of each comment of the file's header.
+    """
+
+    path: Path
+    name: str
+    rows: np.ndarray
+    comments: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each property, in the order of the file."""
+        return self.rows.dtype.names or ()
+
+    def columns(self, prefix: str, count: int | None = None) -> np.ndarray:
+        """Returns the properties `{prefix}0`, `{prefix}1`, ... of all rows as float32 (N, count).
+
+        Args:
+            prefix: Common prefix of the names.
+            count: Required number of properties; None for any number from 1.
+
+        Raises:
+            DatasetError: If properties are missing, or not numbered from 0 without a gap.
+        """
+        found = self.count_of(prefix)
+        wanted = [f"{prefix}{i}" for i in range(max(found, 1) if count is None else count)]
+        if count is not None and found != count:
+            raise DatasetError(f"{self.path}: {found} properties {prefix}*, expected {count}")
+        return self.select(wanted)
+
+    def count_of(self, prefix: str) -> int:
+        """Returns the number of properties whose names are the prefix and a number."""
+        return sum(name.startswith(prefix) and name[len(prefix) :].isdigit() for name in self.names)
+
+    def select(self, wanted: list[str]) -> np.ndarray:
+        """Returns the named properties of all rows as float32 (N, len(wanted)).
+
+        Raises:
+            DatasetError: If a property is missing.
+        """
+        return self._select(wanted, np.float32)
+
+    def select_wide(self, wanted: list[str]) -> np.ndarray:
+        """Returns the named properties of all rows as float64 (N, len(wanted)).
+
+        Raises:
+            DatasetError: If a property is missing.
+        """
+        return self._select(wanted, np.float64)
+
+    def _select(self, wanted: list[str], dtype: type[np.floating]) -> np.ndarray:
+        missing = [name for name in wanted if name not in self.names]
+        if missing:
+            raise DatasetError(f"{self.path}: property {missing[0]} is missing")
+        columns = np.empty((len(self.rows), len(wanted)), dtype)
+        for place, name in enumerate(wanted):
+            columns[:, place] = self.rows[name]
+        return columns
+
+
+def read_ply(path: Path) -> PlyElement:
+    """Reads a PLY with `vertex` as its only element and float properties: binary, text, or an xz archive of a PLY.
+
+    Raises:
+        DatasetError: If the file has other elements, or `read_ply_elements` fails.
+    """
+    elements = read_ply_elements(path)
+    vertices = elements.pop("vertex", None)
+    if vertices is None or elements:
+        others = ", ".join(f"element {name} {len(element.rows)}" for name, element in elements.items())
+        raise DatasetError(f"{path}: the only element must be 'vertex', there is {others or 'none'}")
+    for name in vertices.names:
+        dtype = vertices.rows.dtype[name]
+        if dtype.kind != "f" or dtype.itemsize != 4:
+            raise DatasetError(f"{path}: property {dtype} {name} of the vertex is no float property")
+    return vertices
+
+
+def read_ply_elements(path: Path) -> dict[str, PlyElement]:
+    """Reads all elements of a PLY: binary of either byte order, text, or an xz archive of a PLY.
+
+    An element with lists, such as the faces of a mesh, and all elements after it are skipped. Memory is bounded by the
+    actual data, not by the header.
+
+    Returns:
+        The elements by name, in the order of the file.
+
+    Raises:
+        DatasetError: If the file is absent, is not such a PLY, or is too short or too long; the message names the file
+            and the reason.
+    """
+    try:
+        with open_regular(path, DatasetError) as file:
+            return _read_elements(path, file, path.stat().st_size)
+    except (OSError, lzma.LZMAError, EOFError) as error:
+        raise DatasetError(f"{path}: cannot be read: {error}") from error
+
+
+def _source(path: Path, file: BinaryIO, file_bytes: int) -> tuple[Iterator[bytes], int]:
+    """Returns an iterator over the (decompressed) bytes of a PLY, and the limit of their total size."""
+    packed = file.read(len(XZ_MAGIC)) == XZ_MAGIC
+    file.seek(0)
+    limit = max(_FREE_BYTES, _MAX_RATIO * file_bytes) if packed else file_bytes
+    return _unpacked(path, file, limit) if packed else _plain(file), limit
+
+
+def _read_elements(path: Path, file: BinaryIO, file_bytes: int) -> dict[str, PlyElement]:
+    source, limit = _source(path, file, file_bytes)
+    header, body = read_header(path, source)
+    if header.num_bytes > limit:
+        raise DatasetError(
+            f"{path}: the header promises {header.num_bytes} bytes, which {file_bytes} bytes of file cannot hold"
+        )
+    read = binary_rows if header.order else text_rows
+    elements = read(path, header, chain([body] if body else [], source))
+    if header.lists is not None and "vertex" not in elements:
+        why = f"element {header.lists} has lists, so neither it nor what follows is read"
+        raise DatasetError(f"{path}: no vertices: {why}")
+    return {name: PlyElement(path, name, rows, header.comments) for name, rows in elements.items()}
+
+
+def _plain(file: BinaryIO) -> Iterator[bytes]:
+    while piece := file.read(_CHUNK_BYTES):
+        yield piece
+
+
+def _unpacked(path: Path, file: BinaryIO, limit: int) -> Iterator[bytes]:
+    decoder = lzma.LZMADecompressor(format=lzma.FORMAT_XZ, memlimit=_XZ_MEMORY_LIMIT)
+    left = limit
+    while not decoder.eof:
+        piece = file.read(_CHUNK_BYTES) if decoder.needs_input else b""
+        if decoder.needs_input and not piece:
+            raise DatasetError(f"{path}: the xz data end early")
+        unpacked = decoder.decompress(piece, max_length=_CHUNK_BYTES)
+        left -= len(unpacked)
+        if left < 0:
+            raise DatasetError(f"{path}: unpacks to more than {limit} bytes, which such an archive cannot need")
+        if unpacked:
+            yield unpacked

@@ -1,0 +1,134 @@
+"""Metadata of a scene in PLY comments.
+
+This package writes `title: …`, `author: …`, `license: …`, `up: -y` and `view: …` with nine numbers. Nerfstudio writes
+`Vertical Axis: z`. The axis that is up is also read from `up z`, `z-up` and `up vector: 0 0 1`. Without a colon,
+`author Jane`, `title Garden`, `license CC0` and `Copyright 2024 A. B.` are read if no comment with a colon states the
+field. Credits (`credit Jane`, `by Jane`, `photos by Jane`) are read as the author if no other comment names one.
+Licences may be given by `SPDX-License-Identifier: CC0-1.0`, by their name alone or by their address at
+creativecommons.org.
+"""
+
+import re
+from collections.abc import Iterable
+
+from splatwire.types.metadata import SceneMetadata, metadata_from_json, metadata_to_json
+
+_NAMES = {
+    "title": r"title|name|scene",
+    "author": r"author|creator|artist|made[-_ ]by",
+    "license": r"licen[cs]e|copyright|rights|spdx-licen[cs]e-identifier|spdx-filecopyrighttext",
+    "up": r"up(?:[-_ ]?axis)?|vertical[-_ ]axis",
+    "view": r"view|start[-_ ](?:view|camera)|viewpoint",
+    "orbit": r"orbit",
+}
+_LINES = {name: re.compile(rf"(?:{words})\s*[:=]\s*(.+)", re.IGNORECASE) for name, words in _NAMES.items()}
+_PLAIN_LINES = {
+    "title": re.compile(r"title\s+(.+)", re.IGNORECASE),
+    "author": re.compile(r"(?:author|artist)s?\s+(.+)", re.IGNORECASE),
+    "license": re.compile(
+        r"(?:licen[cs]e|licen[cs]ed(?:\s+(?:under|as))?|spdx-licen[cs]e-identifier)\s+(.+)"
+        r"|((?:copyright|\(c\)|©)\s*.+|all rights reserved.*)",
+        re.IGNORECASE,
+    ),
+}
+"""Patterns of comments without a colon. A copyright notice is kept whole."""
+_WORK = r"photo(?:s|graph(?:s|ed|y)?)?|captured?|scan(?:s|ned)?|model|shot"
+_CREDITS = {
+    "author": re.compile(
+        r"(?:credits?(?:\s+to)?|attribution|courtesy(?:\s+of)?|photographer)(?:\s*[:=]\s*|\s+)(.+)"
+        rf"|(?:(?:{_WORK})\s+)?by(?:\s*[:=]\s*|\s+)((?-i:[A-Z@\"'\u00c0-\uffff]).*)",
+        re.IGNORECASE,
+    ),
+    "license": re.compile(
+        r"(CC[- ]?(?:BY|0)\b[-\w. ]*|creative\s+commons\b.*|public\s+domain\W*"
+        r"|https?://(?:www\.)?creativecommons\.org/\S+)",
+        re.IGNORECASE,
+    ),
+}
+"""Patterns of comments that name people, or a licence alone; they apply if no other comment states the field."""
+_AXIS = re.compile(r"([+-]?)\s*([xyz])(?:[-_ ]?up|[-_ ]?axis)?", re.IGNORECASE)
+_UP = re.compile(
+    r"(?:world\s+)?(?:up(?:[-_ ]?(?:axis|vector|dir(?:ection)?))?|vertical[-_ ]axis)(?:\s*[:=]\s*|\s+)(.+)"
+    r"|([+-]?[xyz][-_ ]?up)",
+    re.IGNORECASE,
+)
+"""Pattern of comments about the axis that is up: its name, or a unit vector."""
+
+
+def stated_metadata(comments: Iterable[str]) -> SceneMetadata:
+    """Parses the scene's metadata in PLY comments; the last comment of each field applies.
+
+    Args:
+        comments: Text of each comment, without the word `comment`.
+    """
+    found: dict[str, object] = {}
+    plain: dict[str, object] = {}
+    credits: dict[str, object] = {}
+    for comment in map(str.strip, comments):
+        stated = {name: match for name, line in _LINES.items() if (match := line.fullmatch(comment))}
+        found |= {name: _value(name, match[1].strip()) for name, match in stated.items()}
+        if not stated:
+            plain |= _matches(_PLAIN_LINES, comment)
+            credits |= _matches(_CREDITS, comment)
+        if (up := _up(comment)) is not None:
+            found["up"] = up
+    return metadata_from_json(credits | plain | found)
+
+
+def _matches(lines: dict[str, re.Pattern[str]], comment: str) -> dict[str, str]:
+    """Returns the fields stated by a comment, each with its text."""
+    matches = {name: line.fullmatch(comment) for name, line in lines.items()}
+    return {name: match[match.lastindex or 0].strip() for name, match in matches.items() if match}
+
+
+def is_metadata(comment: str) -> bool:
+    """Returns True if a comment states the title, author, license, view or orbit of a scene."""
+    lines = [line for name, line in _LINES.items() if name != "up"]
+    lines += [*_PLAIN_LINES.values(), *_CREDITS.values()]
+    return any(line.fullmatch(comment.strip()) for line in lines)
+
+
+def names_up(comment: str) -> bool:
+    """Returns True if a comment names the axis that is up."""
+    return _up(comment) is not None
+
+
+def _up(comment: str) -> str | None:
+    match = _UP.fullmatch(comment.strip().rstrip(".;,"))
+    return None if match is None else _axis((match[1] or match[2]).strip())
+
+
+def _axis(text: str) -> str | None:
+    """Returns the axis of a name such as `+Z`, or of a unit vector along an axis; None for anything else."""
+    if axis := _AXIS.fullmatch(text):
+        return f"{axis[1].replace('+', '')}{axis[2].lower()}"
+    vector = _numbers(text)
+    if vector is None or sorted(map(abs, vector)) != [0, 0, 1]:
+        return None
+    place = [abs(value) for value in vector].index(1)
+    return ("-" if vector[place] < 0 else "") + "xyz"[place]
+
+
+def metadata_comments(metadata: SceneMetadata) -> list[str]:
+    """Returns one PLY comment per known field of the metadata."""
+    found = metadata_to_json(metadata)
+    return [f"{name}: {_text(value)}" for name, value in found.items()]
+
+
+def _text(value: object) -> str:
+    if isinstance(value, list):
+        return " ".join(repr(number) for number in value)
+    return str(value).replace("end_header", "end header")  # simple readers search for the word
+
+
+def _value(name: str, text: str) -> object:
+    if name == "up":
+        return _axis(text)
+    return _numbers(text) if name in ("view", "orbit") else text
+
+
+def _numbers(text: str) -> list[float] | None:
+    try:
+        return [float(word) for word in re.split(r"[\s,]+", text.strip("[]() "))]
+    except ValueError:
+        return None

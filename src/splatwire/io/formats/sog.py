@@ -1,0 +1,352 @@
+"""SOG (github.com/playcanvas/splat-transform): a `meta.json` and lossless WebP images, as folder or zip.
+
+Pixel i of each image belongs to Gaussian i. Positions are 16 bits of sign(x) log(1 + |x|) between bounds. Rotations are
+the smallest three of w, x, y, z in 8 bits each. Scales and constant coefficients are entries of code books with 256
+numbers. The other coefficients of a Gaussian are an entry of a palette of vectors, whose components are entries of
+another code book. Axes are RDF.
+
+Version 1 has no field `version`. It has bounds of each channel instead of code books, and the fourth channel of the
+image `sh0` is the logit of the opacity. The width of the palette's image determines the degree of the spherical
+harmonics.
+"""
+
+import contextlib
+import io
+import json
+import logging
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from splatwire.errors import DatasetError
+from splatwire.files.archive import open_archive
+from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
+from splatwire.io.formats._asset import metadata_of_asset, warn_of_unused_extras
+from splatwire.io.formats._columns import build_splats, check_count
+from splatwire.io.formats._placement import warn_of_unused_fields
+from splatwire.io.formats._rotations import from_smallest_three
+from splatwire.io.formats.content import FileContent
+from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions
+from splatwire.types.splats import Splats
+
+LOG = logging.getLogger(__name__)
+PALETTE_COLUMNS = 64
+CODES = 256
+_MAX_META_BYTES = 1 << 20
+_MAX_PALETTE = 1 << 16
+_SPARE_PIXELS = 1 << 16
+_PICTURE_BYTES, _SPARE_BYTES = 5, 1 << 16
+"""Limit of an image file: bytes per pixel, and additional bytes, because incompressible data grows slightly."""
+_WEBP_HEADER, _LOSSY = 12, b"VP8 "
+"""Size of the header of a WebP before its chunks, bytes, and the tag of the chunk with a lossy image."""
+_ROWS = 1 << 16
+_MAX_LOG_POSITION = 40.0
+_MAX_CODE = 1e6
+_CHANNEL = np.float32(255)
+"""Maximum value of an image channel."""
+
+
+def read_sog(path: Path) -> FileContent:
+    """Reads a SOG: a bundled `.sog` file, a folder with a `meta.json`, or the path of that `meta.json`.
+
+    Raises:
+        DatasetError: If something is missing, damaged, or of wrong version or size.
+        OSError: If a file cannot be read.
+    """
+    with _opened(path) as found:
+        warn_of_unused_fields(path, {name: found.meta[name] for name in found.meta if name != "asset"})
+        warn_of_unused_extras(path, found.meta.get("asset"))
+        return FileContent(
+            found.splats(),
+            antialiased=found.is_antialiased(),
+            metadata=metadata_of_asset(found.meta.get("asset")),
+        )
+
+
+def is_antialiased(path: Path) -> bool:
+    """True if a valid SOG declares that it was trained with antialiasing."""
+    with _opened(path) as found:
+        return found.is_antialiased()
+
+
+def read_asset(path: Path) -> object:
+    """Returns the metadata object `asset` of a valid SOG, or None."""
+    with _opened(path) as found:
+        return found.meta.get("asset")
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> "Iterator[_Sog]":
+    if path.is_dir() or path.name == SOG_META_NAME:
+        folder = path if path.is_dir() else path.parent
+        names = {entry.name: entry.stat().st_size for entry in folder.iterdir() if entry.is_file()}
+        yield _Sog(path, names, sum(names.values()), lambda name: (folder / name).read_bytes())
+        return
+    with open_archive(path, DatasetError) as bundle:
+        prefix = _folder_of(path, bundle.sizes)
+        names = {name[len(prefix) :]: size for name, size in bundle.sizes.items() if name.startswith(prefix)}
+        yield _Sog(path, names, path.stat().st_size, lambda name: bundle.read(prefix + name, names[name]))
+
+
+def _folder_of(path: Path, names: Iterable[str]) -> str:
+    """Returns the folder with the `meta.json` within an archive, with trailing slash; empty for the top level.
+
+    Raises:
+        DatasetError: If there is no such folder, or several.
+    """
+    here = [PurePosixPath(name) for name in names]
+    if SOG_META_NAME in names:
+        return ""
+    if any(name.name == SOG_LEVELS_NAME for name in here):
+        raise DatasetError(f"{path}: an archive of a streamed SOG ({SOG_LEVELS_NAME}): unpack it and name its folder")
+    found = [name.parent for name in here if name.name == SOG_META_NAME and name.parts[0] != "__MACOSX"]
+    if len(found) > 1:
+        raise DatasetError(f"{path}: {len(found)} folders in it have a {SOG_META_NAME}: unpack it and name one of them")
+    if not found:
+        raise DatasetError(f"{path}: {SOG_META_NAME} is missing")
+    return f"{found[0]}/"
+
+
+class _Sog:
+    """Reader of one SOG, from a zip archive or a folder."""
+
+    def __init__(self, path: Path, sizes: dict[str, int], file_bytes: int, load: Callable[[str], bytes]) -> None:
+        self._path, self._sizes, self._load = path, sizes, load
+        self.meta = self._read_meta()
+        version = self.meta.get("version", 1)
+        if version not in (1, 2) or type(version) is not int:
+            raise DatasetError(f"{path}: SOG of version {version!r:.20}; versions 1 and 2 are read")
+        self._first = version == 1
+        count = self._first_count() if self._first else self.meta.get("count")
+        if type(count) is not int:  # bool is a subclass of int
+            raise DatasetError(f"{path}: {SOG_META_NAME}: count is {count!r:.40}, not a number of Gaussians")
+        self._count = check_count(path, count, file_bytes)
+
+    def is_antialiased(self) -> bool:
+        """Returns the flag `antialias` (a boolean, 0 or 1); logs a warning for other values."""
+        stated = self.meta.get("antialias", False)
+        if stated is not None and stated not in (False, True):
+            LOG.warning(
+                "%s: antialias %.40r is not a boolean: the scene is drawn without antialiasing", self._path, stated
+            )
+        return stated in (True,)
+
+    def _first_count(self) -> Any:
+        """Returns the number of Gaussians of a version 1 file: the first number of an array shape in `meta.json`."""
+        shape = self._field("means", "shape")
+        return shape[0] if isinstance(shape, list) and shape else shape
+
+    def _read_meta(self) -> dict[str, Any]:
+        try:
+            meta = json.loads(self._bytes(SOG_META_NAME, _MAX_META_BYTES))
+        except (ValueError, RecursionError) as error:
+            raise DatasetError(f"{self._path}: {SOG_META_NAME} is no JSON: {error}") from error
+        if not isinstance(meta, dict):
+            raise DatasetError(f"{self._path}: {SOG_META_NAME} is no JSON object")
+        return meta
+
+    def _bytes(self, name: str, limit: int) -> bytes:
+        if name not in self._sizes:
+            raise DatasetError(f"{self._path}: {name[:80]} is missing")
+        if self._sizes[name] > limit:
+            raise DatasetError(f"{self._path}: {name[:80]} has {self._sizes[name]} bytes, the limit is {limit}")
+        return self._load(name)
+
+    def _check_names(self) -> None:
+        """Checks that no image file is referenced twice.
+
+        Raises:
+            DatasetError: If a file is named twice.
+        """
+        sections = [section for section in self.meta.values() if isinstance(section, dict)]
+        lists = [names for section in sections if isinstance(names := section.get("files"), list)]
+        named = [name for names in lists for name in names if isinstance(name, str)]
+        if twice := next((name for name in named if named.count(name) > 1), None):
+            raise DatasetError(f"{self._path}: {SOG_META_NAME} names {twice[:80]} twice: a picture has one meaning")
+
+    def splats(self) -> Splats:
+        self._check_names()
+        low, high = (self._pixels("means", file) for file in range(2))
+        bounds = [self._numbers("means", side, 3, _MAX_LOG_POSITION).astype(np.float32) for side in ("mins", "maxs")]
+        if (bounds[0] > bounds[1]).any():
+            raise DatasetError(f"{self._path}: {SOG_META_NAME}: a number of means.mins is above that of means.maxs")
+        share = (low[:, :3] + np.float32(256) * high[:, :3]) / np.float32(65535)
+        logs = bounds[0] + (bounds[1] - bounds[0]) * share
+        colors, opacities = self._colors_first() if self._first else self._colors()
+        return build_splats(
+            self._path,
+            means=np.sign(logs) * np.expm1(np.abs(logs)),
+            quats=self._rotations(),
+            log_scales=self._log_scales(),
+            opacities=opacities,
+            sh=self._harmonics(colors),
+        )
+
+    def _log_scales(self) -> np.ndarray:
+        pixels = self._pixels("scales")[:, :3]
+        return self._between("scales", pixels) if self._first else self._codebook("scales")[pixels]
+
+    def _colors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Returns constant coefficients (N, 3) and opacities (N)."""
+        pixels = self._pixels("sh0")
+        return self._codebook("sh0")[pixels[:, :3]], pixels[:, 3] / _CHANNEL
+
+    def _colors_first(self) -> tuple[np.ndarray, np.ndarray]:
+        """Returns constant coefficients (N, 3) and opacities (N) of a version 1 file."""
+        values = self._between("sh0", self._pixels("sh0"))
+        return values[:, :3], 1 / (1 + np.exp(-values[:, 3]))
+
+    def _between(self, section: str, pixels: np.ndarray) -> np.ndarray:
+        """Decodes values of a version 1 file, which are scaled to the bounds of each channel, to float32 (N, C)."""
+        low, high = (self._numbers(section, side, pixels.shape[1], _MAX_CODE) for side in ("mins", "maxs"))
+        return (low + (high - low) * (pixels / _CHANNEL)).astype(np.float32)
+
+    def _rotations(self) -> np.ndarray:
+        pixels = self._pixels("quats")
+        return from_smallest_three(pixels[:, 3].astype(np.int64) - 252, pixels[:, :3] / _CHANNEL)
+
+    def _harmonics(self, constant: np.ndarray) -> np.ndarray:
+        """Returns all spherical harmonics coefficients (N, D, 3), given the constant coefficients."""
+        if self.meta.get("shN") is None:
+            return constant[:, None]
+        bands, count = self._palette_size()
+        if type(bands) is not int or not 1 <= bands <= MAX_DEGREE:
+            raise DatasetError(f"{self._path}: {SOG_META_NAME}: shN.bands is {bands!r:.40}, not 1 to {MAX_DEGREE}")
+        if type(count) is not int or not 0 < count <= _MAX_PALETTE:
+            raise DatasetError(f"{self._path}: {SOG_META_NAME}: shN.count is {count!r:.40}, not 1 to {_MAX_PALETTE}")
+        width = num_functions(bands) - 1
+        rows = -(-count // PALETTE_COLUMNS)
+        palette = self._picture("shN", 0, pixels=rows * PALETTE_COLUMNS * width, width=PALETTE_COLUMNS * width)
+        labels = self._pixels("shN", 1).astype(np.int64)
+        label = labels[:, 0] + 256 * labels[:, 1]
+        codes, codebook = palette[:, :3].reshape(-1, width, 3), self._palette_codebook()
+        whole = np.empty((self._count, 1 + width, 3), np.float32)
+        whole[:, 0] = constant
+        for start in range(0, self._count, _ROWS):  # in batches: entries are four times as large as codes
+            whole[start : start + _ROWS, 1:] = codebook[codes[np.minimum(label[start : start + _ROWS], count - 1)]]
+        whole[label >= count] = np.nan
+        return whole
+
+    def _palette_size(self) -> tuple[Any, Any]:
+        """Returns degree of the spherical harmonics and palette size; version 1 derives both from the images."""
+        if not self._first:
+            return self._field("shN", "bands"), self._field("shN", "count")
+        labels = self._pixels("shN", 1).astype(np.int64)
+        width = self._width("shN", 0)
+        bands = next((n for n in range(1, MAX_DEGREE + 1) if PALETTE_COLUMNS * (num_functions(n) - 1) == width), width)
+        return bands, int((labels[:, 0] + 256 * labels[:, 1]).max()) + 1
+
+    def _palette_codebook(self) -> np.ndarray:
+        """Returns the number that each pixel value of the palette image represents, float32 (256)."""
+        if not self._first:
+            return self._codebook("shN")
+        low, high = (self._numbers("shN", side, None, _MAX_CODE) for side in ("mins", "maxs"))
+        return (low + (high - low) * np.linspace(0, 1, CODES)).astype(np.float32)
+
+    def _field(self, section: str, name: str) -> Any:
+        content = self.meta.get(section)
+        if not isinstance(content, dict) or name not in content:
+            raise DatasetError(f"{self._path}: {SOG_META_NAME}: {section}.{name} is missing")
+        return content[name]
+
+    def _numbers(self, section: str, name: str, count: int | None, limit: float) -> np.ndarray:
+        """Returns numbers of a section of `meta.json`.
+
+        Args:
+            section: Name of the section.
+            name: Name of the field in the section.
+            count: Required number of numbers; None for a single number instead of a list.
+            limit: Maximum absolute value.
+
+        Returns:
+            float64 (count), or float64 () for a single number.
+
+        Raises:
+            DatasetError: If the field has another number of values, or one exceeds the limit.
+        """
+        values = self._field(section, name)
+        try:
+            numbers = np.array(values, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            numbers = np.empty(0)
+        if numbers.shape != (() if count is None else (count,)) or not (np.abs(numbers) <= limit).all():
+            raise DatasetError(
+                f"{self._path}: {SOG_META_NAME}: {section}.{name} is not {count or 1} numbers within {limit:g}"
+            )
+        return numbers
+
+    def _codebook(self, section: str) -> np.ndarray:
+        return self._numbers(section, "codebook", CODES, _MAX_CODE).astype(np.float32)
+
+    def _pixels(self, section: str, file: int = 0) -> np.ndarray:
+        """Returns the pixel of each Gaussian, RGBA, in the image number `file` of a section, uint8 (N, 4)."""
+        return self._picture(section, file, pixels=self._count)[: self._count]
+
+    def _warn_if_lossy(self, name: str, data: memoryview) -> None:
+        """Logs a warning if a WebP image is lossy: pixels are codes, so that small errors change values arbitrarily."""
+        at = _WEBP_HEADER
+        while at + 8 <= len(data) and bytes(data[at : at + 4]) != _LOSSY:
+            at += 8 + -(-int.from_bytes(data[at + 4 : at + 8], "little") // 2) * 2
+        if at + 8 <= len(data):
+            LOG.warning(
+                "%s: %.80s is a lossy WebP, and SOG needs lossless ones: its values are not those of the scene; "
+                "images may have been optimised after the export", self._path, name,
+            )  # fmt: skip
+
+    def _file_name(self, section: str, file: int) -> str:
+        names = self._field(section, "files")
+        if not isinstance(names, list) or len(names) <= file or not isinstance(names[file], str):
+            raise DatasetError(f"{self._path}: {SOG_META_NAME}: {section}.files names no file {file}")
+        return names[file]
+
+    def _width(self, section: str, file: int) -> int:
+        """Returns the width of an image from its header, without decoding the pixels.
+
+        Raises:
+            DatasetError: If it is not a WebP image, or its file is larger than the largest possible palette.
+        """
+        most = _MAX_PALETTE * (num_functions(MAX_DEGREE) - 1)
+        name = self._file_name(section, file)
+        try:
+            data = io.BytesIO(self._bytes(name, _PICTURE_BYTES * _most_pixels(most) + _SPARE_BYTES))
+            with warnings.catch_warnings(), Image.open(data, formats=["WEBP"]) as image:
+                return image.width
+        except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
+            raise DatasetError(f"{self._path}: {name[:80]} is no WebP picture{_reason(error)}") from error
+
+    def _picture(self, section: str, file: int, *, pixels: int, width: int | None = None) -> np.ndarray:
+        name = self._file_name(section, file)
+        try:
+            data = io.BytesIO(self._bytes(name, _PICTURE_BYTES * _most_pixels(pixels) + _SPARE_BYTES))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # the size is checked below, before pixels are decoded
+                image = Image.open(data, formats=["WEBP"])
+            with image:
+                has = image.width * image.height
+                if not pixels <= has <= _most_pixels(pixels) or width not in (None, image.width):
+                    size = f"{image.width} x {image.height}"
+                    raise DatasetError(f"{self._path}: {name[:80]} is {size} pixels, {pixels} are needed")
+                self._warn_if_lossy(name, data.getbuffer())
+                return np.asarray(image.convert("RGBA")).reshape(-1, 4)
+        except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
+            raise DatasetError(f"{self._path}: {name[:80]} is no WebP picture{_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    """Returns the end of an error message: the error of the image library.
+
+    Returns an empty text for an unknown image format, because the message states this already.
+    """
+    return "" if isinstance(error, UnidentifiedImageError) else f": {error}"
+
+
+def _most_pixels(pixels: int) -> int:
+    """Returns the maximum accepted number of pixels of an image that stores `pixels` values.
+
+    It is larger than `pixels`, because writers pad images in different ways.
+    """
+    return 2 * pixels + _SPARE_PIXELS

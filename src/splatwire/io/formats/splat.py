@@ -1,0 +1,69 @@
+"""`.splat` files: 32 bytes per Gaussian, view-independent colour; axes are RDF (right, down, forward)."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.files.capped import open_regular
+from splatwire.files.whole import written_whole
+from splatwire.io.formats._columns import build_splats, check_count, filled
+from splatwire.ops.spherical_harmonics import DC
+from splatwire.types.splats import Splats
+
+RECORD = np.dtype([("position", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("rotation", "u1", 4)])
+
+
+def read_splat(path: Path) -> Splats:
+    """Reads a `.splat` file; the harmonics are of degree 0.
+
+    Raises:
+        DatasetError: If its size is not a multiple of 32 bytes, or values are invalid.
+        OSError: If the file cannot be read.
+    """
+    size = path.stat().st_size
+    if not size or size % RECORD.itemsize:
+        raise DatasetError(f"{path}: {size} bytes are not records of {RECORD.itemsize} bytes")
+    with open_regular(path, DatasetError) as file:
+        records = np.fromfile(file, RECORD, check_count(path, size // RECORD.itemsize, size))
+    color = records["color"].astype(np.float32) / 255
+    return build_splats(
+        path,
+        means=records["position"],
+        quats=records["rotation"].astype(np.float32) / 128 - 1,
+        scales=records["scale"],
+        opacities=color[:, 3],
+        sh=(color[:, None, :3] - 0.5) / np.float32(DC),
+    )
+
+
+def write_splat(parts: Iterable[Splats], path: Path) -> int:
+    """Writes a `.splat` file batch by batch: position and scale as float32, colour with opacity and rotation as bytes.
+
+    Only the constant of the spherical harmonics is stored. The rotation is the quaternion (w, x, y, z), times 128 plus
+    128. See `splatwire.io.formats.write_splats`.
+    """
+    count = 0
+    with written_whole(path) as unfinished, unfinished.open("wb") as file:
+        for part in filled(path, parts):
+            file.write(_records(part).tobytes())
+            count += part.num_gaussians
+    return count
+
+
+def _records(part: Splats) -> np.ndarray:
+    tensors = (part.means, part.scales, part.sh[:, 0], part.opacities, part.quats)
+    means, scales, constant, opacities, quats = (t for t in tensors)
+    if not all(np.isfinite(values).all() for values in (means, scales, constant, opacities, quats)):
+        raise InvalidValueError("a Gaussian has a number that is not finite")
+    records = np.empty(part.num_gaussians, dtype=RECORD)
+    records["position"], records["scale"] = means, scales
+    records["color"][:, :3] = _byte(255 * (0.5 + DC * constant))
+    records["color"][:, 3] = _byte(255 * opacities)
+    records["rotation"] = _byte(128 * quats + 128)
+    return records
+
+
+def _byte(values: np.ndarray) -> np.ndarray:
+    return np.rint(values).clip(0, 255).astype(np.uint8)

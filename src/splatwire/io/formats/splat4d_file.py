@@ -1,0 +1,127 @@
+"""`.splat4d` files: clips of `.splat` frames with error bounds, read and written by the program of splats4d.
+
+A file begins with `SP4D`, a version and the size of a JSON header as `u32`, and the header with the number of Gaussians
+`n`, the number of frames `t` and the frame rate `fps`.
+"""
+
+import json
+import logging
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from splatwire.errors import MALFORMED, BackendUnavailableError, DatasetError
+from splatwire.files.capped import read_at_most
+from splatwire.files.whole import written_whole
+from splatwire.io.formats._columns import check_count
+from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.splat import read_splat, write_splat
+
+LOG = logging.getLogger(__name__)
+MAGIC = b"SP4D"
+MAX_FRAMES = 20_000
+"""Maximum number of frames that are read."""
+_MAX_HEADER_BYTES = 16 << 20
+_PROGRAM = "splat4d"
+
+
+@dataclass(frozen=True)
+class Splat4dFrames:
+    """Frames of a `.splat4d` file.
+
+    Attributes:
+        path: The file.
+        num_frames: Number of frames.
+        rate: Frames per second.
+    """
+
+    path: Path
+    num_frames: int
+    rate: float
+
+    def read(self) -> Iterator[FileContent]:
+        """Decodes the frames, one at a time."""
+        with tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
+            for number in range(self.num_frames):
+                frame = Path(folder) / "frame.splat"
+                _run(self.path, "decode", str(self.path), "--frame", str(number), "--output", str(frame))
+                yield FileContent(read_splat(frame))
+
+
+def splat4d_frames(path: Path) -> Splat4dFrames:
+    """Opens a `.splat4d` file.
+
+    Raises:
+        DatasetError: If its header is damaged, or announces too many Gaussians or frames.
+    """
+    head = read_at_most(path, _MAX_HEADER_BYTES, DatasetError)
+    try:
+        (size,) = struct.unpack_from("<I", head, 8)
+        header = json.loads(head[12 : 12 + size])
+        count, frames, rate = int(header["n"]), int(header["t"]), float(header["fps"])
+    except (struct.error, *MALFORMED) as error:
+        raise DatasetError(f"{path}: its header is damaged") from error
+    check_count(path, count, path.stat().st_size)
+    if not 0 < frames <= MAX_FRAMES or not 0.01 <= rate <= 1000:
+        raise DatasetError(f"{path}: {frames:,} frames at {rate:g} per second are out of range")
+    return Splat4dFrames(path, frames, rate)
+
+
+def write_splat4d(frames: Iterable[FileContent], path: Path, rate: float) -> int:
+    """Writes a sequence with the default error bounds of splats4d's program; returns the number of frames.
+
+    The program verifies the error bounds. The format has one colour for all directions, and the same number of
+    Gaussians in all frames.
+
+    Args:
+        frames: Frames with the same number of Gaussians; row i is the same Gaussian in all frames.
+        path: The file, written atomically.
+        rate: Frames per second.
+
+    Raises:
+        DatasetError: If the numbers of Gaussians differ, or the program fails.
+    """
+    count, first = 0, -1
+    with tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
+        for count, frame in enumerate(frames, 1):
+            splats = frame.splats
+            if count == 1:
+                first = splats.num_gaussians
+                if splats.degree:
+                    LOG.warning("%s: such files have one colour for all directions; harmonics are left out", path)
+            if splats.num_gaussians != first:
+                raise DatasetError(
+                    f"{path}: frame {count - 1} has {splats.num_gaussians:,} Gaussians, the first one {first:,}: such "
+                    "files have the same Gaussians in all frames"
+                )
+            write_splat([splats.at_most_degree(0)], Path(folder) / f"frame_{count - 1:06}.splat")
+        if not count:
+            raise DatasetError(f"{path}: a sequence without frames cannot be written")
+        with written_whole(path) as target:
+            _run(path, "encode", "--input", folder, "--output", str(target), "--fps", f"{rate:g}")
+    return count
+
+
+def _run(path: Path, *words: str) -> None:
+    """Runs the program of the package splats4d.
+
+    Args:
+        path: The file, for messages.
+        words: Command-line arguments.
+
+    Raises:
+        BackendUnavailableError: If the program is not installed.
+        DatasetError: If the program fails.
+    """
+    beside = Path(sys.executable).with_name(_PROGRAM)
+    program = str(beside) if beside.exists() else shutil.which(_PROGRAM)
+    if program is None:
+        raise BackendUnavailableError(_PROGRAM, "pip install 'splatwire[clips]'")
+    done = subprocess.run([program, *words], capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
+    if done.returncode:
+        raise DatasetError(f"{path}: {_PROGRAM}: {' '.join(done.stderr.split())[-300:] or done.returncode}")

@@ -1,0 +1,197 @@
+"""Writer of SPZ (see `splatwire.io.formats.spz`)."""
+
+import gzip
+import logging
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import zstandard
+
+from splatwire.errors import InvalidValueError
+from splatwire.files.whole import written_whole
+from splatwire.io.formats._axes import SPZ_FLIPS, flip_axes
+from splatwire.io.formats._columns import join
+from splatwire.io.formats._spz_extensions import write_records
+from splatwire.io.formats.outliers import (
+    DEFAULT,
+    VISIBLE,
+    Column,
+    Outliers,
+    costly_outliers,
+    local_scales,
+    treated_positions,
+    warn_of_errors,
+    warn_of_outliers,
+)
+from splatwire.io.formats.spz import (
+    ANTIALIASED,
+    COLOR_SCALE,
+    EXTENDED,
+    HEADER,
+    MAGIC,
+    MAGNITUDE,
+    PLAIN_HEADER_BYTES,
+    TABLE_OFFSET,
+    TABLE_ROW,
+)
+from splatwire.types.metadata import NO_METADATA, SceneMetadata
+from splatwire.types.splats import Splats
+
+LOG = logging.getLogger(__name__)
+VERSIONS = (3, 4)
+"""SPZ versions that can be written."""
+_FRACTION_BITS = 12
+_MOST = (1 << 23) - 1
+"""Largest representable coordinate of a position, as a fixed-point integer."""
+_ZSTD_LEVEL = 12
+FULL_BITS, FEWER_BITS = (8, 8), (5, 4)
+"""Bits of spherical harmonics of degree 1 and of higher degrees: full precision, and the precision of the format's
+reference software."""
+
+
+def write_spz(
+    parts: Iterable[Splats],
+    path: Path,
+    harmonic_bits: tuple[int, int] = FULL_BITS,
+    *,
+    antialiased: bool = False,
+    metadata: SceneMetadata = NO_METADATA,
+    version: int = 4,
+    outliers: Outliers = DEFAULT,
+) -> int:
+    """Writes an SPZ file; spherical harmonics are clipped to the range of the format.
+
+    See `splatwire.io.formats.write_splats` for the return value and for further errors.
+
+    Args:
+        parts: Batches of Gaussians, see `splatwire.io.formats.write_splats`.
+        path: Path of the file.
+        harmonic_bits: Bits of spherical harmonics of degree 1 and of higher degrees, 1 to 8 each. Values are always
+            stored as bytes, but zero low bits compress better.
+        antialiased: True if the scene was trained with antialiasing; stored in the header.
+        metadata: Metadata of the scene, written as extension records.
+        version: 4 (zstd), or 3 (gzip) for programs without support for 4.
+        outliers: Treatment of a few Gaussians whose positions would reduce the precision of all others.
+
+    Raises:
+        InvalidValueError: Also if a position is beyond 2**23, or the version or number of bits is invalid.
+    """
+    if version not in VERSIONS:
+        raise InvalidValueError(f"SPZ is written in version 3 or 4, not {version}")
+    if not all(1 <= number <= 8 for number in harmonic_bits):
+        raise InvalidValueError(f"harmonics of an SPZ have 1 to 8 bits, of degree 1 and beyond, not {harmonic_bits}")
+    splats = flip_axes(_treat_outliers(join(path, parts), path, outliers), SPZ_FLIPS)
+    bits = _fraction_bits(float(np.abs(splats.means).max()))
+    columns = [column.tobytes() for column in _columns(splats, bits, harmonic_bits)]
+    write = _write_plain if version == 4 else _write_gzip
+    records = write_records(metadata)
+    flags = ANTIALIASED * antialiased | EXTENDED * bool(records)
+    header = (MAGIC, version, splats.num_gaussians, splats.degree, bits, flags)
+    with written_whole(path) as unfinished:
+        write(unfinished, columns, header, records)
+    return splats.num_gaussians
+
+
+def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
+    """Moves or removes outliers that would reduce the precision of all other positions; logs the remaining loss."""
+    farthest = float(np.abs(splats.means).max(initial=0.0))
+    if farthest <= _MOST / 2**_FRACTION_BITS:
+        return splats
+
+    def errors(column: Column) -> np.ndarray:
+        return np.full(len(column.others), _step(float(np.abs(column.others).max())) / 2)
+
+    column = costly_outliers(splats, errors)
+    step = _step(float(np.abs(column.others).max()))
+    limit = _MOST * step
+    inside = bool((np.abs(column.middle) <= limit).all())
+    if farthest > limit and inside:
+        beyond = np.flatnonzero(np.abs(column.values).max(axis=1) > limit)
+        warn_of_outliers(path, treatment, "positions", column, (_step(farthest), step), len(beyond))
+        splats = treated_positions(splats, treatment, beyond, column.middle, np.full(3, -limit), np.full(3, limit))
+    elif step > 2.0**-_FRACTION_BITS:
+        LOG.warning(
+            "%s: positions are rounded to steps of %.3g instead of %.3g, because they reach %.4g from the origin",
+            path, step, 2.0**-_FRACTION_BITS, farthest,
+        )  # fmt: skip
+    final = np.full(splats.num_gaussians, _step(float(np.abs(splats.means).max())) / 2)
+    if (final > np.median(splats.scales, axis=1) / VISIBLE).any():
+        warn_of_errors(path, final, local_scales(splats, np.arange(splats.num_gaussians)))
+    return splats
+
+
+def _step(farthest: float) -> float:
+    """Returns the quantisation step of fixed-point positions, given the largest absolute coordinate.
+
+    The format has steps of 1 and below. A larger result means that the coordinate exceeds the range of the format.
+    """
+    return 2.0 ** max(-_FRACTION_BITS, math.ceil(math.log2(max(farthest, 1e-30) / _MOST)))
+
+
+def _write_gzip(
+    path: Path, columns: list[bytes], header: tuple[bytes, int, int, int, int, int], records: bytes
+) -> None:
+    path.write_bytes(gzip.compress(b"".join([HEADER.pack(*header, 0), *columns, records]), mtime=0))
+
+
+def _write_plain(
+    path: Path, columns: list[bytes], header: tuple[bytes, int, int, int, int, int], records: bytes
+) -> None:
+    packed = [zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(column) for column in columns]
+    with path.open("wb") as file:
+        head = HEADER.pack(*header, len(packed)) + TABLE_OFFSET.pack(PLAIN_HEADER_BYTES + len(records))
+        file.write(head.ljust(PLAIN_HEADER_BYTES, b"\0") + records)
+        for column, data in zip(columns, packed, strict=True):
+            file.write(TABLE_ROW.pack(len(data), len(column)))
+        file.writelines(packed)
+
+
+def _fraction_bits(farthest: float) -> int:
+    """Returns the number of fraction bits of fixed-point positions, given the largest absolute coordinate.
+
+    It is 12, as in files of all other writers, or less if positions would not fit 24 bits.
+    """
+    bits = _FRACTION_BITS
+    while bits and farthest * 2**bits > _MOST:
+        bits -= 1
+    if farthest * 2**bits > _MOST:
+        raise InvalidValueError(f"a position of {farthest:g} is too far away for SPZ, which ends at {_MOST}")
+    return bits
+
+
+def _columns(splats: Splats, bits: int, harmonic_bits: tuple[int, int]) -> list[np.ndarray]:
+    fixed = np.rint(splats.means.astype(np.float64) * 2**bits).astype("<i4")
+    sh = splats.sh
+    columns = [
+        np.ascontiguousarray(fixed).view(np.uint8).reshape(-1, 3, 4)[:, :, :3],
+        _byte(splats.opacities * 255),
+        _byte((sh[:, 0] * COLOR_SCALE + 0.5) * 255),
+        _byte((np.log(splats.scales) + 10) * 16),
+        _pack_smallest_three(splats.quats),
+        np.concatenate([_harmonic(sh[:, 1:4], harmonic_bits[0]), _harmonic(sh[:, 4:], harmonic_bits[1])], axis=1),
+    ]
+    return [np.ascontiguousarray(column) for column in columns if column.size]
+
+
+def _harmonic(values: np.ndarray, bits: int) -> np.ndarray:
+    """Quantises spherical harmonics to bytes whose lowest bits are zero, so that they compress better."""
+    step = 1 << (8 - bits)
+    return _byte(np.floor((np.rint(values * 128 + 128) + step / 2) / step) * step)
+
+
+def _byte(values: np.ndarray) -> np.ndarray:
+    return np.rint(values).clip(0, 255).astype(np.uint8)
+
+
+def _pack_smallest_three(quats: np.ndarray) -> np.ndarray:
+    xyzw = np.roll(quats.astype(np.float64), -1, axis=1)
+    largest = np.abs(xyzw).argmax(axis=1)
+    xyzw *= np.where(xyzw[np.arange(len(xyzw)), largest] < 0, -1, 1)[:, None]
+    packed = largest.astype(np.uint32)
+    magnitudes = np.rint(np.abs(xyzw) * (MAGNITUDE * 2**0.5)).clip(0, MAGNITUDE).astype(np.uint32)
+    for axis in range(4):
+        field = np.where(xyzw[:, axis] < 0, np.uint32(512), np.uint32(0)) | magnitudes[:, axis]
+        packed = np.where(largest != axis, packed << np.uint32(10) | field, packed)
+    return packed.astype("<u4")

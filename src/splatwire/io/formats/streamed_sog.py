@@ -1,0 +1,257 @@
+"""Streamed SOG (PlayCanvas): a `lod-meta.json` with a tree of tiles, and SOG files (chunks) for each level of detail.
+
+A chunk is a folder with its `meta.json`, or a bundled `.sog`. A leaf of the tree names, for each of its levels (0 is
+the finest), a chunk and a range of consecutive Gaussians in that chunk. The optional environment is one more SOG file
+with Gaussians outside the tree, such as the sky; it has only one level. The reader takes the finest level of each leaf
+whose chunk is available, and the environment.
+"""
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from splatwire.errors import DatasetError
+from splatwire.files.capped import read_json
+from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
+from splatwire.io.formats import sog
+from splatwire.io.formats._asset import metadata_of_asset, warn_of_unused_extras
+from splatwire.io.formats._columns import check_count, of_degree
+from splatwire.io.formats._placement import warn_of_unused_fields
+from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.sog import read_sog
+from splatwire.types.splats import ROWS, Splats
+
+LOG = logging.getLogger(__name__)
+MAX_LEAVES = 1 << 16
+MAX_CHUNKS = 1 << 14
+_BUNDLE = ".sog"
+_VERSIONS = (1,)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A range of consecutive Gaussians in a chunk.
+
+    Attributes:
+        chunk: Index of the chunk's file in the file list.
+        offset: Index of the first Gaussian.
+        count: Number of Gaussians in the range.
+    """
+
+    chunk: int
+    offset: int
+    count: int
+
+
+def read_streamed_sog(path: Path) -> FileContent:
+    """Reads the Gaussians of a streamed SOG, using the finest available level of each leaf.
+
+    Args:
+        path: Path of the `lod-meta.json`, or of its folder.
+
+    Raises:
+        DatasetError: If the file is damaged, contradicts its chunks, or no chunk is available.
+        OSError: If a file cannot be read.
+    """
+    index = path / SOG_LEVELS_NAME if path.is_dir() else path
+    content = read_json(index, DatasetError)
+    if not isinstance(content, dict):
+        raise DatasetError(f"{index}: is no JSON object")
+    version = content.get("version", 1)
+    if version not in _VERSIONS:
+        LOG.warning("%s: version %.20r is not known: it is read as version %d", index, version, _VERSIONS[0])
+    warn_of_unused_fields(index, {name: content[name] for name in content if name not in ("asset", "tree")})
+    warn_of_unused_extras(index, content.get("asset"))
+    chunks = _chunks(index, content)
+    pieces, named, absent, coarser = _finest(index, content, chunks)
+    if not pieces:
+        raise DatasetError(f"{index}: none of the {len(chunks)} chunks that it names is here")
+    if absent:
+        LOG.warning("%s: %d of %d chunks are not here: %s", index, len(absent), len(chunks), ", ".join(absent[:8]))
+    if coarser:
+        LOG.warning("%s: %d leaves are read at a coarser level, or not at all, for lack of chunks", index, coarser)
+    metadata = metadata_of_asset(content.get("asset")).over(metadata_of_asset(sog.read_asset(chunks[min(pieces)])))
+    return FileContent(_joined(index, chunks, pieces, named), antialiased=is_antialiased(path), metadata=metadata)
+
+
+def is_antialiased(path: Path) -> bool:
+    """True if a valid streamed SOG has a chunk that was trained with antialiasing."""
+    index = path / SOG_LEVELS_NAME if path.is_dir() else path
+    here = [chunk for chunk in dict.fromkeys(_chunks(index, read_json(index, DatasetError))) if _is_here(chunk)]
+    return any(sog.is_antialiased(chunk) for chunk in here)
+
+
+def _chunks(index: Path, content: dict[str, Any]) -> list[Path]:
+    """Returns the paths of the chunks; the last one is the environment if the file names an environment.
+
+    Args:
+        index: Path of the `lod-meta.json`.
+        content: Its parsed content.
+
+    Raises:
+        DatasetError: If a chunk is outside the folder of the index, or a name is invalid.
+    """
+    names, environment = content.get("filenames"), content.get("environment")
+    if not isinstance(names, list) or not len(names) <= MAX_CHUNKS:
+        raise DatasetError(f"{index}: filenames is no list of at most {MAX_CHUNKS:,} names")
+    out = []
+    for name in [*names, *([] if environment is None else [environment])]:
+        pure = PurePosixPath(name) if isinstance(name, str) and "\0" not in name and len(name) < 256 else None
+        known = pure is not None and (pure.name == SOG_META_NAME or pure.suffix.lower() == _BUNDLE)
+        if pure is None or not known or pure.is_absolute() or ".." in pure.parts:
+            raise DatasetError(
+                f"{index}: {name!r:.60} names no {SOG_META_NAME} of a folder beside it, and no {_BUNDLE} file"
+            )
+        out.append(index.parent / (pure.parent if pure.name == SOG_META_NAME else pure))
+    return out
+
+
+def _is_here(chunk: Path) -> bool:
+    return (chunk if chunk.suffix.lower() == _BUNDLE and not chunk.is_dir() else chunk / SOG_META_NAME).is_file()
+
+
+def _bytes_of(chunk: Path) -> int:
+    return sum(entry.stat().st_size for entry in (chunk.iterdir() if chunk.is_dir() else (chunk,)))
+
+
+def _finest(
+    index: Path, content: dict[str, Any], chunks: list[Path]
+) -> tuple[dict[int, list[Piece]], dict[int, list[Piece]], list[str], int]:
+    """Selects the finest available level of each leaf of the tree.
+
+    Args:
+        index: Path of the `lod-meta.json`, for messages.
+        content: Its parsed content.
+        chunks: Paths of the chunks (`_chunks`).
+
+    Returns:
+        Four values. (1) Ranges of Gaussians to read, by index of the chunk. The environment, if present, is a range
+        with the count -1, which stands for all its Gaussians. (2) Ranges of all levels of all leaves, by index of the
+        chunk, including those that are not read. (3) Names of the missing chunks. (4) Number of leaves whose finest
+        level is missing.
+    """
+    here = [_is_here(chunk) for chunk in chunks]
+    pieces: dict[int, list[Piece]] = {}
+    ranges: dict[int, list[Piece]] = {}
+    coarser = 0
+    named = len(chunks) - (content.get("environment") is not None)
+    for levels in _leaves(index, content.get("tree")):
+        found = [
+            _piece(index, level, named) for _, level in sorted(levels.items(), key=lambda item: _level(index, item))
+        ]
+        found = [piece for piece in found if piece.count]
+        for piece in found:
+            ranges.setdefault(piece.chunk, []).append(piece)
+        best = next((piece for piece in found if here[piece.chunk]), None)
+        coarser += bool(found) and best is not found[0]
+        if best is not None:
+            pieces.setdefault(best.chunk, []).append(best)
+    if named < len(chunks) and here[named]:
+        pieces[named] = [Piece(named, 0, -1)]
+    return pieces, ranges, [chunks[n].name for n in range(len(chunks)) if not here[n]], coarser
+
+
+def _leaves(index: Path, tree: Any) -> Iterator[dict[str, Any]]:
+    """Yields the levels of detail of each leaf, in tree order."""
+    waiting, count = [tree], 0
+    while waiting:
+        node, count = waiting.pop(), count + 1
+        if not isinstance(node, dict) or count > 2 * MAX_LEAVES:
+            raise DatasetError(f"{index}: its tree has a node that is none, or more than {2 * MAX_LEAVES:,}")
+        children, levels = node.get("children", []), node.get("lods", {})
+        if not isinstance(children, list) or not isinstance(levels, dict):
+            raise DatasetError(f"{index}: a node of its tree has children that are no list, or lods that are no object")
+        waiting += reversed(children)
+        if levels:
+            yield levels
+
+
+def _level(index: Path, item: tuple[str, Any]) -> int:
+    if not item[0].isdecimal() or len(item[0]) > 3:
+        raise DatasetError(f"{index}: {item[0]!r:.40} is no level")
+    return int(item[0])
+
+
+def _piece(index: Path, level: Any, num_chunks: int) -> Piece:
+    values = [level.get(name) for name in ("file", "offset", "count")] if isinstance(level, dict) else []
+    numbers = [value for value in values if type(value) is int and 0 <= value < 1 << 31]
+    if len(numbers) != 3 or numbers[0] >= num_chunks:
+        raise DatasetError(f"{index}: a level is {level!r:.80}, no run of a chunk that is named")
+    return Piece(*numbers)
+
+
+def _joined(index: Path, chunks: list[Path], pieces: dict[int, list[Piece]], named: dict[int, list[Piece]]) -> Splats:
+    """Concatenates all ranges of Gaussians; keeps only one chunk and the environment in memory at a time.
+
+    Logs a warning if chunks have Gaussians that no leaf names.
+
+    Args:
+        index: Path of the `lod-meta.json`, for messages.
+        chunks: Paths of the chunks.
+        pieces: Ranges to read, by index of the chunk.
+        named: Ranges of all levels of all leaves, by index of the chunk.
+    """
+    unnamed = 0
+    whole_ones = {n: read_sog(chunks[n]).splats for n, runs in pieces.items() if runs[0].count < 0}
+    counts = {n: sum(run.count for run in runs) for n, runs in pieces.items()}
+    counts |= {n: part.num_gaussians for n, part in whole_ones.items()}
+    total, at = check_count(index, sum(counts.values()), sum(_bytes_of(chunks[n]) for n in pieces)), 0
+    joined: Splats | None = None
+    for chunk, runs in sorted(pieces.items()):
+        part = whole_ones.pop(chunk, None)
+        if part is None:
+            part, more = _gathered(index, chunks[chunk], runs, named[chunk])
+            unnamed += more
+        if joined is None or part.degree > joined.degree:
+            joined = _widened(joined, at, total, part.degree)
+        # Missing harmonics are 0, so that chunks of a lower degree are unchanged.
+        joined.fill(at, of_degree(part, joined.degree))
+        at += part.num_gaussians
+    assert joined is not None
+    if unnamed:
+        LOG.warning(
+            "%s: its chunks have %s Gaussians that no leaf of the tree names: they are left out", index, f"{unnamed:,}"
+        )
+    return joined
+
+
+def _widened(joined: Splats | None, count: int, total: int, degree: int) -> Splats:
+    """Allocates arrays for `total` Gaussians and copies the first `count` Gaussians of `joined`."""
+    room = Splats.empty(total, degree)
+    for begin in range(0, 0 if joined is None else count, ROWS):
+        assert joined is not None
+        room.fill(begin, of_degree(joined.run(begin, min(begin + ROWS, count)), degree))
+    return room
+
+
+def _gathered(index: Path, folder: Path, runs: list[Piece], named: list[Piece]) -> tuple[Splats, int]:
+    """Reads a chunk and selects the Gaussians of some ranges, which must not overlap.
+
+    Args:
+        index: Path of the `lod-meta.json`, for messages.
+        folder: Path of the chunk.
+        runs: Ranges to select.
+        named: Ranges of all levels of all leaves in this chunk.
+
+    Returns:
+        The selected Gaussians, and the number of Gaussians of the chunk that are in no range.
+
+    Raises:
+        DatasetError: If ranges overlap or end after the chunk.
+    """
+    splats = read_sog(folder).splats
+    taken = np.zeros(splats.num_gaussians, np.bool_)
+    for run in runs:
+        own = slice(run.offset, run.offset + run.count)
+        if own.stop > len(taken) or bool(taken[own].any()):
+            which = f"Gaussians {run.offset:,} to {own.stop:,} of {folder.name}"
+            raise DatasetError(f"{index}: {which}, which has {len(taken):,}, are not there or belong to two leaves")
+        taken[own] = True
+    known = taken.copy()
+    for run in named:
+        known[run.offset : run.offset + run.count] = True
+    return splats.select(taken), int((~known).sum())

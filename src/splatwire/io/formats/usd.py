@@ -1,0 +1,363 @@
+"""OpenUSD scenes with Gaussians: prims of the type `ParticleField3DGaussianSplat`, read and written by usd-core.
+
+Numbers in a prim are those of `Splats`: linear sizes, opacities from 0 to 1, and harmonics whose sum plus 0.5 is the
+colour, interleaved by Gaussian. Transforms of prims are applied. A stage with y up is read as right, up, back and
+becomes right, down, forward; a stage with z up keeps its axes. Attributes may have time samples, one for each frame.
+"""
+
+import itertools
+import json
+import math
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, UsdVol, Vt
+
+from splatwire.errors import MALFORMED, DatasetError
+from splatwire.files.whole import written_whole
+from splatwire.io.formats._asset import asset_of, metadata_of_asset
+from splatwire.io.formats._axes import SPZ_FLIPS, transform_splats
+from splatwire.io.formats._axes import flip_axes as flipped
+from splatwire.io.formats._columns import MAX_GAUSSIANS, build_splats, check_count, concatenate, join
+from splatwire.io.formats.content import FileContent
+from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions
+from splatwire.types.metadata import NO_METADATA, SceneMetadata
+from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin
+from splatwire.types.splats import Splats
+
+PRIM = "ParticleField3DGaussianSplat"
+_COEFFICIENTS, _DEGREE = "radiance:sphericalHarmonicsCoefficients", "radiance:sphericalHarmonicsDegree"
+_ARRAYS = {"positions": 3, "orientations": 4, "scales": 3, "opacities": 1, _COEFFICIENTS: 3}
+"""Array attributes of a prim and the numbers of each entry; each may have the type half, with `h` after its name."""
+_OWN = "splatwire"
+"""Key of the layer's custom data with metadata and axes: JSON with an `asset` object as in glTF, and `flips`."""
+_KEPT_AXES = (1.0, 1.0, 1.0)
+MAX_FRAMES = 20_000
+"""Maximum number of frames that are read."""
+_ZIP_SUFFIX = ".usdz"
+_STANDARD_DEVIATIONS = 3.0
+"""Radius of a Gaussian for the extent of a prim, standard deviations."""
+
+
+@dataclass(frozen=True)
+class UsdFrames:
+    """Frames of an OpenUSD scene with time samples.
+
+    Attributes:
+        path: The file.
+        times: Time codes of the frames, ascending.
+        rate: Frames per second.
+    """
+
+    path: Path
+    times: tuple[float, ...]
+    rate: float
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return len(self.times)
+
+    def read(self) -> Iterator[FileContent]:
+        """Reads the frames, one at a time; a frame may be empty."""
+        stage = _Stage(self.path)
+        for time in self.times:
+            yield stage.content(Usd.TimeCode(time), may_be_empty=True)
+
+
+def read_usd(path: Path) -> FileContent:
+    """Reads all visible Gaussians of an OpenUSD scene (`.usd`, `.usda`, `.usdc`, `.usdz`), and its metadata.
+
+    Transforms are applied; a translation to coordinates far from 0 that all prims share becomes the origin. If values
+    have time samples, the first sample is read.
+
+    Raises:
+        DatasetError: If usd-core cannot open the file, or the Gaussians are missing, incomplete or too many.
+    """
+    stage = _Stage(path)
+    return stage.content(Usd.TimeCode.EarliestTime())
+
+
+def usd_frames(path: Path) -> UsdFrames | None:
+    """Returns the frames of an OpenUSD scene; None if no array of its Gaussians has more than one time sample.
+
+    Raises:
+        DatasetError: If usd-core cannot open the file, there are too many frames, or their rate is no number above 0.
+    """
+    return _Stage(path).frames()
+
+
+def write_usd(
+    parts: Iterable[Splats], path: Path, *, origin: Origin = NO_ORIGIN, metadata: SceneMetadata = NO_METADATA
+) -> int:
+    """Writes all Gaussians as one prim; the origin is the translation of its parent. See `write_splats`.
+
+    The suffix of the file name sets the encoding: text (`.usda`), binary (`.usd`, `.usdc`) or a package (`.usdz`).
+    """
+    splats = join(path, parts)
+    writer = _Writer(origin, metadata, splats.degree)
+    writer.put(splats, Usd.TimeCode.Default())
+    writer.save(path)
+    return splats.num_gaussians
+
+
+def write_usd_frames(frames: Iterable[FileContent], path: Path, rate: float) -> int:
+    """Writes a sequence as one prim with a time sample for each frame; returns the number of frames.
+
+    Args:
+        frames: Frames of one degree of harmonics; origin and metadata are those of the first.
+        path: The file, written atomically.
+        rate: Frames per second.
+    """
+    writer, count = None, 0
+    for count, frame in enumerate(frames, 1):
+        if writer is None:
+            writer = _Writer(frame.origin, frame.metadata, frame.splats.degree, rate)
+        writer.put(frame.relative_to(writer.origin).splats, Usd.TimeCode(count - 1))
+    if writer is None:
+        raise DatasetError(f"{path}: a sequence without frames cannot be written")
+    writer.save(path)
+    return count
+
+
+class _Stage:
+    """An opened OpenUSD stage with the visible prims of Gaussians.
+
+    Raises:
+        DatasetError: If usd-core cannot open the file, or it has no such prim.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._bytes = path, path.stat().st_size
+        try:
+            self._stage = Usd.Stage.Open(str(path))
+        except Tf.ErrorException as error:
+            raise DatasetError(f"{path}: usd-core cannot open it: {_first_line(error)}") from error
+        self._prims = [
+            prim
+            for prim in self._stage.Traverse()
+            if prim.GetTypeName() == PRIM
+            and UsdGeom.Imageable(prim).ComputeVisibility(Usd.TimeCode.EarliestTime()) != UsdGeom.Tokens.invisible
+        ]
+        if not self._prims:
+            raise DatasetError(f"{path}: no visible prim of the type {PRIM}")
+
+    def frames(self) -> UsdFrames | None:
+        """See `usd_frames`.
+
+        Raises:
+            DatasetError: If there are too many frames, or their rate is no number above 0.
+        """
+        times = {
+            time
+            for prim in self._prims
+            for name in _ARRAYS
+            if (attribute := _attribute(prim, name)) is not None
+            for time in attribute.GetTimeSamples()
+        }
+        ordered = sorted(times)
+        if len(ordered) < 2:
+            return None
+        step = min(after - before for before, after in itertools.pairwise(ordered))
+        rate = self._stage.GetTimeCodesPerSecond() / step
+        if len(ordered) > MAX_FRAMES or not 0 < rate < math.inf:
+            raise DatasetError(f"{self._path}: {len(ordered):,} frames at {rate:g} per second are out of range")
+        return UsdFrames(self._path, tuple(ordered), rate)
+
+    def content(self, time: Usd.TimeCode, *, may_be_empty: bool = False) -> FileContent:
+        """Returns the Gaussians at a time, with transforms applied, and the metadata.
+
+        Args:
+            time: Time of the values.
+            may_be_empty: True if there may be no Gaussian at that time.
+        """
+        try:
+            found, count = [], 0
+            for prim in self._prims:  # a file may refer to the same prim any number of times
+                splats = self._splats(prim, time)
+                found.append((splats, self._placement(prim, time)))
+                count += splats.num_gaussians
+                if count:
+                    check_count(self._path, count, self._bytes)
+        except (Tf.ErrorException, *MALFORMED) as error:
+            raise DatasetError(f"{self._path}: {_first_line(error)}") from error
+        if not count and not may_be_empty:
+            check_count(self._path, count, self._bytes)
+        flips, own = self._axes()
+        shifts = np.array([placement[:3, 3] for _, placement in found]) * flips
+        origin = choose_origin(shifts, wide=False)
+        moved = [_moved(splats, placement, flips, origin) for splats, placement in found]
+        metadata = metadata_of_asset(own.get("asset"))
+        if metadata.up is None and flips == _KEPT_AXES:
+            metadata = SceneMetadata(up=UsdGeom.GetStageUpAxis(self._stage).lower()).over(metadata)
+        return FileContent(concatenate(moved), origin, metadata=metadata.moved_origin(NO_ORIGIN, origin))
+
+    def _axes(self) -> tuple[tuple[float, float, float], dict[str, Any]]:
+        """Returns the signs of x, y and z that convert to the axes of a PLY, and our own data in the file."""
+        data = self._stage.GetRootLayer().customLayerData.get(_OWN)
+        try:
+            own = json.loads(data) if isinstance(data, str) else {}
+        except (ValueError, RecursionError):
+            own = {}
+        own = own if isinstance(own, dict) else {}
+        if own.get("flips") in (list(_KEPT_AXES), list(SPZ_FLIPS)):
+            return tuple(own["flips"]), own
+        return (SPZ_FLIPS if UsdGeom.GetStageUpAxis(self._stage) == UsdGeom.Tokens.y else _KEPT_AXES), own
+
+    def _placement(self, prim: Usd.Prim, time: Usd.TimeCode) -> np.ndarray:
+        """Returns the transform of a prim to world coordinates, float64 (4, 4), for column vectors."""
+        return np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(time), np.float64).T
+
+    def _splats(self, prim: Usd.Prim, time: Usd.TimeCode) -> Splats:
+        """Returns the Gaussians of a prim in its own coordinates."""
+        arrays = {name: self._array(prim, name, width, time) for name, width in _ARRAYS.items()}
+        count = len(arrays["positions"])
+        degree = prim.GetAttribute(_DEGREE).Get(time)
+        if not isinstance(degree, int) or not 0 <= degree <= MAX_DEGREE:
+            raise DatasetError(f"{self._path}: {prim.GetPath()}: harmonics of degree {degree}, not 0 to {MAX_DEGREE}")
+        functions = num_functions(degree)
+        if len(arrays[_COEFFICIENTS]) != count * functions:
+            raise DatasetError(
+                f"{self._path}: {prim.GetPath()}: {len(arrays[_COEFFICIENTS]):,} coefficients for {count:,} Gaussians "
+                f"of degree {degree}, which have {functions} each"
+            )
+        return build_splats(
+            self._path,
+            means=arrays["positions"],
+            quats=np.roll(arrays["orientations"], 1, axis=1),
+            scales=arrays["scales"],
+            opacities=arrays["opacities"][:, 0],
+            sh=arrays[_COEFFICIENTS].reshape(count, functions, 3),
+        )
+
+    def _array(self, prim: Usd.Prim, name: str, width: int, time: Usd.TimeCode) -> np.ndarray:
+        """Returns an array attribute of a prim, float32 (N, width)."""
+        attribute = _attribute(prim, name)
+        if attribute is None:
+            raise DatasetError(f"{self._path}: {prim.GetPath()}: has no {name}")
+        values = attribute.Get(time)
+        if values is None:
+            raise DatasetError(f"{self._path}: {prim.GetPath()}: {name} has no value")
+        if len(values) > MAX_GAUSSIANS * num_functions(MAX_DEGREE):
+            raise DatasetError(f"{self._path}: {prim.GetPath()}: {len(values):,} {name} are too many")
+        return np.array(values, np.float32).reshape(len(values), width)
+
+
+def _attribute(prim: Usd.Prim, name: str) -> Usd.Attribute | None:
+    """Returns an array attribute that has a value.
+
+    The variant with float32 numbers is preferred to the one with half-precision numbers.
+    """
+    for each in (name, f"{name}h"):
+        attribute = prim.GetAttribute(each)
+        if attribute and attribute.HasAuthoredValue():
+            return attribute
+    return None
+
+
+def _moved(splats: Splats, placement: np.ndarray, flips: tuple[float, float, float], origin: Origin) -> Splats:
+    """Applies the transform of a prim and the axes of the stage; the result is relative to `origin`."""
+    signs = np.diag(flips)
+    shift = signs @ placement[:3, 3] - np.array(origin)
+    if np.array_equal(placement[:3, :3], np.eye(3)):
+        turned = splats if flips == _KEPT_AXES else flipped(splats, flips)
+        if not shift.any():
+            return turned
+        return Splats(
+            means=(turned.means + shift).astype(np.float32), quats=turned.quats, scales=turned.scales,
+            opacities=turned.opacities, sh=turned.sh,
+        )  # fmt: skip
+    return transform_splats(splats, signs @ placement[:3, :3], shift)
+
+
+def _first_line(error: BaseException) -> str:
+    lines = [line.strip(" \t'\"") for line in str(error).splitlines() if line.strip(" \t'\"")]
+    return next((line for line in lines if not line.startswith(("Error in", "Error:"))), (lines or [repr(error)])[0])
+
+
+def _reason(error: BaseException) -> str:
+    """Returns the text of the first error that usd-core reported, without the location in usd-core's source code."""
+    found = re.search(r"^\s*Error in .*? : '(.*)'$", str(error), re.MULTILINE)
+    return found[1] if found else _first_line(error)
+
+
+class _Writer:
+    """Stage in memory with one prim of Gaussians below a transform.
+
+    Attributes:
+        origin: World coordinates that positions are relative to.
+    """
+
+    def __init__(self, origin: Origin, metadata: SceneMetadata, degree: int, rate: float | None = None) -> None:
+        self.origin, self._rate, self._last = origin, rate, 0.0
+        upright = metadata.up in ("y", "z")
+        self._flips = _KEPT_AXES if upright else SPZ_FLIPS
+        self._stage = stage = Usd.Stage.CreateInMemory()
+        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z if metadata.up == "z" else UsdGeom.Tokens.y)
+        UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.LinearUnits.meters)
+        own = {"asset": asset_of(metadata.moved_origin(origin, NO_ORIGIN)), "flips": self._flips}
+        stage.GetRootLayer().customLayerData = {_OWN: json.dumps(own)}
+        if metadata.title:
+            stage.GetRootLayer().documentation = metadata.title
+        root = UsdGeom.Xform.Define(stage, "/Scene")
+        stage.SetDefaultPrim(root.GetPrim())
+        if origin != NO_ORIGIN:
+            shift = [flip * value for flip, value in zip(self._flips, origin, strict=True)]
+            root.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble).Set(Gf.Vec3d(*shift))
+        if rate is not None:
+            stage.SetTimeCodesPerSecond(rate)
+            stage.SetFramesPerSecond(rate)
+            stage.SetStartTimeCode(0)
+        self._prim = UsdVol.ParticleField3DGaussianSplat.Define(stage, "/Scene/Gaussians")
+        self._prim.CreateRadianceSphericalHarmonicsDegreeAttr(degree)
+
+    def put(self, splats: Splats, time: Usd.TimeCode) -> None:
+        """Sets the values of all attributes at a time."""
+        turned, prim = splats if self._flips == _KEPT_AXES else flipped(splats, self._flips), self._prim
+        prim.CreatePositionsAttr().Set(_vectors(turned.means), time)
+        orientations = Vt.QuatfArray.FromNumpy(_contiguous(np.roll(turned.quats, -1, axis=1)))
+        prim.CreateOrientationsAttr().Set(orientations, time)
+        prim.CreateScalesAttr().Set(_vectors(turned.scales), time)
+        prim.CreateOpacitiesAttr().Set(Vt.FloatArray.FromNumpy(_contiguous(turned.opacities)), time)
+        prim.CreateRadianceSphericalHarmonicsCoefficientsAttr().Set(_vectors(turned.sh.reshape(-1, 3)), time)
+        if turned.num_gaussians:
+            reach = _STANDARD_DEVIATIONS * turned.scales.max(axis=1, keepdims=True)
+            extent = [(turned.means - reach).min(axis=0), (turned.means + reach).max(axis=0)]
+            prim.CreateExtentAttr().Set(_vectors(np.array(extent)), time)
+        if not time.IsDefault():
+            self._last = time.GetValue()
+
+    def save(self, path: Path) -> None:
+        """Writes the stage in the encoding of the file name's suffix."""
+        if self._rate is not None:
+            self._stage.SetEndTimeCode(self._last)
+        with written_whole(path) as target:
+            try:
+                done = self._export(target, packed=path.suffix.lower() == _ZIP_SUFFIX)
+            except Tf.ErrorException as error:  # such as a full disk
+                raise DatasetError(f"{path}: usd-core cannot write it: {_reason(error)}") from error
+            if not done:
+                raise DatasetError(f"{path}: usd-core cannot write it")
+
+    def _export(self, target: Path, *, packed: bool) -> bool:
+        """Writes the stage to a file or package; returns False if usd-core reports a failure."""
+        layer = self._stage.GetRootLayer()
+        if not packed:
+            return bool(layer.Export(str(target)))
+        inside = target.with_name("scene.usdc")
+        try:
+            return layer.Export(str(inside)) and UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(inside)), str(target))
+        finally:
+            inside.unlink(missing_ok=True)
+
+
+def _contiguous(values: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(values, np.float32)
+
+
+def _vectors(values: np.ndarray) -> Any:
+    return Vt.Vec3fArray.FromNumpy(_contiguous(values))

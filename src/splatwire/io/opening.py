@@ -1,0 +1,183 @@
+"""Reading of scenes from streams, scene files and files of explicit Gaussians."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from splatwire.anchors.appearance import ReceivedScene, Scene, as_scene, scene_of
+from splatwire.anchors.scene_file import load_scene_file
+from splatwire.arguments import CheckedFields, checked
+from splatwire.bitstream import SceneStream, read_stream
+from splatwire.codec import decode_stream
+from splatwire.codec.gaussians.coding import coding_from_bytes
+from splatwire.concealment import Concealer, concealed, create_concealer
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.files.kinds import (
+    HACPP,
+    MODEL_3DGS,
+    SCENE_FILES,
+    SPLATS_PLY,
+    STREAMS,
+    Kind,
+    file_kind,
+    is_not,
+    model_nearby,
+    opened,
+)
+from splatwire.files.names import path_of
+from splatwire.files.scene_formats import FORMATS
+from splatwire.io.formats import find_format, read_content, read_note
+from splatwire.io.formats.kinds import read_with
+from splatwire.types import Erasures, SplatCoding, SplatScene
+from splatwire.types.splats import Splats
+
+_WANTED = "a scene file, stream or file of explicit Gaussians"
+
+
+@dataclass(frozen=True, eq=False)
+class SceneFile(CheckedFields):
+    """Scene read from a file, with its loss information.
+
+    Attributes:
+        kind: Format of the file.
+        loaded: The scene; a `ReceivedScene` if parts were lost in transmission and not concealed.
+        erasures: Loss mask of the transmission, including losses concealed since; None for a scene that was never sent.
+    """
+
+    kind: Kind
+    loaded: Scene | ReceivedScene
+    erasures: Erasures | None
+
+    @property
+    def num_lost(self) -> int:
+        """Number of elements lost in transmission."""
+        return 0 if self.erasures is None else self.erasures.num_lost
+
+
+@checked
+def open_scene(path: str | os.PathLike[str], conceal: Concealer | str | None = None) -> Scene:
+    """Reads a scene from a file of any supported format, detected by its content.
+
+    Args:
+        path: A stream (`.swz` file or folder), a scene file, or explicit Gaussians: PLY, compressed PLY, SPZ, SOG
+            (file or folder), `.splat`, `.ksplat`, `.glb`.
+        conceal: Concealer, or its name, for a scene with losses. None rejects scenes with losses.
+
+    Returns:
+        The scene, on the CPU: an `AnchorScene`, or a `SplatScene` of explicit Gaussians.
+
+    Raises:
+        InvalidValueError: If `path` is not a path.
+        DatasetError: If a file of explicit Gaussians is damaged.
+        BitstreamError: If the file has another format, is damaged, or has losses and `conceal` is None.
+        UnknownNameError: If the concealer does not exist.
+    """
+    with opened(path_of(path, "a scene")) as source:
+        if conceal is not None:
+            return drawable_scene(source, conceal)[0]
+        if file_kind(source) in STREAMS:
+            return decode_complete(read_stream(source)[0], source)
+        return complete_scene(_read(source), source)
+
+
+def decode_complete(stream: SceneStream, source: Path) -> Scene:
+    """Decodes a complete stream of a static scene, without its coarser levels of detail.
+
+    Args:
+        stream: The stream.
+        source: Path of the stream, for messages.
+
+    Raises:
+        InvalidValueError: If the stream is a sequence.
+        BitstreamError: If packets are missing, or the stream is damaged.
+    """
+    if num_missing := stream.still(source).manifest.num_packets - len(stream.packets):
+        raise _has_gaps(source, num_missing, f"stream's {stream.manifest.num_packets:,} packets")
+    scene: Scene = decode_stream(stream).scene
+    return scene if scene.hints is None else scene.select(~scene.hints.left_out)
+
+
+def complete_scene(found: SceneFile, source: Path) -> Scene:
+    """Returns the scene of a file without unconcealed losses.
+
+    Args:
+        found: The content of the file.
+        source: Path of the file, for messages.
+
+    Raises:
+        BitstreamError: If parts were lost and not concealed.
+    """
+    scene = scene_of(found.loaded)
+    if found.num_lost and found.loaded is not scene:
+        raise _has_gaps(source, found.num_lost, f"scene's {scene.num_elements:,} {scene.ELEMENTS}")
+    return scene
+
+
+@checked
+def read_scene_file(path: Path) -> SceneFile:
+    """Reads a scene and, if parts were lost in transmission, its loss mask; accepts the same files as `open_scene`.
+
+    Raises:
+        DatasetError: If a file of explicit Gaussians is damaged.
+        BitstreamError: If the file has another format, or is damaged.
+    """
+    with opened(path_of(path, "a scene")) as source:
+        return _read(source)
+
+
+@checked
+def drawable_scene(path: Path, concealer: Concealer | str) -> tuple[Scene, int]:
+    """Reads a scene and conceals its losses.
+
+    Returns:
+        The scene, and the number of lost elements.
+
+    Raises:
+        UnknownNameError: If the concealer does not exist.
+        SplatwireError: See `read_scene_file`.
+    """
+    method = create_concealer(concealer) if isinstance(concealer, str) else concealer
+    found = read_scene_file(path)
+    return concealed(found.loaded, method), found.num_lost
+
+
+def _read(path: Path) -> SceneFile:
+    kind = file_kind(path)
+    form = find_format(kind)
+    if form is not None and form.scene_type is not None:
+        scene: Any = read_with(form, path)
+        if not issubclass(type(scene), form.scene_type):
+            found, wanted = type(scene).__name__, form.scene_type.__name__
+            brought = FORMATS.brought_by(form.name)
+            raise InvalidValueError(f"file format '{form.name}'{brought} returned {found}, not {wanted}")
+        return SceneFile(kind, as_scene(scene), None)
+    if form is not None:
+        content = read_content(path)
+        scene = SplatScene(
+            content.splats,
+            coding=_coding(path, kind, content.splats),
+            antialiased=content.antialiased,
+            origin=content.origin,
+            metadata=content.metadata,
+        )
+        return SceneFile(kind, scene, None)
+    if kind in STREAMS:
+        partial = decode_stream(read_stream(path)[0].still(path))
+        return SceneFile(kind, partial, partial.erasures)
+    if kind in SCENE_FILES:
+        return SceneFile(kind, *load_scene_file(path))
+    raise BitstreamError(is_not(path, _WANTED) + model_nearby(path, MODEL_3DGS, HACPP))
+
+
+def _coding(path: Path, kind: Kind, splats: Splats) -> SplatCoding | None:
+    """Returns the quantisation steps that a PLY of decoded Gaussians stores; None if the file has none."""
+    note = read_note(path) if kind is SPLATS_PLY else None
+    if note is None or len(note.marks) != splats.num_gaussians:
+        return None
+    return coding_from_bytes(note.content, note.marks, splats.degree)
+
+
+def _has_gaps(path: Path, lost: int, what: str) -> BitstreamError:
+    how = "`splatwire decode --conceal NAME`, or in Python `open_scene(path, conceal=NAME)`"
+    return BitstreamError(f"{path}: {lost:,} of the {what} were lost; conceal it first: {how}")

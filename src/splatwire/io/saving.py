@@ -1,0 +1,151 @@
+"""Writing of scenes to files."""
+
+import logging
+import os
+from pathlib import Path
+
+from splatwire.anchors.appearance import Scene, antialiased, as_scene, explicit_gaussians, metadata_of, origin_of
+from splatwire.anchors.scene_file import save_partial
+from splatwire.anchors.scene_file import save_scene as save_anchors
+from splatwire.arguments import checked, checked_except
+from splatwire.bitstream.stream import FILE_SUFFIX
+from splatwire.codec.gaussians.coding import coding_to_bytes
+from splatwire.concealment import Concealer, conceal
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.files.names import path_of
+from splatwire.files.scene_formats import FORMATS
+from splatwire.io.formats import PlyNote, write_splats
+from splatwire.io.formats.kinds import format_for, write_with
+from splatwire.io.formats.outliers import DEFAULT, Outliers
+from splatwire.types import Erasures, Prior, ReceivedScene, SplatCoding
+from splatwire.types.splats import Splats
+
+LOG = logging.getLogger(__name__)
+SCENE_SUFFIX = ".scene"
+"""Default suffix of scene files."""
+
+
+@checked_except("path")
+def save_scene(
+    scene: Scene | ReceivedScene | Splats,
+    path: str | os.PathLike[str],
+    *,
+    erasures: Erasures | None = None,
+    outliers: Outliers = DEFAULT,
+) -> None:
+    """Writes a scene atomically, in a format that `open_scene` reads.
+
+    Args:
+        scene: Scenes of anchors are written losslessly as scene files, including their loss mask. Explicit Gaussians
+            are written as drawn, in the format of the file name (`.ply`, `.compressed.ply`, `.spz`, `.sog`, `.splat`),
+            without lost or invisible Gaussians. A `.ply` of decoded Gaussians stores their quantisation steps, so that
+            encoding them again gives the same integers.
+        path: Path of the file.
+        erasures: Loss mask before concealment; stored in scene files as information for readers. Formats of explicit
+            Gaussians cannot store it; a warning is logged, also for the losses of a `ReceivedScene`.
+        outliers: See `splatwire.io.formats.write_splats`.
+
+    Raises:
+        InvalidValueError: If the scene or path has a wrong type, or the folder does not exist. Also if the file name
+            has the suffix of another kind of file, or there is no Gaussian to write.
+        UnknownNameError: If the suffix is not that of a format of explicit Gaussians.
+        OSError: If the file cannot be written.
+    """
+    shown: Scene | ReceivedScene = scene if isinstance(scene, ReceivedScene) else as_scene(scene)
+    target = path_of(path)
+    if isinstance(shown, ReceivedScene) and shown.find(Prior) is None:
+        if num_lost := shown.erasures.num_lost:
+            LOG.warning("%s: %d lost Gaussians are left out, and such files cannot record losses", target, num_lost)
+        shown = conceal(shown, "drop")
+    if not isinstance(shown, ReceivedScene) and _saved_as_own_type(shown, target):
+        return
+    if not isinstance(shown, ReceivedScene) and (splats := explicit_gaussians(shown)) is not None:
+        if erasures is not None and erasures.num_lost:
+            LOG.warning(
+                "%s: such files cannot record losses: the %d Gaussians that were lost look like received ones",
+                target, erasures.num_lost,
+            )  # fmt: skip
+        write_splats(
+            [splats],
+            target,
+            _note_of(shown),
+            antialiased=antialiased(shown),
+            origin=origin_of(shown),
+            outliers=outliers,
+            metadata=metadata_of(shown),
+        )
+        return
+    if target.name.lower().endswith((FILE_SUFFIX, *(form.suffix for form in FORMATS.registered().values()))):
+        raise InvalidValueError(
+            f"{target}: the name says another kind of file than a scene of anchors, which would be in it; streams are "
+            "written by `write_stream(encode_scene(scene), path)`, explicit Gaussians by `splatwire export`"
+        )
+    if isinstance(shown, ReceivedScene):
+        save_partial(shown, target)
+    else:
+        save_anchors(shown, target, erasures=erasures)
+
+
+def _saved_as_own_type(scene: Scene, target: Path) -> bool:
+    """Tries to write a scene in a format registered for its type; returns False if none has the file's suffix.
+
+    Raises:
+        InvalidValueError: If the format is for scenes of another type.
+    """
+    if target.suffix in ("", SCENE_SUFFIX):
+        return False
+    try:
+        form = format_for(target)
+    except UnknownNameError:
+        return False
+    if form.scene_type is None:
+        return False
+    if not isinstance(scene, form.scene_type):
+        found = type(scene).__name__
+        raise InvalidValueError(
+            f"{target}: {form.what} holds scenes of the type {form.scene_type.__name__}, not {found}"
+        )
+    write_with(form, scene, target)
+    return True
+
+
+def _note_of(scene: Scene) -> PlyNote | None:
+    """Returns the quantisation steps of decoded Gaussians for a PLY; None if a concealer changed the Gaussians."""
+    coding: SplatCoding | None = getattr(scene, "coding", None)
+    if coding is None:
+        return None
+    if scene.hints is not None:
+        if scene.hints.opacity_gain is not None or not bool((scene.hints.size_gain == 1).all()):
+            return None
+        coding = coding.select(~scene.hints.left_out)
+    return PlyNote(coding_to_bytes(coding), coding.classes)
+
+
+@checked
+def save_decoded(
+    partial: ReceivedScene, concealer: Concealer | None, path: Path, *, outliers: Outliers = DEFAULT
+) -> Scene:
+    """Writes a decoded stream to a file, after concealment if a concealer is given.
+
+    Args:
+        partial: Decoded anchors or explicit Gaussians, with lost elements marked.
+        concealer: Concealer of lost elements. If None, the losses of anchors are stored in the file, and lost Gaussians
+            are omitted.
+        path: Path of the file.
+        outliers: See `splatwire.io.formats.write_splats`.
+
+    Returns:
+        The scene after concealment. For explicit Gaussians, it also contains the lost ones that the file omits.
+
+    Raises:
+        InvalidValueError: If the concealer does not support these elements.
+        SplatwireError: See `save_scene`.
+        OSError: If the file cannot be written.
+    """
+    if concealer is None and partial.find(Prior) is not None:
+        save_scene(partial, path, outliers=outliers)
+        return partial.scene
+    scene = conceal(partial, concealer or "drop")
+    recorded = partial.erasures if explicit_gaussians(scene) is None else None  # callers report losses of Gaussians
+    save_scene(scene, path, erasures=recorded, outliers=outliers)
+    return scene

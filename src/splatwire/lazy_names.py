@@ -1,0 +1,39 @@
+"""Lazy import of a package's public names, so that importing one light module does not import the others.
+
+The names and their modules are in the stub file `__init__.pyi` of the package, which type checkers read as well.
+"""
+
+import importlib
+import re
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from splatwire.errors import how_to_install
+
+_IMPORT = re.compile(r"^from (\S+) import (\w+)", re.MULTILINE)
+
+
+def lazy_names(package: str, file: str) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
+    """Returns `__all__`, `__getattr__` and `__dir__` of a package that imports its public names on first use (PEP 562).
+
+    Args:
+        package: The full name of the package.
+        file: Path of the package's `__init__.py`.
+    """
+    with open(f"{file.removesuffix('.py')}.pyi", encoding="utf-8") as stub:
+        homes = {name: home for home, name in _IMPORT.findall(stub.read())}
+
+    def get(name: str) -> Any:
+        if name not in homes:
+            raise AttributeError(f"module '{package}' has no attribute '{name}'")
+        try:
+            value = getattr(importlib.import_module(homes[name]), name)
+        except ModuleNotFoundError as error:
+            if how := how_to_install(error.name):
+                error.add_note(how)
+            raise
+        setattr(sys.modules[package], name, value)
+        return value
+
+    return list(homes), get, lambda: sorted(homes)

@@ -1,0 +1,8 @@
+"""Levels of detail: a scene with coarser versions of itself, divided into tiles, and selection of tiles for a view."""
+
+from splatwire.bitstream.tiles import Tiles
+from splatwire.bitstream.view import Cut, Viewpoint, cut_of
+from splatwire.lod.encoding import encode_levels
+from splatwire.lod.tiles import tiles_of
+
+__all__ = ["Cut", "Tiles", "Viewpoint", "cut_of", "encode_levels", "tiles_of"]

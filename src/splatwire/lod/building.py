@@ -1,0 +1,133 @@
+"""Construction of levels of detail: tiles by a k-d tree, and a few coarser Gaussians that replace each tile."""
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.bitstream.tiles import parents_of
+from splatwire.lod.merging import footprints, reduced
+from splatwire.lod.tiles import LevelShape, level_shapes
+from splatwire.ops.kd_order import kd_order
+from splatwire.types import SplatScene
+from splatwire.types.lod_scene import LevelScene
+from splatwire.types.splats import ROWS, Splats
+
+EVEN = 0.25
+"""Fraction of a tile's Gaussians that its finer tiles get in proportion to their number of Gaussians; the rest is in
+proportion to the size of their Gaussians."""
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltLevels:
+    """Gaussians of all levels of detail of a scene, and their relation to the original Gaussians.
+
+    Attributes:
+        scene: Gaussians of all levels.
+        order: Index in the original scene of each Gaussian of the finest level, int64.
+        old: Mask of Gaussians copied from the next finer level instead of merged, bool (N).
+        errors: Error of each tile, float64 (tiles of all levels, coarsest first): root mean square distance between the
+            centres of the finest Gaussians and of the Gaussians that replace them, world units. 0 for the finest level.
+    """
+
+    scene: LevelScene
+    order: np.ndarray
+    old: np.ndarray
+    errors: np.ndarray
+
+
+def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None] | None = None) -> BuiltLevels:
+    """Builds the levels of detail of a scene.
+
+    Args:
+        scene: Valid Gaussians.
+        tile: Maximum number of Gaussians per tile.
+        progress: Called with the completed fraction.
+    """
+    shapes = level_shapes(scene.num_elements, tile)
+    order = kd_order(scene.splats.means, _nested(shapes))
+    sizes = [shape.count for shape in shapes]
+    whole, end = Splats.empty(sum(sizes), scene.splats.degree), sum(sizes)
+    finest = whole.run(end - sizes[0], end)
+    for begin in range(0, sizes[0], ROWS):
+        finest.fill(begin, scene.splats.select(order[begin : begin + ROWS]))
+    old, errors = np.ones(end, dtype=bool), [np.zeros(shapes[0].num_tiles)]
+    total, done = sum(sizes[:-1]), 0
+    for finer, shape in itertools.pairwise(shapes):
+        below, end = whole.run(end - finer.count, end), end - finer.count
+        level, squares, at = whole.run(end - shape.count, end), np.zeros((shape.num_tiles, 2)), end - shape.count
+        for parent, child, share, mass in _shares(below, finer, shape):
+            some, kept, error = _reduced(below, finer, child, share, mass)
+            if share:
+                level.fill(at - end + shape.count, some)
+                old[at + kept : at + share] = False
+                at += share
+            squares[parent] += share * (error**2 + errors[-1][child] ** 2), share
+            done += int(np.diff(finer.edges[child : child + 2])[0])
+            if progress:
+                progress(done / total)
+        errors.append(np.sqrt(squares[:, 0] / squares[:, 1]))
+    levels = tuple(sizes[::-1])
+    made = LevelScene(
+        whole,
+        background=scene.background,
+        antialiased=scene.antialiased,
+        origin=scene.origin,
+        metadata=scene.metadata,
+        level_sizes=levels,
+    )
+    return BuiltLevels(made, order, old, np.concatenate(errors[::-1]))
+
+
+def _nested(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
+    """Returns the boundaries of the tiles of each level, coarsest level first.
+
+    Boundaries are indices of Gaussians of the finest level.
+    """
+    bounds, edges = [shapes[0].edges], np.arange(shapes[0].num_tiles + 1)
+    for finer, shape in itertools.pairwise(shapes):
+        firsts = np.searchsorted(parents_of(finer.num_tiles, shape.num_tiles), np.arange(shape.num_tiles + 1))
+        edges = edges[firsts]
+        bounds.append(shapes[0].edges[edges])
+    return bounds[::-1]
+
+
+def _shares(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
+    """Decides for each coarser tile how many of its Gaussians replace each finer tile.
+
+    Yields for each finer tile: index of the coarser tile, index of the finer tile, number of coarser Gaussians that
+    replace the finer tile, and the `footprints` of the finer tile's Gaussians.
+    """
+    parents = parents_of(finer.num_tiles, shape.num_tiles)
+    for parent in range(shape.num_tiles):
+        children = np.flatnonzero(parents == parent)
+        runs = [level.run(*finer.edges[child : child + 2].tolist()) for child in children]
+        found = [footprints(run) for run in runs]
+        extents = np.array([np.sqrt(mass).sum() for mass in found])
+        shares = distribute(shape.size, extents, np.array([run.num_gaussians for run in runs]))
+        yield from zip(itertools.repeat(parent), children.tolist(), shares.tolist(), found)
+
+
+def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Distributes the Gaussians of a coarser tile over the finer tiles that it replaces.
+
+    Args:
+        size: Number of coarser Gaussians to distribute, at most the number of Gaussians of all finer tiles. A fraction
+            `EVEN` is distributed in proportion to `counts`, the remaining Gaussians in proportion to `extents`.
+        extents: Total size of the Gaussians of each finer tile, float64 (C).
+        counts: Number of Gaussians of each finer tile, int64 (C).
+
+    Returns:
+        Number of coarser Gaussians per finer tile, at most `counts`; the sum is `size`, int64 (C).
+    """
+    weights = EVEN * counts / counts.sum() + (1 - EVEN) * extents / max(extents.sum(), 1e-300)
+    shares = np.minimum(np.diff(np.rint(np.cumsum(weights) / weights.sum() * size).astype(np.int64), prepend=0), counts)
+    for tile in np.argsort(-weights, kind="stable"):
+        shares[tile] += min(size - shares.sum(), counts[tile] - shares[tile])
+    return shares
+
+
+def _reduced(level: Splats, shape: LevelShape, tile: int, count: int, mass: np.ndarray) -> tuple[Splats, int, float]:
+    some = level.run(int(shape.edges[tile]), int(shape.edges[tile + 1]))
+    return reduced(some, count, mass) if count else (some, 0, 0.0)

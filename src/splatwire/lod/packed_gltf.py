@@ -1,0 +1,45 @@
+"""glTF file with a stream, and a few Gaussians for programs that cannot read the stream."""
+
+from pathlib import Path
+
+from splatwire.anchors.appearance import explicit_gaussians
+from splatwire.bitstream import SceneStream, stream_to_bytes
+from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.sections import sections_of
+from splatwire.codec.antialiasing import SECTION as ANTIALIASED
+from splatwire.errors import InvalidValueError
+from splatwire.io import open_scene
+from splatwire.io.formats.gltf_writer import write_gltf
+from splatwire.lod.merging import reduced
+from splatwire.types.splats import Splats
+
+FALLBACK = 4096
+"""Number of Gaussians (without harmonics) for programs that cannot read the embedded stream; they take 246 kB."""
+
+
+def write_packed_gltf(stream: SceneStream, fallback: Splats, path: Path) -> None:
+    """Writes a glTF file with a stream, and with Gaussians for programs that cannot read the stream.
+
+    Args:
+        stream: The stream.
+        fallback: Few Gaussians that approximate the scene, see `fallback_of`.
+        path: Path of the output file.
+    """
+    origin, antialiased = ORIGIN.of_stream(stream), ANTIALIASED in sections_of(stream)
+    write_gltf([fallback], path, antialiased=antialiased, origin=origin, stream=stream_to_bytes(stream))
+
+
+def fallback_of(path: Path) -> Splats:
+    """Returns at most `FALLBACK` Gaussians that approximate the scene of a stream.
+
+    Args:
+        path: Path of the stream.
+
+    Raises:
+        InvalidValueError: If the stream does not contain explicit Gaussians.
+    """
+    splats = explicit_gaussians(open_scene(path, "grow"))
+    if splats is None:
+        raise InvalidValueError(f"{path}: its Gaussians depend on the view, and those of a glTF file do not")
+    plain = splats.at_most_degree(0)
+    return plain if plain.num_gaussians <= FALLBACK else reduced(plain, FALLBACK)[0]

@@ -1,0 +1,192 @@
+"""3D Tiles (OGC, version 1.1): `tileset.json`, and a binary glTF with Gaussians for each tile of each level."""
+
+import json
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatwire.bitstream.tiles import parents_of
+from splatwire.errors import InvalidValueError
+from splatwire.files.whole import write_whole
+from splatwire.io.formats.gltf import GLTF_FLIPS
+from splatwire.io.formats.gltf_writer import write_gltf
+from splatwire.lod.building import build_levels
+from splatwire.lod.tiles import level_shapes
+from splatwire.types import Scene, SplatScene
+from splatwire.types.metadata import metadata_to_json
+from splatwire.types.origin import NO_ORIGIN, Origin, describe_origin
+from splatwire.types.splats import Splats
+from splatwire.version import __version__
+
+LOG = logging.getLogger(__name__)
+TILE = 1 << 15
+"""Maximum number of Gaussians per tile; a tile of degree 3 takes 7.9 MB."""
+ERROR_SCALE = 32.0
+"""Geometric error of 3D Tiles per root mean square distance of centres. Clients refine at an error of 16 pixels by
+default; this scale makes this half a pixel between centres, as in the selection of levels of a stream."""
+TILESET, CONTENTS = "tileset.json", "tiles"
+_REACH = 3.0
+"""Radius of a Gaussian for the bounding box of a tile, standard deviations."""
+_EARTH_RADII = (6.3e6, 6.5e6)
+"""Distance from the centre of the Earth, metres, in which an origin counts as geocentric coordinates (ECEF)."""
+_Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+"""Rotation from the axes of glTF (y up) to those of 3D Tiles (z up), which clients apply to the contents of tiles."""
+_TO_TILES = _Z_UP @ np.diag(GLTF_FLIPS)
+"""Rotation from the axes of a PLY to those of 3D Tiles."""
+
+
+@dataclass(frozen=True)
+class TilesetReport:
+    """Numbers of a written tileset.
+
+    Attributes:
+        num_tiles: Number of tiles with content.
+        num_levels: Number of levels.
+        num_gaussians: Gaussians of the finest level.
+        num_bytes: Bytes of all files.
+        geocentric: True if the tileset is placed on the Earth.
+    """
+
+    num_tiles: int
+    num_levels: int
+    num_gaussians: int
+    num_bytes: int
+    geocentric: bool
+
+
+def write_tileset(
+    scene: Scene, folder: Path, *, tile: int = TILE, progress: Callable[[float], None] | None = None
+) -> TilesetReport:
+    """Builds the levels of detail of a scene and writes them as 3D Tiles.
+
+    When a viewer refines a tile, its finer tiles replace it (refinement `REPLACE`). A scene whose origin is in
+    geocentric coordinates (ECEF) is placed on the Earth. Any other origin belongs to an unknown reference system:
+    positions then stay relative to the origin, and a warning contains the origin.
+
+    Args:
+        scene: Explicit Gaussians; invisible and invalid ones are removed, which is logged.
+        folder: Existing folder of the tileset.
+        tile: Maximum number of Gaussians per tile.
+        progress: Called with the completed fraction, 0 to 1.
+
+    Raises:
+        InvalidValueError: If there is no Gaussian, or the scene has anchors.
+    """
+    if not isinstance(scene, SplatScene):
+        raise InvalidValueError("3D Tiles hold explicit Gaussians: `splatwire export ply` makes them of anchors")
+    report = progress or (lambda share: None)
+    rows = scene.rows()
+    rows.log_removed("writing tiles", scene.ELEMENTS)
+    if not rows.kept.any():
+        raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to write")
+    if not rows.complete:
+        scene = SplatScene(
+            scene.splats.gathered(rows.kept), antialiased=scene.antialiased, origin=scene.origin,
+            metadata=scene.metadata,
+        )  # fmt: skip
+    built = build_levels(scene, tile, lambda share: report(share / 2))
+    shapes = level_shapes(scene.num_elements, tile)
+    num_tiles = sum(shape.num_tiles for shape in shapes)
+    written, num_bytes, below = 0, 0, list[dict[str, Any]]()
+    end, first = sum(shape.count for shape in shapes), num_tiles
+    for level, shape in enumerate(shapes):
+        end, first = end - shape.count, first - shape.num_tiles
+        nodes = []
+        for number in range(shape.num_tiles):
+            run = built.scene.splats.run(end + int(shape.edges[number]), end + int(shape.edges[number + 1]))
+            name = f"{CONTENTS}/{level}_{number}.glb"
+            path = folder / name
+            path.parent.mkdir(exist_ok=True)
+            write_gltf([run], path, antialiased=scene.antialiased)
+            num_bytes += path.stat().st_size
+            nodes.append(_node(run, ERROR_SCALE * float(built.errors[first + number]), name))
+            written += 1
+            report(0.5 + written / num_tiles / 2)
+        _attach(nodes, below)
+        below = nodes
+    root = below[0] if len(below) == 1 else _root_of(below)
+    geocentric = _EARTH_RADII[0] < math.hypot(*scene.origin) < _EARTH_RADII[1]
+    if geocentric:
+        root["transform"] = _placement(scene.origin)
+    elif scene.origin != NO_ORIGIN:
+        LOG.warning(
+            "%s: the scene's origin (%s) has no known reference system; positions in the tileset are relative to it",
+            folder, describe_origin(scene.origin).replace(" ", ", "),
+        )  # fmt: skip
+    document = _document(root, scene)
+    data = json.dumps(document, separators=(",", ":")).encode()
+    write_whole(folder / TILESET, data)
+    return TilesetReport(num_tiles, len(shapes), scene.num_elements, num_bytes + len(data), geocentric)
+
+
+def _document(root: dict[str, Any], scene: SplatScene) -> dict[str, Any]:
+    box = np.array(root["boundingVolume"]["box"])
+    size = 2 * float(np.linalg.norm(box[[3, 7, 11]]))
+    return {
+        "asset": {
+            "version": "1.1",
+            "generator": f"splatwire {__version__}",
+            "extras": {
+                **metadata_to_json(scene.metadata),
+                **({} if scene.origin == NO_ORIGIN else {"origin": list(scene.origin)}),
+            },
+        },
+        "geometricError": max(size, root["geometricError"]),
+        "root": {"refine": "REPLACE", **root},
+        "extensionsUsed": ["3DTILES_content_gltf"],
+        "extensions": {"3DTILES_content_gltf": {"extensionsUsed": ["KHR_gaussian_splatting"]}},
+    }
+
+
+def _node(splats: Splats, error: float, name: str) -> dict[str, Any]:
+    """Returns the JSON object of a tile; its box contains the Gaussians up to three standard deviations."""
+    reach = _REACH * splats.scales.max(axis=1, keepdims=True).astype(np.float64)
+    centers = splats.means.astype(np.float64) @ _TO_TILES.T
+    low, high = (centers - reach).min(axis=0), (centers + reach).max(axis=0)
+    return {"boundingVolume": _box(low, high), "geometricError": error, "content": {"uri": name}}
+
+
+def _attach(nodes: list[dict[str, Any]], finer: list[dict[str, Any]]) -> None:
+    """Adds finer tiles as children of the coarser tiles that they replace.
+
+    The box and the geometric error of each coarser tile are increased to at least those of its children.
+    """
+    for node, place in zip(finer, parents_of(len(finer), len(nodes)).tolist(), strict=True):
+        parent = nodes[place]
+        parent.setdefault("children", []).append(node)
+        parent["geometricError"] = max(parent["geometricError"], node["geometricError"])
+        corners = [_corners(parent["boundingVolume"]["box"]), _corners(node["boundingVolume"]["box"])]
+        parent["boundingVolume"] = _box(
+            np.minimum(corners[0][0], corners[1][0]), np.maximum(corners[0][1], corners[1][1])
+        )
+
+
+def _root_of(nodes: list[dict[str, Any]]) -> dict[str, Any]:
+    """Returns a root tile without content, whose children are the given tiles."""
+    corners = [_corners(node["boundingVolume"]["box"]) for node in nodes]
+    low, high = np.min([low for low, _ in corners], axis=0), np.max([high for _, high in corners], axis=0)
+    error = max(float(np.linalg.norm(high - low)), *(node["geometricError"] for node in nodes))
+    return {"boundingVolume": _box(low, high), "geometricError": error, "children": nodes}
+
+
+def _box(low: np.ndarray, high: np.ndarray) -> dict[str, list[float]]:
+    x, y, z = ((high - low) / 2).tolist()
+    return {"box": [*((low + high) / 2).tolist(), x, 0.0, 0.0, 0.0, y, 0.0, 0.0, 0.0, z]}
+
+
+def _corners(box: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    center, half = np.array(box[:3]), np.array([box[3], box[7], box[11]])
+    return center - half, center + half
+
+
+def _placement(origin: Origin) -> list[float]:
+    """Returns the transform from the axes of the tiles to geocentric coordinates, 16 numbers, column by column."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = _TO_TILES.T
+    matrix[:3, 3] = origin
+    return matrix.T.reshape(-1).tolist()

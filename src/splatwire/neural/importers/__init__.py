@@ -1,0 +1,1 @@
+"""Importers of models trained with other programs: `hacpp` and `scaffold`. Both need torch."""

@@ -1,0 +1,73 @@
+"""Conversion of imported anchors: removes anchors that cannot be rendered and snaps positions to the voxel grid."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.anchors.voxels import voxel_indices, voxel_positions
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.io.formats.ply_file import PlyElement
+from splatwire.neural.importers._hacpp_files import infer_voxel_size, load_voxel_size
+from splatwire.types import Anchors
+from splatwire.types.rows import rows_of_anchors
+
+
+def offsets_of(vertices: PlyElement, num_offsets: int) -> np.ndarray:
+    """Returns the offsets of the anchors of a PLY file, (N, K, 3).
+
+    The file stores the offsets of an anchor coordinate-major: all x, then all y, then all z.
+    """
+    return vertices.columns("f_offset_", 3 * num_offsets).reshape(-1, 3, num_offsets).transpose(0, 2, 1)
+
+
+def anchors_on_grid(
+    vertices: PlyElement, feature_dim: int, scalings: np.ndarray, offsets: np.ndarray, mask: np.ndarray, model_dir: Path
+) -> tuple[Anchors, float]:
+    """Returns the renderable anchors of a PLY file, at multiples of the voxel size, and the voxel size.
+
+    Args:
+        vertices: The N vertices of the PLY file, one per anchor.
+        feature_dim: Number of channels of an anchor feature.
+        scalings: Linear scalings, (N, 6).
+        offsets: Offsets, (N, K, 3).
+        mask: Mask of the offsets that exist, bool (N, K).
+        model_dir: Model folder; searched for the voxel size, which is otherwise inferred from the positions.
+
+    Raises:
+        DatasetError: If no anchor can be rendered, or the positions are not multiples of the voxel size.
+    """
+    anchors = Anchors(
+        positions=vertices.select(["x", "y", "z"]),
+        features=vertices.columns("f_anchor_feat_", feature_dim),
+        scalings=scalings,
+        offsets=np.ascontiguousarray(offsets),
+        mask=mask,
+    )
+    anchors = drawable_anchors(anchors, vertices.path)
+    found = load_voxel_size(model_dir)
+    voxel_size, source = found or (infer_voxel_size(anchors.positions), None)
+    try:
+        positions = voxel_positions(voxel_indices(anchors.positions, voxel_size), voxel_size)
+    except InvalidValueError as error:
+        origin = f"the voxel size comes from {source}" if source else "the voxel size was inferred"
+        raise DatasetError(f"{vertices.path}: {error} ({origin})") from error
+    return replace(anchors, positions=positions), voxel_size
+
+
+def drawable_anchors(anchors: Anchors, path: Path) -> Anchors:
+    """Removes anchors without offsets and anchors that cannot be rendered, and logs the numbers of removed anchors.
+
+    Args:
+        anchors: The anchors, in the order of the file.
+        path: Path of the file, for messages.
+
+    Raises:
+        DatasetError: If no anchor is left.
+    """
+    rows = rows_of_anchors(anchors)
+    rows.log_removed(path, "anchors")
+    if not bool(rows.kept.any()):
+        found = f"{rows.num_invisible:,} have no offset, {rows.num_invalid:,} cannot be drawn"
+        raise DatasetError(f"{path}: none of its {anchors.num_anchors:,} anchors is left: {found}")
+    return anchors if rows.complete else anchors.select(rows.kept)

@@ -1,0 +1,117 @@
+"""Generation of a view's Gaussians from neural anchors, in torch and differentiable (HAC++, decoding of a view)."""
+
+from typing import Any
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from splatwire.anchors.compiled_heads import SpawnedGaussians
+from splatwire.neural.model.tensor_projection import project_tensors
+from splatwire.neural.model.tensors import run_network, to_tensors
+from splatwire.types import Anchors, Cameras, Gaussians
+from splatwire.types.anchor_scene import AnchorScene, GaussianHeads
+
+
+def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
+    """Generates the Gaussians that camera `view` sees from the anchors of a scene; differentiable, no side effects.
+
+    Args:
+        scene: The scene. If losses were concealed, the concealer may have hidden anchors and changed sizes and
+            opacities of Gaussians, but not their positions.
+        cameras: The cameras.
+        view: Index of the camera.
+
+    Returns:
+        The Gaussians with positive opacity of all anchors in view, ordered by anchor.
+    """
+    return generate_spawned(scene, cameras, view).gaussians
+
+
+def generate_spawned(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
+    """Generates the Gaussians of `generate_gaussians`, with the indices of the anchor and offset of each."""
+    scene = to_tensors(scene)
+    visible = visible_anchors(scene.anchors, cameras, view) & scene.anchors.mask.any(dim=1)
+    size_gain: Any = None
+    opacity_gain: Any = None
+    hints: Any = scene.hints
+    if hints is not None:
+        visible, size_gain, opacity_gain = visible & ~hints.left_out, hints.size_gain, hints.opacity_gain
+    center = torch.as_tensor(cameras.centers[view]).to(scene.anchors.positions)
+    return spawn_gaussians(scene.anchors, scene.heads, center, visible, size_gain=size_gain, opacity_gain=opacity_gain)
+
+
+@torch.no_grad()
+def visible_anchors(anchors: Anchors, cameras: Cameras, view: int) -> Bool[Tensor, "N"]:
+    """Returns the mask of the anchors that camera `view` may see (HAC++'s pre-filter), bool (N).
+
+    An anchor is projected as an unrotated Gaussian, with the first three scalings of the anchor as sizes. The anchor is
+    kept if its depth is above 0.2 world units, and the square around its projection with half sides of three standard
+    deviations intersects a tile of the image.
+    """
+    projected = project_tensors(anchors.positions, anchors.scalings[:, :3], None, cameras, view)
+    return projected.touches_image(cameras.width, cameras.height)
+
+
+def spawn_gaussians(
+    anchors: Anchors,
+    heads: GaussianHeads,
+    camera_center: Float[Tensor, "3"],
+    visible: Bool[Tensor, "N"],
+    *,
+    size_gain: Float[Tensor, "N"] | None = None,
+    opacity_gain: Float[Tensor, "N"] | None = None,
+    mask_weight: Float[Tensor, "N K"] | None = None,
+) -> SpawnedGaussians:
+    """Generates the Gaussians of the visible anchors with the head networks; differentiable.
+
+    This is the decoding of a view in HAC++.
+
+    Args:
+        anchors: All anchors.
+        heads: The networks that predict opacity, covariance and colour of Gaussians.
+        camera_center: Camera position, world units.
+        visible: Mask of the anchors to use; they must not coincide with the camera centre.
+        size_gain: Factor per anchor on the scales of its Gaussians; None for 1.
+        opacity_gain: Factor per anchor on the opacities of its Gaussians, clamped to 1 afterwards; None for 1.
+        mask_weight: Factor per offset on opacity and scale (in training, the straight-through mask); None for 1.
+
+    Returns:
+        The Gaussians whose mask is True and whose opacity, before `mask_weight`, is positive.
+    """
+    index = visible.nonzero()[:, 0]
+    num_offsets = anchors.mask.shape[1]
+    inputs = _head_inputs(anchors.positions[index], anchors.features[index], camera_center)
+    opacities = torch.tanh(run_network(heads.opacity, inputs))
+    exists = (opacities > 0) & anchors.mask[index]
+    drawn = exists.any(dim=1)  # saves the other two heads, most of the work, for anchors without a Gaussian
+    index, inputs, opacities, exists = index[drawn], inputs[drawn], opacities[drawn], exists[drawn]
+    row, offset_index = exists.nonzero().unbind(dim=1)
+    anchor_index = index[row]
+
+    shape = run_network(heads.covariance, inputs).view(-1, num_offsets, 7)[row, offset_index]
+    color = torch.sigmoid(run_network(heads.color, inputs).view(-1, num_offsets, 3)[row, offset_index])
+    # an anchor occurs once per offset: the gradient of index_select sums these in a fixed order, unlike that of
+    # indexing with brackets
+    scalings = anchors.scalings.index_select(0, anchor_index)
+    means = anchors.positions[anchor_index] + anchors.offsets[anchor_index, offset_index] * scalings[:, :3]
+    scales = scalings[:, 3:6] * torch.sigmoid(shape[:, :3])
+    opacity = opacities[row, offset_index]
+    if size_gain is not None:
+        scales = scales * size_gain[anchor_index, None]
+    if opacity_gain is not None:
+        opacity = (opacity * opacity_gain[anchor_index]).clamp(max=1)
+    if mask_weight is not None:
+        weight = mask_weight[anchor_index, offset_index]
+        scales, opacity = scales * weight[:, None], opacity * weight
+    quats = torch.nn.functional.normalize(shape[:, 3:7], dim=1)
+    return SpawnedGaussians(Gaussians(means, quats, scales, opacity, color), anchor_index, offset_index)
+
+
+def _head_inputs(
+    positions: Float[Tensor, "N 3"], features: Float[Tensor, "N F"], camera_center: Float[Tensor, "3"]
+) -> Float[Tensor, "N D"]:
+    """Returns the inputs of the head networks per anchor: feature, direction from the camera, distance from it."""
+    ray = positions - camera_center
+    distance = torch.linalg.vector_norm(ray, dim=1, keepdim=True)
+    return torch.cat([features, ray / distance, distance], dim=1)

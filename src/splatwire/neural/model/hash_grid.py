@@ -1,0 +1,73 @@
+"""Binary hash grid in floating point: table rows and weights of the corners around a position, for training."""
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from splatwire.types.anchor_scene import HashGrid
+
+_PRIMES = (1, 2654435761, 805459861)
+
+
+def unit_coordinates(grid: HashGrid, positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N 3"]:
+    """Maps world coordinates to coordinates in the bounding box of the grid, which are in [0, 1] inside the box."""
+    return (positions - grid.bounds_min) / (grid.bounds_max - grid.bounds_min)
+
+
+def corner_rows(
+    unit: Float[Tensor, "N dims"], resolution: int, num_rows: int
+) -> tuple[Int64[Tensor, "N corners"], Float[Tensor, "N corners"]]:
+    """Returns the table rows of the grid points around each position, and their interpolation weights, on one level.
+
+    Corners on the border of the level (coordinate 0 or resolution - 1) get weight 0. The other weights are divided by
+    their sum, so that the weights add up to 1 inside the box. Outside the box all weights are 0.
+
+    Args:
+        unit: Positions in coordinates of the bounding box, [0, 1] per axis inside the box.
+        resolution: Number of grid points of the level per axis.
+        num_rows: Number of table rows of the level.
+
+    Returns:
+        Row indices within the level, and weights, for each corner of the grid cell. The corners are ordered so that the
+        first axis varies fastest.
+    """
+    inside = ((unit >= 0) & (unit <= 1)).all(dim=1, keepdim=True)
+    place = torch.where(inside, unit, 0.5) * (resolution - 2) + 0.5
+    cell = place.floor()
+    fraction = place - cell
+    at = torch.stack([cell, cell + 1], dim=2)
+    # the weight of a corner and the sum of all weights are products over the axes: each axis can be normalised
+    # separately
+    weights = torch.stack([1 - fraction, fraction], dim=2) * ((at > 0) & (at < resolution - 1))
+    weights = weights / weights.sum(dim=2, keepdim=True).clamp(min=1e-9) * inside[:, :, None]
+    terms = _row_terms(at.to(torch.int64), resolution, num_rows)
+    dense = _is_dense(resolution, unit.shape[1], num_rows)
+    rows, weight = terms[:, 0], weights[:, 0]
+    for axis in range(1, unit.shape[1]):
+        term = terms[:, axis, :, None]
+        rows = (rows[:, None] + term if dense else rows[:, None] ^ term).flatten(1)
+        weight = (weight[:, None] * weights[:, axis, :, None]).flatten(1)
+    if not dense:
+        rows = rows % num_rows if num_rows & (num_rows - 1) else rows & (num_rows - 1)
+    return rows, weight
+
+
+def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
+    """True if a level of the hash grid has a table row for every grid point, so that no hashing is needed."""
+    return resolution**dims <= num_rows
+
+
+def _row_terms(at: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
+    """Returns the contribution of each axis to the index of a table row: a summand, or an operand of the XOR hash.
+
+    Summands are used if the level has a row for every grid point, the XOR hash otherwise.
+
+    Args:
+        at: Coordinates of the two neighbouring grid points per axis.
+        resolution: Number of grid points of the level per axis.
+        num_rows: Number of table rows of the level.
+    """
+    dims = at.shape[1]
+    strides = [resolution**d for d in range(dims)]
+    factors = strides if _is_dense(resolution, dims, num_rows) else list(_PRIMES[:dims])
+    return (at * torch.tensor(factors, dtype=torch.int64, device=at.device)[:, None]) & 0xFFFFFFFF

@@ -1,0 +1,59 @@
+"""Outputs of the network that predicts the prior of an anchor's attributes from its position (HAC++)."""
+
+from dataclasses import dataclass
+
+from jaxtyping import Float
+from torch import Tensor
+
+from splatwire.reprs import summary_repr
+from splatwire.types.anchor_config import ModelConfig
+
+
+@dataclass(frozen=True, eq=False)
+class PriorOutputs:
+    """Outputs of the prior network for N anchors, before any clamping or activation.
+
+    Attributes:
+        feature_mean: Mean of each feature channel.
+        feature_scale: Standard deviation of each feature channel, unclamped.
+        feature_weight: Logit of the weight that the prior's Gaussian has in the mixture of each feature channel; the
+            other Gaussian is that of the channel context.
+        scaling_mean: Mean of each scaling.
+        scaling_scale: Standard deviation of each scaling, unclamped.
+        offset_mean: Mean of each offset coordinate, offset-major.
+        offset_scale: Standard deviation of each offset coordinate, unclamped.
+        step_logits: Logits of the quantisation steps of feature, scaling and offset.
+    """
+
+    feature_mean: Float[Tensor, "N F"]
+    feature_scale: Float[Tensor, "N F"]
+    feature_weight: Float[Tensor, "N F"]
+    scaling_mean: Float[Tensor, "N 6"]
+    scaling_scale: Float[Tensor, "N 6"]
+    offset_mean: Float[Tensor, "N K3"]
+    offset_scale: Float[Tensor, "N K3"]
+    step_logits: Float[Tensor, "N 3"]
+
+    __repr__ = summary_repr
+
+
+def split_prior_outputs(outputs: Float[Tensor, "N P"], config: ModelConfig) -> PriorOutputs:
+    """Splits the output of the prior network by meaning; the result shares memory with `outputs`.
+
+    Args:
+        outputs: Output of the network `ContextModel.prior`, with `ModelConfig.prior_dim` columns.
+        config: Shapes of anchors and networks.
+    """
+    features, offsets = config.layout.feature_dim, 3 * config.layout.num_offsets
+    return PriorOutputs(*outputs.split([features] * 3 + [6] * 2 + [offsets] * 2 + [3], dim=1))
+
+
+def typical_spread(scale: Float[Tensor, "N D"], step: float) -> Float[Tensor, "D"]:
+    """Returns the median predicted standard deviation of each channel, with rounding noise added.
+
+    Args:
+        scale: Predicted standard deviations of the channels of some anchors.
+        step: Base quantisation step of the attribute, which determines the variance of the rounding noise.
+    """
+    typical = scale.clamp(min=step * 1e-3).median(dim=0).values
+    return (typical**2 + step**2 / 12).sqrt()

@@ -1,0 +1,73 @@
+"""Conversion of numpy arrays in nested dataclasses to torch tensors, and loading of tensors into networks."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn import functional
+
+from splatwire.errors import BitstreamError
+from splatwire.ops.arrays import mapped
+from splatwire.types.networks import Mlp
+
+
+def to_tensors(value: Any, device: torch.device | str | None = None) -> Any:
+    """Replaces numpy arrays by torch tensors; `splatwire.ops.arrays.to_arrays` is the inverse.
+
+    Args:
+        value: An array or tensor, or a tuple, dictionary or dataclass that contains arrays or tensors at any depth. Any
+            other value is returned unchanged.
+        device: Torch device of the tensors in the result; None keeps each tensor on its current device.
+    """
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind not in "biuf":
+            return value
+        tensor = torch.from_numpy(value if value.flags.writeable else value.copy())
+        return tensor if device is None else tensor.to(device)
+    if isinstance(value, Tensor):
+        return value if device is None else value.to(device)
+    return mapped(value, lambda part: to_tensors(part, device))
+
+
+def run_network(network: Mlp, x: Float[Tensor, "N in"]) -> Float[Tensor, "N out"]:
+    """Returns the outputs of a two-layer network for a batch of inputs; differentiable."""
+    h = functional.linear(x, network.hidden.weight, network.hidden.bias)
+    h = functional.leaky_relu(h, network.negative_slope) if network.negative_slope else functional.relu(h)
+    return functional.linear(h, network.output.weight, network.output.bias)
+
+
+def load_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], where: str) -> None:
+    """Copies tensors into the parameters and buffers of a network.
+
+    Args:
+        network: The network; changed in place.
+        tensors: All tensors of the network by name.
+        where: Prefix of error messages, such as the path of the file.
+
+    Raises:
+        BitstreamError: If a tensor is missing, unknown, of another shape, or not finite.
+    """
+    check_tensors(network, tensors, where)
+    network.load_state_dict({name: value.float() for name, value in tensors.items()})
+
+
+def check_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], where: str) -> None:
+    """Checks that tensors have the names and shapes of a network's parameters and buffers, and finite values.
+
+    The network may be on the device `meta`, that is, without memory for its parameters.
+
+    Raises:
+        BitstreamError: If a tensor is missing, unknown, of another shape, or not finite.
+    """
+    wanted = network.state_dict()
+    if set(tensors) != set(wanted):
+        odd = sorted(set(tensors) ^ set(wanted))
+        raise BitstreamError(f"{where}tensors of the network are missing or unknown: {', '.join(odd[:3])}")
+    for name, value in wanted.items():
+        found = tensors[name]
+        if found.shape != value.shape or not found.dtype.is_floating_point:
+            raise BitstreamError(f"{where}'{name}' is {found.dtype} {tuple(found.shape)}, not {tuple(value.shape)}")
+        if not bool(found.isfinite().all()):
+            raise BitstreamError(f"{where}'{name}' of the network is not finite")

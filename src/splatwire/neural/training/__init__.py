@@ -1,0 +1,28 @@
+"""Training of neural anchors: from photos with camera poses to a scene that the codec can encode.
+
+A training consists of a configuration (`TrainConfig`, immutable), a state (`TrainState`, plain tensors) and a function
+that performs one iteration (`TrainingStep`). `train_scene` repeats the iterations and reports to a listener.
+"""
+
+from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.export import export_scene
+from splatwire.neural.training.presets import PRESETS, create_config
+from splatwire.neural.training.progress import Listener, Progress
+from splatwire.neural.training.quality import QualityReport
+from splatwire.neural.training.trainer import RunOptions, TrainResult, train_scene
+
+__all__ = [
+    "PRESETS",
+    "Listener",
+    "Progress",
+    "QualityReport",
+    "RunOptions",
+    "TrainConfig",
+    "TrainResult",
+    "create_config",
+    "export_scene",
+    "load_checkpoint",
+    "save_checkpoint",
+    "train_scene",
+]

@@ -1,0 +1,128 @@
+"""Compiled interpolation in the binary hash grid, and its gradient; called by `splatwire.neural.training.grid`."""
+
+from typing import no_type_check
+
+import numpy as np
+from numba import prange
+
+from splatwire.ops.compiled import njit
+
+_CHUNK = 128
+
+
+@njit(parallel=True)
+@no_type_check
+def signs(values, out):
+    """Writes the signs of `values` to `out`: -1 or +1, +1 for zero."""
+    for i in prange(values.shape[0]):
+        out[i] = np.float32(1) if values[i] >= 0 else np.float32(-1)
+
+
+@njit(parallel=True)
+@no_type_check
+def clip_gradient(values, gradient):
+    """Sets the gradient of sign values to zero where the value is outside [-1, 1], in place."""
+    for i in prange(values.shape[0]):
+        if not (-1 <= values[i] <= 1):
+            gradient[i] = 0
+
+
+@njit(inline="never")
+@no_type_check
+def _gather_chunk(table, rows, weights, index, begin, end, column, out):
+    if table.shape[1] == 4:  # unrolled loop: the four sums stay in registers
+        for n in range(begin, end):
+            anchor = index[n]
+            a = b = c = d = np.float32(0)
+            for k in range(rows.shape[1]):
+                row, weight = rows[anchor, k], weights[anchor, k]
+                a += weight * table[row, 0]
+                b += weight * table[row, 1]
+                c += weight * table[row, 2]
+                d += weight * table[row, 3]
+            out[n, column], out[n, column + 1], out[n, column + 2], out[n, column + 3] = a, b, c, d
+    else:
+        for n in range(begin, end):
+            anchor = index[n]
+            for f in range(table.shape[1]):
+                total = np.float32(0)
+                for k in range(rows.shape[1]):
+                    total += weights[anchor, k] * table[rows[anchor, k], f]
+                out[n, column + f] = total
+
+
+@njit(parallel=True)
+@no_type_check
+def interpolate(table, rows3, weights3, rows2, weights2, index, out):
+    """Interpolates the tables of the hash grid at some positions.
+
+    Positions are processed in chunks whose data stays in the CPU cache.
+
+    Args:
+        table: Tables of the hash grid.
+        rows3: Table rows of the corners on the 3D levels, for all positions.
+        weights3: Interpolation weights of these corners.
+        rows2: Table rows of the corners on the levels of the planes, for all positions.
+        weights2: Interpolation weights of these corners.
+        index: Indices of the positions at which to interpolate.
+        out: Output, the features at the positions `index`.
+    """
+    depth, levels3 = table.shape[1], rows3.shape[0]
+    for c in prange((index.shape[0] + _CHUNK - 1) // _CHUNK):
+        begin, end = c * _CHUNK, min((c + 1) * _CHUNK, index.shape[0])
+        for level in range(levels3):
+            _gather_chunk(table, rows3[level], weights3[level], index, begin, end, level * depth, out)
+        for level in range(rows2.shape[0]):
+            _gather_chunk(table, rows2[level], weights2[level], index, begin, end, (levels3 + level) * depth, out)
+
+
+@njit(inline="never")
+@no_type_check
+def _scatter_level(upstream, rows, weights, index, column, gradient):
+    if gradient.shape[1] == 4:
+        for n in range(index.shape[0]):
+            anchor = index[n]
+            a, b = upstream[n, column], upstream[n, column + 1]
+            c, d = upstream[n, column + 2], upstream[n, column + 3]
+            for k in range(rows.shape[1]):
+                row, weight = rows[anchor, k], weights[anchor, k]
+                gradient[row, 0] += weight * a
+                gradient[row, 1] += weight * b
+                gradient[row, 2] += weight * c
+                gradient[row, 3] += weight * d
+    else:
+        for n in range(index.shape[0]):
+            anchor = index[n]
+            for k in range(rows.shape[1]):
+                for f in range(gradient.shape[1]):
+                    gradient[rows[anchor, k], f] += weights[anchor, k] * upstream[n, column + f]
+
+
+@njit(parallel=True)
+@no_type_check
+def scatter(upstream, rows3, weights3, rows2, weights2, index, gradient):
+    """Adds the gradient with respect to the tables of the hash grid to `gradient`; the reverse of `interpolate`.
+
+    Levels are processed in parallel, because no two levels share rows of the tables.
+
+    Args:
+        upstream: Gradient with respect to the result of `interpolate`.
+        rows3: As in `interpolate`.
+        weights3: As in `interpolate`.
+        rows2: As in `interpolate`.
+        weights2: As in `interpolate`.
+        index: As in `interpolate`.
+        gradient: Gradient with respect to the tables, changed in place.
+    """
+    depth, levels3 = gradient.shape[1], rows3.shape[0]
+    levels = levels3 + rows2.shape[0]
+    half = (levels + 1) // 2
+    for job in prange(levels):
+        # even levels, then odd ones: spreads the volume's levels, the most expensive ones, over the threads, each of
+        # which takes consecutive jobs
+        level = 2 * job if job < half else 2 * (job - half) + 1
+        if level < levels3:
+            _scatter_level(upstream, rows3[level], weights3[level], index, level * depth, gradient)
+        else:
+            other = level - levels3
+            _scatter_level(upstream, rows2[other], weights2[other], index, level * depth, gradient)

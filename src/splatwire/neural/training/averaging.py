@@ -1,0 +1,51 @@
+"""Averaging of parameters over the last iterations of a training, to reduce the influence of the last few photos."""
+
+from dataclasses import replace
+
+import torch
+
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.state import TrainState
+
+
+def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
+    """Returns the iteration after which parameters are averaged.
+
+    It is near the end of the training, but not before the end of the phase in which anchors are added and removed. The
+    fine-tuning at the end (`Marks.tuning`) is averaged separately from the iterations before it.
+
+    Args:
+        config: The configuration.
+        iteration: Current iteration; determines if the result is for the average of the fine-tuning, or for the average
+            of the iterations before it.
+    """
+    marks = config.marks
+    if marks.is_fine_tuning(iteration):
+        return max(marks.iterations - 2 * config.averaged, marks.settled)
+    return max(marks.settled - 2 * config.averaged, marks.growth_end)
+
+
+@torch.no_grad()
+def gather_mean(state: TrainState, config: TrainConfig) -> None:
+    """Updates the running means of the parameters after an iteration.
+
+    The first `TrainConfig.averaged` iterations have equal weights; later, the mean is exponential.
+
+    Args:
+        state: State of the training; the means are changed in place.
+        config: The configuration.
+    """
+    count = state.iteration - start_of_mean(config, state.iteration)
+    if count < 1 or not config.averaged:
+        return
+    known = [name for name in state.parameters if name in state.means]
+    if known:
+        means, values = ([source[name] for name in known] for source in (state.means, state.parameters))
+        torch._foreach_lerp_(means, values, 1 / min(count, config.averaged))
+    for name in state.parameters.keys() - state.means.keys():
+        state.means[name] = state.parameters[name].detach().clone()
+
+
+def averaged(state: TrainState) -> TrainState:
+    """Returns the state with each parameter replaced by its running mean; parameters without a mean are unchanged."""
+    return replace(state, parameters={**state.parameters, **state.means}) if state.means else state

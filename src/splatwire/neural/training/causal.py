@@ -1,0 +1,282 @@
+"""The causal context model in training: noise in place of quantisation with learnt steps, and estimates of the rate.
+
+Uniform noise as wide as a quantisation step replaces rounding. The rate is estimated from a random sample of anchors.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from splatwire.anchors.causal_prediction import CausalPrediction, place_inputs, predict_causal
+from splatwire.neural.model.tensors import run_network
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.context import AnchorCache, SampleRate, Seen, straight_through_masks
+from splatwire.neural.training.initial import place_bounds
+from splatwire.neural.training.kernels import Kernels, Uniform
+from splatwire.neural.training.rate import bits
+from splatwire.neural.training.schedule import Phase, phase_of
+from splatwire.neural.training.state import CHANNEL_SLOPE, TrainState, expanded_scalings
+from splatwire.types import Linear, Mlp
+from splatwire.types.causal_coding import FORM, CausalConfig
+
+RATE_UNIT = 8e6
+"""Bits per megabyte; lambda is the weight of a megabyte of the whole scene."""
+POSITION_BITS = 16.0
+"""Approximate bits of an anchor's position. Part of the rate, so that anchors that contribute little are removed."""
+SPREADS = (-6.0, 13.0)
+"""Limits of the binary logarithm of a predicted standard deviation in quantisation steps."""
+NARROW = 0.5
+"""Minimum of the initially predicted standard deviations, in quantisation steps."""
+
+
+class TrainedCausal:
+    """The causal model in training; implements `splatwire.neural.training.models.TrainedModel`.
+
+    Args:
+        config: The configuration.
+        kernels: Implementations of the expensive operations of training.
+        cache: Cache of the anchors' positions.
+    """
+
+    def __init__(self, config: TrainConfig, kernels: Kernels, cache: AnchorCache) -> None:
+        self._config, self._random, self._cache = config, kernels.random, cache
+        self._model = config.causal
+        self._key: Tensor | None = None
+        self._inputs: Tensor | None = None
+
+    def begin(self, state: TrainState) -> None:
+        """Initialises the networks before the first iteration of the context phase; otherwise does nothing.
+
+        In the context phase, the loss includes the rate.
+        """
+        if state.iteration == self._config.marks.context_start + 1:
+            state.bounds_min, state.bounds_max = place_bounds(state.voxels)
+            self._key = None
+            calibrate_causal(state, self._config, self.place(state))
+
+    def place(self, state: TrainState) -> Float[Tensor, "N P"]:
+        """Returns the inputs of the position network for all anchors, cached until the set of anchors changes.
+
+        The position network predicts from an anchor's position.
+        """
+        if self._inputs is None or self._key is not state.voxels:
+            self._key, self._inputs = state.voxels, place_of(state)
+        return self._inputs
+
+    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleRate | None]:
+        """Returns attributes and masks with which visible anchors are rendered, and the rate of a sample of anchors.
+
+        The attributes have noise in place of quantisation. The sample is taken at random from all anchors, visible or
+        not. The rate is None before the context phase, in which the loss includes the rate.
+
+        Args:
+            state: State of the training.
+            visible: Indices of the visible anchors.
+        """
+        config, phase = self._config, phase_of(self._config.marks, state.iteration)
+        masks = straight_through_masks(state, config, visible)[0]
+        if phase is Phase.PLAIN:
+            return (state.attributes(visible), masks.detach()), None
+        steps = channel_steps(state.parameters["steps"], self._model)
+        if phase is Phase.NOISE:
+            steps = (steps[0].detach(), steps[1].detach(), steps[2].detach())
+        feature, logs, offsets = noisy_numbers(state, visible, steps, self._random.uniform)
+        drawn = feature, expanded_scalings(logs.exp()), offsets
+        if phase is Phase.NOISE:  # masks are trained only once the loss includes the rate
+            return (drawn, masks.detach()), None
+        share = config.weights.sample_share
+        sample = self._random.sample(state.num_anchors, share, state.generator, state.device)
+        return (drawn, masks), self._rate(state, sample, steps)
+
+    def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
+        """Returns the scalings that a receiver predicts for lost anchors, from positions alone; world units."""
+        place, layout = self.place(state)[index], self._model.layout
+        networks, nothing = causal_networks(state.parameters, self._model), place.new_zeros(len(place), 1)
+        predicted = predict_causal(
+            _evaluated(networks), self._model, place, nothing.expand(-1, layout.feature_dim), nothing.expand(-1, FORM),
+            quantised=lambda name, mean, values: mean, join=torch.cat,
+        )  # fmt: skip
+        steps = channel_steps(state.parameters["steps"], self._model)[1]
+        return expanded_scalings((predicted.form[0] * steps + state.parameters["centres"]).exp())
+
+    def rate_loss(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
+        """Returns the rate term of the loss: lambda times the megabytes of the scene, estimated from a sample."""
+        share = state.num_anchors / max(rate.num_anchors, 1)
+        return state.rate(self._config.weights) * rate.bits * share / RATE_UNIT
+
+    def _rate(self, state: TrainState, sample: Int64[Tensor, "M"], steps: tuple[Tensor, Tensor, Tensor]) -> SampleRate:
+        masks = straight_through_masks(state, self._config, sample)
+        values = noisy_numbers(state, sample, steps, self._random.uniform)
+        total = anchor_bits(state, self._model, self.place(state)[sample], values, steps, masks)
+        return SampleRate(total.sum(), len(sample))
+
+
+def place_of(state: TrainState) -> Float[Tensor, "N P"]:
+    """Computes the inputs of the position network, which predicts from an anchor's position, for all anchors."""
+    middle, spread = (state.bounds_max + state.bounds_min) / 2, (state.bounds_max - state.bounds_min) / 2
+    return place_inputs((state.voxels - middle) / spread, torch.cat)
+
+
+def channel_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tensor, Tensor, Tensor]:
+    """Returns the quantisation steps of feature channels (F), of logarithms of scale and sizes (4), and of offsets.
+
+    Args:
+        logs: Logarithms of the learnt quantisation steps: one per feature group, then scale, sizes and offsets.
+        config: Shapes of anchors and networks.
+    """
+    steps, groups = logs.exp(), config.layout.feature_groups
+    repeats = torch.tensor(groups, device=logs.device)
+    feature = steps[: len(groups)].repeat_interleave(repeats)
+    scale, size, offset = steps[len(groups) :]
+    return feature, torch.stack([scale, size, size, size]), offset
+
+
+def noisy_numbers(
+    state: TrainState, index: Int64[Tensor, "M"], steps: tuple[Tensor, ...], uniform: Uniform
+) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M 4"], Float[Tensor, "M O"]]:
+    """Returns features, logarithms of scale and sizes, and offsets of anchors, with noise in place of rounding.
+
+    The noise is uniform and as wide as the quantisation steps. Before noise is added to them, offsets are rescaled so
+    that their product with the noisy scale is unchanged. An encoder rescales them in the same way to the rounded scale,
+    so rounding the scale moves no Gaussian.
+
+    Args:
+        state: State of the training.
+        index: Indices of the anchors.
+        steps: Quantisation steps (`channel_steps`).
+        uniform: Draws the random numbers.
+    """
+
+    def noisy(values: Tensor, step: Tensor) -> Tensor:
+        return values + (uniform(values.shape, state.generator, values.device) - 0.5) * step
+
+    parameters = state.parameters
+    before = parameters["log_scalings"][index]
+    feature, logs = noisy(parameters["features"][index], steps[0]), noisy(before, steps[1])
+    offsets = parameters["offsets"][index].flatten(1) * (before[:, :1] - logs[:, :1]).exp()
+    return feature, logs, noisy(offsets, steps[2])
+
+
+def causal_networks(parameters: dict[str, Tensor], config: CausalConfig) -> dict[str, Mlp]:
+    """Returns the causal model's networks, by name, made of the trained tensors of a state."""
+
+    def layer(name: str) -> Linear:
+        return Linear(parameters[f"causal.{name}.weight"], parameters[f"causal.{name}.bias"])
+
+    return {name: Mlp(layer(f"{name}.hidden"), layer(f"{name}.output"), CHANNEL_SLOPE) for name in config.shapes()}
+
+
+def _evaluated(networks: dict[str, Mlp]) -> dict[str, Callable[[Tensor], Tensor]]:
+    """Returns a function for each network that evaluates it."""
+    return {name: partial(run_network, network) for name, network in networks.items()}
+
+
+def anchor_bits(
+    state: TrainState,
+    config: CausalConfig,
+    place: Float[Tensor, "M P"],
+    values: tuple[Tensor, Tensor, Tensor],
+    steps: tuple[Tensor, Tensor, Tensor],
+    masks: tuple[Tensor, Tensor],
+) -> Float[Tensor, "M"]:
+    """Estimates the total bits of anchors: attributes, masks and positions.
+
+    Args:
+        state: State of the training.
+        config: Shapes of anchors and networks.
+        place: Inputs of the position network.
+        values: Features, logarithms of scale and sizes, and offsets, with noise (`noisy_numbers`).
+        steps: Quantisation steps of these values (`channel_steps`).
+        masks: Straight-through masks of offsets and of anchors.
+    """
+    logs = values[1] - state.parameters["centres"].detach()
+    numbers = [value / step for value, step in zip((values[0], logs, values[2]), steps, strict=True)]
+    offset_mask, anchor_mask = masks
+    own, offsets = number_bits_of(causal_networks(state.parameters, config), config, place, numbers, offset_mask)
+    return (own + offsets.sum(dim=1) + POSITION_BITS) * anchor_mask
+
+
+def number_bits_of(
+    networks: dict[str, Mlp],
+    config: CausalConfig,
+    place: Float[Tensor, "M P"],
+    numbers: Sequence[Tensor],
+    offset_mask: Float[Tensor, "M K"],
+) -> tuple[Float[Tensor, "M"], Float[Tensor, "M K"]]:
+    """Estimates the bits of each anchor's features and logarithms of sizes, and of each offset with its mask bit.
+
+    Args:
+        networks: The networks by name.
+        config: Shapes of anchors and networks.
+        place: Inputs of the position network.
+        numbers: Features, logarithms and offsets, in quantisation steps, with noise in place of rounding.
+        offset_mask: Mask of the offsets that exist, 0 or 1.
+    """
+    feature, form, offset = numbers
+    predicted = predict_causal(_evaluated(networks), config, place, feature, form, join=torch.cat)
+    own = number_bits(torch.cat([feature, form], dim=1), *joined(predicted.feature, predicted.form)).sum(dim=1)
+    each = number_bits(offset, *predicted.offset).view(len(place), -1, 3).sum(dim=2)
+    one, zero = mask_bits(predicted)
+    return own, offset_mask * (each + one) + (1 - offset_mask) * zero
+
+
+def joined(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+    """Concatenates the predicted distributions of two attributes: means and standard deviations."""
+    return torch.cat([first[0], second[0]], dim=1), torch.cat([first[1], second[1]], dim=1)
+
+
+def mask_bits(predicted: CausalPrediction) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M K"]]:
+    """Returns the code length in bits of each offset's mask bit, if the offset exists and if it does not exist."""
+    softplus = torch.nn.functional.softplus
+    return softplus(-predicted.exists) / math.log(2), softplus(predicted.exists) / math.log(2)
+
+
+def number_bits(
+    values: Float[Tensor, "M D"], mean: Float[Tensor, "M D"], spread: Float[Tensor, "M D"]
+) -> Float[Tensor, "M D"]:
+    """Returns the ideal code length of quantised values under normal distributions, in bits.
+
+    Args:
+        values: Values, in quantisation steps.
+        mean: Means of the distributions, in quantisation steps.
+        spread: Binary logarithms of the standard deviations in quantisation steps.
+    """
+    inverse = torch.exp2(-spread.clamp(*SPREADS))
+    # mirror both bounds to below the mean, where differences of tiny probabilities are precise
+    distance = (values - mean).abs()
+    return bits(torch.special.ndtr((0.5 - distance) * inverse) - torch.special.ndtr((-0.5 - distance) * inverse))
+
+
+@torch.no_grad()
+def calibrate_causal(state: TrainState, config: TrainConfig, place: Float[Tensor, "N P"]) -> None:
+    """Initialises the networks' outputs with the current mean and standard deviation of each channel."""
+    model, parameters = config.causal, state.parameters
+    alive = state.masks(config.mask_threshold).any(dim=1)
+    if int(alive.sum()) < 2:
+        return
+    parameters["centres"].copy_(parameters["log_scalings"][alive].mean(dim=0))
+    steps = channel_steps(parameters["steps"], model)
+    logs = parameters["log_scalings"] - parameters["centres"]
+    columns = parameters["features"], logs, parameters["offsets"].flatten(1)
+    means, spreads = [], []
+    for values, step in zip(columns, steps, strict=True):
+        values = values[alive] / step
+        means.append(values.mean(dim=0))
+        spreads.append(values.std(dim=0).clamp(min=NARROW).log2())
+    groups, before = model.layout.feature_groups, 0
+    start = {}
+    for group, size in enumerate(groups):
+        part = slice(before, before + size)
+        start[f"feature{group}"] = [means[0][part], spreads[0][part]]
+        before += size
+    share = state.masks(config.mask_threshold)[alive].float().mean(dim=0).clamp(0.01, 0.99)
+    start["form"] = [torch.logit(share), means[1][:1], spreads[1][:1]]
+    start["size"] = [means[1][1:], spreads[1][1:]]
+    start["offset"] = [means[2], spreads[2]]
+    for name, parts in start.items():
+        parameters[f"causal.{name}.output.weight"].mul_(0.3)
+        parameters[f"causal.{name}.output.bias"].copy_(torch.cat(parts))

@@ -1,0 +1,211 @@
+"""The causal model in training on a GPU: the same results as `splatwire.neural.training.causal`, in fewer operations.
+
+Visible and sampled anchors are processed together (gathering, noise, masks). All networks are packed into one network,
+because in training, unlike in decoding, the inputs of every network are known from the start.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import accumulate
+from typing import Any
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from splatwire.neural.model.tensors import run_network
+from splatwire.neural.training.causal import POSITION_BITS, RATE_UNIT, SPREADS, TrainedCausal, causal_networks
+from splatwire.neural.training.context import SampleRate, Seen, straight_through
+from splatwire.neural.training.packed import pack_networks
+from splatwire.neural.training.rate import MIN_LIKELIHOOD
+from splatwire.neural.training.schedule import Phase, phase_of
+from splatwire.neural.training.state import CHANNEL_SLOPE, TrainState, expanded_scalings
+from splatwire.types import Mlp
+from splatwire.types.causal_coding import FORM, INPUT_UNIT, CausalConfig
+
+_CHUNK = 1 << 16
+"""Number of anchors per chunk of the bit estimate."""
+
+
+class DeviceCausal(TrainedCausal):
+    """The causal context model in training on a GPU; see `TrainedCausal` for the arguments."""
+
+    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleRate | None]:
+        """Returns attributes and masks with which visible anchors are rendered, and the rate of a sample of anchors.
+
+        The sample is taken at random from all anchors. The rate is None before the context phase, in which the loss
+        includes the rate.
+
+        Args:
+            state: State of the training.
+            visible: Indices of the visible anchors.
+        """
+        config, phase, layout = self._config, phase_of(self._config.marks, state.iteration), self._model.layout
+        widths = (layout.feature_dim, FORM, 3 * layout.num_offsets)
+        index = visible
+        if phase is Phase.CONTEXT:
+            noise = self._random.noise(len(visible), widths, state.generator, state.device)
+            share = config.weights.sample_share
+            sample = self._random.sample(state.num_anchors, share, state.generator, state.device)
+            more = self._random.noise(len(sample), widths, state.generator, state.device)
+            index, noise = torch.cat([visible, sample]), torch.cat([noise, more])
+        elif phase is Phase.NOISE:
+            noise = self._random.noise(len(visible), widths, state.generator, state.device)
+        features, logs, offsets, logits = (
+            state.parameters[name].index_select(0, index)
+            for name in ("features", "log_scalings", "offsets", "mask_logits")
+        )
+        offsets = offsets.flatten(1)
+        masks, any_mask = straight_through(logits, config.mask_threshold)
+        if phase is Phase.PLAIN:
+            return ((features, expanded_scalings(logs.exp()), offsets), masks.detach()), None
+        steps = column_steps(state.parameters["steps"], self._model)
+        moved = noise.sub_(0.5) * (steps.detach() if phase is Phase.NOISE else steps)
+        scale_moved, _ = moved.split([layout.feature_dim, 1, FORM - 1 + 3 * layout.num_offsets], dim=1)[1:]
+        parts = moved.split(list(widths), dim=1)
+        numbers = features + parts[0], logs + parts[1], torch.addcmul(parts[2], offsets, (-scale_moved).exp())
+        if phase is Phase.NOISE:
+            return ((numbers[0], expanded_scalings(numbers[1].exp()), numbers[2]), masks.detach()), None
+        counts = [len(visible), len(sample)]
+        (feature, own), (log, logs), (offset, offsets) = (number.split(counts) for number in numbers)
+        (drawn_masks, masks), (_, any_mask) = masks.split(counts), any_mask.split(counts)
+        total = self._bits(state, sample, (own, logs, offsets), steps, (masks, any_mask))
+        return ((feature, expanded_scalings(log.exp()), offset), drawn_masks), SampleRate(total, len(sample))
+
+    def _bits(
+        self,
+        state: TrainState,
+        index: Int64[Tensor, "M"],
+        numbers: tuple[Tensor, Tensor, Tensor],
+        steps: Float[Tensor, "D"],
+        masks: tuple[Tensor, Tensor],
+    ) -> Float[Tensor, ""]:
+        """Returns the total bits of anchors, from attribute values with noise, offset masks and anchor masks."""
+        (feature, logs, offsets), (offset_mask, anchor_mask) = numbers, masks
+        values = torch.cat([feature, logs - state.parameters["centres"].detach(), offsets], dim=1) / steps
+        place = self.place(state).index_select(0, index)
+        networks = causal_networks(state.parameters, self._model)
+        return (sample_bits(networks, self._model, place, values, offset_mask) * anchor_mask).sum()
+
+    @torch.no_grad()
+    def estimate_bytes(self, state: TrainState) -> float:
+        """Estimates the bytes of all anchors, with noise in place of rounding. The noise has a fixed seed."""
+        generator, config, parameters = torch.Generator().manual_seed(0), self._config, state.parameters
+        steps, total = column_steps(parameters["steps"], self._model), list[Tensor]()
+        widths = (self._model.layout.feature_dim, FORM, 3 * self._model.layout.num_offsets)
+        for index in torch.arange(state.num_anchors, device=state.device).split(_CHUNK):
+            moved = (self._random.noise(len(index), widths, generator, state.device) - 0.5) * steps
+            feature, logs, offsets = moved.split(list(widths), dim=1)
+            numbers = (
+                parameters["features"][index] + feature, parameters["log_scalings"][index] + logs,
+                parameters["offsets"][index].flatten(1) * (-logs[:, :1]).exp() + offsets,
+            )  # fmt: skip
+            masks = straight_through(parameters["mask_logits"][index], config.mask_threshold)
+            total.append(self._bits(state, index, numbers, steps, masks))
+        return float(torch.stack(total).sum()) / 8
+
+    def rate_loss(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
+        """Returns the rate term of the loss: lambda times the megabytes of the scene, estimated from a sample."""
+        share = state.num_anchors / max(rate.num_anchors, 1)
+        return rate.bits * (state.rate(self._config.weights) * share / RATE_UNIT)
+
+
+def column_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> Float[Tensor, "D"]:
+    """Returns the quantisation step of each attribute value of an anchor: features, logarithms of sizes, offsets."""
+    return logs.exp().index_select(0, _step_of_column(config, logs.device))
+
+
+@lru_cache(maxsize=8)
+def _step_of_column(config: CausalConfig, device: torch.device) -> Int64[Tensor, "D"]:
+    groups = config.layout.feature_groups
+    counts = torch.tensor([*groups, 1, FORM - 1, 3 * config.layout.num_offsets])
+    return torch.arange(len(groups) + 3).repeat_interleave(counts).to(device)
+
+
+def sample_bits(
+    networks: dict[str, Mlp],
+    config: CausalConfig,
+    place: Float[Tensor, "M P"],
+    values: Float[Tensor, "M D"],
+    offset_mask: Float[Tensor, "M K"],
+) -> Float[Tensor, "M"]:
+    """Estimates the bits of each anchor: attribute values, offset mask and, approximately, position.
+
+    Args:
+        networks: The networks by name.
+        config: Shapes of anchors and networks.
+        place: Inputs of the position network.
+        values: Features, logarithms and offsets, in quantisation steps, with noise in place of rounding.
+        offset_mask: Mask of the offsets that exist, 0 or 1.
+    """
+    layout, order = config.layout, _output_order(config)
+    own = layout.feature_dim + FORM
+    position, *others = (networks[name] for name in config.shapes())
+    packed = pack_networks(others, order.outputs)
+    inputs, _ = values.split([own, 3 * layout.num_offsets], dim=1)
+    known = torch.cat([run_network(position, place), inputs * INPUT_UNIT], dim=1)
+    found = packed(known, CHANNEL_SLOPE)
+    mean, spread, exists = found.split([order.numbers, order.numbers, layout.num_offsets], dim=1)
+    first, offsets = _NumberBits.apply(values, mean, spread).split([own, 3 * layout.num_offsets], dim=1)
+    # the mask bit costs softplus(-x) if the offset exists, otherwise softplus(x); the difference is x
+    mask_bits = torch.nn.functional.softplus(exists).mul(1 / math.log(2))
+    each = offsets.view(len(place), -1, 3).sum(dim=2).add(exists, alpha=-1 / math.log(2))
+    return first.sum(dim=1) + (offset_mask * each + mask_bits).sum(dim=1) + POSITION_BITS
+
+
+class _NumberBits(torch.autograd.Function):
+    """Autograd function of `causal.number_bits` that computes its gradient in the forward pass.
+
+    `a` and `b` are the bounds of a value's quantisation interval, measured from the mean in units of sqrt(2) standard
+    deviations. The probability of the value is half of `erfc(a) - erfc(b)`.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, mean: Tensor, spread: Tensor) -> Tensor:
+        bounded, difference = spread.clamp(*SPREADS), values - mean
+        inverse = torch.rsub(bounded, -0.5).exp2_()
+        a = difference.abs().sub_(0.5).mul_(inverse)
+        b = a + inverse
+        share = torch.erfc(a).sub_(torch.erfc(b)).mul_(0.5)
+        bounded_share = share.clamp(min=MIN_LIKELIHOOD)
+        weight = (share >= MIN_LIKELIHOOD) / bounded_share
+        near, far = (a * a).neg_().exp_(), (b * b).neg_().exp_()
+        d_spread = (far * b).addcmul_(near, a, value=-1).mul_(weight).mul_(spread == bounded)
+        d_value = near.sub_(far).mul_(inverse).mul_(weight).mul_(difference.sign_())
+        ctx.save_for_backward(d_value, d_spread)
+        return bounded_share.log2_().neg_()
+
+    @staticmethod
+    def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        d_value, d_spread = ctx.saved_tensors
+        value = (upstream[0] * d_value).mul_(1 / (math.sqrt(math.pi) * math.log(2)))
+        return value, -value, (upstream[0] * d_spread).mul_(1 / math.sqrt(math.pi))
+
+
+@dataclass(frozen=True)
+class _OutputOrder:
+    """Order of the packed networks' outputs: all means, all standard deviations, then the logits of the offset masks.
+
+    Attributes:
+        outputs: Indices into the concatenated outputs of all networks except the position network.
+        numbers: Number of values per anchor.
+    """
+
+    outputs: tuple[int, ...]
+    numbers: int
+
+
+@lru_cache(maxsize=8)
+def _output_order(config: CausalConfig) -> _OutputOrder:
+    names = [name for name in config.shapes() if name != "position"]
+    sizes = [config.shapes()[name][1] for name in names]
+    first = dict(zip(names, accumulate([0, *sizes[:-1]]), strict=True))
+    means, spreads, exists = list[int](), list[int](), list[int]()
+    for name, size in zip(names, sizes, strict=True):
+        outputs = list(range(first[name], first[name] + size))
+        if name == "form":
+            exists, outputs = outputs[:-2], outputs[-2:]
+        half = len(outputs) // 2
+        means, spreads = means + outputs[:half], spreads + outputs[half:]
+    return _OutputOrder(tuple(means + spreads + exists), len(means))

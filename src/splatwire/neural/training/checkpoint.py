@@ -1,0 +1,165 @@
+"""Checkpoints: the whole state of a training as one file of tensors (safetensors) with a JSON header.
+
+Files are written atomically; reading rejects files with unknown, missing or invalid entries. On the same machine with
+the same number of threads, a resumed training gives bit for bit the result of an uninterrupted training.
+"""
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import torch
+from torch import Tensor
+
+from splatwire.anchors.tensor_file import read_tensors, write_tensors
+from splatwire.arguments import checked
+from splatwire.errors import MALFORMED, BitstreamError, InvalidValueError
+from splatwire.neural.model.tensors import to_tensors
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.initial import parameter_shapes
+from splatwire.neural.training.state import GrowthStatistics, Moments, Steering, TrainState
+
+FORMAT = "splatwire-checkpoint"
+VERSION = 5
+
+
+@checked
+def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
+    """Writes the state and the configuration of a training to a checkpoint file, atomically.
+
+    Args:
+        state: State of the training.
+        config: The configuration.
+        path: Path of the file; its folder must exist.
+
+    Raises:
+        OSError: If the file cannot be written.
+    """
+    tensors = {
+        "voxels": state.voxels,
+        "bounds_min": state.bounds_min,
+        "bounds_max": state.bounds_max,
+        "generator": state.generator.get_state(),
+        **{f"statistics.{name}": value for name, value in vars(state.statistics).items()},
+        **{f"parameters.{name}": value for name, value in state.parameters.items()},
+        **{f"first.{name}": moments.first for name, moments in state.moments.items()},
+        **{f"second.{name}": moments.second for name, moments in state.moments.items()},
+        **{f"mean.{name}": value for name, value in state.means.items()},
+    }
+    header = {
+        "format": FORMAT,
+        "version": VERSION,
+        "iteration": state.iteration,
+        "voxel_size": state.voxel_size.hex(),
+        "camera_extent": state.camera_extent.hex(),
+        "queue": state.queue,
+        "steering": _steering_values(state.steering),
+        "steps": {name: moments.steps for name, moments in state.moments.items()},
+        "means": sorted(state.means),
+        "config": dataclasses.asdict(config),
+    }
+    write_tensors(tensors, header, path)
+
+
+@checked
+def load_checkpoint(path: Path) -> tuple[TrainState, TrainConfig]:
+    """Reads state and configuration from a file of `save_checkpoint`; tensors are on the CPU and equal bit for bit.
+
+    Raises:
+        UnsupportedVersionError: If this release does not support the file's version.
+        BitstreamError: If the file is absent or not a checkpoint, or an entry is missing or does not fit.
+    """
+    arrays, header = read_tensors(path, FORMAT, VERSION)
+    try:
+        return _state(header, to_tensors(arrays))
+    except MALFORMED as error:
+        raise BitstreamError(f"{path}: the checkpoint is damaged: {error}") from error
+
+
+def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainState, TrainConfig]:
+    config = config_from_json(header["config"])
+    voxels = _expect(tensors, "voxels", (tensors["voxels"].shape[0], 3), torch.int64)
+    shapes = parameter_shapes(config, len(voxels))
+    parameters = {name: _expect(tensors, f"parameters.{name}", shape) for name, shape in shapes.items()}
+    moments = {}
+    for name, steps in header["steps"].items():
+        first, second = (_expect(tensors, f"{part}.{name}", shapes[name]) for part in ("first", "second"))
+        moments[name] = Moments(first, second, int(steps))
+    num_offsets = config.model.layout.num_offsets
+    empty = GrowthStatistics.zeros(len(voxels), num_offsets, torch.device("cpu"))
+    statistics = {name: _expect(tensors, f"statistics.{name}", tuple(rows.shape)) for name, rows in vars(empty).items()}
+    generator = torch.Generator()
+    generator.set_state(tensors["generator"])
+    state = TrainState(
+        iteration=int(header["iteration"]),
+        voxels=voxels,
+        voxel_size=float.fromhex(header["voxel_size"]),
+        parameters={name: value.requires_grad_() for name, value in parameters.items()},
+        moments=moments,
+        statistics=GrowthStatistics(**statistics),
+        bounds_min=_expect(tensors, "bounds_min", (3,)),
+        bounds_max=_expect(tensors, "bounds_max", (3,)),
+        camera_extent=float.fromhex(header["camera_extent"]),
+        generator=generator,
+        queue=[int(view) for view in header["queue"]],
+        steering=_steering(header["steering"]),
+        means={name: _expect(tensors, f"mean.{name}", shapes[name]) for name in header["means"]},
+    )
+    return state, config
+
+
+def _steering_values(steering: Steering) -> list[float | None]:
+    """Converts the state of the size controller to a list of numbers; a `Steering.ratio` of None is omitted."""
+    values = [steering.log_rate, steering.miss]
+    return values if steering.ratio is None else [*values, steering.ratio]
+
+
+def _steering(value: list[float | None]) -> Steering:
+    log_rate, miss, *rest = value
+    (ratio,) = rest or [None]
+    if log_rate is None or not all(part is None or math.isfinite(part) for part in value):
+        raise ValueError("the steering of lambda is not finite")
+    if ratio is not None and ratio <= 0:
+        raise ValueError("the ratio of a stream's size to its estimate is not positive")
+    return Steering(*(None if part is None else float(part) for part in (log_rate, miss, ratio)))  # type: ignore[arg-type]
+
+
+def _expect(
+    tensors: dict[str, Tensor], name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32
+) -> Tensor:
+    value = tensors[name]
+    if tuple(value.shape) != shape or value.dtype != dtype:
+        raise ValueError(f"'{name}' is {value.dtype} {tuple(value.shape)}, expected {dtype} {shape}")
+    if dtype.is_floating_point and not bool(torch.isfinite(value).all()):
+        raise ValueError(f"'{name}' is not finite")
+    return value
+
+
+def config_from_json(value: dict[str, Any]) -> TrainConfig:
+    """Converts nested dictionaries to a training configuration; the inverse of `dataclasses.asdict`.
+
+    Raises:
+        InvalidValueError: If the dictionaries are not a valid configuration.
+    """
+    try:
+        config: TrainConfig = _record(TrainConfig, value)
+        return config
+    except MALFORMED as error:
+        raise InvalidValueError(f"not the recipe of a training run: {error}") from error
+
+
+def _record(kind: Any, value: dict[str, Any]) -> Any:
+    """Converts a JSON object to a dataclass instance; every field is required."""
+    kinds = get_type_hints(kind)
+    if set(value) != set(kinds):
+        raise ValueError(f"{kind.__name__} has other fields than {', '.join(sorted(value))}")
+
+    def field(name: str, item: Any) -> Any:
+        records = [record for record in (kinds[name], *get_args(kinds[name])) if dataclasses.is_dataclass(record)]
+        for record in records:  # of several types, choose the type with these fields
+            if len(records) == 1 or set(item) == set(get_type_hints(record)):
+                return _record(record, item)
+        return tuple(item) if isinstance(item, list) else item
+
+    return kind(**{name: field(name, item) for name, item in value.items()})

@@ -1,0 +1,284 @@
+"""Configuration of a training run in one frozen dataclass (HAC++, training)."""
+
+import dataclasses
+from dataclasses import dataclass, field
+
+from splatwire.arguments import CheckedFields
+from splatwire.errors import InvalidValueError
+from splatwire.types import ModelConfig
+from splatwire.types.causal_coding import CausalConfig
+
+FULL_ITERATIONS = 30_000
+"""Number of iterations of HAC++'s published schedule; for another number, all phases are scaled."""
+MIN_GROWTH_INTERVAL = 50
+"""Minimum number of iterations between two additions of anchors.
+
+With fewer iterations, a Gaussian's mean gradient would be estimated from too few views.
+"""
+
+
+@dataclass(frozen=True)
+class LearningRate:
+    """A learning rate that decreases exponentially during training, from `initial` to `final`.
+
+    Attributes:
+        initial: Learning rate in the first iteration.
+        final: Learning rate after the last iteration.
+        late: Factor on the learning rate in all iterations after `Marks.growth_end`.
+    """
+
+    initial: float
+    final: float
+    late: float = 1.0
+
+
+@dataclass(frozen=True)
+class LearningRates:
+    """Learning rates by parameter group; the rates of offsets and masks are multiplied by the extent of the cameras.
+
+    Attributes:
+        offsets: Offsets.
+        mask_logits: Mask logits.
+        features: Anchor features.
+        log_scalings: Logarithms of the scalings.
+        opacity: Opacity network.
+        covariance: Covariance network.
+        color: Colour network.
+        grid: Hash-grid tables.
+        prior: Prior network.
+        channel: Channel networks.
+        causal: Networks of the causal model.
+        steps: Logarithms of the causal model's quantisation steps.
+    """
+
+    offsets: LearningRate = LearningRate(0.01, 0.0001)
+    mask_logits: LearningRate = LearningRate(0.01, 0.0015)
+    features: LearningRate = LearningRate(0.0075, 0.0075)
+    log_scalings: LearningRate = LearningRate(0.007, 0.007)
+    opacity: LearningRate = LearningRate(0.002, 0.00002)
+    covariance: LearningRate = LearningRate(0.004, 0.004)
+    color: LearningRate = LearningRate(0.008, 0.00005)
+    grid: LearningRate = LearningRate(0.005, 0.00001)
+    prior: LearningRate = LearningRate(0.005, 0.00001)
+    channel: LearningRate = LearningRate(0.005, 0.0005)
+    causal: LearningRate = LearningRate(0.005, 0.0005)
+    steps: LearningRate = LearningRate(0.01, 0.002)
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Schedule of a training: numbers of the iterations after which phases start or end.
+
+    Attributes:
+        iterations: Total number of iterations.
+        noise_start: Start of uniform noise on the attributes, as wide as fixed quantisation steps.
+        growth_pause_end: End of a pause in which no anchors are added or removed; the pause begins at `noise_start`.
+        context_start: Start of the context phase: the context model determines the quantisation steps, and the loss
+            includes the rate.
+        statistics_start: Start of gathering gradients and opacities, which decide where anchors are added and removed.
+        growth_start: Start of adding and removing anchors.
+        growth_end: End of adding and removing anchors.
+        growth_interval: Number of iterations between two changes of the set of anchors.
+        tuning: Number of fine-tuning iterations at the end, on the finished scene (`neural.training.tuning`).
+    """
+
+    iterations: int = FULL_ITERATIONS
+    noise_start: int = 3000
+    growth_pause_end: int = 4000
+    context_start: int = 10_000
+    statistics_start: int = 500
+    growth_start: int = 1500
+    growth_end: int = 15_000
+    growth_interval: int = 100
+    tuning: int = 0
+
+    @property
+    def settled(self) -> int:
+        """Last iteration before the fine-tuning; the last iteration of the training if `tuning` is 0."""
+        return self.iterations - self.tuning
+
+    def is_fine_tuning(self, iteration: int) -> bool:
+        """True if an iteration belongs to the fine-tuning at the end of the training."""
+        return self.settled < iteration <= self.iterations
+
+    def scaled(self, iterations: int) -> "Marks":
+        """Returns the schedule scaled to a training of `iterations` iterations."""
+        factor = iterations / self.iterations
+        values = {f.name: round(getattr(self, f.name) * factor) for f in dataclasses.fields(self)}
+        interval = max(min(MIN_GROWTH_INTERVAL, self.growth_interval), values["growth_interval"])
+        return Marks(**{**values, "iterations": iterations, "growth_interval": interval})
+
+
+@dataclass(frozen=True)
+class GrowthRules:
+    """Rules for adding and removing anchors.
+
+    Attributes:
+        gradient_threshold: Threshold on the mean length of the gradient of a Gaussian's 2D centre, in coordinates
+            relative to half of the image size. An anchor is added near a Gaussian above the threshold. This value is
+            for the coarsest grid (see `levels`); the threshold doubles from each grid to the next finer one.
+        seen_share: Minimum share of iterations in which an anchor must be visible to be considered, out of the
+            iterations since the last change of the set of anchors. Half of this share suffices for an offset.
+        min_opacity: Minimum mean sum of the opacities of an anchor's Gaussians; anchors below it are removed.
+        levels: Number of grids (levels), from coarse to fine. At each change, a grid cell without an anchor gets at
+            most one.
+        coarsest_cell: Cell size of the coarsest grid, in voxels.
+        cell_ratio: Ratio of the cell sizes of consecutive grids; grids with cells below one voxel are skipped.
+        max_log_size: Upper bound on the logarithm of an anchor's base size, world units.
+        max_anchors: Maximum number of anchors.
+        first_pruning: First iteration in which anchors may be removed, for any length of the run. Random initial points
+            are mostly transparent until the networks are trained. On 200x200 views of Lego, 19 of 20 anchors were
+            transparent at iteration 150, and with more points all anchors were removed.
+    """
+
+    gradient_threshold: float = 0.0002
+    seen_share: float = 0.8
+    min_opacity: float = 0.005
+    levels: int = 3
+    coarsest_cell: int = 16
+    cell_ratio: int = 4
+    max_log_size: float = 0.05
+    max_anchors: int = 4_000_000
+    first_pruning: int = 0
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Weights of the terms of the loss.
+
+    Attributes:
+        dssim: Weight of 1 - SSIM; the weight of the mean absolute error is 1 - `dssim`.
+        volume: Weight of the mean product of the Gaussians' three sizes.
+        rate: Lambda: weight of the bits per parameter, or, with the causal model, of the size of the scene in
+            megabytes.
+        sample_share: Share of the anchors whose rate is estimated in each iteration.
+        size: Target size of the stream in bytes; lambda is controlled to reach it (`neural.training.size`). 0 keeps
+            lambda constant.
+    """
+
+    dssim: float = 0.2
+    volume: float = 0.01
+    rate: float = 0.004
+    sample_share: float = 0.05
+    size: int = 0
+
+    def __post_init__(self) -> None:
+        if self.size < 0 or (self.size and not self.rate):
+            raise InvalidValueError(f"a size is 1 byte or more and needs a lambda above 0 to be steered by, not {self}")
+
+
+@dataclass(frozen=True)
+class RefineConfig:
+    """Settings for refining the context model after training, with fixed anchors.
+
+    Attributes:
+        steps: Number of Adam steps; 0 disables the refinement.
+        batch: Number of anchors per Adam step.
+        network_rate: Initial learning rate of the networks. Network outputs are scaled by the predicted standard
+            deviations, so that one learning rate suits all outputs.
+        grid_rate: Initial learning rate of the latent values behind the grid's signs.
+        latent: Initial magnitude of these latent values.
+        step_weight: Penalty in bits per squared change of a quantisation step's logit. Coarser quantisation steps would
+            save bits, but change the scene.
+        grid_weight: Weight of a bit of the hash grid relative to a bit of the anchors. It is above 1 because the grid
+            is side information, which also needs bytes for protection against loss.
+        seed: Seed of the random choice of anchors.
+    """
+
+    steps: int = 600
+    batch: int = 4000
+    network_rate: float = 0.005
+    grid_rate: float = 0.001
+    latent: float = 0.01
+    step_weight: float = 30.0
+    grid_weight: float = 1.3
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.steps < 0 or self.batch < 1:
+            raise InvalidValueError(
+                f"a refinement has 0 or more steps of 1 anchor or more, not {self.steps} of {self.batch}"
+            )
+
+
+@dataclass(frozen=True)
+class LossTraining:
+    """Simulated packet loss in training (`neural.training.packet_loss`).
+
+    Attributes:
+        models: Loss models in the syntax of `splatwire.channel.parse_loss`. An iteration with packet loss uses one of
+            them at random. Empty for no packet loss.
+        first: Shares of the anchors (most important first) that arrive while all other anchors are lost. This simulates
+            a receiver that has only the first quality tiers of a stream. An iteration with packet loss uses one of
+            these shares or one of `models` at random.
+        packets: Names of packetizations (`packetization_named`); an iteration with packet loss uses one of them at
+            random. With the paper's packetization, losses are concentrated in some regions. Compared with the
+            packetization `spread`, snowmiku_small is 0.2 to 0.4 dB better with and without loss (two trainings), lego
+            0.1 dB worse.
+        share: Share of iterations with packet loss during fine-tuning. Without fine-tuning, share among the iterations
+            after the phase in which anchors are added and removed.
+    """
+
+    models: tuple[str, ...] = ()
+    first: tuple[float, ...] = ()
+    packets: tuple[str, ...] = ("paper", "datagram")
+    share: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.share <= 1:
+            raise InvalidValueError(f"the share of lossy iterations must be from 0 to 1, not {self.share}")
+
+
+@dataclass(frozen=True)
+class TrainConfig(CheckedFields):
+    """The complete configuration of a training run.
+
+    Attributes:
+        preset: Name of the preset that the configuration is based on.
+        model: Shapes of anchors and of the context model; the type of this object selects the context model.
+        voxel_size: Spacing of anchor positions in world units; 0 to derive it from the points.
+        hidden: Hidden units of the rendering networks, the prior network and the channel networks. The networks of the
+            causal model are as wide as the channel networks.
+        marks: Schedule of the training.
+        rates: Learning rates.
+        growth: Rules for adding and removing anchors.
+        weights: Weights of the terms of the loss.
+        refine: Settings for the refinement of the context model at the end.
+        losses: Settings for simulated packet loss.
+        averaged: Number of last iterations over which parameters are averaged (`splatwire.neural.training.averaging`);
+            0 for no averaging.
+        mask_threshold: An offset exists if the sigmoid of its mask logit is above this threshold.
+        random_points: Number of random initial points if the data has none; at most one per four pixels of a view.
+        background: RGB of the background.
+        test_views: Rule that selects the test views.
+        seed: Seed of all random numbers.
+    """
+
+    preset: str = "mipnerf360"
+    model: ModelConfig | CausalConfig = field(default_factory=ModelConfig)
+    voxel_size: float = 0.001
+    hidden: tuple[int, int, int] = (50, 100, 40)
+    marks: Marks = Marks()
+    rates: LearningRates = LearningRates()
+    growth: GrowthRules = GrowthRules()
+    weights: LossWeights = LossWeights()
+    refine: RefineConfig = RefineConfig()
+    losses: LossTraining = LossTraining()
+    averaged: int = 100
+    mask_threshold: float = 0.01
+    random_points: int = 100_000
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    test_views: str = "every_8th"
+    seed: int = 0
+
+    @property
+    def hacpp(self) -> ModelConfig:
+        """Shapes of the HAC++ model; only for configurations with the HAC++ model."""
+        assert isinstance(self.model, ModelConfig)
+        return self.model
+
+    @property
+    def causal(self) -> CausalConfig:
+        """Shapes of the causal model; only for configurations with the causal model."""
+        assert isinstance(self.model, CausalConfig)
+        return self.model

@@ -1,0 +1,334 @@
+"""The HAC++ context model in training: adaptive quantisation steps of visible anchors, and the rate of a sample."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from splatwire.neural.model.prior_field import PriorOutputs, split_prior_outputs
+from splatwire.neural.model.tensors import run_network
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.grid import GridCorners, find_corners, sign_bits
+from splatwire.neural.training.initial import grid_bounds
+from splatwire.neural.training.kernels import COMPILED, Kernels, Uniform, uniform_from_host
+from splatwire.neural.training.rate import bits, gaussian_likelihood, mixture_likelihood
+from splatwire.neural.training.schedule import Phase, phase_of
+from splatwire.neural.training.state import TrainState
+from splatwire.types import Linear, Mlp, ModelConfig
+from splatwire.types.prior import MIN_SCALE
+
+Attributes = tuple[Float[Tensor, "_ F"], Float[Tensor, "_ 6"], Float[Tensor, "_ O"]]
+"""Features, scalings and flat offsets of some anchors."""
+Seen = tuple[Attributes, Float[Tensor, "_ K"]]
+"""Attributes with which anchors are rendered (noise replaces rounding), and straight-through masks of offsets."""
+Steps = Sequence[Tensor | float]
+"""Quantisation steps of features, scalings and offsets: each a number, or a column with a row per anchor."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampleRate:
+    """Estimated bits of a random sample of anchors.
+
+    Attributes:
+        bits: Total bits of all three attributes of the sample; differentiable.
+        num_anchors: Size of the sample.
+    """
+
+    bits: Float[Tensor, ""]
+    num_anchors: int
+
+
+@dataclass(frozen=True, eq=False)
+class AttributeBits:
+    """Bits of every attribute value of some anchors.
+
+    Attributes:
+        features: Bits of each feature channel.
+        scalings: Bits of each scaling.
+        offsets: Bits of each offset coordinate, offset-major, as if all offsets existed.
+    """
+
+    features: Float[Tensor, "M F"]
+    scalings: Float[Tensor, "M S"]
+    offsets: Float[Tensor, "M O"]
+
+
+class AnchorCache:
+    """Cache of data derived from anchor positions, valid until anchors or the bounding box of the hash grid change."""
+
+    def __init__(self, config: TrainConfig) -> None:
+        self._config = config
+        self._voxels: Tensor | None = None
+        self._positions: Tensor | None = None
+        self._box: tuple[Tensor, ...] | None = None
+        self._corners: GridCorners | None = None
+
+    def positions(self, state: TrainState) -> Float[Tensor, "N 3"]:
+        """Returns the world coordinates of the anchors."""
+        if self._positions is None or self._voxels is not state.voxels:
+            self._voxels, self._positions, self._corners = state.voxels, state.positions, None
+        return self._positions
+
+    def corners(self, state: TrainState) -> GridCorners:
+        """Returns the hash-grid corners of all anchors."""
+        positions = self.positions(state)
+        box = (state.bounds_min, state.bounds_max)
+        if self._corners is None or self._box is None or any(a is not b for a, b in zip(box, self._box, strict=True)):
+            self._box = box
+            self._corners = find_corners((positions - box[0]) / (box[1] - box[0]), self._config.hacpp.grid)
+        return self._corners
+
+
+class TrainedContext:
+    """The HAC++ context model in training; implements `splatwire.neural.training.models.TrainedModel`.
+
+    Args:
+        config: The configuration.
+        kernels: Implementation of the expensive operations.
+        cache: Cache of positions and hash-grid corners.
+    """
+
+    def __init__(self, config: TrainConfig, kernels: Kernels, cache: AnchorCache) -> None:
+        self._config, self._kernels, self._cache = config, kernels, cache
+
+    def begin(self, state: TrainState) -> None:
+        """Initialises the networks before the first iteration of the context phase; otherwise does nothing.
+
+        In the context phase, the loss includes the rate.
+        """
+        if state.iteration == self._config.marks.context_start + 1:
+            state.bounds_min, state.bounds_max = grid_bounds(self._cache.positions(state))
+            calibrate_prior(state, self._config)
+
+    def quantise(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Steps | None, SampleRate | None]:
+        """Returns the quantisation steps of the visible anchors, and the estimated rate of a sample of all anchors.
+
+        The steps are None in the first phase of the training, in which attributes get no noise. The rate is None before
+        the context phase, in which the loss includes the rate.
+
+        Args:
+            state: State of the training.
+            visible: Indices of the visible anchors.
+        """
+        config, phase = self._config, phase_of(self._config.marks, state.iteration)
+        if phase is Phase.PLAIN:
+            return None, None
+        if phase is Phase.NOISE:
+            return config.hacpp.base_steps, None
+        random, share = self._kernels.random, config.weights.sample_share
+        sample = random.sample(state.num_anchors, share, state.generator, state.device)
+        features = grid_features(state, self._cache, torch.cat([visible, sample]), self._kernels)
+        logits = run_network(step_columns(state.networks.context_prior), features[: len(visible)])
+        masks = straight_through_masks(state, config, sample)
+        rate = sample_rate(state, config, features[len(visible) :], sample, masks, self._kernels.random.uniform)
+        return adaptive_steps(logits, config.hacpp).split(1, dim=1), rate
+
+    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleRate | None]:
+        """Returns attributes and masks with which visible anchors are rendered, and the rate of a sample of anchors.
+
+        The sample is taken at random from all anchors. The rate is None before the context phase, in which the loss
+        includes the rate.
+
+        Args:
+            state: State of the training.
+            visible: Indices of the visible anchors.
+        """
+        steps, rate = self.quantise(state, visible)
+        drawn = (
+            state.attributes(visible)
+            if steps is None
+            else noisy_attributes(state, visible, steps, self._kernels.random.uniform)
+        )
+        return (drawn, straight_through_masks(state, self._config, visible)[0]), rate
+
+    def rate_loss(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
+        """Returns lambda times the mean bits per parameter of the scene."""
+        return state.rate(self._config.weights) * self.bits_per_parameter(state, rate)
+
+    def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
+        """Predicts the scalings of anchors from their positions alone, as a receiver must for lost anchors."""
+        prior, start = state.networks.context_prior, 3 * self._config.model.layout.feature_dim
+        columns = slice(start, start + 6)
+        means = Mlp(
+            prior.hidden, Linear(prior.output.weight[columns], prior.output.bias[columns]), prior.negative_slope
+        )
+        return run_network(means, grid_features(state, self._cache, index, self._kernels))
+
+    def bits_per_parameter(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
+        """Returns the mean bits per parameter (attribute value) of the scene.
+
+        It is the mean over the sampled anchors, plus the bits of the hash grid's signs divided by the number of
+        parameters of all anchors.
+        """
+        layout = self._config.model.layout
+        per_anchor = layout.feature_dim + 6 + 3 * layout.num_offsets
+        grid = sign_bits(state.parameters["grid.volume"], state.parameters["grid.planes"])
+        return rate.bits / max(rate.num_anchors * per_anchor, 1) + grid / (state.num_anchors * per_anchor)
+
+
+def straight_through_masks(
+    state: TrainState, config: TrainConfig, index: Int64[Tensor, "M"]
+) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M"]]:
+    """Returns the masks of offsets and of anchors, 0 or 1 (HAC++).
+
+    In the gradient, the mask of an offset is replaced by the sigmoid of its logit, and the mask of an anchor by the
+    mean of these sigmoids over its offsets.
+    """
+    return straight_through(state.parameters["mask_logits"][index], config.mask_threshold)
+
+
+def straight_through(logits: Float[Tensor, "M K"], threshold: float) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M"]]:
+    """Returns the masks of offsets and of anchors for given mask logits, with straight-through gradients."""
+    share = torch.sigmoid(logits)
+    hard = (share > threshold).to(share)
+    offsets = share + (hard - share).detach()
+    mean, any_hard = share.mean(dim=1), hard.amax(dim=1)
+    return offsets, mean + (any_hard - mean).detach()
+
+
+def step_columns(prior: Mlp) -> Mlp:
+    """Returns the prior network restricted to its last three outputs, the logits of the quantisation steps."""
+    return Mlp(prior.hidden, Linear(prior.output.weight[-3:], prior.output.bias[-3:]), prior.negative_slope)
+
+
+def adaptive_steps(step_logits: Float[Tensor, "N 3"], config: ModelConfig) -> Float[Tensor, "N 3"]:
+    """Returns the quantisation steps of features, scalings and offsets, `base * (1 + tanh(logit))` (HAC++)."""
+    return step_logits.new_tensor(config.base_steps) * (1 + torch.tanh(step_logits))
+
+
+def grid_features(
+    state: TrainState, cache: AnchorCache, index: Int64[Tensor, "M"], kernels: Kernels = COMPILED
+) -> Float[Tensor, "M H"]:
+    """Returns the hash-grid features of the anchors `index`; differentiable in the grid's tables."""
+    volume, planes = state.parameters["grid.volume"], state.parameters["grid.planes"]
+    return kernels.interpolate_signs(volume, planes, cache.corners(state), index)
+
+
+def noisy_attributes(
+    state: TrainState, index: Int64[Tensor, "M"], steps: Steps, uniform: Uniform = uniform_from_host
+) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M S"], Float[Tensor, "M O"]]:
+    """Returns features, scalings and flat offsets of some anchors, with noise in place of rounding.
+
+    The noise is uniform and as wide as the quantisation steps.
+    """
+    feature, scaling, offset = (
+        values + (uniform(values.shape, state.generator, values.device) - 0.5) * step
+        for values, step in zip(state.attributes(index), steps, strict=True)
+    )
+    return feature, scaling, offset
+
+
+def sample_rate(
+    state: TrainState,
+    config: TrainConfig,
+    features: Float[Tensor, "M H"],
+    index: Int64[Tensor, "M"],
+    mask: tuple[Float[Tensor, "M K"], Float[Tensor, "M"]],
+    uniform: Uniform = uniform_from_host,
+) -> SampleRate:
+    """Estimates the bits of a sample of anchors, with uniform noise in place of rounding.
+
+    Args:
+        state: State of the training.
+        config: The configuration.
+        features: Hash-grid features of the sample.
+        index: Indices of the sampled anchors.
+        mask: Straight-through masks of the sample's offsets and of its anchors.
+        uniform: Draws the noise.
+    """
+    layout = config.model.layout
+    outputs = split_prior_outputs(run_network(state.networks.context_prior, features), config.hacpp)
+    steps = adaptive_steps(outputs.step_logits, config.hacpp)
+    values = noisy_attributes(state, index, steps.split(1, dim=1), uniform)
+    found = attribute_bits(outputs, state.networks.channel, layout.feature_groups, steps, values)
+    offset_mask, anchor_mask = mask
+    offset_bits = (found.offsets.view(-1, layout.num_offsets, 3).sum(dim=2) * offset_mask).sum(dim=1)
+    total = ((found.features.sum(dim=1) + found.scalings.sum(dim=1) + offset_bits) * anchor_mask).sum()
+    return SampleRate(total, len(index))
+
+
+def attribute_bits(
+    outputs: PriorOutputs,
+    channels: tuple[Mlp, ...],
+    groups: tuple[int, ...],
+    steps: Float[Tensor, "M 3"],
+    values: tuple[Float[Tensor, "M F"], Float[Tensor, "M S"], Float[Tensor, "M O"]],
+) -> AttributeBits:
+    """Estimates the bits of every attribute value of some anchors (HAC++, rate).
+
+    Args:
+        outputs: Outputs of the prior network for these anchors.
+        channels: Channel networks, one per group.
+        groups: Sizes of the groups of feature channels.
+        steps: Quantisation steps of features, scalings and offsets.
+        values: Features, scalings and offsets, rounded to their steps or with noise in place of rounding.
+    """
+    feature_step, scaling_step, offset_step = steps.split(1, dim=1)
+    feature, scaling, offset = values
+    first = gaussian_likelihood(feature, outputs.feature_mean, outputs.feature_scale.clamp(min=MIN_SCALE), feature_step)
+    second, weight = _channel_likelihood(channels, groups, feature, outputs, feature_step)
+    return AttributeBits(
+        bits(mixture_likelihood(first, second, outputs.feature_weight - weight)),
+        bits(gaussian_likelihood(
+            scaling, outputs.scaling_mean, outputs.scaling_scale.clamp(min=MIN_SCALE), scaling_step)),
+        bits(gaussian_likelihood(offset, outputs.offset_mean, outputs.offset_scale.clamp(min=MIN_SCALE), offset_step)),
+    )  # fmt: skip
+
+
+def _channel_likelihood(
+    channels: tuple[Mlp, ...],
+    groups: tuple[int, ...],
+    feature: Float[Tensor, "M F"],
+    outputs: PriorOutputs,
+    step: Float[Tensor, "M 1"],
+) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M F"]]:
+    """Returns the likelihood of each feature under the normal distribution that the channel-context network predicts.
+
+    The input of each group's network includes the channels of all previous groups.
+
+    Args:
+        channels: Channel networks, one per group.
+        groups: Sizes of the groups of feature channels.
+        feature: Features, rounded or with noise in place of rounding.
+        outputs: Outputs of the prior network.
+        step: Quantisation step of the features.
+
+    Returns:
+        The likelihoods; and logits of the weights that these distributions have in the mixture with the prior's
+        distributions.
+    """
+    shared = torch.cat([outputs.feature_mean, outputs.feature_scale, outputs.feature_weight], dim=1)
+    parts, before = [], 0
+    for mlp, size in zip(channels, groups, strict=True):
+        parts.append(run_network(mlp, torch.cat([feature[:, :before], shared], dim=1)).chunk(3, dim=1))
+        before += size
+    mean, scale, weight = (torch.cat(columns, dim=1) for columns in zip(*parts, strict=True))
+    return gaussian_likelihood(feature, mean, scale.clamp(min=MIN_SCALE), step), weight
+
+
+@torch.no_grad()
+def calibrate_prior(state: TrainState, config: TrainConfig) -> None:
+    """Initialises the context networks' outputs with the current mean and standard deviation of the attributes.
+
+    A random network predicts negative standard deviations for half of the channels, which are trained only slowly.
+    """
+    alive = state.masks(config.mask_threshold).any(dim=1)
+    if int(alive.sum()) < 2:
+        return
+    columns = []
+    for values, base in zip(state.attributes(alive), config.hacpp.base_steps, strict=True):
+        columns.append((values.mean(dim=0), values.std(dim=0).clamp(min=0.5 * base)))
+    weight, bias = state.networks.context_prior.output.weight, state.networks.context_prior.output.bias
+    (f_mean, f_spread), (s_mean, s_spread), (o_mean, o_spread) = columns
+    zeros = torch.zeros_like(f_mean)
+    bias[:-3] = torch.cat([f_mean, f_spread, zeros, s_mean, s_spread, o_mean, o_spread])
+    bias[-3:] = 0
+    weight[:-3] *= torch.cat([f_spread, f_spread, zeros + 1, s_spread, s_spread, o_spread, o_spread])[:, None]
+    start = 0
+    for mlp, size in zip(state.networks.channel, config.model.layout.feature_groups, strict=True):
+        part = slice(start, start + size)
+        mlp.output.weight.mul_(torch.cat([f_spread[part], f_spread[part], zeros[part] + 1])[:, None])
+        mlp.output.bias.copy_(torch.cat([f_mean[part], f_spread[part], zeros[part]]))
+        start += size

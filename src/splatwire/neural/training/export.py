@@ -1,0 +1,87 @@
+"""Conversion of the state of a training to a scene that can be rendered, saved and encoded."""
+
+import torch
+from torch import Tensor
+
+from splatwire.arguments import checked
+from splatwire.errors import InvalidValueError
+from splatwire.neural.training.averaging import averaged
+from splatwire.neural.training.causal import causal_networks
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.grid import hard_sign
+from splatwire.neural.training.state import TrainState, move_state
+from splatwire.ops.arrays import to_arrays
+from splatwire.types import (
+    Anchors,
+    AnchorScene,
+    ContextModel,
+    GaussianHeads,
+    HacppCoding,
+    HashGrid,
+    Linear,
+    Mlp,
+    ModelConfig,
+)
+from splatwire.types.causal_coding import CausalCoding, CausalConfig
+
+
+@checked
+@torch.no_grad()
+def export_scene(state: TrainState, config: TrainConfig, device: torch.device | None = None) -> AnchorScene:
+    """Returns the scene of a training state, with averaged parameters if available; omits anchors without offsets.
+
+    Args:
+        state: State of the training; not changed.
+        config: The configuration.
+        device: Device for the computation; None for the CPU.
+
+    Raises:
+        InvalidValueError: If no anchor is left.
+    """
+    state = averaged(move_state(state, device or torch.device("cpu")))
+    parameters, networks, mask = state.parameters, state.networks, state.masks(config.mask_threshold)
+    kept = mask.any(dim=1)
+    if not bool(kept.any()):
+        raise InvalidValueError("training has left no anchor in the scene: lambda is too large for it")
+    anchors = Anchors(
+        positions=state.positions[kept],
+        features=parameters["features"][kept],
+        scalings=state.scalings(kept),
+        offsets=parameters["offsets"][kept] * mask[kept][:, :, None],
+        mask=mask[kept],
+    )
+    heads = GaussianHeads(*(copied_mlp(mlp) for mlp in vars(networks.heads).values()))
+    coding = _causal(state, config.causal) if isinstance(config.model, CausalConfig) else _hacpp(state, config.hacpp)
+    return to_arrays(AnchorScene(anchors, heads, coding, background=config.background))
+
+
+def _causal(state: TrainState, model: CausalConfig) -> CausalCoding:
+    networks = {name: copied_mlp(mlp) for name, mlp in causal_networks(state.parameters, model).items()}
+    return CausalCoding(
+        networks, state.parameters["steps"].exp(), state.parameters["centres"].clone(),
+        (state.bounds_max + state.bounds_min) / 2, (state.bounds_max - state.bounds_min) / 2,
+        state.voxel_size, model,
+    )  # fmt: skip
+
+
+def _hacpp(state: TrainState, model: ModelConfig) -> HacppCoding:
+    parameters, networks = state.parameters, state.networks
+    grid = HashGrid(
+        volume=_signs(parameters["grid.volume"]),
+        planes=_signs(parameters["grid.planes"]),
+        bounds_min=state.bounds_min,
+        bounds_max=state.bounds_max,
+    )
+    context = ContextModel(grid, copied_mlp(networks.context_prior), tuple(copied_mlp(mlp) for mlp in networks.channel))
+    return HacppCoding(context, state.voxel_size, model)
+
+
+def _signs(values: Tensor) -> Tensor:
+    return hard_sign(values).to(torch.int8)
+
+
+@torch.no_grad()
+def copied_mlp(mlp: Mlp) -> Mlp:
+    """Copies a network, because training changes its tensors in place while the scene is drawn or written."""
+    hidden, output = (Linear(layer.weight.clone(), layer.bias.clone()) for layer in (mlp.hidden, mlp.output))
+    return Mlp(hidden, output, mlp.negative_slope)

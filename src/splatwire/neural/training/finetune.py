@@ -1,0 +1,152 @@
+"""Fine-tuning of a finished scene: anchor positions stay fixed, all other parameters are trained."""
+
+import dataclasses
+
+import torch
+from torch import Tensor
+
+from splatwire.anchors.voxels import voxel_indices
+from splatwire.data import Dataset
+from splatwire.errors import InvalidValueError
+from splatwire.neural.model.tensors import to_tensors
+from splatwire.neural.training.config import Marks, TrainConfig
+from splatwire.neural.training.initial import camera_extent, parameter_shapes
+from splatwire.neural.training.presets import CAUSAL, HACPP
+from splatwire.neural.training.schedule import second_half
+from splatwire.neural.training.state import CHANNEL_SLOPE, GrowthStatistics, TrainState
+from splatwire.neural.training.tuning import MASK_LOGITS
+from splatwire.types import AnchorScene, CausalCoding, HacppCoding, Mlp
+from splatwire.types.scene import Scene
+
+_SMALLEST_SCALING = 1e-6
+"""Minimum scaling in world units: a decoded scaling may be 0 or negative, but its logarithm is trained."""
+_LATENT = 0.01
+"""Initial magnitude of the latent values behind the grid's signs; about forty steps in one direction flip a sign."""
+
+
+def model_of(scene: Scene) -> str | None:
+    """Returns the name of a scene's context model, or None if the scene does not consist of anchors."""
+    if not isinstance(scene, AnchorScene):
+        return None
+    return CAUSAL if isinstance(scene.coding, CausalCoding) else HACPP
+
+
+def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
+    """Converts a configuration for a new scene to one for fine-tuning a finished scene.
+
+    Parameters are averaged (`neural.training.averaging`) only with the causal model. In 240 iterations of fine-tuning,
+    averaging improves lego with the causal model by 0.33 dB without packet loss. It makes the official
+    snowmiku_small_2400, which has the HAC++ model, 0.14 dB worse.
+
+    Args:
+        config: Configuration for a new scene; its length, loss weights and packet losses are kept.
+        scene: The scene; sets shapes and voxel size.
+    """
+    iterations, widths = config.marks.settled, _widths(scene)
+    marks = Marks(
+        iterations, noise_start=-1, growth_pause_end=-1, context_start=-1, statistics_start=0, growth_start=0,
+        growth_end=0, growth_interval=1,
+    )  # fmt: skip
+    return dataclasses.replace(
+        config,
+        model=scene.coding.config,
+        voxel_size=scene.coding.voxel_size,
+        hidden=widths,
+        marks=marks,
+        rates=second_half(config.rates),
+        averaged=config.averaged if isinstance(scene.coding, CausalCoding) else 0,
+    )
+
+
+def _widths(scene: AnchorScene) -> tuple[int, int, int]:
+    """Returns the numbers of hidden units of a scene's networks, in the order of `TrainConfig.hidden`."""
+    if isinstance(scene.coding, CausalCoding):
+        context = 2 * [scene.coding.networks["position"]]
+    else:
+        context = [scene.coding.context.prior, scene.coding.context.channel[0]]
+    head, prior, channel = (mlp.hidden.weight.shape[0] for mlp in (scene.heads.opacity, *context))
+    return head, prior, channel
+
+
+def state_of_scene(scene: AnchorScene, dataset: Dataset, config: TrainConfig) -> TrainState:
+    """Returns the initial state for fine-tuning a finished scene.
+
+    Args:
+        scene: The complete scene, on the CPU.
+        dataset: The training views.
+        config: Result of `fine_tuning`.
+
+    Raises:
+        InvalidValueError: If this trainer does not support the scene's networks, or positions are not multiples of the
+            voxel size.
+    """
+    scene = to_tensors(scene)
+    anchors = scene.anchors
+    absent, present = MASK_LOGITS
+    logs = anchors.scalings.clamp(min=_SMALLEST_SCALING).log()
+    parameters = {
+        "features": anchors.features,
+        "log_scalings": logs[:, [0, 3, 4, 5]] if isinstance(scene.coding, CausalCoding) else logs,
+        "offsets": anchors.offsets,
+        "mask_logits": torch.where(anchors.mask, present, absent),
+        **{f"heads.{name}": mlp for name, mlp in vars(scene.heads).items()},
+        **_context_parameters(scene.coding),
+    }
+    bounds_min, bounds_max = _bounds(scene.coding)
+    tensors = _tensors(parameters)
+    _check(tensors, parameter_shapes(config, anchors.num_anchors))
+    return TrainState(
+        iteration=0,
+        voxels=torch.from_numpy(voxel_indices(anchors.positions, scene.coding.voxel_size)),
+        voxel_size=scene.coding.voxel_size,
+        parameters={name: value.float().clone().contiguous().requires_grad_() for name, value in tensors.items()},
+        moments={},
+        statistics=GrowthStatistics.zeros(anchors.num_anchors, anchors.mask.shape[1], torch.device("cpu")),
+        bounds_min=bounds_min,
+        bounds_max=bounds_max,
+        camera_extent=camera_extent(dataset.cameras),
+        generator=torch.Generator().manual_seed(config.seed),
+    )
+
+
+def _context_parameters(coding: HacppCoding | CausalCoding) -> dict[str, Tensor | Mlp]:
+    """Returns the networks and tensors of the context model, keyed by parameter name."""
+    if isinstance(coding, CausalCoding):
+        networks = {f"causal.{name}": mlp for name, mlp in coding.networks.items()}
+        return {**networks, "steps": coding.steps.log(), "centres": coding.centres}
+    grid, channel = coding.context.grid, {f"channel.{group}": mlp for group, mlp in enumerate(coding.context.channel)}
+    planes = {"grid.volume": grid.volume * _LATENT, "grid.planes": grid.planes * _LATENT}
+    return {"prior": coding.context.prior, **channel, **planes}
+
+
+def _bounds(coding: HacppCoding | CausalCoding) -> tuple[Tensor, Tensor]:
+    """Returns `TrainState.bounds_min` and `TrainState.bounds_max` for a scene's context model.
+
+    HAC++ model: the lower and upper corner of the hash grid's bounding box. Causal model: the middle of the anchors
+    minus and plus their spread.
+    """
+    if isinstance(coding, CausalCoding):
+        return coding.middle - coding.spread, coding.middle + coding.spread
+    return coding.context.grid.bounds_min, coding.context.grid.bounds_max
+
+
+def _tensors(parameters: dict[str, Tensor | Mlp]) -> dict[str, Tensor]:
+    """Returns all parameters as tensors; a network is replaced by its weights and biases."""
+    found: dict[str, Tensor] = {}
+    for name, value in parameters.items():
+        if isinstance(value, Tensor):
+            found[name] = value
+            continue
+        if value.negative_slope != (CHANNEL_SLOPE if name.startswith(("channel.", "causal.")) else 0.0):
+            raise InvalidValueError(f"network '{name}' of the scene has another activation than this trainer's")
+        for layer in ("hidden", "output"):
+            linear = getattr(value, layer)
+            found |= {f"{name}.{layer}.weight": linear.weight, f"{name}.{layer}.bias": linear.bias}
+    return found
+
+
+def _check(tensors: dict[str, Tensor], shapes: dict[str, tuple[int, ...]]) -> None:
+    for name, shape in shapes.items():
+        if name not in tensors or tuple(tensors[name].shape) != shape:
+            found = tuple(tensors[name].shape) if name in tensors else "nothing"
+            raise InvalidValueError(f"'{name}' of the scene is {found}, this trainer has {shape}")

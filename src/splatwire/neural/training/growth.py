@@ -1,0 +1,180 @@
+"""Adding and removing of anchors during training (growing and pruning; HAC++, as in Scaffold-GS)."""
+
+import torch
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor
+
+from splatwire.anchors.projection import DILATION, NEAR_DEPTH
+from splatwire.errors import DivergedError
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.kernels import Uniform, uniform_from_host
+from splatwire.neural.training.state import MAX_TRAINED_INDEX, TrainState, append_anchors, keep_anchors
+from splatwire.types import Cameras, Gaussians
+
+_KEY_BITS = 21
+"""Number of bits of a signed voxel index; three indices fit one 64-bit key."""
+_FOG = 0.99
+"""Share of transparent anchors above which no anchor is removed.
+
+With a black background, most random initial points become transparent before the scene takes shape. If transparent
+anchors were then removed, arbitrary anchors would remain (lego, 3,120 iterations: no anchors)."""
+
+
+@torch.no_grad()
+def gather_statistics(
+    state: TrainState,
+    visible: Int64[Tensor, "M"],
+    spawned: tuple[Gaussians, Int64[Tensor, "G"], Int64[Tensor, "G"]],
+    d_centers: Float[Tensor, "G 2"],
+    cameras: Cameras,
+    view: int,
+) -> None:
+    """Adds the opacities and gradients of one view to the statistics for adding and removing anchors.
+
+    Args:
+        state: State of the training; the statistics are changed in place.
+        visible: Indices of the anchors that the view may see.
+        spawned: The drawn Gaussians, their anchor indices (among all anchors) and their offset indices.
+        d_centers: Gradient of the loss with respect to the Gaussians' 2D centres, per pixel.
+        cameras: The cameras.
+        view: Index of the camera.
+    """
+    gaussians, anchor_index, offset_index = spawned
+    statistics = state.statistics
+    num_offsets = statistics.gradient_sum.shape[1]
+    statistics.visits[visible] += 1
+    statistics.opacity_sum.index_add_(0, anchor_index, gaussians.opacities)
+    half_size = d_centers.new_tensor([cameras.width / 2, cameras.height / 2])
+    drawn = on_image(gaussians, cameras, view)
+    place = (anchor_index * num_offsets + offset_index)[drawn]  # at most one anchor per position
+    statistics.gradient_sum.view(-1)[place] += torch.linalg.vector_norm(d_centers * half_size, dim=1)[drawn]
+    statistics.gradient_count.view(-1)[place] += 1
+
+
+def on_image(gaussians: Gaussians, cameras: Cameras, view: int) -> Bool[Tensor, "G"]:
+    """Returns the mask of the Gaussians that may intersect the image, bool (G).
+
+    The test uses a bounding sphere of three standard deviations along the longest axis.
+    """
+    pose, K = (torch.as_tensor(values[view]).to(gaussians.means) for values in (cameras.viewmats, cameras.Ks))
+    local = gaussians.means @ pose[:3, :3].T + pose[:3, 3]
+    z = local[:, 2].clamp(min=NEAR_DEPTH)
+    x, y = K[0, 0] * local[:, 0] / z + K[0, 2], K[1, 1] * local[:, 1] / z + K[1, 2]
+    radius = 3 * torch.sqrt((gaussians.scales.amax(dim=1) * torch.maximum(K[0, 0], K[1, 1]) / z).square() + DILATION)
+    inside = (x > -radius) & (x < cameras.width + radius) & (y > -radius) & (y < cameras.height + radius)
+    return inside & (local[:, 2] > NEAR_DEPTH)
+
+
+@torch.no_grad()
+def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = uniform_from_host) -> tuple[int, int]:
+    """Adds anchors near Gaussians with large gradients, and removes transparent anchors.
+
+    Args:
+        state: State of the training; changed in place, including Adam's moments, running means and statistics.
+        config: The configuration.
+        uniform: Draws the random numbers that select a share of the candidate Gaussians.
+
+    Returns:
+        The numbers of added and of removed anchors.
+
+    Raises:
+        DivergedError: If nearly all anchors are transparent after the first half of the growth phase, because such a
+            scene cannot recover.
+    """
+    statistics, rules = state.statistics, config.growth
+    wanted = config.marks.growth_interval * rules.seen_share
+    judged = statistics.gradient_count > wanted * 0.5
+    gradients = statistics.gradient_sum / statistics.gradient_count.clamp(min=1)
+    before = state.num_anchors
+    _grow(state, config, torch.where(judged, gradients, -1.0), uniform)
+    statistics = state.statistics
+    old = slice(0, before)
+    statistics.gradient_sum[old][judged] = 0
+    statistics.gradient_count[old][judged] = 0
+    visited = statistics.visits > wanted
+    transparent = visited & (statistics.opacity_sum < rules.min_opacity * statistics.visits)
+    fog = int(transparent.sum()) > _FOG * int(visited.sum())
+    if fog and 2 * state.iteration > config.marks.growth_end:
+        raise DivergedError(state.iteration, "every anchor has become transparent")
+    keep = ~transparent
+    if fog or state.iteration < rules.first_pruning:
+        keep[:] = True
+    statistics.opacity_sum[visited] = 0
+    statistics.visits[visited] = 0
+    added = state.num_anchors - before
+    keep_anchors(state, keep)
+    state.parameters["log_scalings"][:, -3:].clamp_(max=rules.max_log_size)
+    return added, int((~keep).sum())
+
+
+def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"], uniform: Uniform) -> None:
+    """Adds anchors near Gaussians with large gradients, on every level of cell sizes, coarsest first.
+
+    Args:
+        state: State of the training; changed in place.
+        config: The configuration.
+        gradients: Mean gradient length of each offset's 2D centre; negative for offsets that too few views have drawn.
+        uniform: Draws the random numbers that select a share of the candidate Gaussians.
+    """
+    rules, first = config.growth, state.num_anchors
+    for level in range(rules.levels):
+        cell = rules.coarsest_cell // rules.cell_ratio**level
+        if cell < 1 or (level > 0 and state.num_anchors == first):
+            break
+        chosen = gradients >= rules.gradient_threshold * 2**level
+        luck = uniform(gradients.shape, state.generator, gradients.device)
+        chosen &= luck > 0.5 ** (level + 1)
+        _add_level(state, config, chosen, cell)
+
+
+def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K"], cell: int) -> None:
+    """Adds an anchor to each grid cell that contains the centre of a chosen Gaussian, but no anchor yet.
+
+    Args:
+        state: State of the training; changed in place.
+        config: The configuration.
+        chosen: True for the chosen offsets of the first M anchors.
+        cell: Cell size in voxels.
+    """
+    anchor_index, offset_index = chosen.nonzero().unbind(dim=1)
+    parameters = state.parameters
+    sizes = state.scalings(anchor_index)[:, :3]
+    centers = state.positions[anchor_index] + parameters["offsets"][anchor_index, offset_index] * sizes
+    wanted = torch.round(centers.double() / (state.voxel_size * cell))
+    possible = torch.isfinite(wanted).all(dim=1) & (wanted.abs() * cell <= MAX_TRAINED_INDEX).all(dim=1)
+    wanted, anchor_index = wanted[possible].to(torch.int64), anchor_index[possible]
+    taken = torch.round(state.voxels.double() / cell).to(torch.int64)
+    keys, source = torch.unique(_keys(wanted), return_inverse=True)
+    free = ~torch.isin(keys, _keys(taken))
+    free &= free.cumsum(dim=0) <= config.growth.max_anchors - state.num_anchors
+    features = _maximum_by_group(parameters["features"][anchor_index], source, len(keys))[free]
+    count = int(free.sum())
+    if not count:
+        return
+    size = torch.log(torch.tensor(state.voxel_size * cell, dtype=torch.float64))
+    new = {
+        "features": features,
+        "log_scalings": size.float().to(features.device).expand(count, parameters["log_scalings"].shape[1]),
+        "offsets": features.new_zeros(count, config.model.layout.num_offsets, 3),
+        "mask_logits": features.new_ones(count, config.model.layout.num_offsets),
+    }
+    append_anchors(state, _cells(keys[free]) * cell, new)
+
+
+def _keys(cells: Int64[Tensor, "M 3"]) -> Int64[Tensor, "M"]:
+    """Combines the three indices of each grid cell into one unique 64-bit number."""
+    shifted = cells + (1 << (_KEY_BITS - 1))
+    return (shifted[:, 0] << (2 * _KEY_BITS)) | (shifted[:, 1] << _KEY_BITS) | shifted[:, 2]
+
+
+def _cells(keys: Int64[Tensor, "M"]) -> Int64[Tensor, "M 3"]:
+    """Splits the numbers of `_keys` into the three indices of each grid cell."""
+    low = (1 << _KEY_BITS) - 1
+    parts = [keys >> (2 * _KEY_BITS), (keys >> _KEY_BITS) & low, keys & low]
+    return torch.stack(parts, dim=1) - (1 << (_KEY_BITS - 1))
+
+
+def _maximum_by_group(rows: Float[Tensor, "M F"], group: Int64[Tensor, "M"], num_groups: int) -> Float[Tensor, "U F"]:
+    """Returns the maximum of each column over the rows that belong to the same group."""
+    index = group[:, None].expand(-1, rows.shape[1])
+    return rows.new_full((num_groups, rows.shape[1]), -torch.inf).scatter_reduce_(0, index, rows, "amax")

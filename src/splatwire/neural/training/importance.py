@@ -1,0 +1,27 @@
+"""Importance of anchors for the training views, and sorting of a training state by importance."""
+
+import numpy as np
+import torch
+
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.export import export_scene
+from splatwire.neural.training.state import TrainState, keep_anchors
+from splatwire.render.importance import footprint_importance
+from splatwire.types import Cameras
+from splatwire.types.importance import Importance
+
+
+@torch.no_grad()
+def importance_of(state: TrainState, config: TrainConfig, cameras: Cameras) -> Importance:
+    """Returns the importance of each anchor for the training views.
+
+    It is the anchor's share of a sum over all Gaussians and views: the sum of opacity times projected area.
+
+    Every anchor must have an offset, because exporting the scene removes anchors without offsets.
+    """
+    return footprint_importance(export_scene(state, config, state.device), cameras)
+
+
+def order_anchors(state: TrainState, importance: Importance) -> None:
+    """Sorts the anchors of a training state by importance, most important first, in place."""
+    keep_anchors(state, torch.from_numpy(np.argsort(-importance.share, kind="stable")).to(state.device))

@@ -1,0 +1,321 @@
+"""Initial state of a training: anchors at the dataset's sparse points, random network weights (HAC++)."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int64
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from splatwire.anchors.appearance import explicit_gaussians, origin_of
+from splatwire.anchors.voxels import voxel_positions
+from splatwire.data import Dataset, SparsePoints
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.grid import INITIAL_VALUE
+from splatwire.neural.training.state import (
+    ANCHOR_PARAMETERS,
+    GRID_PARAMETERS,
+    MAX_TRAINED_INDEX,
+    GrowthStatistics,
+    TrainState,
+)
+from splatwire.ops.arrays import to_numpy
+from splatwire.ops.spherical_harmonics import DC
+from splatwire.types import Cameras
+from splatwire.types.causal_coding import FORM, CausalConfig
+from splatwire.types.origin import NO_ORIGIN
+from splatwire.types.scene import Scene
+
+FIRST_STEPS = (0.5, 0.05, 0.1, 0.2)
+"""Initial quantisation steps of the causal model: features, logarithms of scales, logarithms of sizes, offsets."""
+_BOX_SHARE = 1.3 / 4.03
+"""Half side of the box of random initial points, divided by the distance of the cameras from the scene.
+
+NeRF-synthetic uses the box [-1.3, 1.3] for cameras at distance 4.03.
+"""
+_PIXELS_PER_POINT = 4
+"""Minimum number of pixels of a view per random initial point.
+
+More points do not improve scenes with small views (tested with 100,000 points and views of 200x200 pixels).
+"""
+_FEWEST_POINTS = 500
+_MIN_SQUARED_DISTANCE = 1e-7
+_BOUNDS_MARGIN = 0.2
+
+
+def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
+    """Creates the state of a training before the first iteration.
+
+    Args:
+        dataset: Training views. The points of the dataset become anchors; without points, anchors are random.
+        config: The configuration.
+
+    Raises:
+        DatasetError: If the cameras or points are unusable; the message states the reason.
+    """
+    generator = torch.Generator().manual_seed(config.seed)
+    _check_cameras(dataset.cameras, _place(dataset))
+    points = _points(dataset, config, generator)
+    voxel_size = config.voxel_size or _derived_voxel_size(points)
+    voxels = _voxels(points, voxel_size)
+    positions = torch.from_numpy(voxel_positions(voxels, voxel_size))
+    _check_visible(dataset, positions)
+    parameters = {**anchor_parameters(voxels, voxel_size, config), **_networks(config, generator)}
+    causal = isinstance(config.model, CausalConfig)
+    bounds_min, bounds_max = place_bounds(voxels) if causal else grid_bounds(positions)
+    return TrainState(
+        iteration=0,
+        voxels=voxels,
+        voxel_size=voxel_size,
+        parameters={name: value.requires_grad_() for name, value in parameters.items()},
+        moments={},
+        statistics=GrowthStatistics.zeros(len(voxels), config.model.layout.num_offsets, torch.device("cpu")),
+        bounds_min=bounds_min,
+        bounds_max=bounds_max,
+        camera_extent=camera_extent(dataset.cameras),
+        generator=generator,
+    )
+
+
+def points_of(scene: Scene) -> SparsePoints:
+    """Converts explicit Gaussians to initial points of a training, with centres and view-independent colours.
+
+    Gaussians with an opacity of 1/255 or less are skipped as invisible.
+
+    Raises:
+        InvalidValueError: If no Gaussian is left, or the scene has no explicit Gaussians.
+    """
+    splats = explicit_gaussians(scene)
+    if splats is None:
+        raise InvalidValueError(f"a scene of {scene.ELEMENTS} has no Gaussians to start from")
+    splats = splats.moved_origin(origin_of(scene), NO_ORIGIN)
+    shown = splats.select(splats.opacities > 1 / 255)
+    if not shown.num_gaussians:
+        raise InvalidValueError("all Gaussians to start from are transparent")
+    return SparsePoints(shown.means, np.clip(0.5 + DC * shown.sh[:, 0], 0, 1))
+
+
+def camera_extent(cameras: Cameras) -> float:
+    """Returns 1.1 times the largest distance of a camera from the mean camera centre, world units (HAC++, training)."""
+    centers = to_numpy(cameras.centers).astype(np.float64)
+    return 1.1 * float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max())
+
+
+def grid_bounds(positions: Float[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
+    """Returns the bounding box of the hash grid, which is larger than the bounding box of the anchors.
+
+    As in HAC++, each face is moved outwards by 20 % of the absolute value of its coordinate. Along an axis where all
+    anchors have the same coordinate, the box extends by 0.5 on both sides, so that it is never flat.
+    """
+    low, high = positions.amin(dim=0), positions.amax(dim=0)
+    low, high = low - _BOUNDS_MARGIN * low.abs(), high + _BOUNDS_MARGIN * high.abs()
+    flat = high - low < 1e-6
+    return torch.where(flat, low - 0.5, low), torch.where(flat, high + 0.5, high)
+
+
+def place_bounds(voxels: Int64[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
+    """Returns the range of anchor positions, in voxels, by which inputs of the causal model are normalised.
+
+    The range is the median position minus and plus twice the median absolute deviation, rounded up to whole voxels.
+    """
+    middle = voxels.median(dim=0).values.float()
+    spread = (voxels - middle).abs().median(dim=0).values.clamp(min=1).ceil() * 2
+    return middle - spread, middle + spread
+
+
+def anchor_parameters(voxels: Int64[Tensor, "N 3"], voxel_size: float, config: TrainConfig) -> dict[str, Tensor]:
+    """Returns the initial parameters of anchors.
+
+    Sizes are set to the distance to the nearest anchors; all other parameters are constants.
+
+    Args:
+        voxels: Positions of the anchors in voxels.
+        voxel_size: World units per voxel.
+        config: The configuration.
+    """
+    layout = config.model.layout
+    squared = _mean_squared_distance(torch.from_numpy(voxel_positions(voxels, voxel_size))).clamp(
+        min=_MIN_SQUARED_DISTANCE
+    )
+    return {
+        "features": torch.zeros(len(voxels), layout.feature_dim),
+        "log_scalings": (0.5 * squared.log()).float()[:, None].repeat(1, log_scalings_dim(config)),
+        "offsets": torch.zeros(len(voxels), layout.num_offsets, 3),
+        "mask_logits": torch.ones(len(voxels), layout.num_offsets),
+    }
+
+
+def _place(dataset: Dataset) -> Path:
+    """Returns the folder of a dataset's photos, for error messages."""
+    return dataset.image_paths[0].parent if dataset.image_paths else Path()
+
+
+def _check_cameras(cameras: Cameras, place: Path) -> None:
+    if cameras.num_views < 2:
+        raise DatasetError(f"{place}: training needs at least 2 views, and there is {cameras.num_views}")
+    if not (np.isfinite(cameras.viewmats).all() and np.isfinite(cameras.Ks).all()):
+        raise DatasetError(f"{place}: a camera's pose or intrinsics are not finite")
+    if camera_extent(cameras) < 1e-9:
+        raise DatasetError(f"{place}: all cameras stand at the same place: depth cannot be learnt from them")
+
+
+def _points(dataset: Dataset, config: TrainConfig, generator: torch.Generator) -> Tensor:
+    if dataset.points is not None and dataset.points.num_points:
+        points = torch.as_tensor(dataset.points.positions).double()
+        points = points[torch.isfinite(points).all(dim=1)]
+        if len(points) < 4:
+            raise DatasetError(
+                f"{_place(dataset)}: the reconstruction has {len(points)} usable points; at least 4 are needed"
+            )
+        return points
+    center, distance = _view_center(dataset.cameras)
+    pixels = dataset.cameras.width * dataset.cameras.height
+    count = min(config.random_points, max(pixels // _PIXELS_PER_POINT, _FEWEST_POINTS))
+    unit = torch.rand(count, 3, generator=generator, dtype=torch.float64)
+    return center + (2 * unit - 1) * distance * _BOX_SHARE
+
+
+def _view_center(cameras: Cameras) -> tuple[Float[Tensor, "3"], float]:
+    """Returns the point closest to the optical axes of all cameras, and the median distance of the cameras from it."""
+    axes, centers = torch.as_tensor(cameras.viewmats)[:, 2, :3].double(), torch.as_tensor(cameras.centers).double()
+    across = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
+    # a small weight on the mean camera centre keeps the solution finite if all axes are parallel
+    matrix = across.sum(dim=0) + 1e-6 * len(axes) * torch.eye(3, dtype=torch.float64)
+    target = (across @ centers[:, :, None]).sum(dim=0)[:, 0] + 1e-6 * len(axes) * centers.mean(dim=0)
+    center = torch.linalg.solve(matrix, target)
+    return center, float(torch.linalg.vector_norm(centers - center, dim=1).median())
+
+
+def _voxels(points: Float[Tensor, "P 3"], voxel_size: float) -> Int64[Tensor, "N 3"]:
+    index = torch.round(points / voxel_size)
+    index = index[(index.abs() <= MAX_TRAINED_INDEX).all(dim=1)].to(torch.int64)
+    if not len(index):
+        raise DatasetError(
+            f"all points are more than {MAX_TRAINED_INDEX} voxels of {voxel_size} away: choose a larger voxel size"
+        )
+    return torch.unique(index, dim=0)
+
+
+def _derived_voxel_size(points: Float[Tensor, "P 3"]) -> float:
+    """Derives a voxel size from points: the median over points of the mean squared distance to three neighbours.
+
+    As in HAC++, no square root is taken.
+    """
+    size = float(_mean_squared_distance(torch.unique(points, dim=0)).median())
+    if not (math.isfinite(size) and size > 0):
+        raise DatasetError("the points give no voxel size: name one")
+    return size
+
+
+def _mean_squared_distance(positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N"]:
+    points = positions.double().numpy()
+    neighbours = min(3, len(points) - 1)
+    if neighbours < 1:
+        return torch.full((len(points),), 1e-2, dtype=torch.float64)
+    distances, _ = cKDTree(points).query(points, k=np.arange(2, neighbours + 2), workers=-1)
+    return torch.from_numpy(np.square(distances).mean(axis=1))
+
+
+def _check_visible(dataset: Dataset, positions: Float[Tensor, "N 3"]) -> None:
+    """Checks that at least half of the cameras see an anchor; if not, poses and points do not fit together.
+
+    Raises:
+        DatasetError: If more than half of the cameras see no anchor.
+    """
+    cameras, blind = dataset.cameras, []
+    homogeneous = torch.cat([positions, torch.ones(len(positions), 1)], dim=1)
+    for view in range(cameras.num_views):
+        local = homogeneous @ torch.as_tensor(cameras.viewmats[view, :3]).T.to(positions)
+        pixels = local @ torch.as_tensor(cameras.Ks[view]).T.to(positions)
+        x, y = pixels[:, 0] / local[:, 2], pixels[:, 1] / local[:, 2]
+        inside = (local[:, 2] > 0.2) & (x > 0) & (x < cameras.width) & (y > 0) & (y < cameras.height)
+        if not bool(inside.any()):
+            blind.append(cameras.names[view])
+    if 2 * len(blind) > cameras.num_views:
+        raise DatasetError(
+            f"{_place(dataset)}: {len(blind)} of {cameras.num_views} training views see none of the points, the first "
+            f"is '{blind[0]}': poses and points do not belong together, or the cameras look away"
+        )
+
+
+def parameter_shapes(config: TrainConfig, num_anchors: int) -> dict[str, tuple[int, ...]]:
+    """Returns the shape of every trained tensor of a state with `num_anchors` anchors, by name."""
+    layout, model = config.model.layout, config.model
+    shapes: dict[str, tuple[int, ...]] = {
+        "features": (num_anchors, layout.feature_dim),
+        "log_scalings": (num_anchors, log_scalings_dim(config)),
+        "offsets": (num_anchors, layout.num_offsets, 3),
+        "mask_logits": (num_anchors, layout.num_offsets),
+    }
+    for prefix, (first, hidden, last) in _network_widths(config).items():
+        for layer, fan_in, fan_out in (("hidden", first, hidden), ("output", hidden, last)):
+            shapes[f"{prefix}.{layer}.weight"] = (fan_out, fan_in)
+            shapes[f"{prefix}.{layer}.bias"] = (fan_out,)
+    if isinstance(model, CausalConfig):
+        return {**shapes, "steps": (model.num_steps,), "centres": (FORM,)}
+    depth = model.grid.features_per_level
+    shapes["grid.volume"] = (sum(model.grid.rows(3)), depth)
+    shapes["grid.planes"] = (3, sum(model.grid.rows(2)), depth)
+    return shapes
+
+
+def log_scalings_dim(config: TrainConfig) -> int:
+    """Returns the number of scalings per anchor.
+
+    The HAC++ model has 6 scalings. The causal model has 4: one scale for all offset axes, and three sizes of Gaussians.
+    """
+    return FORM if isinstance(config.model, CausalConfig) else 6
+
+
+def _network_widths(config: TrainConfig) -> dict[str, tuple[int, int, int]]:
+    """Returns the numbers of inputs, hidden units and outputs of every network, by name."""
+    layout = config.model.layout
+    head, prior, channel = config.hidden
+    inputs, num_offsets = layout.feature_dim + 4, layout.num_offsets
+    widths = {
+        "heads.opacity": (inputs, head, num_offsets),
+        "heads.covariance": (inputs, head, 7 * num_offsets),
+        "heads.color": (inputs, head, 3 * num_offsets),
+    }
+    if isinstance(config.model, CausalConfig):
+        return widths | {f"causal.{n}": (i, channel, o) for n, (i, o) in config.model.shapes().items()}
+    widths["prior"] = (config.model.grid.context_dim, prior, config.model.prior_dim)
+    before = 0
+    for group, size in enumerate(layout.feature_groups):
+        widths[f"channel.{group}"] = (before + 3 * layout.feature_dim, channel, 3 * size)
+        before += size
+    return widths
+
+
+def _networks(config: TrainConfig, generator: torch.Generator) -> dict[str, Tensor]:
+    """Returns random initial values of all networks and of the hash grid, by name.
+
+    Weights and biases are uniform within 1 / sqrt(number of inputs of the layer). Values of the grid tables are small.
+    """
+    parameters = {}
+    fan_in = 1
+    for name, shape in parameter_shapes(config, 0).items():
+        if name in ANCHOR_PARAMETERS:
+            continue
+        if name in GRID_PARAMETERS:
+            parameters[name] = _uniform(shape, INITIAL_VALUE, generator)
+            continue
+        if name in ("steps", "centres"):
+            parameters[name] = first_steps(config) if name == "steps" else torch.zeros(shape)
+            continue
+        fan_in = shape[1] if name.endswith("weight") else fan_in  # a bias follows the weight of its layer
+        parameters[name] = _uniform(shape, fan_in**-0.5, generator)
+    return parameters
+
+
+def first_steps(config: TrainConfig) -> Float[Tensor, "S"]:
+    """Returns the initial quantisation steps of the causal model, as logarithms."""
+    feature, *rest = FIRST_STEPS
+    return torch.tensor([feature] * len(config.model.layout.feature_groups) + rest).log()
+
+
+def _uniform(shape: tuple[int, ...], bound: float, generator: torch.Generator) -> Tensor:
+    return (2 * torch.rand(shape, generator=generator) - 1) * bound

@@ -1,0 +1,159 @@
+"""Implementations of expensive training operations: compiled for the CPU, or plain torch and gsplat for a GPU."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from splatwire.neural.render.differentiable import draw_cpu
+from splatwire.neural.render.renderers import create_training_renderer
+from splatwire.neural.training.adam import AdamUpdate, adam_update
+from splatwire.neural.training.grid import GridCorners, interpolate_signs
+from splatwire.neural.training.losses import Photo, photometric_loss, prepare_photo
+from splatwire.neural.training.plain import (
+    adam_update_plain,
+    interpolate_signs_plain,
+    photometric_loss_plain,
+    prepare_photo_plain,
+)
+from splatwire.render.base import TrainingRenderer
+
+REPORT_INTERVAL = 20
+"""Number of iterations between two copies of results (loss, bits) from a GPU to the host."""
+Uniform = Callable[[torch.Size, torch.Generator, torch.device], Tensor]
+"""Function that draws uniform random numbers in [0, 1), given shape, CPU generator and target device."""
+
+
+def uniform_from_host(shape: torch.Size, generator: torch.Generator, device: torch.device) -> Float[Tensor, "*shape"]:
+    """Draws uniform random numbers in [0, 1) on the CPU, which are equal for every device, and copies them."""
+    return torch.rand(shape, generator=generator).to(device)
+
+
+def uniform_on_device(shape: torch.Size, generator: torch.Generator, device: torch.device) -> Float[Tensor, "*shape"]:
+    """Draws uniform random numbers in [0, 1) on a device, with a seed drawn on the CPU.
+
+    The numbers are reproducible on a device, but differ from those of the CPU. An iteration needs tens of millions of
+    random numbers. Drawing them on the CPU takes longer than the rest of the iteration on a GPU.
+    """
+    return torch.rand(shape, generator=_seeded(generator, device), device=device)
+
+
+def noise_from_host(
+    rows: int, widths: Sequence[int], generator: torch.Generator, device: torch.device
+) -> Float[Tensor, "rows width"]:
+    """Draws a matrix of uniform random numbers in [0, 1) on the CPU and copies it to a device.
+
+    The numbers are equal to the results of one call of `uniform_from_host` for each group of columns.
+
+    Args:
+        rows: Number of rows.
+        widths: Number of columns of each group.
+        generator: Random generator, on the CPU.
+        device: Device of the result.
+    """
+    return torch.cat([torch.rand(rows, width, generator=generator) for width in widths], dim=1).to(device)
+
+
+def noise_on_device(
+    rows: int, widths: Sequence[int], generator: torch.Generator, device: torch.device
+) -> Float[Tensor, "rows width"]:
+    """Draws a matrix of uniform random numbers in [0, 1) on a device; see `noise_from_host` for the arguments."""
+    return uniform_on_device(torch.Size([rows, sum(widths)]), generator, device)
+
+
+def sample_from_host(num: int, share: float, generator: torch.Generator, device: torch.device) -> Int64[Tensor, "M"]:
+    """Draws a random subset of the indices below `num` on the CPU, each index with probability `share`.
+
+    The indices are ascending and are copied to the device.
+    """
+    return (torch.rand(num, generator=generator) <= share).nonzero()[:, 0].to(device)
+
+
+def sample_on_device(num: int, share: float, generator: torch.Generator, device: torch.device) -> Int64[Tensor, "M"]:
+    """Draws `num * share` random indices below `num` on a device, with replacement.
+
+    The number of indices is fixed, which avoids a synchronisation with the device.
+    """
+    count = round(num * share)
+    return torch.randint(num, (count,), generator=_seeded(generator, device), device=device)
+
+
+def _seeded(generator: torch.Generator, device: torch.device) -> torch.Generator:
+    return torch.Generator(device).manual_seed(int(torch.randint(1 << 62, (), generator=generator)))
+
+
+@dataclass(frozen=True)
+class Randomness:
+    """Functions that draw random numbers with the random generator of the training.
+
+    Attributes:
+        uniform: Draws uniform random numbers in [0, 1) of a given shape.
+        noise: Draws a matrix of uniform random numbers in [0, 1), for groups of columns of given widths.
+        sample: Draws random indices of about a given share of all anchors.
+    """
+
+    uniform: Uniform
+    noise: Callable[[int, Sequence[int], torch.Generator, torch.device], Tensor]
+    sample: Callable[[int, float, torch.Generator, torch.device], Tensor]
+
+
+HOST_RANDOMNESS = Randomness(uniform_from_host, noise_from_host, sample_from_host)
+"""Draws random numbers on the CPU: equal numbers on every device."""
+DEVICE_RANDOMNESS = Randomness(uniform_on_device, noise_on_device, sample_on_device)
+"""Draws random numbers on the device, without copies of large arrays from the host."""
+
+
+@dataclass(frozen=True)
+class Kernels:
+    """Functions for the expensive operations of a training iteration, in implementations for one kind of device.
+
+    Attributes:
+        draw: Renders a view.
+        interpolate_signs: Interpolates the binary hash grid (`splatwire.neural.training.grid.interpolate_signs`).
+        prepare_photo: Precomputes the terms of the loss that depend only on the photo (`neural.training.losses`).
+        photometric_loss: Compares a rendered picture with a photo (`neural.training.losses`).
+        adam_update: Updates parameters with Adam (`splatwire.neural.training.adam.adam_update`).
+        random: Functions that draw random numbers.
+        asynchronous: True if the host only queues operations for a device. Few large operations without
+            synchronisation are then faster, even if they compute unused values.
+        report_interval: Number of iterations between two readings of the loss by the host.
+    """
+
+    draw: TrainingRenderer
+    interpolate_signs: Callable[[Tensor, Tensor, GridCorners, Tensor], Tensor]
+    prepare_photo: Callable[[Tensor, Tensor | None], Photo]
+    photometric_loss: Callable[[Tensor, Photo, float], tuple[Tensor, Tensor]]
+    adam_update: Callable[[Sequence[AdamUpdate]], None]
+    random: Randomness
+    asynchronous: bool
+    report_interval: int
+
+
+COMPILED = Kernels(
+    draw_cpu, interpolate_signs, prepare_photo, photometric_loss, adam_update, HOST_RANDOMNESS, False, 1
+)  # fmt: skip
+"""Compiled implementations; they support only float32 tensors on the CPU."""
+
+
+def plain_kernels(draw: TrainingRenderer, random: Randomness = DEVICE_RANDOMNESS) -> Kernels:
+    """Returns implementations of the expensive training operations in plain torch, for any device.
+
+    Args:
+        draw: Renderer for tensors on that device.
+        random: Functions that draw random numbers.
+    """
+    return Kernels(
+        draw, interpolate_signs_plain, prepare_photo_plain, photometric_loss_plain, adam_update_plain, random, True,
+        REPORT_INTERVAL,
+    )  # fmt: skip
+
+
+def choose_kernels(device: torch.device) -> Kernels:
+    """Returns the fastest implementations of the expensive operations for tensors on a device.
+
+    Raises:
+        BackendUnavailableError: If no renderer supports the device, or the renderer is not usable.
+    """
+    return COMPILED if device.type == "cpu" else plain_kernels(create_training_renderer(device))

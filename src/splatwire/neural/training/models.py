@@ -1,0 +1,49 @@
+"""Interface of the context models in training."""
+
+from typing import Protocol, runtime_checkable
+
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from splatwire.neural.training.causal import TrainedCausal
+from splatwire.neural.training.causal_device import DeviceCausal
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.context import AnchorCache, SampleRate, Seen, TrainedContext
+from splatwire.neural.training.kernels import Kernels
+from splatwire.neural.training.state import TrainState
+from splatwire.types.causal_coding import CausalConfig
+
+
+@runtime_checkable
+class TrainedModel(Protocol):
+    """Protocol of a context model in training, which adds noise in place of quantisation and estimates the rate."""
+
+    def begin(self, state: TrainState) -> None:
+        """Prepares the model before an iteration; for instance, initialises its networks before the context phase.
+
+        In the context phase, the loss includes the rate.
+        """
+
+    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleRate | None]:
+        """Returns attributes and masks with which visible anchors are rendered, and the rate of a sample of anchors.
+
+        The sample is taken at random from all anchors. The rate is None before the context phase, in which the loss
+        includes the rate.
+
+        Args:
+            state: State of the training.
+            visible: Indices of the visible anchors.
+        """
+
+    def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
+        """Predicts the scalings of anchors from their positions alone, world units."""
+
+    def rate_loss(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
+        """Returns the rate term of the loss, given the estimated rate of a sample of anchors."""
+
+
+def trained_model(config: TrainConfig, kernels: Kernels, cache: AnchorCache) -> TrainedModel:
+    """Creates the context model of a configuration."""
+    if not isinstance(config.model, CausalConfig):
+        return TrainedContext(config, kernels, cache)
+    return (DeviceCausal if kernels.asynchronous else TrainedCausal)(config, kernels, cache)

@@ -1,0 +1,253 @@
+"""Simulated packet loss in training: an iteration drops the anchors of lost packets and conceals the loss.
+
+Anchors are divided into packets as an encoder would divide them. The loss models of `splatwire.channel` decide which
+packets are lost. The concealer `grow` enlarges received anchors to cover the gaps, as at a receiver.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor
+
+from splatwire.bitstream import CAUSAL, HEADER_BYTES, Packetization, PacketPlan, packetization_named
+from splatwire.channel import LossModel, parse_loss
+from splatwire.channel.transmit import draw_in_order
+from splatwire.codec.geometry import anchor_order
+from splatwire.codec.tier_sizes import relative_sizes
+from splatwire.concealment import Grow
+from splatwire.concealment.grow import lost_share_among
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.context import AnchorCache, SampleRate, Seen
+from splatwire.neural.training.importance import importance_of, order_anchors
+from splatwire.neural.training.models import TrainedModel
+from splatwire.neural.training.state import TrainState, keep_anchors
+from splatwire.ops.arrays import to_numpy
+from splatwire.ops.knn import NeighborTree, nearest_others
+from splatwire.types import Cameras
+from splatwire.types.anchors import mean_log_size
+
+_GROW = Grow()
+_TIDY_INTERVAL = 100
+"""Number of iterations between removals of anchors without offsets, which packets do not contain."""
+_SORT_INTERVAL = 3 * _TIDY_INTERVAL
+"""Number of iterations between two sortings of the anchors by importance; a sorting renders every training view.
+
+With a single sorting, lego is 0.6 dB worse with half of the bytes received, and 0.5 dB worse with a quarter."""
+_MASK_BYTES = 0.8
+"""Approximate bytes of an anchor's offset mask, which the rate estimate does not include."""
+
+
+@dataclass(frozen=True, eq=False)
+class Loss:
+    """Simulated packet loss of one training iteration, after concealment by `grow`.
+
+    Attributes:
+        known: True for received anchors.
+        size_gain: Factor on the sizes of each anchor's Gaussians; 1 for lost anchors.
+    """
+
+    known: Bool[Tensor, "N"]
+    size_gain: Float[Tensor, "N"]
+
+    def drawn(self, visible: Int64[Tensor, "M"], seen: Seen) -> tuple[Int64[Tensor, "m"], Seen, Float[Tensor, "m"]]:
+        """Returns the visible anchors that were received: indices, attributes with masks, factors on Gaussian sizes.
+
+        Args:
+            visible: Indices of the visible anchors.
+            seen: Attributes and masks of the visible anchors.
+        """
+        kept = self.known[visible]
+        (features, scalings, offsets), masks = seen
+        left = features[kept], scalings[kept], offsets[kept]
+        return visible[kept], (left, masks[kept]), self.size_gain[visible[kept]]
+
+
+class PacketLosses:
+    """Draws the random packet losses of training iterations.
+
+    Args:
+        config: The configuration.
+        model: Context model; predicts the sizes of lost anchors as a receiver does.
+        cache: Cache of the anchors' positions.
+    """
+
+    def __init__(self, config: TrainConfig, model: TrainedModel, cache: AnchorCache) -> None:
+        self._config, self._model, self._cache = config, model, cache
+        self._models = tuple(parse_loss(text) for text in config.losses.models)
+        self._voxels: Tensor | None = None
+        self._neighbors = np.empty((0, 0), np.int64)
+        self._order = torch.empty(0, dtype=torch.int64)
+
+    def active(self, state: TrainState) -> bool:
+        """True if the next iteration may have packet loss."""
+        return bool(self._choices) and state.iteration > self._start
+
+    @property
+    def _start(self) -> int:
+        """Last iteration without packet loss.
+
+        Without fine-tuning, it is the last iteration of the growth phase, in which anchors are added and removed. With
+        fine-tuning, it is the last iteration before the fine-tuning. Earlier packet loss reduces the quality of short
+        trainings, measured with and without packet loss (lego, 600 iterations). With `LossTraining.first`, it is always
+        the last iteration of the growth phase, because the order of anchors by importance still changes after it.
+        """
+        marks = self._config.marks
+        return marks.settled if marks.tuning and not self._config.losses.first else marks.growth_end
+
+    @property
+    def _choices(self) -> tuple[LossModel | float, ...]:
+        return (*self._models, *self._config.losses.first)
+
+    def begin(self, state: TrainState, cameras: Cameras) -> None:
+        """Removes anchors without offsets, and sorts the anchors by importance, at fixed intervals of iterations.
+
+        Does nothing before the first iteration with packet loss. Anchors are sorted only if the training simulates
+        receivers that have only the most important anchors (`LossTraining.first`).
+
+        Args:
+            state: State of the training before an iteration; changed in place.
+            cameras: The training cameras, in which the importance of anchors is measured.
+        """
+        since = state.iteration - self._start
+        if not self.active(state) or since % _TIDY_INTERVAL != 1:
+            return
+        alive = state.masks(self._config.mask_threshold).any(dim=1)
+        if bool(alive.any()) and not bool(alive.all()):
+            keep_anchors(state, alive)
+        if since % _SORT_INTERVAL == 1 and self._config.losses.first:
+            order_anchors(state, importance_of(state, self._config, cameras))
+
+    @torch.no_grad()
+    def draw(self, state: TrainState, rate: SampleRate | None) -> Loss | None:
+        """Draws the packet loss of an iteration; returns None if no anchor is lost.
+
+        Args:
+            state: State of the training; its random generator is used.
+            rate: Estimated bits of the anchors, which determine the number of anchors per datagram.
+        """
+        if not self.active(state) or float(torch.rand((), generator=state.generator)) >= self._config.losses.share:
+            return None
+        choice = self._choices[int(torch.randint(len(self._choices), (), generator=state.generator))]
+        names = self._config.losses.packets
+        name = names[int(torch.randint(len(names), (), generator=state.generator))]
+        packetization = packetization_named(name, CAUSAL, state.num_anchors)
+        seed = int(torch.randint(1 << 62, (), generator=state.generator))
+        if isinstance(choice, float):
+            return self.keep_first(state, choice)
+        return self.lose(state, packetization, choice, seed, _anchors_of(packetization, rate))
+
+    @torch.no_grad()
+    def keep_first(self, state: TrainState, share: float) -> Loss | None:
+        """Simulates that only the first `share` of the anchors is received; `begin` sorts them by importance."""
+        self._arrange(state)
+        return self._concealed(state, self._order < round(share * state.num_anchors), cut_off=True)
+
+    @torch.no_grad()
+    def lose(
+        self, state: TrainState, packetization: Packetization, model: LossModel, seed: int, packet_anchors: int
+    ) -> Loss | None:
+        """Draws lost packets and conceals the loss; returns None if all anchors or no anchors are received.
+
+        Args:
+            state: State of the training.
+            packetization: Rule by which anchors are split into packets.
+            model: The loss model.
+            seed: Seed of the loss; `splatwire.channel.draw_mask` loses the same packets with the same seed.
+            packet_anchors: Number of anchors per packet, for packetizations with hashed grouping.
+        """
+        self._arrange(state)
+        packet = packet_of_rank(packetization, state.num_anchors, packet_anchors)
+        received, _ = draw_in_order(np.ones(int(packet.max()) + 1, np.int64), model, seed)
+        return self._concealed(state, torch.from_numpy(received[packet]).to(state.device))
+
+    def _concealed(self, state: TrainState, known: Bool[Tensor, "N"], *, cut_off: bool = False) -> Loss | None:
+        """Conceals the loss of given anchors; returns None if all anchors or no anchors are received.
+
+        Args:
+            state: State of the training.
+            known: True for received anchors, in coding order.
+            cut_off: True if the received anchors are exactly the first quality tier of the stream.
+
+        Returns:
+            The loss, with anchors in the order of the state.
+        """
+        if bool(known.all()) or not bool(known.any()):
+            return None
+        arrived = torch.empty_like(known)
+        arrived[self._order] = known
+        gain = torch.ones(state.num_anchors, device=state.device)
+        if self._neighbors.shape[1]:
+            received = to_numpy(known)
+            tier_sizes = self._tier_sizes(state, known) if cut_off else None
+            size = tier_sizes
+            if size is None:
+                size = np.exp(mean_log_size(self._model.expected_scalings(state, self._order)).astype(np.float64))
+            share = lost_share_among(self._neighbors[received], size * ~received, size).astype(np.float32)
+            gain[known] = torch.from_numpy(_GROW.gain(1 - share, received, tier_sizes)).to(gain)
+        gain_of = torch.empty_like(gain)
+        gain_of[self._order] = gain
+        return Loss(arrived, gain_of)
+
+    def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
+        """Returns for each anchor, in coding order, the typical size of the anchors in its quality tier.
+
+        The received anchors are one tier, the lost anchors the other. Sizes are relative to the typical size in the
+        tier with the larger anchors, which has the value 1.
+
+        Args:
+            state: State of the training.
+            known: True for received anchors, in coding order.
+        """
+        tiers = (~known).long().cpu().numpy()
+        sizes = state.scalings()[self._order, 3:6].cpu().numpy()
+        gaussians = state.masks(self._config.mask_threshold)[self._order].sum(dim=1).cpu().numpy()
+        return relative_sizes(sizes, gaussians, tiers, 2)[tiers]
+
+    def _arrange(self, state: TrainState) -> None:
+        """Updates the coding order and the neighbours of the anchors after anchors were added or removed."""
+        if self._voxels is state.voxels:
+            return
+        order = anchor_order(state.voxels.cpu().numpy(), "morton")
+        self._order = torch.from_numpy(order).to(state.device)
+        positions = self._cache.positions(state)[self._order]
+        own = np.arange(state.num_anchors)
+        self._neighbors, _ = nearest_others(NeighborTree(positions), positions, own, _GROW.neighbors)
+        self._voxels = state.voxels
+
+
+def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchors: int) -> np.ndarray:
+    """Returns the packet index of each anchor; packets are numbered in transmission order (interleaved).
+
+    Args:
+        packetization: Rule by which anchors are split into packets.
+        num_anchors: Number of anchors, N.
+        packet_anchors: Estimated number of anchors per packet, used only with hashed grouping. Its packets are filled
+            up to a size in bytes, so the exact number is known only after coding.
+
+    Returns:
+        Packet indices of the anchors in coding order, int64 (N).
+    """
+    plan = PacketPlan(packetization, num_anchors)
+    if packetization.hashed:
+        ranks, starts = plan.groups()
+        sizes = np.diff(starts)
+        position = np.arange(num_anchors) - np.repeat(starts[:-1], sizes)
+        key = np.empty(num_anchors, np.int64)
+        key[ranks] = position // packet_anchors * plan.num_blocks + np.repeat(np.arange(len(sizes)), sizes)
+    else:
+        block, lane = np.divmod(plan.packet_index_of().astype(np.int64), packetization.lanes)
+        key = lane * plan.num_blocks + block
+    return np.unique(key, return_inverse=True)[1]
+
+
+def _anchors_of(packetization: Packetization, rate: SampleRate | None) -> int:
+    """Estimates the number of anchors per packet with hashed grouping, from the current bits per anchor.
+
+    Returns 1 if the rate is None or the packetization has another grouping, which does not use this number.
+    """
+    if rate is None or not packetization.hashed:
+        return 1
+    anchor_bytes = float(rate.bits.detach()) / 8 / max(rate.num_anchors, 1) + _MASK_BYTES
+    return max(1, round((packetization.packet_bytes - HEADER_BYTES) / anchor_bytes))

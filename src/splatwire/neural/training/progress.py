@@ -1,0 +1,156 @@
+"""Progress reports of a training, and the listener that receives the reports."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from statistics import median
+
+import torch
+
+from splatwire.arguments import CheckedFields
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.grid import sign_bits
+from splatwire.neural.training.quality import QualityReport
+from splatwire.neural.training.rate import binary_entropy_bits
+from splatwire.neural.training.state import TrainState
+from splatwire.neural.training.step import StepReport
+
+_MEMORY = 0.98
+"""Weight of the previous value in the running means (exponential moving average)."""
+_RECENT, _FEWEST = 50, 10
+"""Maximum and minimum number of last iterations whose median duration determines the speed."""
+_POSITION_BITS = 11
+_WEIGHT_BITS = 6
+"""Approximate bits of the codec per anchor position and per network weight; used only for the size estimate."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Progress of a training after an iteration.
+
+    Attributes:
+        iteration: Number of completed iterations.
+        iterations: Total number of iterations.
+        loss: Running mean of the loss.
+        l1: Running mean of the mean absolute error of rendered pictures.
+        num_anchors: Number of anchors.
+        estimated_bytes: Estimated size of the encoded scene; None before the context phase.
+        seconds: Seconds since this training was started or resumed.
+        iterations_per_second: Speed from the median of the last iterations, which excludes those that compiled
+            kernels; None in the first iterations.
+    """
+
+    iteration: int
+    iterations: int
+    loss: float
+    l1: float
+    num_anchors: int
+    estimated_bytes: int | None
+    seconds: float
+    iterations_per_second: float | None
+
+
+_NETWORKS = ("heads", "prior", "channel", "causal")
+
+
+@dataclass(frozen=True)
+class Listener(CheckedFields):
+    """Callbacks of a training.
+
+    Attributes:
+        progress: Called after every iteration with the progress.
+        tested: Called after every test with the quality of the test views.
+        should_stop: Called after every iteration; the result True ends the training with a checkpoint.
+        refining: Called during the refinement at the end with the completed share, 0 to 1.
+    """
+
+    progress: Callable[[Progress], None] = lambda progress: None
+    tested: Callable[[QualityReport], None] = lambda report: None
+    should_stop: Callable[[], bool] = lambda: False
+    refining: Callable[[float], None] = lambda share: None
+
+
+@dataclass
+class RunningMeans:
+    """Running means of the results of training iterations (loss, error, bits).
+
+    Attributes:
+        config: The configuration.
+        interval: Number of iterations between two updates of the means. An update reads all reports since the previous
+            update.
+        means: The running means by name.
+        recent: Durations of the last iterations, seconds.
+        unread: Reports of the iterations since the last update.
+        size: Estimated bytes of the encoded scene at the last update; None before the context phase.
+    """
+
+    config: TrainConfig
+    interval: int = 1
+    means: dict[str, float] = field(default_factory=dict)
+    recent: deque[float] = field(default_factory=lambda: deque(maxlen=_RECENT))
+    unread: list[StepReport] = field(default_factory=list)
+    size: int | None = None
+
+    def after(self, state: TrainState, report: StepReport, elapsed: float, seconds: float) -> Progress:
+        """Adds the report of an iteration; returns the progress of the training.
+
+        Args:
+            state: State after the iteration.
+            report: Result of the iteration.
+            elapsed: Duration of the iteration, seconds.
+            seconds: Duration of all iterations since the training was started or resumed, seconds.
+        """
+        self.unread.append(report)
+        if not self.means or state.iteration % self.interval == 0 or state.iteration == self.config.marks.iterations:
+            self._read(state)
+        means = self.means
+        self.recent.append(elapsed)
+        told = len(self.recent) >= _FEWEST
+        return Progress(
+            iteration=state.iteration,
+            iterations=self.config.marks.iterations,
+            loss=means["loss"],
+            l1=means["l1"],
+            num_anchors=state.num_anchors,
+            estimated_bytes=self.size,
+            seconds=seconds,
+            iterations_per_second=1 / max(median(self.recent), 1e-9) if told else None,
+        )
+
+    def _read(self, state: TrainState) -> None:
+        """Updates the running means with all reports not read yet, in a single copy from the device."""
+        columns = torch.stack([
+            torch.stack([r.total, r.absolute_error, r.total if r.sample_bits is None else r.sample_bits]).double()
+            for r in self.unread
+        ]).cpu().tolist()  # fmt: skip
+        means = self.means
+        for report, (loss, l1, bits) in zip(self.unread, columns, strict=True):
+            found = {"loss": loss, "l1": l1}
+            if report.sample_bits is not None:
+                found["bits"] = bits / max(report.num_sampled, 1)
+            for name, value in found.items():
+                means[name] = _MEMORY * means.get(name, value) + (1 - _MEMORY) * value
+        last, self.unread = self.unread[-1], []
+        threshold = self.config.mask_threshold
+        self.size = None if last.sample_bits is None else estimate_bytes(state, means["bits"], threshold)
+
+
+@torch.no_grad()
+def estimate_bytes(state: TrainState, bits_per_anchor: float, mask_threshold: float) -> int:
+    """Estimates the bytes of the encoded scene.
+
+    Args:
+        state: State of the training.
+        bits_per_anchor: Running mean of the estimated bits per anchor.
+        mask_threshold: Threshold on the sigmoid of mask logits, above which an offset exists.
+    """
+    parameters = state.parameters
+    mask = state.masks(mask_threshold)
+    alive = mask.any(dim=1)
+    kept = int(alive.sum())
+    weights = sum(v.numel() for name, v in parameters.items() if name.split(".")[0] in _NETWORKS)
+    total = state.num_anchors * bits_per_anchor + kept * _POSITION_BITS + weights * _WEIGHT_BITS
+    if "grid.volume" in parameters:
+        total += float(sign_bits(parameters["grid.volume"], parameters["grid.planes"]))
+        total += binary_entropy_bits(float(mask[alive].sum()), mask[alive].numel())
+    return round(total / 8)

@@ -1,0 +1,231 @@
+"""Refinement of a finished scene's context model: fewer bits for the same attributes.
+
+During training, the attributes change all the time, and the rate is estimated from a twentieth of the anchors per
+iteration. In the refinement, attributes are fixed, quantisation steps hardly change and no picture is rendered, so a
+minute of fitting saves bits. It minimises the bits of all attributes under the coder's distributions (HAC++, rate) plus
+the bits of the hash grid's signs; signs that no longer save bits are flipped. The rendered scene hardly changes.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from splatwire.neural.model.hash_grid import unit_coordinates
+from splatwire.neural.model.prior_field import PriorOutputs, split_prior_outputs, typical_spread
+from splatwire.neural.model.tensors import run_network, to_tensors
+from splatwire.neural.training.config import RefineConfig
+from splatwire.neural.training.context import AttributeBits, adaptive_steps, attribute_bits
+from splatwire.neural.training.export import copied_mlp
+from splatwire.neural.training.fit import fit_samples
+from splatwire.neural.training.grid import (
+    GridCorners,
+    find_corners,
+    hard_sign,
+    interpolate_signs,
+    straight_through_sign,
+)
+from splatwire.neural.training.refine_causal import refine_causal
+from splatwire.ops.arrays import to_arrays
+from splatwire.types import (
+    Anchors,
+    AnchorScene,
+    CausalCoding,
+    ContextModel,
+    HashGrid,
+    HashGridConfig,
+    Linear,
+    Mlp,
+    ModelConfig,
+)
+
+_CHUNK = 8192
+_STEP_SCALE = 0.2
+"""Scale of the network outputs for logits of quantisation steps, so that one learning rate suits all outputs.
+
+Other outputs are scaled by the predicted standard deviation.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class _Fixed:
+    """Data of a scene that is constant during the refinement of its context model.
+
+    Attributes:
+        config: Shapes of the model.
+        corners: Table rows and weights of the hash grid at the anchors.
+        logits: Logits of the quantisation steps before the refinement.
+        steps: The quantisation steps.
+        values: Features, scalings and offsets, rounded to their steps.
+        mask: Mask of the offsets that exist, 0 or 1.
+    """
+
+    config: ModelConfig
+    corners: GridCorners
+    logits: Float[Tensor, "N 3"]
+    steps: Float[Tensor, "N 3"]
+    values: tuple[Tensor, Tensor, Tensor]
+    mask: Float[Tensor, "N K"]
+
+
+class _ScaledMlp:
+    """A network in training. Its outputs are divided by typical values, so that one learning rate suits all outputs."""
+
+    def __init__(self, mlp: Mlp, unit: Float[Tensor, "out"]) -> None:
+        self._slope, self._unit = mlp.negative_slope, unit
+        hidden, output = mlp.hidden, mlp.output
+        start = (hidden.weight, hidden.bias, output.weight / unit[:, None], output.bias / unit)
+        self.parameters = [tensor.detach().clone().requires_grad_() for tensor in start]
+
+    def mlp(self) -> Mlp:
+        """Returns the network with outputs in their original units; differentiable."""
+        weight, bias, output, output_bias = self.parameters
+        return Mlp(Linear(weight, bias), Linear(output * self._unit[:, None], output_bias * self._unit), self._slope)
+
+
+class _Signs:
+    """Trained signs of the hash grid, each represented by a real number, with estimates of their bits."""
+
+    def __init__(self, grid: HashGrid, config: HashGridConfig, corners: GridCorners, latent: float) -> None:
+        self.volume = (grid.volume.float() * latent).requires_grad_()
+        self.planes = (grid.planes.float() * latent).requires_grad_()
+        self._level = _level_of_row(config)
+        self._read = torch.zeros(len(self._level))
+        self._read[torch.cat([corners.volume_rows.flatten(), corners.plane_rows.flatten()]).long()] = 1
+
+    def bits(self) -> Float[Tensor, ""]:
+        """Returns the code length, in bits, of all signs that at least one anchor uses.
+
+        Each table column has one probability of +1 per level.
+        """
+        signs = torch.cat([straight_through_sign(self.volume), straight_through_sign(self.planes).flatten(0, 1)])
+        with torch.no_grad():
+            levels = int(self._level.max()) + 1
+            rows = torch.zeros(levels).index_add_(0, self._level, self._read)[:, None]
+            ones = torch.zeros(levels, signs.shape[1])
+            ones.index_add_(0, self._level, (signs > 0).float() * self._read[:, None])
+            share = (ones + 0.5) / (rows + 1)
+            plus, minus = -torch.log2(share)[self._level], -torch.log2(1 - share)[self._level]
+        each = (1 + signs) / 2 * plus + (1 - signs) / 2 * minus
+        return (each * self._read[:, None]).sum()
+
+    def grid(self, grid: HashGrid) -> HashGrid:
+        """Returns the grid with the current signs."""
+        volume, planes = (hard_sign(table.detach()).to(torch.int8) for table in (self.volume, self.planes))
+        return HashGrid(volume, planes, grid.bounds_min, grid.bounds_max)
+
+
+def refine_context(
+    scene: AnchorScene, config: RefineConfig | None = None, *, progress: Callable[[float], None] = lambda share: None
+) -> AnchorScene:
+    """Refines the context model of a finished scene so that the same attributes take fewer bits.
+
+    Anchors and rendering networks do not change; quantisation steps hardly change.
+
+    Args:
+        scene: The scene, on the CPU.
+        config: Number of Adam steps, learning rates and weights; None for the defaults.
+        progress: Called with the completed share, 0 to 1.
+
+    Returns:
+        The scene with the refined context model; `scene` itself if there are no Adam steps or no anchors.
+
+    Raises:
+        DivergedError: If the loss is not finite.
+    """
+    config, given = config or RefineConfig(), scene
+    if isinstance(scene.coding, CausalCoding):
+        return refine_causal(scene, config, progress=progress)
+    scene = to_tensors(scene)
+    alive = scene.anchors.mask.any(dim=1).nonzero()[:, 0]
+    if not config.steps or not len(alive):
+        return given
+    fixed, outputs = _fixed(scene, scene.anchors.select(alive))
+    units = _units(outputs, scene.hacpp.config)
+    prior = _ScaledMlp(scene.hacpp.context.prior, units[0])
+    channels = [_ScaledMlp(mlp, unit) for mlp, unit in zip(scene.hacpp.context.channel, units[1:], strict=True)]
+    signs = _Signs(scene.hacpp.context.grid, scene.hacpp.config.grid, fixed.corners, config.latent)
+    networks = [tensor for part in (prior, *channels) for tensor in part.parameters]
+    fit_samples(
+        [(networks, config.network_rate), ([signs.volume, signs.planes], config.grid_rate)], len(alive), config,
+        lambda index, _: _loss(fixed, prior, channels, signs, index, config), progress,
+    )  # fmt: skip
+    context = ContextModel(
+        signs.grid(scene.hacpp.context.grid),
+        copied_mlp(prior.mlp()),
+        tuple(copied_mlp(part.mlp()) for part in channels),
+    )
+    return dataclasses.replace(given, coding=dataclasses.replace(given.hacpp, context=to_arrays(context)))
+
+
+def _loss(
+    fixed: _Fixed,
+    prior: _ScaledMlp,
+    channels: list[_ScaledMlp],
+    signs: _Signs,
+    index: Int64[Tensor, "M"],
+    config: RefineConfig,
+) -> Float[Tensor, ""]:
+    """Returns the estimated bits per anchor of the whole scene, plus the penalty for changed quantisation steps."""
+    outputs = split_prior_outputs(
+        run_network(prior.mlp(), interpolate_signs(signs.volume, signs.planes, fixed.corners, index)), fixed.config
+    )
+    layout = fixed.config.layout
+    found = attribute_bits(
+        outputs, tuple(part.mlp() for part in channels), layout.feature_groups, fixed.steps[index],
+        (fixed.values[0][index], fixed.values[1][index], fixed.values[2][index]),
+    )  # fmt: skip
+    moved = (outputs.step_logits - fixed.logits[index]).square().sum()
+    own = (_existing_bits(found, fixed.mask[index]) + config.step_weight * moved) / len(index)
+    return own + config.grid_weight * signs.bits() / len(fixed.logits)
+
+
+def _existing_bits(found: AttributeBits, mask: Float[Tensor, "M K"]) -> Float[Tensor, ""]:
+    offsets = found.offsets.view(len(mask), mask.shape[1], 3).sum(dim=2)
+    return found.features.sum() + found.scalings.sum() + (offsets * mask).sum()
+
+
+@torch.no_grad()
+def _fixed(scene: AnchorScene, anchors: Anchors) -> tuple[_Fixed, PriorOutputs]:
+    """Returns the data that the refinement does not change, and the initial outputs of the prior network."""
+    corners = find_corners(unit_coordinates(scene.hacpp.context.grid, anchors.positions), scene.hacpp.config.grid)
+    volume, planes = scene.hacpp.context.grid.volume.float(), scene.hacpp.context.grid.planes.float()
+    parts = [
+        run_network(scene.hacpp.context.prior, interpolate_signs(volume, planes, corners, index))
+        for index in torch.arange(anchors.num_anchors).split(_CHUNK)
+    ]
+    outputs = split_prior_outputs(torch.cat(parts), scene.hacpp.config)
+    steps = adaptive_steps(outputs.step_logits, scene.hacpp.config)
+    values = (anchors.features, anchors.scalings, anchors.offsets.flatten(1))
+    features, scalings, offsets = (
+        (value / step).round() * step for value, step in zip(values, steps.split(1, dim=1), strict=True)
+    )
+    fixed = _Fixed(
+        scene.hacpp.config, corners, outputs.step_logits, steps, (features, scalings, offsets), anchors.mask.float()
+    )
+    return fixed, outputs
+
+
+def _units(outputs: PriorOutputs, config: ModelConfig) -> list[Float[Tensor, "out"]]:
+    """Returns the typical values by which network outputs are divided: for the prior, then for each channel network.
+
+    The value is the typical predicted standard deviation of the attribute channel that the output belongs to.
+    """
+    scales = (outputs.feature_scale, outputs.scaling_scale, outputs.offset_scale)
+    feature, scaling, offset = (
+        typical_spread(scale, step) for scale, step in zip(scales, config.base_steps, strict=True)
+    )
+    one = torch.ones_like(feature)
+    units = [torch.cat([feature, feature, one, scaling, scaling, offset, offset, torch.full((3,), _STEP_SCALE)])]
+    for part in feature.split(list(config.layout.feature_groups)):
+        units.append(torch.cat([part, part, torch.ones_like(part)]))
+    return units
+
+
+def _level_of_row(config: HashGridConfig) -> Int64[Tensor, "rows"]:
+    """Returns the level of each row of the concatenated hash-grid tables: 3D table, then planes xy, xz, yz."""
+    sizes = [*config.rows(3), *(rows for _ in range(3) for rows in config.rows(2))]
+    return torch.arange(len(sizes)).repeat_interleave(torch.tensor(sizes))

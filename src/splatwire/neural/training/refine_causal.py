@@ -1,0 +1,75 @@
+"""Refinement of the networks of the causal model with fixed anchors, for fewer bits."""
+
+import dataclasses
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from splatwire.anchors.causal_prediction import place_inputs
+from splatwire.neural.model.tensors import to_tensors
+from splatwire.neural.training.causal import channel_steps, number_bits_of
+from splatwire.neural.training.config import RefineConfig
+from splatwire.neural.training.export import copied_mlp
+from splatwire.neural.training.fit import fit_samples
+from splatwire.ops.arrays import to_arrays
+from splatwire.types import AnchorScene, CausalCoding, Linear, Mlp
+
+
+def refine_causal(
+    scene: AnchorScene, config: RefineConfig, *, progress: Callable[[float], None] = lambda share: None
+) -> AnchorScene:
+    """Refines the causal model's networks so that the same scene takes fewer bits.
+
+    Anchors, quantisation steps and rendering networks do not change.
+
+    Args:
+        scene: The scene, on the CPU.
+        config: Number of Adam steps, batch size and learning rate.
+        progress: Called with the completed share, 0 to 1.
+
+    Returns:
+        The scene with the refined networks; `scene` itself if there are no Adam steps or no anchors.
+
+    Raises:
+        DivergedError: If the loss is not finite.
+    """
+    given, scene = scene, to_tensors(scene)
+    coding = scene.causal
+    alive = scene.anchors.mask.any(dim=1)
+    if not config.steps or not bool(alive.any()):
+        return given
+    place, values, mask = _fixed(scene, coding, alive)
+    networks = {name: _trained(network) for name, network in coding.networks.items()}
+    layers = [layer for mlp in networks.values() for layer in (mlp.hidden, mlp.output)]
+    parameters = [tensor for layer in layers for tensor in (layer.weight, layer.bias)]
+
+    def loss_of(index: Tensor, generator: torch.Generator) -> Tensor:
+        noisy = [value[index] + torch.rand(value[index].shape, generator=generator) - 0.5 for value in values]
+        own, offsets = number_bits_of(networks, coding.config, place[index], noisy, mask[index])
+        return (own + offsets.sum(dim=1)).mean()
+
+    fit_samples([(parameters, config.network_rate)], len(place), config, loss_of, progress)
+    fitted = {name: copied_mlp(network) for name, network in networks.items()}
+    return dataclasses.replace(given, coding=dataclasses.replace(given.causal, networks=to_arrays(fitted)))
+
+
+def _fixed(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> tuple[Tensor, list[Tensor], Tensor]:
+    """Returns data that is constant in the refinement: inputs of the position network, attributes, offset masks.
+
+    The attributes are features, logarithms of scale and sizes, and offsets.
+    """
+    anchors = scene.anchors.select(alive)
+    feature, form, offset = channel_steps(coding.steps.log(), coding.config)
+    voxels = torch.round(anchors.positions.double() / coding.voxel_size)
+    logs = anchors.scalings[:, [0, 3, 4, 5]].log() - coding.centres
+    values = [anchors.features / feature, logs / form, anchors.offsets.flatten(1) / offset]
+    return place_inputs(((voxels - coding.middle) / coding.spread).float(), torch.cat), values, anchors.mask.float()
+
+
+def _trained(mlp: Mlp) -> Mlp:
+    hidden, output = (
+        Linear(layer.weight.clone().requires_grad_(), layer.bias.clone().requires_grad_())
+        for layer in (mlp.hidden, mlp.output)
+    )
+    return Mlp(hidden, output, mlp.negative_slope)

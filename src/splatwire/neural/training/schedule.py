@@ -1,0 +1,83 @@
+"""Phases and learning rates of a training, by iteration."""
+
+import dataclasses
+import enum
+import math
+
+from splatwire.neural.training.config import LearningRate, LearningRates, Marks, TrainConfig
+
+SCALED_BY_EXTENT = ("offsets", "mask_logits")
+
+
+class Phase(enum.Enum):
+    """Phases of a training (HAC++), by the treatment of quantisation.
+
+    In the first phase, attributes have no noise. In the second, noise as wide as fixed quantisation steps is added to
+    them. In the third (context phase), the context model determines the quantisation steps, and the loss includes the
+    rate.
+    """
+
+    PLAIN = "plain"
+    NOISE = "noise"
+    CONTEXT = "context"
+
+
+def phase_of(marks: Marks, iteration: int) -> Phase:
+    """Returns the phase of `iteration`, counted from 1."""
+    if iteration > marks.context_start:
+        return Phase.CONTEXT
+    return Phase.NOISE if iteration > marks.noise_start else Phase.PLAIN
+
+
+def gathers_statistics(marks: Marks, iteration: int) -> bool:
+    """True if gradients and opacities of an iteration are gathered for adding and removing anchors."""
+    return marks.statistics_start < iteration < marks.growth_end
+
+
+def changes_anchors(marks: Marks, iteration: int) -> bool:
+    """True if anchors are added and removed after an iteration."""
+    paused = marks.noise_start <= iteration < marks.growth_pause_end
+    due = marks.growth_start < iteration < marks.growth_end and iteration % marks.growth_interval == 0
+    return due and not paused
+
+
+def learning_rate_at(rate: LearningRate, share: float) -> float:
+    """Returns the learning rate after a share (0 to 1) of the training: log-linear from `initial` to `final`."""
+    share = min(max(share, 0.0), 1.0)
+    return math.exp((1 - share) * math.log(rate.initial) + share * math.log(rate.final))
+
+
+def half_cosine(share: float) -> float:
+    """Returns the value of a half cosine that falls from 1 at `share` 0 to 0 at `share` 1."""
+    return 0.5 + 0.5 * math.cos(math.pi * share)
+
+
+def second_half(rates: LearningRates) -> LearningRates:
+    """Returns the learning rates for fine-tuning, equal to the rates in the second half of HAC++'s training.
+
+    Only the learning rate of the masks is derived from `rates`.
+    """
+    published = dataclasses.replace(LearningRates(), mask_logits=rates.mask_logits)
+    halves = {name: LearningRate(math.sqrt(r.initial * r.final), r.final) for name, r in vars(published).items()}
+    return LearningRates(**halves)
+
+
+def learning_rates(config: TrainConfig, iteration: int, camera_extent: float) -> dict[str, float]:
+    """Returns the learning rate of every parameter group in an iteration.
+
+    Args:
+        config: The configuration.
+        iteration: Iteration, counted from 1.
+        camera_extent: 1.1 times the largest distance of a training camera from the mean camera centre, world units.
+    """
+    marks = config.marks
+    if marks.is_fine_tuning(iteration):
+        share, plan = (iteration - marks.settled) / marks.tuning, second_half(config.rates)
+    else:
+        share, plan = iteration / marks.settled, config.rates
+    rates = {name: learning_rate_at(rate, share) for name, rate in vars(plan).items()}
+    if iteration > marks.growth_end:
+        rates = {name: rate * getattr(plan, name).late for name, rate in rates.items()}
+    for name in SCALED_BY_EXTENT:
+        rates[name] *= camera_extent
+    return rates

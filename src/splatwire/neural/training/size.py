@@ -1,0 +1,114 @@
+"""Rate control in training: adjusts lambda, the weight of the rate, so that the stream reaches a target size."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+from splatwire.bitstream import stream_to_bytes
+from splatwire.codec import encode_scene
+from splatwire.neural.training.config import Marks, TrainConfig
+from splatwire.neural.training.export import export_scene
+from splatwire.neural.training.state import Steering, TrainState
+from splatwire.types import AnchorScene
+
+TIMES = 30
+"""Number of size measurements during a training."""
+PROPORTIONAL, INTEGRAL = 2.0, 0.7
+"""Gains of the controller of log lambda: for the change of the size error, and for the size error, both logarithmic.
+
+The size is about inversely proportional to the square root of lambda, with a delay of a few hundred of 2,400
+iterations. With these gains the size approaches the target without oscillation."""
+HEADROOM, LAST = 0.12, 0.007
+"""Allowed excess over the target size, as a share of the target, at the first measurement and at the end of training.
+
+The excess at the end is the share of bytes that the final refinement saves. The excess at the start is larger because
+a scene that has become too small hardly grows again: removed anchors cannot be improved any more."""
+FURTHEST = math.log(64)
+"""Maximum absolute change of the natural logarithm of lambda from the configured value."""
+CODED = 6
+"""Number of size measurements per real encoding, if sizes can be estimated.
+
+The other measurements are estimates, corrected by the ratio of encoded to estimated size at the last real encoding.
+Encoding 270,000 anchors takes seconds, as long as hundreds of iterations on a GPU."""
+
+
+def steer(state: TrainState, config: TrainConfig, estimate: Callable[[TrainState], float] | None = None) -> None:
+    """Measures the size and adjusts lambda towards the target size, if a measurement is due after this iteration.
+
+    Args:
+        state: State of the training after an iteration; the field `steering` is replaced.
+        config: The configuration.
+        estimate: Function that estimates the bytes of the stream up to a constant factor; None to encode the scene at
+            every measurement.
+
+    Raises:
+        InvalidValueError: If no anchor is left.
+    """
+    if config.weights.size and is_time(config.marks, state.iteration):
+        aim = config.weights.size * (1 + headroom(config.marks, state.iteration))
+        size, ratio = _measured(state, config, estimate)
+        state.steering = replace(steered(state.steering, math.log(size / aim)), ratio=ratio)
+
+
+def _measured(
+    state: TrainState, config: TrainConfig, estimate: Callable[[TrainState], float] | None
+) -> tuple[float, float | None]:
+    """Measures the size of a state's stream.
+
+    With `estimate`, the scene is encoded only at some of the measurements. In between, the estimate is multiplied by
+    the last known ratio of encoded to estimated size.
+
+    Returns:
+        The size in bytes, and this ratio; the ratio is None if `estimate` is None.
+    """
+    if estimate is None:
+        return float(stream_bytes(export_scene(state, config))), None
+    estimated, ratio = estimate(state), state.steering.ratio
+    if ratio is None or measurements(config.marks, state.iteration) % CODED == 0:
+        ratio = stream_bytes(export_scene(state, config)) / estimated
+    return estimated * ratio, ratio
+
+
+def first_measured(marks: Marks) -> int:
+    """Returns the iteration from which the intervals between size measurements are counted.
+
+    It is the middle between the start of the context phase and the end of growth.
+    """
+    return (marks.context_start + max(marks.growth_end, marks.context_start)) // 2
+
+
+def is_time(marks: Marks, iteration: int) -> bool:
+    """True if the size is measured after an iteration."""
+    since = iteration - first_measured(marks)
+    return since > 0 and since % _interval(marks) == 0
+
+
+def measurements(marks: Marks, iteration: int) -> int:
+    """Returns the number of measurements up to and including `iteration`."""
+    return max(iteration - first_measured(marks), 0) // _interval(marks)
+
+
+def _interval(marks: Marks) -> int:
+    return max((marks.iterations - first_measured(marks)) // TIMES, 1)
+
+
+def headroom(marks: Marks, iteration: int) -> float:
+    """Returns the allowed excess of the measured size after `iteration`, as a share of the target size."""
+    left = (marks.iterations - iteration) / max(marks.iterations - first_measured(marks), 1)
+    return LAST + (HEADROOM - LAST) * left
+
+
+def steered(before: Steering, miss: float) -> Steering:
+    """Returns the state of the size controller after a new measurement.
+
+    Args:
+        before: The state before the measurement.
+        miss: Natural logarithm of the ratio of measured size to target size.
+    """
+    change = INTEGRAL * miss + PROPORTIONAL * (miss - (miss if before.miss is None else before.miss))
+    return Steering(min(max(before.log_rate + change, -FURTHEST), FURTHEST), miss)
+
+
+def stream_bytes(scene: AnchorScene) -> int:
+    """Encodes a scene with the default packetization and returns the size of the stream in bytes."""
+    return len(stream_to_bytes(encode_scene(scene)))

@@ -1,0 +1,235 @@
+"""One training iteration: renders a training view, compares the picture with the photo, and updates all parameters."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from splatwire.errors import DivergedError
+from splatwire.neural.model.gaussian_heads import SpawnedGaussians, spawn_gaussians
+from splatwire.neural.model.tensor_projection import project_tensors
+from splatwire.neural.model.tensors import to_tensors
+from splatwire.neural.training import device_view
+from splatwire.neural.training.averaging import gather_mean
+from splatwire.neural.training.causal_device import DeviceCausal
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.context import AnchorCache, Attributes, SampleRate
+from splatwire.neural.training.device_view import AllGaussians
+from splatwire.neural.training.growth import adjust_anchors, gather_statistics
+from splatwire.neural.training.kernels import COMPILED, Kernels
+from splatwire.neural.training.losses import Photo
+from splatwire.neural.training.models import trained_model
+from splatwire.neural.training.packet_loss import PacketLosses
+from splatwire.neural.training.schedule import changes_anchors, gathers_statistics, learning_rates
+from splatwire.neural.training.state import Moments, TrainState, group_of
+from splatwire.neural.training.tuning import settle
+from splatwire.render.base import Drawing
+from splatwire.types import Anchors, Cameras, Gaussians
+
+
+@dataclass(frozen=True, eq=False)
+class StepReport:
+    """Results of a training iteration, as tensors on the training device.
+
+    The properties return Python numbers; reading a property makes the host wait for the device.
+
+    Attributes:
+        total: The total loss.
+        absolute_error: Mean absolute error of the rendered picture.
+        sample_bits: Estimated bits of the features, scalings and offsets of a random sample of anchors; None before the
+            context phase, in which the rate is part of the loss.
+        num_sampled: Number of anchors in the sample.
+        drawn: Number of Gaussians drawn.
+    """
+
+    total: Float[Tensor, ""]
+    absolute_error: Float[Tensor, ""]
+    sample_bits: Float[Tensor, ""] | None
+    num_sampled: int
+    drawn: Int64[Tensor, ""]
+
+    @property
+    def loss(self) -> float:
+        """The total loss."""
+        return float(self.total)
+
+    @property
+    def l1(self) -> float:
+        """Mean absolute error of the rendered picture."""
+        return float(self.absolute_error)
+
+    @property
+    def bits_per_anchor(self) -> float | None:
+        """Estimated mean bits per anchor of features, scalings and offsets; None before the context phase."""
+        return None if self.sample_bits is None else float(self.sample_bits) / max(self.num_sampled, 1)
+
+    @property
+    def num_gaussians(self) -> int:
+        """Number of Gaussians drawn."""
+        return int(self.drawn)
+
+
+class TrainingStep:
+    """Performs training iterations on a state, which is changed in place.
+
+    Args:
+        config: The configuration.
+        cameras: The training cameras, on the device of the state.
+        kernels: Implementations of the expensive operations for that device.
+    """
+
+    def __init__(self, config: TrainConfig, cameras: Cameras, kernels: Kernels = COMPILED) -> None:
+        self._config, self._cameras, self._kernels = config, to_tensors(cameras), kernels
+        self._cache = AnchorCache(config)
+        self._model = trained_model(config, kernels, self._cache)
+        self._losses = PacketLosses(config, self._model, self._cache)
+        self._views = device_view.ViewConstants.of(self._cameras) if kernels.asynchronous else None
+        cameras = self._cameras
+        self._centers, self._background = cameras.centers, cameras.Ks.new_tensor(config.background)
+
+    def __call__(self, state: TrainState, view: int, photo: Photo) -> StepReport:
+        """Performs one iteration with one view.
+
+        Args:
+            state: State of the training; changed in place.
+            view: Index of the view.
+            photo: Photo of the view.
+
+        Raises:
+            DivergedError: If the loss is not finite; on a device, up to `Kernels.report_interval` iterations later.
+        """
+        config = self._config
+        state.iteration += 1
+        if config.marks.tuning and state.iteration == config.marks.settled + 1:
+            settle(state, config)
+        self._model.begin(state)
+        self._losses.begin(state, self._cameras)
+        visible = self._visible(state, view)
+        (attributes, weight), rate = self._model.observe(state, visible)
+        size_gain = None
+        if (lost := self._losses.draw(state, rate)) is not None:
+            visible, (attributes, weight), size_gain = lost.drawn(visible, (attributes, weight))
+        anchors = self._seen(state, visible, attributes, weight)
+        watched = gathers_statistics(config.marks, state.iteration)
+        spawned = self._spawn(state, anchors, weight, view, size_gain)
+        drawing = self._draw(spawned.gaussians, view, watched)
+        loss, l1 = self._kernels.photometric_loss(drawing.image, photo, config.weights.dssim)
+        if isinstance(spawned, SpawnedGaussians):
+            drawn = torch.tensor(spawned.gaussians.num_gaussians)
+        else:
+            drawn = spawned.num_existing
+        loss = self._whole_loss(loss, state, spawned, drawn, rate)
+        self._check(state, loss)
+        if loss.requires_grad:
+            loss.backward()
+        if watched and (d_centers := drawing.d_centers) is not None:
+            self._gather(state, visible, spawned, d_centers, view)
+        if changes_anchors(config.marks, state.iteration):
+            adjust_anchors(state, config, self._kernels.random.uniform)
+        self._update(state)
+        gather_mean(state, config)
+        bits = None if rate is None else rate.bits.detach()
+        return StepReport(loss.detach(), l1, bits, 0 if rate is None else rate.num_anchors, drawn)
+
+    @property
+    def size_estimate(self) -> Callable[[TrainState], float] | None:
+        """Function that estimates the bytes of a state's stream up to a constant factor.
+
+        None if no such estimate is available.
+        """
+        return self._model.estimate_bytes if isinstance(self._model, DeviceCausal) else None
+
+    def _check(self, state: TrainState, loss: Float[Tensor, ""]) -> None:
+        last = state.iteration == self._config.marks.iterations
+        if (last or state.iteration % self._kernels.report_interval == 0) and not math.isfinite(float(loss.detach())):
+            raise DivergedError(state.iteration)
+
+    @torch.no_grad()
+    def _visible(self, state: TrainState, view: int) -> Int64[Tensor, "M"]:
+        """Returns the indices of the anchors that a view may see (HAC++, decoding of a view)."""
+        positions = self._cache.positions(state)
+        if self._views is not None:
+            logs = state.parameters["log_scalings"]
+            sizes = logs[:, : 3 if logs.shape[1] == 6 else 1].exp()
+            return device_view.visible_anchors(self._views, view, positions, sizes).nonzero()[:, 0]
+        projected = project_tensors(positions, state.scalings()[:, :3], None, self._cameras, view)
+        return projected.touches_image(self._cameras.width, self._cameras.height).nonzero()[:, 0]
+
+    def _seen(
+        self, state: TrainState, visible: Int64[Tensor, "M"], attributes: Attributes, weight: Float[Tensor, "M K"]
+    ) -> Anchors:
+        """Returns the visible anchors with attributes and offset masks as drawn, with noise in place of rounding."""
+        features, scalings, offsets = attributes
+        offsets = offsets.view(-1, self._config.model.layout.num_offsets, 3)
+        positions = self._cache.positions(state)[visible]
+        return Anchors(positions, features, scalings, offsets, weight.detach() > 0.5)
+
+    def _spawn(
+        self,
+        state: TrainState,
+        anchors: Anchors,
+        weight: Float[Tensor, "M K"],
+        view: int,
+        size_gain: Float[Tensor, "M"] | None,
+    ) -> SpawnedGaussians | AllGaussians:
+        heads, center = state.networks.heads, self._centers[view].to(anchors.positions)
+        if self._kernels.asynchronous:
+            return device_view.spawn_all(anchors, heads, center, weight, size_gain)
+        everything = torch.ones(anchors.num_anchors, dtype=torch.bool, device=state.device)
+        return spawn_gaussians(anchors, heads, center, everything, size_gain=size_gain, mask_weight=weight)
+
+    def _draw(self, gaussians: Gaussians, view: int, watched: bool) -> Drawing:
+        cameras, one = self._cameras, slice(view, view + 1)
+        camera = replace(cameras, viewmats=cameras.viewmats[one], Ks=cameras.Ks[one], names=cameras.names[one])
+        background = self._background.to(gaussians.means)
+        return self._kernels.draw(gaussians, camera, background=background, watched=watched)
+
+    def _whole_loss(
+        self,
+        picture: Float[Tensor, ""],
+        state: TrainState,
+        spawned: SpawnedGaussians | AllGaussians,
+        drawn: Int64[Tensor, ""],
+        rate: SampleRate | None,
+    ) -> Float[Tensor, ""]:
+        """Returns the total loss: photometric loss, volume of the Gaussians, and rate (HAC++, training)."""
+        weights, scales, loss = self._config.weights, spawned.gaussians.scales, picture
+        if len(scales) and isinstance(spawned, SpawnedGaussians):
+            loss = loss + weights.volume * scales.prod(dim=1).mean()
+        elif isinstance(spawned, AllGaussians):  # the gradient of torch.prod synchronises with the host
+            x, y, z = scales.unbind(dim=1)
+            loss = loss + weights.volume * torch.dot(x * y * z, spawned.exists.to(scales)) / drawn.clamp(min=1)
+        if rate is not None:
+            loss = loss + self._model.rate_loss(state, rate)
+        return loss
+
+    def _gather(
+        self,
+        state: TrainState,
+        visible: Int64[Tensor, "M"],
+        spawned: SpawnedGaussians | AllGaussians,
+        d_centers: Float[Tensor, "G 2"],
+        view: int,
+    ) -> None:
+        if self._views is not None and isinstance(spawned, AllGaussians):
+            device_view.gather_statistics(state, visible, spawned, d_centers, self._views, view)
+            return
+        assert isinstance(spawned, SpawnedGaussians)
+        place = (spawned.gaussians, visible[spawned.anchor_index], spawned.offset_index)
+        gather_statistics(state, visible, place, d_centers, self._cameras, view)
+
+    def _update(self, state: TrainState) -> None:
+        """Updates every parameter that has a gradient by one step of Adam."""
+        rates = learning_rates(self._config, state.iteration, state.camera_extent)
+        updates = []
+        for name, parameter in state.parameters.items():
+            if parameter.grad is None:
+                continue
+            if name not in state.moments:
+                state.moments[name] = Moments(torch.zeros_like(parameter), torch.zeros_like(parameter))
+            updates.append((parameter, parameter.grad, state.moments[name], rates[group_of(name)]))
+            parameter.grad = None
+        self._kernels.adam_update(updates)

@@ -1,0 +1,31 @@
+"""Preparation of the fine-tuning at the end of a training for packet loss (results in `docs/training.md`)."""
+
+import torch
+
+from splatwire.neural.training.averaging import averaged
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.state import TrainState, keep_anchors
+
+MASK_LOGITS = (-8.0, 0.0)
+"""Mask logits of a finished scene: for offsets that do not exist, and for offsets that exist."""
+
+
+@torch.no_grad()
+def settle(state: TrainState, config: TrainConfig) -> None:
+    """Prepares the state of a training for the fine-tuning at its end.
+
+    Replaces the parameters by their running means, removes anchors without offsets, and resets Adam's moments.
+
+    Args:
+        state: Changed in place.
+        config: The configuration.
+    """
+    for name, mean in averaged(state).parameters.items():
+        state.parameters[name].copy_(mean)
+    mask = state.masks(config.mask_threshold)
+    absent, present = MASK_LOGITS
+    state.parameters["mask_logits"].copy_(torch.where(mask, present, absent))
+    state.moments.clear()
+    state.means.clear()
+    if bool(mask.any()):
+        keep_anchors(state, mask.any(dim=1))

@@ -1,0 +1,277 @@
+"""Allocations of redundancy that the planner compares: side information, parity per tier, sending order, baselines."""
+
+import bisect
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatwire.arguments import CheckedFields, checked
+from splatwire.planning.transfer_model import (
+    SYMBOLS_TO_SPARE,
+    SimulatedTransfers,
+    StreamLoad,
+    TransferModel,
+    head_arrives,
+    model_transfer,
+    simulate,
+    transfer_masks,
+)
+from splatwire.transport.protocol.protection import Protection
+
+SAFETIES = (None, 0.0, 1.5, 3.0, 6.0, 12.0)
+"""Candidate numbers of repair symbols of a tier, as standard deviations of random losses above the mean loss; None for
+no repair symbols.
+Bursts have a larger variance and need the larger margins.
+"""
+SIDE_MULTIPLES = (0.0, *(1 + step / 50 for step in range(1, 61)), *(2.2 * 1.1**step for step in range(1, 15)))
+"""Candidate numbers of repair symbols of the side information, in multiples of the mean loss."""
+LEADS = (0.35, 0.7, 1.0)
+FINE_SYMBOL_BYTES = 96
+"""Small symbol size of the side information in bytes: needs less repair against bursts, but has more headers."""
+SPREADS = (0.0, 0.6, 1.0)
+BEST_SIDES = 2
+SAFER = 1.3
+"""Factor on the number of repair symbols with which 999 of 1000 transfers succeed; used if the budget allows, because
+one failure in 1000 costs 0.02 dB."""
+MOST_IN_HEAD = 0.35
+"""Maximum fraction of the packets that are sent in the init segment with the side information; only complete tiers
+are."""
+PLAIN_LEAD = 0.7
+MOST_REPAIR = 2.0
+_ALIKE_STEPS = 50
+_NEARLY = 0.95
+"""If the budget truncates a transfer, all repair symbols are sent within this fraction of the sent bytes."""
+
+
+@dataclass(frozen=True)
+class Search(CheckedFields):
+    """Limits that a planned allocation of redundancy must respect.
+
+    Attributes:
+        budget_bytes: Maximum bytes sent.
+        max_protection: Maximum bytes of redundancy as a fraction of all bytes, 0 to 1.
+        head_target: Required fraction of transfers in which the side information arrives.
+        concealment_bytes: Bytes of the side information that serve loss concealment only and count as redundancy.
+    """
+
+    budget_bytes: float | int
+    max_protection: float | int = 1.0
+    head_target: float = 0.999
+    concealment_bytes: int = 0
+
+    def allows(self, sizes: dict[str, int]) -> bool:
+        """Returns True if a transfer has no more redundancy than allowed.
+
+        Args:
+            sizes: Bytes by purpose, result of `TransferModel.bytes_by_kind`.
+        """
+        spent = sizes["side_protection"] + sizes["packet_protection"] + self.concealment_bytes
+        return spent <= self.max_protection * sum(sizes.values())
+
+
+@checked
+def candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> list[Protection]:
+    """Returns the allocations of redundancy to compare: parity per tier, and repair of the side information.
+
+    Args:
+        load: Sizes of the stream.
+        traces: Masks of received datagrams in T simulated transfers, bool (T, n), for n datagrams; n exceeds the
+            number of datagrams of each allocation.
+        search: Constraints of the plan.
+    """
+    traces = transfer_masks(traces, "traces", 1)
+    rate = min(1 - float(traces.mean()), 0.95)
+    need, counts = rate / (1 - rate), np.bincount(load.tiers, minlength=load.num_tiers).tolist()
+    tried = []
+    for inside, share in _head_shares(counts):
+        repairs = dict.fromkeys(
+            (0.0,) * inside + tuple(_repair(s, need, n) for s, n in zip(c, counts[inside:], strict=True))
+            for c in _falling(load.num_tiers - inside)
+        )
+        for side in _sides(load, traces, rate, search, share):
+            for repair in repairs:
+                protection = replace(side, tier_repair=repair)
+                end = _end(search, float(model_transfer(load, protection).num_bytes.sum()))
+                spreads = [spread * end for spread in SPREADS] if load.num_tiers - inside > 1 else [0.0]
+                tried += [replace(protection, tier_spread=spread, parity_until=end) for spread in spreads]
+    return tried
+
+
+@checked
+def largest_head(load: StreamLoad) -> int:
+    """Returns the maximum size of the init segment over all candidate allocations of redundancy, bytes."""
+    return load.head_bytes + int(MOST_IN_HEAD * load.packet_bytes.sum()) + FINE_SYMBOL_BYTES
+
+
+def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
+    """Returns the options for the packets that are part of the init segment: none, or those of the first tiers.
+
+    Args:
+        counts: Number of packets of each importance tier.
+
+    Returns:
+        For each option, the number of tiers in the init segment, and their share of all packets, 0 to 1.
+    """
+    shares = [(0, 0.0)]
+    for inside, packets in enumerate(itertools.accumulate(counts[:-1]), start=1):
+        if packets <= MOST_IN_HEAD * sum(counts):
+            shares.append((inside, packets / sum(counts)))
+    return shares
+
+
+@checked
+def baseline_candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> dict[str, Protection]:
+    """Returns two simple allocations: equal parity for everything (`whole`), and no parity for packets (`conceal`).
+
+    Packets of different tiers are interleaved, because one burst could otherwise remove a large part of the most
+    important tier.
+
+    Args:
+        load: Sizes of the stream.
+        traces: Masks of received datagrams in T simulated transfers, bool (T, n).
+        search: Constraints of the plan.
+    """
+    traces = transfer_masks(traces, "traces", 1)
+    mixed = 1.0 if load.num_tiers > 1 else 0.0
+
+    def alike(step: int) -> Protection:
+        repair = step / _ALIKE_STEPS
+        return Protection(side_repair=repair, side_lead=1.0, tier_repair=(repair,) * load.num_tiers, tier_spread=mixed)
+
+    def size(step: int) -> int:
+        return int(model_transfer(load, alike(step)).num_bytes.sum())
+
+    steps = range(int(MOST_REPAIR * _ALIKE_STEPS) + 1)
+    whole = alike(max(bisect.bisect_right(steps, search.budget_bytes, key=size) - 1, 0))
+    rate = min(1 - float(traces.mean()), 0.95)
+    return {
+        "whole": whole,
+        "conceal": _side(load, traces, rate, search, Protection(side_lead=PLAIN_LEAD, tier_spread=mixed)),
+    }
+
+
+@checked
+def arrival_within(model: TransferModel, traces: np.ndarray, budget_bytes: float | int) -> SimulatedTransfers:
+    """Simulates transfers that end when the budget of bytes is spent.
+
+    Args:
+        model: Model of the datagrams of a transfer.
+        traces: Masks of received datagrams in T simulated transfers, bool (T, n or more) for n datagrams.
+        budget_bytes: Maximum bytes sent.
+    """
+    traces = transfer_masks(traces, "traces", len(model.kind))
+    return simulate(model, _received_within(model, traces, budget_bytes))
+
+
+def _received_within(model: TransferModel, traces: np.ndarray, budget_bytes: float | int) -> np.ndarray:
+    received = traces[:, : len(model.kind)].copy()
+    received[:, model.sent_within(budget_bytes) :] = False
+    return received
+
+
+def _sides(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, head_share: float) -> list[Protection]:
+    """Returns allocations with different redundancy of the init segment.
+
+    All allocations but the last deliver the side information with at least the probability `Search.head_target`, with
+    the fewest bytes; if no allocation can, they come closest to it. The last allocation has more redundancy, as a
+    reserve.
+
+    Args:
+        load: Sizes of the stream.
+        traces: Masks of received datagrams in T simulated transfers, bool (T, n).
+        rate: Mean loss rate of datagrams.
+        search: Constraints of the plan.
+        head_share: Fraction of the packets that are part of the init segment.
+    """
+    bare = model_transfer(load, Protection(side_repair=0.0, head_share=head_share)).bytes_by_kind()
+    lead = _end(search, sum(bare.values()) + rate / (1 - rate) * bare["side"])
+    starts = [Protection(side_lead=lead * part, side_symbol_bytes=size, head_share=head_share)
+              for part in LEADS for size in (None, FINE_SYMBOL_BYTES)]  # fmt: skip
+    found = []
+    for start in starts:
+        side = _side(load, traces, rate, search, start)
+        model = model_transfer(load, side)
+        share = float(head_arrives(model, _received_within(model, traces, search.budget_bytes)).mean())
+        found.append((-min(share, search.head_target), int(model.num_bytes.sum()), side))
+    best = [side for _, _, side in sorted(found, key=lambda entry: entry[:2])[:BEST_SIDES]]
+    return [*best, replace(best[0], side_repair=min(SAFER * best[0].side_repair, MOST_REPAIR))]
+
+
+def _end(search: Search, pass_bytes: float) -> float:
+    """Returns the part of a transfer over which the symbols of the init segment are spread, as a fraction up to 1.
+
+    If the budget does not suffice for the complete transfer, this part ends slightly before the budget is spent.
+
+    Args:
+        search: Constraints of the plan.
+        pass_bytes: Bytes of the complete transfer.
+    """
+    fit = search.budget_bytes / pass_bytes
+    return 1.0 if fit >= 1 else _NEARLY * fit
+
+
+def _side(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, start: Protection) -> Protection:
+    """Returns the allocation with the least redundancy that delivers the side information often enough.
+
+    The required fraction of transfers is `Search.head_target`. If it is not reached within the limits of `search`, the
+    maximum allowed redundancy is used.
+
+    Args:
+        load: Sizes of the stream.
+        traces: Masks of received datagrams in T simulated transfers, bool (T, n).
+        rate: Mean loss rate of datagrams.
+        search: Constraints of the plan.
+        start: Allocation whose redundancy of the side information is replaced.
+    """
+    need = rate / (1 - rate)
+    repairs = sorted({min(multiple * need, MOST_REPAIR) for multiple in SIDE_MULTIPLES})
+
+    def with_repair(number: int) -> Protection:
+        return replace(start, side_repair=repairs[number])
+
+    def too_dear(number: int) -> bool:
+        return not search.allows(model_transfer(load, with_repair(number)).bytes_by_kind())
+
+    def often_enough(number: int) -> bool:
+        model = model_transfer(load, with_repair(number))
+        received = _received_within(model, traces, search.budget_bytes)
+        return float(head_arrives(model, received).mean()) >= search.head_target
+
+    allowed = range(max(bisect.bisect_left(range(len(repairs)), True, key=too_dear), 1))
+    return with_repair(min(bisect.bisect_left(allowed, True, key=often_enough), len(allowed) - 1))
+
+
+def _falling(tiers: int) -> Sequence[tuple[float | None, ...]]:
+    """Returns all assignments of safety margins to importance tiers.
+
+    A less important tier never has a larger margin than a more important tier. A safety margin is an entry of
+    `SAFETIES`, see `_repair`.
+
+    Args:
+        tiers: Number of tiers.
+
+    Returns:
+        Tuples with one margin per tier.
+    """
+    return [
+        tuple(SAFETIES[level] for level in combination)
+        for combination in itertools.product(range(len(SAFETIES)), repeat=tiers)
+        if all(a >= b for a, b in itertools.pairwise(combination))
+    ]
+
+
+def _repair(safety: float | None, need: float, num_packets: int) -> float:
+    """Returns the number of repair symbols per packet for a safety margin.
+
+    Args:
+        safety: Safety margin in standard deviations of the number of lost packets; None for no parity.
+        need: Repair symbols per packet that replace the mean loss.
+        num_packets: Number of packets that share the parity.
+    """
+    if safety is None or need == 0:
+        return 0.0
+    deviation = math.sqrt(need * (1 + need) / max(num_packets, 1))
+    return min(need + safety * deviation + SYMBOLS_TO_SPARE / max(num_packets, 1), MOST_REPAIR)

@@ -1,0 +1,131 @@
+"""Distortion model of lost elements (anchors or Gaussians) by importance tier, for the planner."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.arguments import array_of, check_fields, checked
+from splatwire.errors import InvalidValueError, shown, whole_number
+from splatwire.planning.transfer_model import StreamLoad
+
+BLANK_MSE = 0.25
+"""Mean squared error if nothing can be drawn, because the side information is lost and there is no preview."""
+BLANK_PSNR = -10 * float(np.log10(BLANK_MSE))
+
+Picture = Callable[[np.ndarray], float]
+"""Function that renders a stream with losses: maps a mask of received packets, bool (P), to the PSNR in dB."""
+
+
+@dataclass(frozen=True, eq=False)
+class DistortionModel:
+    """Model of the error that losses cause in the rendered views, after concealment.
+
+    The input is the lost share of each importance tier; the result is the mean squared error. More important tiers are
+    better protected, so the lost share does not decrease from tier to tier.
+
+    `mse[t]` is the error added if tier t *and all less important tiers* lose the same share. If tiers lose different
+    shares, differences between these curves are added. This is exact if the tiers have only two different lost shares,
+    one of which is 0. Adding the errors of single tiers would overestimate the total: a concealer enlarges received
+    elements of all sizes, even if only small elements were lost.
+
+    Attributes:
+        shares: Lost shares at which the error was measured, ascending from 0, float64 (S).
+        mse: Mean squared error added if tier t and all less important tiers lose this share, float64 (T, S).
+        base_mse: Mean squared error of the complete scene against the references.
+    """
+
+    shares: np.ndarray
+    mse: np.ndarray
+    base_mse: float
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        shares = array_of(self.shares, "DistortionModel.shares", ("S",))
+        if not (len(shares) > 1 and shares[0] == 0 and bool((np.diff(shares) > 0).all())):
+            raise InvalidValueError(f"DistortionModel.shares: lost shares must ascend from 0, not {shown(shares)}")
+        mse = array_of(self.mse, "DistortionModel.mse", ("T", len(shares)))
+        if not len(mse) or not np.isfinite(mse).all():
+            raise InvalidValueError(f"DistortionModel.mse: expected finite numbers of each tier, not {shown(mse)}")
+        if not 0 < self.base_mse < math.inf:
+            raise InvalidValueError(f"DistortionModel.base_mse must be positive, not {shown(self.base_mse)}")
+
+    def psnr(self, lost: np.ndarray) -> np.ndarray:
+        """Returns the PSNR of each simulated transfer, given the lost share of each tier.
+
+        Args:
+            lost: Lost share of each of T tiers in each simulated transfer, float64 (trials, T).
+
+        Returns:
+            Decibels, float64 (trials).
+        """
+        added, before = np.zeros(len(lost)), np.zeros(len(lost))
+        for tier, curve in enumerate(self.mse):
+            here = lost[:, tier]
+            added += np.interp(here, self.shares, curve) - np.interp(before, self.shares, curve)
+            before = here
+        return -10 * np.log10(self.base_mse + np.maximum(added, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class StreamVariant:
+    """One encoded variant of a scene with its distortion model; the planner chooses among several variants.
+
+    Attributes:
+        load: Sizes of the stream.
+        distortion: Distortion model of losses in each tier.
+        picture: Renders a stream with losses, to compare the best plans; None to compare by the distortion model
+            `distortion` only.
+        concealment_bytes: Bytes of the side information that serve concealment only, such as redundant copies; they
+            count as protection.
+        preview_bytes: Bytes of the preview in the first message of the server (welcome); they count as redundancy and
+            against the budget.
+        blank_psnr: PSNR of a transfer without side information, decibels; PSNR of the preview if the stream has one.
+
+    Raises:
+        InvalidValueError: If numbers of tiers differ, or a size is out of range.
+    """
+
+    load: StreamLoad
+    distortion: DistortionModel
+    picture: Picture | None = None
+    concealment_bytes: int = 0
+    preview_bytes: int = 0
+    blank_psnr: float = BLANK_PSNR
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if len(self.distortion.mse) != self.load.num_tiers:
+            raise InvalidValueError(
+                f"damage of {len(self.distortion.mse)} tiers, and the stream has {self.load.num_tiers}"
+            )
+        if not 0 <= self.concealment_bytes <= self.load.head_bytes:
+            raise InvalidValueError(
+                f"StreamVariant.concealment_bytes: {shown(self.concealment_bytes)} bytes for concealers in a "
+                f"head object of {self.load.head_bytes}"
+            )
+        whole_number(self.preview_bytes, "StreamVariant.preview_bytes")
+        if not abs(self.blank_psnr) < math.inf:
+            raise InvalidValueError(f"StreamVariant.blank_psnr must be finite, not {shown(self.blank_psnr)}")
+
+    def left(self, budget_bytes: float | int) -> float:
+        """Returns the part of a byte budget that remains after the server's first message (welcome)."""
+        return float(max(budget_bytes - self.preview_bytes, 0))
+
+
+@checked
+def lost_fractions(load: StreamLoad, packets: np.ndarray) -> np.ndarray:
+    """Returns the fraction of the elements of each tier that is lost.
+
+    Args:
+        load: Sizes of the stream.
+        packets: Mask of received or recovered packets in T transfers, bool (T, P).
+
+    Returns:
+        Lost fractions, float64 (T, tiers).
+    """
+    packets = array_of(packets, "packets", ("T", len(load.elements)), "b")
+    weights = np.zeros((len(load.elements), load.num_tiers))
+    weights[np.arange(len(load.elements)), load.tiers] = load.elements
+    return (~packets) @ (weights / weights.sum(axis=0))

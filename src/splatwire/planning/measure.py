@@ -1,0 +1,247 @@
+"""Measurement of the distortion by losses in importance tiers."""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, UInt8
+
+from splatwire.anchors.appearance import ReceivedScene, Scene, origin_of
+from splatwire.arguments import array_of, checked
+from splatwire.bitstream import SceneStream, send_sequence
+from splatwire.bitstream.limits import MAX_ELEMENTS
+from splatwire.bitstream.sections import sections_of
+from splatwire.codec import decode_stream
+from splatwire.codec.preview import SECTION as PREVIEW
+from splatwire.codec.preview import preview_scene
+from splatwire.codec.tiers import arrange_stream, read_tiers
+from splatwire.concealment import conceal, create_concealer
+from splatwire.concealment.grow import Grow
+from splatwire.concealment.sketch import SECTION as SKETCH
+from splatwire.errors import InvalidValueError, shown, whole_number
+from splatwire.evaluation.views import spread
+from splatwire.ops.arrays import to_numpy
+from splatwire.ops.twister import Twister
+from splatwire.planning.distortion import BLANK_PSNR, DistortionModel, StreamVariant
+from splatwire.planning.transfer_model import StreamLoad
+from splatwire.render import iterate_views
+from splatwire.render.importance import surrounding_cameras
+from splatwire.types import Cameras
+
+MAX_SEED = (1 << 32) - 1
+SHARES = (0.0, 0.05, 0.15, 0.3, 0.6, 1.0)
+ASSUMED_BASE_MSE = 1e-3
+"""Mean squared error of the complete scene that is assumed without photos, as for a scene with 30 dB PSNR."""
+
+
+class LossyPictures:
+    """Renders a scene after losses and concealment, and compares the pictures with the complete scene or with photos.
+
+    Neighbour searches that do not depend on the losses are made once.
+
+    Args:
+        complete: Decoded lossless stream, including the side information sections of concealers.
+        cameras: Views to render; a few are enough.
+        concealer: Name of the concealer.
+        photos: Photos of the views. Without photos, the complete scene is the reference, and `base_mse` is added to the
+            error.
+        base_mse: Assumed mean squared error of the complete scene against photos.
+
+    Raises:
+        InvalidValueError: If the stream is incomplete, or numbers of photos and cameras differ.
+        UnknownNameError: If the concealer is unknown.
+    """
+
+    @checked
+    def __init__(
+        self,
+        complete: ReceivedScene,
+        cameras: Cameras,
+        concealer: str,
+        *,
+        photos: Sequence[Any] = (),
+        base_mse: float = ASSUMED_BASE_MSE,
+    ) -> None:
+        lost = complete.erasures.num_lost
+        if lost:
+            raise InvalidValueError(f"damage needs a complete stream, and {lost} {complete.scene.ELEMENTS} are lost")
+        if not 0 < base_mse < math.inf:
+            raise InvalidValueError(f"base_mse must be positive, not {shown(base_mse)}")
+        if len(photos) not in (0, cameras.num_views):
+            raise InvalidValueError(f"{len(photos)} photos of {cameras.num_views} views")
+        self.num_elements = complete.scene.num_elements
+        self._complete, self._cameras = complete, cameras
+        self._references = [to_numpy(photo) for photo in photos] or list(iterate_views(complete.scene, cameras))
+        self._base = 0.0 if len(photos) else base_mse
+        chosen = create_concealer(concealer)
+        self._concealer = chosen.with_neighbors(complete) if isinstance(chosen, Grow) else chosen
+
+    def scene(self, known: Bool[np.ndarray, "N"]) -> Scene:
+        """Returns the concealed scene for a mask of received elements."""
+        return self._complete.scene if bool(known.all()) else conceal(self._complete.masked(known), self._concealer)
+
+    def errors(self, known: Bool[np.ndarray, "N"]) -> np.ndarray:
+        """Mean squared error of each view for a mask of received elements, float64 (views)."""
+        pictures = iterate_views(self.scene(known), self._cameras)
+        pairs = zip(pictures, self._references, strict=True)
+        return self._base + np.array([_mean_square(image - truth) for image, truth in pairs])
+
+    def psnr(self, known: Bool[np.ndarray, "N"]) -> float:
+        """Mean PSNR of the views for a mask of received elements, decibels."""
+        return float((-10 * np.log10(self.errors(known))).mean())
+
+    def preview_psnr(self, preview: bytes) -> float:
+        """Mean PSNR of the views if only the preview was received, decibels.
+
+        Raises:
+            BitstreamError: If the preview is malformed.
+        """
+        scene = replace(preview_scene(preview), origin=origin_of(self._complete.scene))
+        pictures = iterate_views(scene, self._cameras)
+        errors = [_mean_square(a - b) for a, b in zip(pictures, self._references, strict=True)]
+        return float((-10 * np.log10(self._base + np.array(errors))).mean())
+
+
+def _mean_square(error: np.ndarray) -> float:
+    return float((error.astype(np.float64) ** 2).mean())
+
+
+@checked
+def measure_distortion(
+    pictures: LossyPictures,
+    tiers: UInt8[np.ndarray, "N"],
+    *,
+    shares: tuple[float, ...] = SHARES,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> DistortionModel:
+    """Measures the distortion model of a scene by rendering it after simulated losses.
+
+    For each tier and each of `shares`, the tier and all less important tiers lose this share of their elements.
+
+    Args:
+        pictures: Renderer of the scene.
+        tiers: Importance tier of each element, 0 for the most important.
+        shares: Lost shares to measure, ascending from 0.
+        seed: Seed of the losses.
+        progress: Called with the completed fraction.
+
+    Returns:
+        Distortion model; errors are made non-decreasing in the lost share.
+    """
+    tiers = array_of(tiers, "tiers", (pictures.num_elements,), "i", 0, 255)
+    _check_shares(shares)
+    whole_number(seed, "seed", 0, MAX_SEED)
+    draw, num_tiers = Twister(seed).uniform(len(tiers)), int(tiers.max()) + 1
+    place = np.empty(len(tiers), np.float32)
+    for tier in range(num_tiers):  # stratified: a share of each tier, not of all anchors
+        members = np.flatnonzero(tiers == tier)
+        place[members[draw[members].argsort(kind="stable")]] = np.arange(len(members)) / len(members)
+    base = float(pictures.errors(np.ones(len(tiers), np.bool_)).mean())
+    mse = np.zeros((num_tiers, len(shares)))
+    for tier in range(num_tiers):
+        for s, share in enumerate(shares[1:], start=1):
+            mse[tier, s] = float(pictures.errors((tiers < tier) | (place >= share)).mean()) - base
+            if progress:
+                progress((tier * (len(shares) - 1) + s) / (num_tiers * (len(shares) - 1)))
+    return DistortionModel(np.array(shares), np.maximum.accumulate(mse, axis=1), base)
+
+
+def _check_shares(shares: tuple[float, ...]) -> None:
+    rising = len(shares) > 1 and all(before < after for before, after in itertools.pairwise(shares))
+    if not rising or shares[0] != 0 or not shares[-1] <= 1:
+        raise InvalidValueError(f"shares: expected lost shares that ascend from 0, up to 1, not {shown(shares)}")
+
+
+@checked
+def variant_of_stream(
+    stream: SceneStream,
+    pictures: LossyPictures,
+    *,
+    concealment_bytes: int = 0,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> StreamVariant:
+    """Measures a complete stream and returns it as a variant from which the planner can choose.
+
+    Args:
+        stream: Complete stream.
+        pictures: Renderer of the decoded scene.
+        concealment_bytes: Bytes of the side information that serve concealment only and count as redundancy; the bytes
+            of a preview are added.
+        seed: Seed of the losses in the measurement.
+        progress: Called with the completed fraction.
+    """
+    whole_number(concealment_bytes, "concealment_bytes")
+    sections = sections_of(stream)
+    tiers, preview = read_tiers(sections, stream.manifest), sections.get(PREVIEW, b"")
+    distortion = measure_distortion(pictures, tiers, seed=seed, progress=progress)
+    members = packet_members(stream)
+
+    def picture(packets: np.ndarray) -> float:
+        return pictures.psnr(known_elements(members, packets, pictures.num_elements))
+
+    blank = pictures.preview_psnr(preview) if preview else BLANK_PSNR
+    # The preview is sent twice: in the welcome and with the side information.
+    return StreamVariant(
+        StreamLoad.of_stream(stream), distortion, picture, concealment_bytes + len(preview), len(preview), blank
+    )
+
+
+@checked
+def measured_variant(
+    stream: SceneStream, *, cameras: Cameras | None, num_views: int, concealer: str | None, seed: int,
+    progress: Callable[[float], None],
+) -> StreamVariant:  # fmt: skip
+    """Decodes a complete stream and measures it as a variant from which the planner can choose.
+
+    Args:
+        stream: Complete stream. If it has redundant copies of Gaussians (a sketch), losses are concealed with these.
+        cameras: Cameras of the scene; None for generated cameras around it.
+        num_views: Maximum number of cameras to render, evenly spaced.
+        concealer: Name of the receiver's concealer for streams without copies; None for `grow`.
+        seed: Seed of the losses in the measurement.
+        progress: Called with the completed fraction.
+
+    Raises:
+        InvalidValueError: If `num_views` is not positive, or the seed is out of range.
+    """
+    whole_number(num_views, "num_views", 1)
+    complete, copies = decode_stream(stream), sections_of(stream).get(SKETCH, b"")
+    seen = surrounding_cameras(complete.scene) if cameras is None else cameras
+    seen = seen.select(spread(seen.num_views, num_views))
+    pictures = LossyPictures(complete, seen, "sketch" if copies else concealer or "grow")
+    return variant_of_stream(stream, pictures, concealment_bytes=len(copies), seed=seed, progress=progress)
+
+
+@checked
+def packet_members(stream: SceneStream) -> list[np.ndarray]:
+    """Returns the elements of each packet as indices in coding order; the packets are in sending order."""
+    groups, packets = arrange_stream(stream)
+    cuts = [groups.ranks[a:b].copy() for a, b in itertools.pairwise(groups.starts)]
+    ranks = {p.id: cut for p, cut in zip(packets, cuts, strict=True) if p is not None}
+    return [ranks[packet.id] for packet in send_sequence(stream, "tiers")]
+
+
+@checked
+def known_elements(members: Sequence[np.ndarray], packets: np.ndarray, num_elements: int) -> Bool[np.ndarray, "N"]:
+    """Returns the mask of the elements in the available packets.
+
+    Args:
+        members: Result of `packet_members`.
+        packets: Mask of available packets, bool (P).
+        num_elements: Number of elements, N.
+    """
+    packets = array_of(packets, "packets", ("P",), "b")
+    if len(members) != len(packets):
+        raise InvalidValueError(f"members: expected one array for each of {len(packets)} packets, not {len(members)}")
+    known = np.zeros(whole_number(num_elements, "num_elements", 0, MAX_ELEMENTS), np.bool_)
+    try:
+        for place in np.flatnonzero(packets).tolist():
+            known[members[place]] = True
+    except IndexError as error:
+        raise InvalidValueError(f"members: an index is not below num_elements, {num_elements}") from error
+    return known

@@ -1,0 +1,117 @@
+"""Plan files (JSON): written by `splatwire plan`, read by `splatwire serve --plan`."""
+
+import json
+import math
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from splatwire.arguments import checked
+from splatwire.errors import InvalidValueError, UnsupportedVersionError
+from splatwire.transport.protocol.protection import Protection
+
+FORMAT, VERSION = "splatwire plan", 1
+MOST_BYTES = 1 << 18
+MOST_TIERS = 8
+MOST_GROUPS = 4096
+"""Maximum number of groups of pictures with their own amount of redundancy."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Chosen redundancy, with the expected result of transfers.
+
+    Attributes:
+        protection: Amounts of redundancy for the server.
+        variant: Index of the chosen stream variant.
+        psnr: Mean PSNR over simulated transfers (and frames of a sequence), decibels.
+        lost: Mean lost fraction of each importance tier, or of each group's motion.
+        sent_bytes: Bytes sent within the budget, including parity; also including a preview in the first message of the
+            server (welcome). Retransmissions of keyframe packets are not counted.
+    """
+
+    protection: Protection
+    variant: int
+    psnr: float
+    lost: tuple[float, ...]
+    sent_bytes: int
+
+
+@checked
+def plan_content(protection: Protection, stream_id: int, facts: dict[str, Any]) -> dict[str, Any]:
+    """Returns the content of a plan file as a JSON object.
+
+    Args:
+        protection: Amounts of redundancy (forward error correction) that the server sends.
+        stream_id: Id of the stream for which the plan was made.
+        facts: Further values for human readers, such as the expected PSNR; ignored by `read_plan`.
+    """
+    own = {"format": FORMAT, "version": VERSION, "stream_id": f"{stream_id:08x}", "protection": asdict(protection)}
+    return {**facts, **own}
+
+
+@checked
+def read_plan(data: bytes, name: str) -> tuple[Protection, int]:
+    """Parses a plan file, the inverse of `plan_content`.
+
+    Args:
+        data: Untrusted JSON text.
+        name: Name of the file, for messages.
+
+    Returns:
+        Amounts of redundancy, and id of the stream.
+
+    Raises:
+        InvalidValueError: If the data is not a plan, or a value is invalid.
+        UnsupportedVersionError: If the plan has a version that this release does not support.
+    """
+    try:
+        # Integers are parsed as floats, because huge ones are slow to parse; limits are checked next.
+        content = json.loads(data, parse_int=float) if len(data) <= MOST_BYTES else None
+    except (ValueError, RecursionError):
+        content = None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise InvalidValueError(f"{name} is no plan, as `splatwire plan -o FILE` writes one")
+    if content.get("version") != VERSION:
+        raise UnsupportedVersionError(f"{name} is a plan of version {content.get('version')!s:.20}, not {VERSION}")
+    try:
+        return _protection(content.get("protection")), _stream_id(content.get("stream_id"))
+    except InvalidValueError as error:
+        raise InvalidValueError(f"{name}: {error}") from None
+
+
+def _stream_id(value: Any) -> int:
+    if not (isinstance(value, str) and len(value) == 8 and set(value) <= set("0123456789abcdef")):
+        raise InvalidValueError("the plan's stream_id is not 8 hexadecimal digits")
+    return int(value, 16)
+
+
+def _protection(values: Any) -> Protection:
+    known = {field.name for field in fields(Protection)}
+    if not (isinstance(values, dict) and set(values) | {"motion"} == known):
+        raise InvalidValueError(f"the plan's protection must have {', '.join(sorted(known))} and nothing else")
+    repair, optional = values["tier_repair"], {"side_symbol_bytes", "resend"}
+    if not (isinstance(repair, list) and len(repair) <= MOST_TIERS):
+        raise InvalidValueError(f"the plan's tier_repair is not a list of at most {MOST_TIERS} numbers")
+    numbers = {key: _number(key, value) for key, value in values.items()
+               if key not in {"tier_repair", "motion"} and not (value is None and key in optional)}  # fmt: skip
+    size = numbers.pop("side_symbol_bytes", None)
+    if size is not None and not size.is_integer():
+        raise InvalidValueError(f"the plan's side_symbol_bytes is no whole number, but {size}")
+    return Protection(
+        **numbers, side_symbol_bytes=None if size is None else int(size),
+        tier_repair=tuple(_number("tier_repair", value) for value in repair), motion=_motion(values.get("motion", [])),
+    )  # fmt: skip
+
+
+def _motion(values: Any) -> tuple[tuple[float, float], ...]:
+    """Parses the fraction of protected packets and the repair symbols per packet of each group of pictures."""
+    fine = isinstance(values, list) and len(values) <= MOST_GROUPS
+    if not (fine and all(isinstance(pair, list) and len(pair) == 2 for pair in values)):
+        raise InvalidValueError(f"the plan's motion is not a list of at most {MOST_GROUPS} pairs of numbers")
+    return tuple((_number("motion", share), _number("motion", repair)) for share, repair in values)
+
+
+def _number(key: str, value: Any) -> float:
+    if not (isinstance(value, float) and math.isfinite(value)):
+        raise InvalidValueError(f"the plan's {key} is no number")
+    return value

@@ -1,0 +1,325 @@
+"""Planner of redundancy: splits a budget of bytes between side information and importance tiers.
+
+The inputs are the distortion by losses of each tier (`DistortionModel`, measured by rendering) and a loss model of the
+channel. The planner simulates transfers with many allocations of redundancy, and returns the allocation with the best
+expected picture. The best allocations and simple baselines are compared by rendering simulated transfers. Datagrams
+after the budget is spent are not sent, which also models a deadline at a given rate.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatwire.arguments import checked
+from splatwire.channel import LossModel
+from splatwire.errors import InvalidValueError, shown, whole_number
+from splatwire.planning.candidates import (
+    FINE_SYMBOL_BYTES,
+    Search,
+    arrival_within,
+    baseline_candidates,
+    candidates,
+    largest_head,
+)
+from splatwire.planning.distortion import StreamVariant, lost_fractions
+from splatwire.planning.plan_file import Plan
+from splatwire.planning.transfer_model import SimulatedTransfers, draw_losses, model_transfer
+from splatwire.transport.protocol.protection import Protection
+
+HEAD_TRIALS = 1000
+MAX_TRIALS = 1_000_000
+FINAL_TRIALS = 4000
+"""Number of simulated transfers in the final comparison. A failure rate of 0.2 % costs 0.04 dB, and a thousand
+transfers cannot distinguish it from 0.6 %.
+"""
+MOST_FATES = 200_000_000
+"""Maximum number of simulated datagrams in memory, one byte each; for long streams, fewer final transfers are
+simulated."""
+SHORT_LIST = 16
+"""Number of plans evaluated with all simulated transfers. Side information that fails in 1 % of transfers costs 0.25
+dB, which a hundred transfers do not show.
+"""
+FINALISTS = 4
+NEAR_DB = 4.0
+"""Maximum gap in dB, by the distortion model, at which baselines are still rendered. If the budget truncates a
+transfer, the PSNR of the model is up to 3 dB too low for a stream without tiers, in which half of the packets are lost
+but concealed well.
+"""
+EQUAL_DB = 0.002
+"""Difference in dB below which plans are considered equal, and the plan with more redundancy is chosen. The budget is
+available anyway, and
+simulations underestimate rare losses.
+"""
+MIN_GAIN_DB = 0.05
+"""Minimum gain over a baseline in dB (and at least a standard error of the renderings) if all transfers have losses. A
+few views and transfers cannot resolve less. The margin is proportional to the fraction of transfers with partial
+losses, because the PSNR of transfers that deliver everything or nothing is exact.
+"""
+MIN_GAIN_SHARE = 0.06
+"""Minimum gain over a baseline as a share of the loss. Losses are most visible in the views that a scene was fitted
+to, so small gains there may not generalise.
+"""
+
+
+@dataclass(frozen=True)
+class ScenePlan(Plan):
+    """Plan for a static scene.
+
+    Attributes:
+        head_arrives: Fraction of transfers in which the side information arrives.
+        sizes: Bytes of a complete transfer by purpose, e.g. packets and parity.
+        concealment_bytes: Bytes of the side information for concealment only, and of previews.
+    """
+
+    head_arrives: float
+    sizes: dict[str, int]
+    concealment_bytes: int = 0
+
+    @property
+    def protection_bytes(self) -> int:
+        """Bytes that are needed only because of losses: parity, and data for concealment."""
+        return self.sizes["side_protection"] + self.sizes["packet_protection"] + self.concealment_bytes
+
+    @property
+    def protection_share(self) -> float:
+        """Bytes of redundancy as a fraction of all bytes, 0 to 1."""
+        return self.protection_bytes / max(sum(self.sizes.values()), 1)
+
+
+@checked
+def plan_protection(
+    variants: Sequence[StreamVariant],
+    loss: LossModel,
+    *,
+    budget_bytes: float | int,
+    trials: int = 100,
+    rendered_trials: int = 6,
+    seed: int = 0,
+    max_protection: float = 1.0,
+    head_target: float = 0.999,
+    progress: Callable[[float], None] | None = None,
+) -> ScenePlan:
+    """Chooses stream variant and allocation of redundancy with the best expected picture.
+
+    Args:
+        variants: Variants of the stream, such as one with tiers and one without.
+        loss: Loss model of the channel, in datagrams.
+        budget_bytes: Maximum bytes sent, datagram headers included. For a deadline: time until the deadline multiplied
+            by the sending rate.
+        trials: Number of simulated transfers per candidate.
+        rendered_trials: Number of simulated transfers, different from the `trials`, that are rendered
+            (`StreamVariant.picture`) to compare the best candidates.
+        seed: Seed of the simulated losses, shared by all candidates.
+        max_protection: Maximum bytes of redundancy as a fraction of all bytes, 0 to 1.
+        head_target: Required fraction of transfers in which the side information arrives, if achievable.
+        progress: Called with the completed fraction.
+
+    Raises:
+        InvalidValueError: If a number is out of range, or every candidate has more redundancy than allowed.
+    """
+    check_request(variants, budget_bytes, max_protection, trials, rendered_trials)
+    if not 0 < head_target <= 1:
+        raise InvalidValueError(f"head_target must be above 0 and at most 1, not {shown(head_target)}")
+    report = progress or (lambda _: None)
+    traces = losses(variants, loss, max(HEAD_TRIALS, trials), seed)
+    plans, plain = list[ScenePlan](), list[ScenePlan]()
+    for number, variant in enumerate(variants):
+        spent = variant.concealment_bytes + variant.preview_bytes
+        search = Search(variant.left(budget_bytes), max_protection, head_target, spent)
+        first = [] if traces.all() else list(baseline_candidates(variant.load, traces, search).values())
+        tried = candidates(variant.load, traces, search)
+        for done, candidate in enumerate([*tried, *first]):
+            plan = _judge(variant, number, candidate, traces[:trials], budget_bytes)
+            if search.allows(plan.sizes):
+                (plans if done < len(tried) else plain).append(plan)
+            report(0.7 * (number + (done + 1) / (len(tried) + len(first))) / len(variants))
+    if not plans and not plain:
+        raise InvalidValueError(f"no plan keeps protection below {max_protection:.1%} of all bytes")
+    plans, plain = (
+        [_judge(variants[plan.variant], plan.variant, plan.protection, traces, budget_bytes) for plan in chosen]
+        for chosen in (_leaders(plans, SHORT_LIST), plain)
+    )
+    finalists = _finalists(plans, plain, head_target)
+    fresh = losses(variants, loss, min(FINAL_TRIALS, max(MOST_FATES // traces.shape[1], trials)), seed + 1)
+    scored = []
+    for plan in finalists:
+        found = _scored(variants[plan.variant], plan, fresh, budget_bytes, rendered_trials)
+        scored.append(replace(found, plain=plan in plain))
+        report(0.7 + 0.3 * len(scored) / len(finalists))
+    whole = max(float(variant.distortion.psnr(np.zeros((1, variant.load.num_tiers)))[0]) for variant in variants)
+    return _best(scored, whole)
+
+
+def check_request(
+    variants: Sequence[StreamVariant], budget_bytes: float | int, max_protection: float, *trials: int
+) -> None:
+    """Checks the arguments of a planner.
+
+    Args:
+        variants: Variants of the stream.
+        budget_bytes: Maximum bytes sent.
+        max_protection: Maximum share of redundancy.
+        trials: Numbers of simulated or rendered transfers.
+
+    Raises:
+        InvalidValueError: If an argument is out of range.
+    """
+    if not len(variants):
+        raise InvalidValueError("variants: there is none to plan for")
+    if not 0 < budget_bytes < math.inf:
+        raise InvalidValueError(f"budget_bytes must be positive, not {shown(budget_bytes)}")
+    if not 0 < max_protection <= 1:
+        raise InvalidValueError(f"max_protection must be above 0 and at most 1, not {shown(max_protection)}")
+    for number in trials:
+        whole_number(number, "trials", 1, MAX_TRIALS)
+
+
+@checked
+def losses(variants: Sequence[StreamVariant], loss: LossModel, trials: int, seed: int) -> np.ndarray:
+    """Simulates losses for a planner: returns masks of received datagrams, bool (trials, n).
+
+    n is above the number of datagrams of any candidate transfer.
+    """
+    if not len(variants):
+        raise InvalidValueError("variants: there is none to simulate")
+    bare = [len(model_transfer(variant.load, Protection(side_repair=0.0)).kind) for variant in variants]
+    head = max(largest_head(variant.load) for variant in variants)
+    return draw_losses(loss, trials, 3 * max(bare) + 3 * head // FINE_SYMBOL_BYTES, seed)
+
+
+def _judge(
+    variant: StreamVariant, number: int, protection: Protection, traces: np.ndarray, budget_bytes: float | int
+) -> ScenePlan:
+    """Predicts the result of an allocation of redundancy with the distortion model."""
+    model, budget = model_transfer(variant.load, protection), variant.left(budget_bytes)
+    arrival = arrival_within(model, traces, budget)
+    lost = lost_fractions(variant.load, arrival.packets)
+    psnr = np.where(arrival.head, variant.distortion.psnr(lost), variant.blank_psnr)
+    sent = int(model.num_bytes[: model.sent_within(budget)].sum()) + variant.preview_bytes
+    mean_lost = tuple(float(share) for share in lost.mean(axis=0))
+    return ScenePlan(
+        protection, number, float(psnr.mean()), mean_lost, sent, float(arrival.head.mean()), model.bytes_by_kind(),
+        variant.concealment_bytes + variant.preview_bytes,
+    )  # fmt: skip
+
+
+def _leaders(plans: Sequence[ScenePlan], count: int) -> list[ScenePlan]:
+    return sorted(plans, key=lambda plan: (-plan.psnr, -plan.protection_bytes))[:count]
+
+
+def _finalists(plans: Sequence[ScenePlan], plain: Sequence[ScenePlan], head_target: float) -> list[ScenePlan]:
+    """Selects the plans that are compared by rendering: the best ones, and baselines with nearly the same quality.
+
+    Plans are preferred if their side information arrives often enough. The fraction of simulated transfers in which it
+    arrives may be below `head_target` by at most one standard error.
+
+    Args:
+        plans: Plans with optimised redundancy.
+        plain: Plans of the baselines.
+        head_target: Required fraction of transfers in which the side information arrives.
+    """
+    enough = head_target - math.sqrt(head_target * (1 - head_target) / HEAD_TRIALS)
+    everything = [*plans, *plain]
+    safe = [plan for plan in everything if plan.head_arrives >= enough] or everything
+    best = _leaders(safe, FINALISTS)
+    return best + [plan for plan in plain if plan in safe and plan not in best and plan.psnr > best[0].psnr - NEAR_DB]
+
+
+@dataclass(frozen=True)
+class _Scored:
+    """A plan with its result in new simulated transfers, some of which were rendered.
+
+    Attributes:
+        plan: Plan with the expected result of new simulated transfers.
+        partly: Fraction of transfers that deliver a part of the packets (neither all nor none).
+        error: Standard error of the PSNR due to the small number of rendered transfers, decibels.
+        plain: True for a baseline.
+    """
+
+    plan: ScenePlan
+    partly: float
+    error: float = 0.0
+    plain: bool = False
+
+
+def _scored(
+    variant: StreamVariant, plan: ScenePlan, traces: np.ndarray, budget_bytes: float | int, rendered_trials: int
+) -> _Scored:
+    """Evaluates a plan on simulated transfers that were not used for choosing it."""
+    arrival = arrival_within(model_transfer(variant.load, plan.protection), traces, variant.left(budget_bytes))
+    found = expected(variant, arrival, rendered_trials)
+    judged = replace(plan, psnr=found.psnr, head_arrives=float(arrival.head.mean()), lost=found.lost)
+    return _Scored(judged, found.partly, found.error)
+
+
+@dataclass(frozen=True)
+class ExpectedResult:
+    """Expected picture quality and losses over simulated transfers.
+
+    Attributes:
+        psnr: Mean PSNR, decibels.
+        lost: Mean lost fraction of each tier's elements.
+        partly: Fraction of transfers that deliver a part of the packets (neither all nor none).
+        error: Standard error of `psnr` due to the small number of rendered transfers, decibels.
+    """
+
+    psnr: float
+    lost: tuple[float, ...]
+    partly: float
+    error: float
+
+
+@checked
+def expected(variant: StreamVariant, arrival: SimulatedTransfers, rendered_trials: int) -> ExpectedResult:
+    """Evaluates transfers with the distortion model, and corrects the model by rendering a few of the transfers.
+
+    Transfers that deliver everything, or no picture at all, need no correction. The remaining transfers are sorted by
+    quality, and a few at even distances are rendered. The mean difference between rendering and model is added to the
+    PSNR of all remaining transfers. The rendered transfers are not selected at random, because a rare failure among
+    them would have too much weight.
+
+    Args:
+        variant: Stream variant.
+        arrival: Simulated transfers.
+        rendered_trials: Number of transfers to render, if the variant has a renderer.
+    """
+    everything, lost = arrival.head & arrival.packets.all(axis=1), lost_fractions(variant.load, arrival.packets)
+    curves = np.where(arrival.head, variant.distortion.psnr(lost), variant.blank_psnr)
+    parts, error = np.flatnonzero(arrival.head & ~everything), 0.0
+    partly = len(parts) / len(curves)
+    if variant.picture is not None and everything.any():
+        curves[everything] = variant.picture(np.ones_like(arrival.packets[0]))
+    if variant.picture is not None and len(parts):
+        ranked = parts[np.argsort(curves[parts], kind="stable")]
+        chosen = ranked[((np.arange(rendered_trials) + 0.5) / rendered_trials * len(ranked)).astype(np.int64)]
+        beyond = np.array([variant.picture(arrival.packets[trial]) - curves[trial] for trial in chosen])
+        curves[parts] += beyond.mean()
+        error = float(beyond.std()) / math.sqrt(len(chosen)) * partly
+    return ExpectedResult(float(curves.mean()), tuple(float(share) for share in lost.mean(axis=0)), partly, error)
+
+
+def _best(scored: Sequence[_Scored], whole_psnr: float) -> ScenePlan:
+    """Returns the plan with the highest PSNR; a baseline is preferred unless it is worse by more than a margin.
+
+    Among several baselines, a baseline of the first stream variant is preferred. Among plans with equal PSNR, the plan
+    with the most redundancy is preferred.
+
+    Args:
+        scored: Plans with their results.
+        whole_psnr: PSNR without losses, decibels. The margin is larger if losses lower the PSNR more.
+    """
+    top = max(scored, key=lambda found: found.plan.psnr)
+    lost = max(whole_psnr - top.plan.psnr, 0.0)
+    plain = [found for found in scored if found.plain and found.plan.psnr >= top.plan.psnr - _margin(found, top, lost)]
+    if plain:
+        first = min(found.plan.variant for found in plain)
+        scored = [found for found in plain if found.plan.variant == first]
+    least = max(found.plan.psnr for found in scored) - EQUAL_DB
+    return max((found.plan for found in scored if found.plan.psnr >= least), key=lambda plan: plan.protection_bytes)
+
+
+def _margin(one: _Scored, other: _Scored, lost_db: float) -> float:
+    prudent = max(MIN_GAIN_DB, MIN_GAIN_SHARE * lost_db) * max(one.partly, other.partly)
+    return EQUAL_DB + max(prudent, math.hypot(one.error, other.error))

@@ -1,0 +1,208 @@
+"""Planner for sequences: splits bytes between finer quantisation and parity for the motion of each group of pictures.
+
+Motion that arrives after its group is useless, so each group has its own parity code. The cost of a lost packet after
+concealment differs between groups (`SequenceDistortion`) and packets (`sequence.importance`). Candidate amounts of
+parity of each group are evaluated on simulated transfers; bytes are then spent where the gain in dB per byte is
+largest.
+"""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.channel import LossModel
+from splatwire.errors import InvalidValueError
+from splatwire.planning.plan_file import Plan
+from splatwire.planning.sequence.delivery import SequenceLoad, model_motion_transfer
+from splatwire.planning.sequence.distortion import SequenceDistortion
+from splatwire.transport.protocol.protection import Protection
+
+PARTS = (0.25, 0.5, 0.75, 1.0)
+"""Candidate fractions of a group's motion packets that parity protects, most important packets first."""
+REPAIRS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.25, 1.5, 2.0)
+SIDE_REPAIR = 0.6
+"""Repair symbols per source symbol of the init segment, which is small."""
+MIN_GAIN_DB = 0.02
+"""Minimum gain in dB over a plan without parity, below which no parity is used, because simulations cannot resolve
+less."""
+
+
+@dataclass(frozen=True, eq=False)
+class SequenceVariant:
+    """Encoded variant (quality) of a sequence with its distortion model, one of several from which the planner chooses.
+
+    Attributes:
+        load: Packets of the sequence.
+        distortion: Distortion model of lost motion.
+    """
+
+    load: SequenceLoad
+    distortion: SequenceDistortion
+
+
+@dataclass(frozen=True)
+class SequencePlan(Plan):
+    """Plan for a sequence. `lost` contains the lost fraction of the motion of each group of pictures.
+
+    The fraction is weighted by packet importance.
+
+    Attributes:
+        unprotected: Mean PSNR of the best variant without parity, decibels.
+        parity_bytes: Bytes of parity for motion.
+    """
+
+    unprotected: float
+    parity_bytes: int
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """One amount of parity for the motion of a group of pictures, with the expected result.
+
+    Attributes:
+        pair: Amount of parity as in `Protection.motion`: share of the motion packets that get parity, and repair
+            symbols per such packet.
+        num_bytes: Size of the parity in bytes.
+        psnr: Mean PSNR of the group over simulated transfers, decibels.
+        lost: Mean lost share of the group's motion over simulated transfers, weighted by packet importance, 0 to 1.
+        frames: Number of frames of the group.
+    """
+
+    pair: tuple[float, float]
+    num_bytes: int
+    psnr: float
+    lost: float
+    frames: int
+
+
+def plan_sequence(
+    variants: Sequence[SequenceVariant], loss: LossModel, *, budget_bytes: float | int,
+    group_bytes: Sequence[float] | None = None, trials: int = 200, seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> SequencePlan:  # fmt: skip
+    """Chooses a variant of a sequence, and the amount of parity for each group of pictures.
+
+    Args:
+        variants: Variants of the sequence in several qualities.
+        loss: Loss model of the channel, in datagrams.
+        budget_bytes: Maximum bytes sent, including parity; keyframe packets are counted once, without retransmissions.
+        group_bytes: Maximum bytes of motion and parity that can be sent before the deadline of each group; None for no
+            limit.
+        trials: Number of simulated transfers per group.
+        seed: Seed of the simulated losses.
+        progress: Called with the completed fraction.
+
+    Raises:
+        InvalidValueError: If no variant fits the budget.
+    """
+    plans = []
+    for number, variant in enumerate(variants):
+        choices = []
+        for group in range(len(variant.load.groups)):
+            most = None if group_bytes is None else group_bytes[group]
+            choices.append(_choices(variant, group, loss, most, trials, seed))
+            if progress:
+                progress((number + (group + 1) / len(variant.load.groups)) / len(variants))
+        room = budget_bytes - variant.load.num_bytes
+        if room >= 0 and all(choices):
+            plans += [
+                _plan(variant, number, [some[0] for some in choices]),
+                _plan(variant, number, _spent(choices, room)),
+            ]
+    if not plans:
+        raise InvalidValueError(
+            f"{budget_bytes:,.0f} bytes are fewer than the smallest clip has, or a deadline is too short for its motion"
+        )
+    plain = max(plans[::2], key=lambda plan: plan.psnr)
+    best = max(plans, key=lambda plan: plan.psnr)
+    chosen = best if best.psnr > plain.psnr + MIN_GAIN_DB else plain
+    return SequencePlan(**{**vars(chosen), "unprotected": plain.psnr})
+
+
+def _choices(
+    variant: SequenceVariant, group: int, loss: LossModel, most: float | int | None, trials: int, seed: int
+) -> list[_Choice]:
+    """Returns the efficient amounts of parity for a group of pictures, from none to most.
+
+    Efficient amounts are on the upper convex hull of PSNR as a function of parity bytes (`_hull`).
+
+    Args:
+        variant: Encoded variant of the sequence.
+        group: Index of the group of pictures.
+        loss: Loss model of the channel, in datagrams.
+        most: Maximum bytes of motion and parity of the group; None for no limit.
+        trials: Number of simulated transfers.
+        seed: Seed of the simulated losses.
+
+    Returns:
+        The choices, ascending by bytes, beginning with no parity. Empty if even the motion alone exceeds `most`.
+    """
+    load, motion = variant.load, list(variant.load.groups[group].motion)
+    plain = int(load.packet_bytes[motion].sum())
+    if most is not None and plain > most:
+        return []
+    pairs = [(0.0, 0.0), *(itertools.product(PARTS, REPAIRS) if motion else ())]
+    longest = len(motion) + len(load.groups[group].bases) + int(2.0 * len(motion)) + 1
+    rngs = (np.random.Generator(np.random.PCG64([seed, group, trial])) for trial in range(trials))
+    traces = np.stack([loss.received(longest, rng) for rng in rngs])
+    found = dict[int, _Choice]()
+    for pair in pairs:
+        way = model_motion_transfer(load, Protection(motion=(pair,)), group)
+        extra = way.parity_bytes
+        if most is not None and plain + extra > most:
+            continue
+        importance = load.importance[way.order]
+        lost = ~way.arrived(traces) @ importance / max(importance.sum(), 1e-30)
+        psnr = float(variant.distortion.psnr(group, lost).mean())
+        if extra not in found or psnr > found[extra].psnr:
+            found[extra] = _Choice(pair, extra, psnr, float(lost.mean()), variant.distortion.frames[group])
+    return _hull([found[extra] for extra in sorted(found)])
+
+
+def _hull(choices: Sequence[_Choice]) -> list[_Choice]:
+    """Returns the choices on the upper convex hull of PSNR as a function of bytes, ascending by bytes."""
+    hull: list[_Choice] = []
+    for choice in choices:
+        if hull and choice.psnr <= hull[-1].psnr:
+            continue
+        while len(hull) > 1 and _slope(hull[-2], choice) >= _slope(hull[-2], hull[-1]):
+            hull.pop()
+        hull.append(choice)
+    return hull
+
+
+def _slope(one: _Choice, other: _Choice) -> float:
+    return (other.psnr - one.psnr) / (other.num_bytes - one.num_bytes)
+
+
+def _spent(choices: Sequence[Sequence[_Choice]], room: float | int) -> list[_Choice]:
+    """Spends bytes on the parity of groups of pictures, always where the gain in PSNR per byte is largest.
+
+    Args:
+        choices: Choices of each group on the convex hull, from `_choices`.
+        room: Number of bytes to spend.
+
+    Returns:
+        The choice of each group.
+    """
+    at, left = [0] * len(choices), room
+    steps = [
+        (-_slope(a, b) * a.frames, group, n)
+        for group, some in enumerate(choices) for n, (a, b) in enumerate(itertools.pairwise(some))
+    ]  # fmt: skip
+    for _, group, number in sorted(steps):
+        cost = choices[group][number + 1].num_bytes - choices[group][number].num_bytes
+        if at[group] == number and cost <= left:
+            at[group], left = number + 1, left - cost
+    return [some[n] for some, n in zip(choices, at, strict=True)]
+
+
+def _plan(variant: SequenceVariant, number: int, chosen: Sequence[_Choice]) -> SequencePlan:
+    parity = sum(choice.num_bytes for choice in chosen)
+    protection = Protection(side_repair=SIDE_REPAIR, motion=tuple(choice.pair for choice in chosen))
+    psnr = float(np.average([choice.psnr for choice in chosen], weights=[choice.frames for choice in chosen]))
+    return SequencePlan(
+        protection, number, psnr, tuple(choice.lost for choice in chosen), variant.load.num_bytes + parity, psnr, parity
+    )

@@ -1,0 +1,95 @@
+"""Preparation of planning: measures the size and the distortion model of several encodings of a clip."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.bitstream import SceneStream
+from splatwire.codec import decode_stream
+from splatwire.codec.sequence.side_info import Timeline, open_side_info
+from splatwire.concealment.temporal.concealers import DEFAULT, clip_concealer
+from splatwire.errors import InvalidValueError
+from splatwire.planning.sequence.delivery import SequenceLoad
+from splatwire.planning.sequence.distortion import Pictures, draw, measure_sequence_distortion, pooled, sampled
+from splatwire.planning.sequence.planner import SequenceVariant
+from splatwire.render import iterate_views
+from splatwire.render.importance import surrounding_cameras
+from splatwire.sequence import frame_files, read_frames
+from splatwire.sequence.importance import stream_importance
+from splatwire.types import Cameras
+
+VIEWS, VIEW_SIZE = 3, 256
+ASSUMED_PSNR = 45.0
+"""PSNR in decibels that is assumed for the finest stream if the original frames are not available."""
+
+
+def common_timeline(streams: Sequence[SceneStream]) -> Timeline:
+    """Returns the common timeline of several encodings of the same frames.
+
+    Raises:
+        InvalidValueError: If the clips do not encode the same frames in the same groups.
+    """
+    times = [open_side_info(stream.manifest, stream.side_info).timeline for stream in streams]
+    if any(time != times[0] for time in times):
+        raise InvalidValueError("clips that compete have the same frames, in the same groups")
+    return times[0]
+
+
+def clip_variants(
+    streams: Sequence[SceneStream], reference: Path | None, *, concealer: str | None = None, views: int | None = None,
+    seed: int = 0, progress: Callable[[float], None] = lambda share: None,
+) -> list[SequenceVariant]:  # fmt: skip
+    """Returns a variant for each of several encodings of the same frames, with its measured distortion model.
+
+    Args:
+        streams: The encoded clips.
+        reference: Folder of the original frames; None to compare with the largest clip.
+        concealer: Name of the receiver's concealer; None for the default.
+        views: Number of views; None for `VIEWS`.
+        seed: Seed of the losses.
+        progress: Called with the finished share, 0 to 1.
+
+    Raises:
+        InvalidValueError: If the number of original frames differs from that of the clips.
+    """
+    method = clip_concealer(concealer or DEFAULT)
+    finest = decode_stream(max(streams, key=lambda stream: stream.num_bytes)).scene
+    cameras = surrounding_cameras(finest.bases(), VIEWS if views is None else views, VIEW_SIZE)
+    if reference is not None:
+        references, floor = frames_of(frame_files(reference), finest.timeline, cameras), 0.0
+    else:
+        references, floor = draw(finest, method, cameras), 10 ** (-ASSUMED_PSNR / 10)
+    loads, damages = [], []
+    for number, stream in enumerate(streams):
+
+        def told(share: float, number: int = number) -> None:
+            progress((number + share) / len(streams))
+
+        load = SequenceLoad.of(stream, stream_importance(stream))
+        loads.append(load)
+        damages.append(
+            measure_sequence_distortion(stream, load, method, cameras, references, floor, seed=seed, progress=told)
+        )
+    return [SequenceVariant(load, damage) for load, damage in zip(loads, pooled(damages), strict=True)]
+
+
+def frames_of(files: list[Path], timeline: Timeline, cameras: Cameras) -> Pictures:
+    """Renders the sampled frames of the original clip (`distortion.sampled`).
+
+    Args:
+        files: Files of the original frames, in order.
+        timeline: Timeline of the clip.
+        cameras: Views to render.
+
+    Raises:
+        InvalidValueError: If the number of files differs from the number of frames in the clip.
+    """
+    if len(files) != timeline.num_frames:
+        raise InvalidValueError(f"the clip has {timeline.num_frames} frames, its reference has {len(files)}")
+    wanted = [timeline.frames_of(group)[n] for group, some in enumerate(sampled(timeline)) for n in some]
+    found = []
+    for frame in read_frames([files[number] for number in wanted]):
+        scene = frame.scene()
+        found.append(np.stack(list(iterate_views(scene, cameras))))
+    return found

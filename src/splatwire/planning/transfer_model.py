@@ -1,0 +1,214 @@
+"""Transfer model: order, purpose and size of each datagram without its content, and simulation of losses.
+
+The planner compares hundreds of allocations of redundancy; computing all repair symbols would take minutes.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from splatwire.arguments import CheckedFields, array_of, checked
+from splatwire.bitstream import SceneStream, send_sequence
+from splatwire.channel import LossModel
+from splatwire.errors import InvalidValueError, shown, whole_number
+from splatwire.transport.fec import MAX_REPAIR, symbol_bytes_for
+from splatwire.transport.protocol.layout import Group, Segments, bundled_bytes, init_segment, parity_groups
+from splatwire.transport.protocol.protection import Protection, num_bundled_packets, packets_in_tiers, protected_tiers
+from splatwire.transport.protocol.send_schedule import build_send_schedule
+from splatwire.transport.protocol.served_stream import side_symbol_bytes
+from splatwire.transport.protocol.wire import DATA, DATA_OVERHEAD, PARITY, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD
+
+MAX_MASK_ENTRIES = 1_000_000_000
+"""Maximum number of datagrams in all simulated transfers."""
+SYMBOLS_TO_SPARE = 1
+"""Number of symbols beyond the K source symbols that a RaptorQ decoder is assumed to need; decoding then fails with
+probability 1e-4 (RFC 6330, 1)."""
+
+
+@dataclass(frozen=True, eq=False)
+class StreamLoad(CheckedFields):
+    """Sizes of the packets of a stream, in sending order.
+
+    Attributes:
+        head_bytes: Bytes of manifest and side information.
+        packet_bytes: Bytes of each packet, int64 (P).
+        elements: Number of elements of each packet, int64 (P).
+        tiers: Importance tier of each packet, int64 (P), ascending.
+    """
+
+    head_bytes: int
+    packet_bytes: np.ndarray
+    elements: np.ndarray
+    tiers: np.ndarray
+
+    @property
+    def num_tiers(self) -> int:
+        """Number of importance tiers."""
+        return int(self.tiers.max(initial=0)) + 1
+
+    @staticmethod
+    def of_stream(stream: SceneStream) -> "StreamLoad":
+        """Returns the sizes of a complete stream."""
+        ordered, plan = send_sequence(stream, "tiers"), stream.manifest.plan
+        return StreamLoad(
+            len(init_segment(stream.manifest, stream.side_info)),
+            np.array([packet.num_bytes for packet in ordered], dtype=np.int64),
+            np.array([packet.num_elements for packet in ordered], dtype=np.int64),
+            np.array([plan.tier_of(packet.id.block) for packet in ordered], dtype=np.int64),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class TransferModel:
+    """All datagrams of a transfer (packets, side information, parity) in sending order.
+
+    Attributes:
+        kind: Purpose of each datagram: `SIDE` (side information), `DATA` (packet) or `PARITY`, int64 (n).
+        group: Index of the source block of the init segment, or of the parity group; 0 for a packet, int64 (n).
+        symbol: Number of the symbol within the source block or parity group, or index of the packet, int64 (n).
+        num_bytes: Size of each datagram with headers, bytes, int64 (n).
+        head: Number of source symbols of each source block of the init segment.
+        groups: Parity groups: sets of packets that are protected together.
+        num_packets: Number of packets.
+        num_bundled: Number of packets, first in sending order, that are part of the init segment.
+    """
+
+    kind: np.ndarray
+    group: np.ndarray
+    symbol: np.ndarray
+    num_bytes: np.ndarray
+    head: tuple[int, ...]
+    groups: tuple[Group, ...]
+    num_packets: int
+    num_bundled: int = 0
+
+    def bytes_by_kind(self) -> dict[str, int]:
+        """Returns the bytes of a complete transfer by purpose, as in `ServedStream.sizes`."""
+        repair = (self.kind == SIDE) & (self.symbol >= np.array((*self.head, 0), dtype=np.int64)[self._segment()])
+        masks = {"side": (self.kind == SIDE) & ~repair, "side_protection": repair, "packets": self.kind == DATA,
+                 "packet_protection": self.kind == PARITY}  # fmt: skip
+        return {name: int(self.num_bytes[mask].sum()) for name, mask in masks.items()}
+
+    def sent_within(self, budget_bytes: float | int) -> int:
+        """Returns the number of datagrams that are sent before a budget of bytes is spent."""
+        return int(np.searchsorted(np.cumsum(self.num_bytes), budget_bytes, side="right"))
+
+    def _segment(self) -> np.ndarray:
+        return np.where(self.kind == SIDE, self.group, 0)
+
+
+@checked
+def model_transfer(load: StreamLoad, protection: Protection) -> TransferModel:
+    """Builds the model of a transfer from packet sizes and amounts of redundancy.
+
+    Args:
+        load: Sizes of the stream.
+        protection: Amounts of redundancy.
+
+    Raises:
+        InvalidValueError: If the protection does not fit the stream.
+    """
+    num_bundled = num_bundled_packets(len(load.packet_bytes), protection)
+    head_bytes = load.head_bytes + bundled_bytes(int(load.packet_bytes[:num_bundled].sum()), num_bundled)
+    symbol_bytes = protection.side_symbol_bytes or side_symbol_bytes(head_bytes)
+    segments = Segments(head_bytes, symbol_bytes)
+    head = tuple(segments.size(s) for s in range(segments.num_segments))
+    with_repair = [size + min(round(protection.side_repair * size), MAX_REPAIR) for size in head]
+    members = load.tiers.tolist()
+    tiers = protected_tiers(members, protection)
+    groups = tuple(parity_groups(tiers))
+    items = build_send_schedule(
+        with_repair, tiers, [group.repair for group in groups], protection, packets_in_tiers(members, protection)
+    )
+    table = np.array(items, dtype=np.int64).reshape(-1, 3)
+    parity_bytes = symbol_bytes_for(int(load.packet_bytes.max(initial=0))) + PARITY_OVERHEAD
+    size = np.where(table[:, 0] == SIDE, symbol_bytes + SIDE_OVERHEAD, parity_bytes)
+    data = table[:, 0] == DATA
+    size[data] = load.packet_bytes[table[data, 2]] + DATA_OVERHEAD
+    return TransferModel(table[:, 0], table[:, 1], table[:, 2], size, head, groups, len(load.packet_bytes), num_bundled)
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedTransfers(CheckedFields):
+    """Received packets and side information in T simulated transfers.
+
+    Attributes:
+        head: Mask of transfers with complete side information, bool (T).
+        packets: Mask of packets that are received, recovered, or part of the init segment (even if that is lost), bool
+            (T, P), in sending order.
+    """
+
+    head: np.ndarray
+    packets: np.ndarray
+
+
+@checked
+def simulate(model: TransferModel, received: np.ndarray) -> SimulatedTransfers:
+    """Simulates which packets are received or recovered by forward error correction.
+
+    Args:
+        model: Model of the datagrams of a transfer.
+        received: Mask of received datagrams in each of T transfers, bool (T, n).
+    """
+    received = transfer_masks(received, "received", len(model.kind))
+    head, trials = head_arrives(model, received), len(received)
+    packets = np.zeros((trials, model.num_packets), dtype=np.bool_)
+    data = model.kind == DATA
+    packets[:, model.symbol[data]] = received[:, data]
+    packets[:, : model.num_bundled] = True
+    for number, group in enumerate(model.groups):
+        members = group.start + group.step * np.arange(group.size)
+        parity = received[:, (model.kind == PARITY) & (model.group == number)].sum(axis=1)
+        enough = packets[:, members].sum(axis=1) + parity >= group.size + SYMBOLS_TO_SPARE * (group.size > 1)
+        packets[np.ix_(enough, members)] = True
+    return SimulatedTransfers(head, packets)
+
+
+@checked
+def head_arrives(model: TransferModel, received: np.ndarray) -> np.ndarray:
+    """Returns the mask of simulated transfers with complete side information, bool (T).
+
+    Args:
+        model: Model of the datagrams of a transfer.
+        received: Mask of received datagrams in each of T transfers, bool (T, n).
+    """
+    received = transfer_masks(received, "received", len(model.kind))
+    head = np.ones(len(received), dtype=np.bool_)
+    for segment, size in enumerate(model.head):
+        mine = (model.kind == SIDE) & (model.group == segment)
+        here = received[:, mine]
+        all_sources = here[:, model.symbol[mine] < size].all(axis=1)
+        head &= all_sources | (here.sum(axis=1) >= size + SYMBOLS_TO_SPARE)
+    return head
+
+
+def transfer_masks(masks: Any, name: str, num_datagrams: int) -> np.ndarray:
+    """Converts the masks of received datagrams in simulated transfers, and checks their shape.
+
+    Args:
+        masks: Mask of received datagrams in each of T transfers, bool (T, n), or nested lists.
+        name: Name of the argument, for messages.
+        num_datagrams: Minimum number of datagrams, n.
+
+    Raises:
+        InvalidValueError: If `masks` is no such array, or has too few datagrams.
+    """
+    found = array_of(masks, name, ("T", "n"), "b")
+    if not len(found) or found.shape[1] < num_datagrams:
+        raise InvalidValueError(f"{name}: expected masks of {num_datagrams} or more datagrams, not {shown(found)}")
+    return found
+
+
+@checked
+def draw_losses(loss: LossModel, trials: int, num_datagrams: int, seed: int) -> np.ndarray:
+    """Draws random masks of received datagrams from a loss model, bool (trials, num_datagrams).
+
+    Raises:
+        InvalidValueError: If a number is not positive, the seed is negative, or the masks have over 1e9 entries.
+    """
+    whole_number(seed, "seed")
+    whole_number(trials, "trials", 1, MAX_MASK_ENTRIES)
+    whole_number(num_datagrams, "num_datagrams", 1, MAX_MASK_ENTRIES // trials)
+    rngs = (np.random.Generator(np.random.PCG64([seed, trial])) for trial in range(trials))
+    return np.stack([loss.received(num_datagrams, rng) for rng in rngs])

@@ -1,0 +1,202 @@
+"""Registries that installed packages extend: concealers, schemas, loss models, file formats and metrics.
+
+A package announces an entry with an entry point in the registry's group, under the entry's name. Loading the entry
+point imports the module that registers the entry. Each process looks up entry points when it needs a name that is not
+registered, or lists all names.
+"""
+
+import functools
+import logging
+import sys
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from splatwire.errors import InvalidValueError, UnknownNameError, how_to_install
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+_OWN = "splatwire"
+_LOG = logging.getLogger(__name__)
+Entry = TypeVar("Entry")
+
+
+class Registry(Generic[Entry]):
+    """Entries of one kind by name, in the order of their registration.
+
+    Args:
+        kind: Name of the kind of entry for messages, such as `loss model`.
+        group: Group of the entry points that announce entries.
+    """
+
+    def __init__(self, kind: str, group: str) -> None:
+        self.kind, self.group = kind, group
+        self._entries: dict[str, Entry] = {}
+        self._sources: dict[str, str] = {}
+        self._loaded: list[EntryPoint] = []
+        self._warned: set[str] = set()
+
+    def register(self, name: str, entry: Entry, source: str) -> None:
+        """Adds an entry; the same source may register it again, as a reloaded module does.
+
+        Args:
+            name: Name of the entry, not empty, without `:` and `,`.
+            entry: The entry.
+            source: Full dotted name of the class or function that defines the entry, for messages.
+
+        Raises:
+            InvalidValueError: If the name is invalid, or another source has registered it.
+        """
+        self.check_free(name, self._sources.get(name, source), source)
+        self.put(name, entry, source)
+
+    def put(self, name: str, entry: Entry, source: str) -> None:
+        """Adds an entry, or replaces the entry of the same name; see `register` for the arguments.
+
+        Raises:
+            InvalidValueError: If the name is invalid.
+        """
+        if not isinstance(name, str) or not name or name != name.strip() or {":", ","} & set(name):
+            raise InvalidValueError(f"{source}: {name!r} cannot be the name of a {self.kind}")
+        self._entries[name], self._sources[name] = entry, source
+
+    def check_free(self, name: str, other: str, source: str) -> None:
+        """Checks that an entry may be registered under a name that already has an entry.
+
+        The same source may register its entry again. An entry of splatwire may replace that of another package, with a
+        warning in the log.
+
+        Args:
+            name: The name.
+            other: Source of the existing entry, a full dotted name.
+            source: Source of the new entry, a full dotted name.
+
+        Raises:
+            InvalidValueError: In all other cases.
+        """
+        if other == source:
+            return
+        text = f"two {self.kind}s are called '{name}': {other} and {source}"
+        if not source.startswith(f"{_OWN}.") or other.startswith(f"{_OWN}."):
+            raise InvalidValueError(text)
+        self._warn(f"{text}, which stays")
+
+    def find(self, name: str) -> Entry | None:
+        """Returns the entry of a name; None if no package has one.
+
+        Raises:
+            InvalidValueError: If the announcing package cannot be loaded or does not register the entry, or if several
+                packages announce it.
+        """
+        if name not in self._entries and (points := [point for point in self._announced() if point.name == name]):
+            self._load(self._chosen(name, points))
+        return self._entries.get(name)
+
+    def __getitem__(self, name: str) -> Entry:
+        """Returns the entry of a name.
+
+        Raises:
+            UnknownNameError: If no package has an entry of that name.
+            InvalidValueError: See `find`.
+        """
+        entry = self.find(name)
+        if entry is None:
+            raise UnknownNameError(self.kind, name, self.known_names())
+        return entry
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and self.find(name) is not None
+
+    def registered(self) -> dict[str, Entry]:
+        """Returns the registered entries, without looking up entry points."""
+        return dict(self._entries)
+
+    def all(self) -> dict[str, Entry]:
+        """Returns all entries. Packages that cannot be loaded are skipped, with a warning in the log."""
+        for point in self._announced():
+            try:
+                if point.name not in self._entries:
+                    others = [other for other in self._announced() if other.name == point.name]
+                    self._load(self._chosen(point.name, others))
+                elif not self._brought_by(point):
+                    taken = f"{self._sources[point.name]} has the name, which stays"
+                    self._warn(f"{package_of(point)} announces {self.kind} '{point.name}': {taken}")
+            except InvalidValueError as error:
+                self._warn(str(error))
+        return dict(self._entries)
+
+    def known_names(self) -> set[str]:
+        """Returns the names of all registered or announced entries, without loading any."""
+        return {*self._entries, *(point.name for point in self._announced())}
+
+    def packages(self, name: str) -> tuple[str, ...]:
+        """Returns the package of an entry with its version, such as `name 1.0`; empty for splatwire's entries."""
+        points = [point for point in self._announced() if point.name == name and not _is_own(point)]
+        points = [point for point in points if name not in self._entries or self._brought_by(point)]
+        return tuple(f"{point.dist.name} {point.dist.version}" for point in points if point.dist)
+
+    def brought_by(self, name: str) -> str:
+        """Returns ` of PACKAGE`, for messages about an entry of another package; empty for splatwire's own entries."""
+        return "".join(f" of {package}" for package in self.packages(name)[:1])
+
+    def _announced(self) -> Iterator["EntryPoint"]:
+        yield from _entry_points(self.group, tuple(sys.path))
+
+    def _chosen(self, name: str, points: list["EntryPoint"]) -> "EntryPoint":
+        """Selects one of several entry points with the same name; an entry point of splatwire is preferred.
+
+        Raises:
+            InvalidValueError: If several other packages announce the name.
+        """
+        own = [point for point in points if _is_own(point)]
+        if own or len(points) == 1:
+            return (own or points)[0]
+        packages = " and ".join(map(package_of, points))
+        raise InvalidValueError(f"{packages} announce a {self.kind} '{name}': uninstall all but one")
+
+    def _load(self, point: "EntryPoint") -> None:
+        try:
+            point.load()
+        except (Exception, SystemExit) as error:  # code of another package may raise anything
+            how = how_to_install(error.name) if isinstance(error, ModuleNotFoundError) else None
+            reason = how or str(error) or type(error).__name__
+            raise InvalidValueError(
+                f"{self.kind} '{point.name}' of {package_of(point)} cannot be loaded: {reason}"
+            ) from error
+        if point.name not in self._entries:
+            raise InvalidValueError(
+                f"{package_of(point)} announces {self.kind} '{point.name}' and does not register it"
+            )
+        self._loaded.append(point)
+
+    def _brought_by(self, point: "EntryPoint") -> bool:
+        """True if the package that announces an entry point has registered the entry of the entry point's name."""
+        same = self._sources[point.name].partition(".")[0] == point.module.partition(".")[0]
+        return same or point in self._loaded
+
+    def _warn(self, text: str) -> None:
+        if text not in self._warned:
+            self._warned.add(text)
+            _LOG.warning("%s", text)
+
+
+def package_of(point: "EntryPoint") -> str:
+    """Returns the name of the package that announces an entry point."""
+    return point.dist.name if point.dist else "an installed package"
+
+
+def source_of(defined: object) -> str:
+    """Returns the full dotted name of a class or function, for `Registry.register`."""
+    return f"{getattr(defined, '__module__', '?')}.{getattr(defined, '__qualname__', repr(defined))}"
+
+
+def _is_own(point: "EntryPoint") -> bool:
+    return point.dist is not None and point.dist.name == _OWN
+
+
+@functools.cache
+def _entry_points(group: str, path: tuple[str, ...]) -> tuple["EntryPoint", ...]:
+    """Returns the entry points of a group, cached per interpreter path (`sys.path`)."""
+    from importlib.metadata import entry_points  # slow import: a tenth of a command's start time
+
+    return tuple(entry_points(group=group))

@@ -1,0 +1,256 @@
+"""Encoding of explicit Gaussians to a target size or quality.
+
+Chooses jointly which Gaussians are kept, their precision classes, and the quantisation steps.
+"""
+
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from splatwire.anchors.appearance import Scene
+from splatwire.bitstream import SceneStream
+from splatwire.codec import decode_stream
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.errors import InvalidValueError
+from splatwire.rate_control.pruning import PruningCurve
+from splatwire.rate_control.search import Interval, search
+from splatwire.rate_control.targets import Target
+from splatwire.rate_control.views import SourcePictures, ViewSets
+from splatwire.render.precision import measure_gaussians, precision_classes
+from splatwire.types import Cameras, SplatScene
+
+Effort = Literal["fast", "default"]
+"""Work per scene: `fast` chooses precision classes and keeps all Gaussians; `default` also prunes."""
+EFFORTS: tuple[str, ...] = get_args(Effort)
+LEVELS = (2.5, 14.0)
+"""Coarsest and finest level of quantisation of a search."""
+START, OCTAVE_DB, OCTAVE_LOG = 7.5, 5.0, 0.25
+"""First level of a search, and typical increase of PSNR (decibels) and of the logarithm of bytes per level."""
+SIZE_TOLERANCE, PSNR_TOLERANCE = 0.03, 0.1
+"""Maximum share by which a stream is below its target size, and maximum difference from a target PSNR in decibels."""
+CORRECTIONS = 3
+"""Maximum number of searches for a PSNR. Each begins with the difference between the held-out views and the views of
+the search that the one before found."""
+JUMP = 0.04
+"""Difference of levels within which bytes and quality may jump, because positions are rounded to cells whose size is a
+power of two."""
+SHARE_OCTAVES = 4.0
+"""Levels by which bytes change as much as by keeping all or none of the Gaussians."""
+LEAST_SHARE = 0.6
+"""Smallest share of Gaussians to keep on the fine side of a jump, relative to the best one."""
+Encoder = Callable[[SplatScene, np.ndarray, Quality], SceneStream]
+"""Encodes a scene with the given precision classes and quality setting."""
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class EncodedScene:
+    """Stream that reaches a target size, PSNR or quality setting.
+
+    Attributes:
+        stream: The stream.
+        quality: Quantisation setting that was chosen.
+        kept: Share of the Gaussians that were kept, 0 to 1.
+        source: The scene before pruning and quantisation, without Gaussians that draw nothing.
+        held_out: Views for measuring the PSNR. They were not used to choose Gaussians or their precision.
+    """
+
+    stream: SceneStream
+    quality: Quality
+    kept: float
+    source: SplatScene
+    held_out: Cameras
+
+    @functools.cached_property
+    def psnr(self) -> float:
+        """Mean PSNR of the decoded scene in the held-out views, relative to renderings of `source`, decibels."""
+        return SourcePictures.of(self.source, self.held_out).mean_psnr(decoded_finest(self.stream))
+
+
+def encode_controlled(
+    scene: SplatScene,
+    target: Target,
+    encode: Encoder,
+    *,
+    effort: Effort = "default",
+    cameras: Cameras | None = None,
+    progress: Progress = lambda task, share: None,
+) -> EncodedScene:
+    """Encodes Gaussians to a size, a PSNR or a quality setting.
+
+    A target size is a maximum. The stream is at most 3 % smaller, unless even the finest setting needs fewer bytes. A
+    target PSNR is reached within 0.2 dB, unless even the coarsest setting exceeds it, or no setting gives a PSNR in
+    between. For both kinds of target, the scene is encoded several times.
+
+    Args:
+        scene: The scene to encode. Gaussians that draw nothing or cannot be drawn are skipped, which is logged.
+        target: Size, PSNR or quality setting.
+        encode: Function that encodes a scene.
+        effort: `fast` keeps all Gaussians and only chooses precision classes; `default` also prunes.
+        cameras: Cameras at typical viewing positions (see `ViewSets`); None for views around the scene.
+        progress: Called with the name of the current task and its finished share, 0 to 1.
+
+    Raises:
+        InvalidValueError: If the scene has nothing to draw, or the target cannot be reached.
+    """
+    rows = scene.rows()
+    rows.log_removed("encoding", scene.ELEMENTS)
+    source = scene if rows.complete else scene.select(rows.kept)
+    if not source.num_elements:
+        raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
+    views = ViewSets.of(source, cameras)
+    plan = _Plan.of(source, effort, views, progress)
+    if target.quality is not None:
+        return plan.encoded(target.quality, encode)
+    trials = _Trials(plan, encode, progress)
+    if target.size is not None:
+        return trials.of_size(target.size)
+    assert target.psnr is not None
+    return trials.of_psnr(target.psnr)
+
+
+def decoded_finest(stream: SceneStream) -> Scene:
+    """Decodes a complete stream; returns only the finest level if the stream has levels of detail."""
+    scene = decode_stream(stream).scene
+    return scene if scene.hints is None else scene.select(~scene.hints.left_out)
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """Measurements of a scene that do not depend on the quantisation level.
+
+    With these measurements, the scene can be encoded at any level.
+
+    Attributes:
+        source: The scene to encode.
+        views: Views for measuring, searching and reporting.
+        classes: Precision class of each Gaussian.
+        curve: Image error as a function of the share of Gaussians kept; None to keep all Gaussians.
+    """
+
+    source: SplatScene
+    views: ViewSets
+    classes: np.ndarray
+    curve: PruningCurve | None
+
+    @classmethod
+    def of(cls, source: SplatScene, effort: Effort, views: ViewSets, progress: Progress) -> "_Plan":
+        progress("measuring Gaussians", 0.0)
+        if effort == "fast":
+            return cls(source, views, precision_classes(source.splats, views.measured), None)
+        measured = measure_gaussians(source, views.measured)
+        progress("measuring Gaussians", 1.0)
+        pictures = SourcePictures.of(source, views.search)
+        curve = PruningCurve.measured(source, measured.removal, pictures, lambda share: progress("pruning", share))
+        return cls(source, views, measured.classes, curve)
+
+    def encoded(self, quality: Quality, encode: Encoder, share: float | None = None) -> EncodedScene:
+        """Prunes and encodes the scene at a quality setting.
+
+        Args:
+            quality: Quality setting.
+            encode: Function that encodes a scene.
+            share: Share of the Gaussians to keep, 0 to 1. None for the share with the fewest bytes at equal error.
+                Ignored if the attribute `curve` is None: then all Gaussians are kept.
+        """
+        if self.curve is None:
+            stream, share = encode(self.source, self.classes, quality), 1.0
+        else:
+            kept = self.curve.kept(self.curve.best_share(quality.level) if share is None else share)
+            stream, share = (
+                encode(self.source.select(kept), self.classes[kept], quality),
+                len(kept) / self.source.num_elements,
+            )
+        return EncodedScene(stream, quality, share, self.source, self.views.held_out)
+
+
+class _Trials:
+    """Encodes a scene at several quantisation levels until a target is reached.
+
+    Args:
+        plan: The scene and its precision classes.
+        encode: Function that encodes a scene.
+        progress: Called with the name of the current task and its finished share.
+    """
+
+    def __init__(self, plan: _Plan, encode: Encoder, progress: Progress) -> None:
+        self._plan, self._encode, self._progress = plan, encode, progress
+        self._found: list[tuple[float, EncodedScene]] = []
+
+    def of_size(self, size: int) -> EncodedScene:
+        """Searches for a quantisation level; returns the largest stream found that has at most `size` bytes."""
+        permitted = Interval(
+            math.log(size * (1 - SIZE_TOLERANCE)), math.log(size * (1 - SIZE_TOLERANCE / 2)), math.log(size)
+        )
+        self._search(lambda encoded: math.log(encoded.stream.num_bytes), permitted, START, OCTAVE_LOG)
+        fitting = [(value, each) for value, each in self._found if each.stream.num_bytes <= size]
+        if not fitting:
+            least = min(each.stream.num_bytes for _, each in self._found)
+            raise InvalidValueError(
+                f"this scene cannot be encoded to {size:,} bytes: the smallest stream has {least:,}"
+            )
+        return max(fitting, key=lambda found: found[0])[1]
+
+    def of_psnr(self, psnr: float) -> EncodedScene:
+        """Searches for a quantisation level; returns the stream with a PSNR in the held-out views closest to `psnr`.
+
+        The search compares pictures in a separate set of views (`ViewSets.search`). The held-out views only correct the
+        PSNR that the search aims at.
+        """
+        pictures, start, wanted = SourcePictures.of(self._plan.source, self._plan.views.search), START, psnr
+        best: EncodedScene | None = None
+        for _ in range(CORRECTIONS):
+            first = len(self._found)
+            permitted = Interval(wanted - PSNR_TOLERANCE / 2, wanted, wanted + PSNR_TOLERANCE / 2)
+            self._search(
+                lambda encoded: pictures.mean_psnr(decoded_finest(encoded.stream)), permitted, start, OCTAVE_DB
+            )
+            value, last = min(self._found[first:], key=lambda found: abs(found[0] - wanted))
+            if best is None or abs(last.psnr - psnr) < abs(best.psnr - psnr):
+                best = last
+            if abs(last.psnr - psnr) <= PSNR_TOLERANCE or last.quality.level in LEVELS:
+                break
+            start, wanted = last.quality.level + (psnr - last.psnr) / OCTAVE_DB, psnr - last.psnr + value
+        assert best is not None
+        if best.psnr < psnr - PSNR_TOLERANCE and best.quality.level == LEVELS[1]:
+            raise InvalidValueError(
+                f"this scene cannot be encoded to {psnr:g} dB: the finest stream has {best.psnr:.1f} dB"
+            )
+        return best
+
+    def _search(
+        self, measure: Callable[[EncodedScene], float], permitted: Interval, start: float, slope: float
+    ) -> None:
+        """Searches for a quantisation level with a permitted value.
+
+        If the value jumps over the permitted values between two levels, a smaller share of the Gaussians is then
+        searched at the finer of these levels.
+
+        Args:
+            measure: Function that returns the value of an encoded scene, such as its PSNR.
+            permitted: Permitted values.
+            start: First level.
+            slope: Expected increase of the value per level.
+        """
+        first = len(self._found)
+
+        def at(level: float, share: float | None = None) -> float:
+            encoded = self._plan.encoded(Quality(level), self._encode, share)
+            self._found.append((measure(encoded), encoded))
+            self._progress("searching", 1 - 1 / (1 + len(self._found) / 2))
+            return self._found[-1][0]
+
+        found = search(at, permitted, start, slope, LEVELS, JUMP)
+        above = [each for each in self._found[first:] if each[0] > permitted.high]
+        if found is not None or not above or self._plan.curve is None:
+            return
+        value, finer = min(above, key=lambda found: found[0])
+        level, share = finer.quality.level, finer.kept
+        if level > LEVELS[0]:
+            ends, per_share = (LEAST_SHARE * share, share), slope * SHARE_OCTAVES / share
+            start = share + (permitted.wanted - value) / per_share
+            search(functools.partial(at, level), permitted, start, per_share, ends)

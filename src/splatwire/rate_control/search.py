@@ -1,0 +1,72 @@
+"""Search for an argument at which an increasing function has a permitted value, with few calls of the function."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+TRIALS = 12
+"""Maximum number of calls of the function."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Permitted values of a function, and the value that a search aims at.
+
+    Attributes:
+        low: Smallest permitted value.
+        wanted: Value to aim at.
+        high: Largest permitted value.
+    """
+
+    low: float
+    wanted: float
+    high: float
+
+    def __contains__(self, value: float) -> bool:
+        """True if the value is permitted."""
+        return self.low <= value <= self.high
+
+
+def search(
+    function: Callable[[float], float],
+    permitted: Interval,
+    start: float,
+    slope: float,
+    ends: tuple[float, float],
+    least: float = 0.0,
+) -> float | None:
+    """Searches for an argument at which a function has a permitted value.
+
+    The secant method is used within an interval of arguments (bracket) that shrinks with each call.
+
+    Args:
+        function: Increasing function.
+        permitted: Permitted values.
+        start: First argument.
+        slope: Expected increase of the function per unit, above 0.
+        ends: Smallest and largest argument to try.
+        least: The search ends without a result if the bracket is narrower than this: the function then jumps over the
+            permitted values.
+
+    Returns:
+        The argument of the last call, which is permitted; None if no permitted value was found.
+    """
+    low, high, at = *ends, min(max(start, ends[0]), ends[1])
+    below: tuple[float, float] | None = None
+    above: tuple[float, float] | None = None
+    for trial in range(TRIALS):
+        value = function(at)
+        if value in permitted:
+            return at
+        if value < permitted.low:
+            below, low = (at, value), at
+        else:
+            above, high = (at, value), at
+        if low >= ends[1] or high <= ends[0] or high - low < least:
+            return None
+        if below is not None and above is not None:
+            # Every second step halves the bracket, in case secants approach from one side.
+            share = (permitted.wanted - below[1]) / max(above[1] - below[1], 1e-12) if trial % 2 else 0.5
+            at = low + min(max(share, 0.1), 0.9) * (high - low)
+        else:  # steps grow, in case the slope is smaller than expected
+            at = min(max(at + 2**trial * (permitted.wanted - value) / slope, ends[0]), ends[1])
+    return None

@@ -1,0 +1,109 @@
+"""Views for encoding to a target: one set for measuring Gaussians, one for the search, one for the reported PSNR."""
+
+import math
+import statistics
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.anchors.appearance import Scene, origin_of
+from splatwire.evaluation.views import HELD_OUT_SIZE, held_out_cameras, spread
+from splatwire.files.large import large_empty
+from splatwire.metrics.psnr import psnr
+from splatwire.render import iterate_views
+from splatwire.render.importance import surrounding_cameras
+from splatwire.render.precision import MEASURED_VIEWS
+from splatwire.types import Cameras
+
+SEARCH_VIEWS, SEARCH_SIZE = 6, 256
+"""Number and size in pixels of views around a scene in which pruned and decoded scenes are compared. The poses depend
+on the number, and differ from those of `held_out_cameras` and `measure_gaussians`."""
+MOST_VIEWS, MOST_SIZE = MEASURED_VIEWS, HELD_OUT_SIZE
+"""Maximum number of given cameras in each set, and maximum width and height of their images in pixels."""
+LEAST_CAMERAS = 6
+"""Minimum number of given cameras that are divided into the three sets."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewSets:
+    """Disjoint sets of views of a scene.
+
+    Attributes:
+        measured: Views in which the effect of each Gaussian is measured; None for views around the scene.
+        search: Views in which pruned and decoded scenes are compared with the source.
+        held_out: Views for the reported PSNR, which are not used for any choice of the encoder.
+    """
+
+    measured: Cameras | None
+    search: Cameras
+    held_out: Cameras
+
+    @staticmethod
+    def of(scene: Scene, cameras: Cameras | None = None) -> "ViewSets":
+        """Chooses the three sets of views for a scene.
+
+        Args:
+            scene: The scene.
+            cameras: Cameras at typical viewing positions, which are divided evenly among the three sets. Fewer than
+                `LEAST_CAMERAS` cameras are only used as `measured`; the other sets are then views around the scene.
+                None for views around the scene in all sets: near, far and outwards.
+        """
+        if cameras is None or cameras.num_views < LEAST_CAMERAS:
+            return ViewSets(
+                None if cameras is None else cameras.relative_to(origin_of(scene)),
+                surrounding_cameras(scene, SEARCH_VIEWS, SEARCH_SIZE),
+                held_out_cameras(scene),
+            )
+        cameras = cameras.relative_to(origin_of(scene))
+        thirds = [list(range(first, cameras.num_views, 3)) for first in range(3)]
+        measured, search, held_out = (
+            _limited(cameras, views, most)
+            for views, most in zip(thirds, (MOST_VIEWS, SEARCH_VIEWS, MOST_VIEWS), strict=True)
+        )
+        return ViewSets(measured, search, held_out)
+
+
+def _limited(cameras: Cameras, views: list[int], count: int) -> Cameras:
+    """Returns at most `count` of the given views, evenly spread.
+
+    Images with a side of more than `MOST_SIZE` pixels are scaled down to this size.
+
+    Args:
+        cameras: All cameras.
+        views: Indices of the views to choose from.
+        count: Maximum number of views.
+    """
+    chosen = cameras.select([views[place] for place in spread(len(views), count)])
+    return chosen.scaled(min(1.0, MOST_SIZE / max(chosen.width, chosen.height)))
+
+
+@dataclass(frozen=True, eq=False)
+class SourcePictures:
+    """Renderings of the original scene, as references for the PSNR of encoded scenes.
+
+    Attributes:
+        cameras: The views.
+        images: RGB in [0, 1].
+    """
+
+    cameras: Cameras
+    images: Float[np.ndarray, "V H W 3"]
+
+    @staticmethod
+    def of(scene: Scene, cameras: Cameras) -> "SourcePictures":
+        """Renders the views of a scene."""
+        images = large_empty((cameras.num_views, cameras.height, cameras.width, 3), np.float32)
+        for image, drawn in zip(images, iterate_views(scene, cameras), strict=True):
+            image[:] = drawn
+        return SourcePictures(cameras, images)
+
+    def mean_psnr(self, scene: Scene) -> float:
+        """Returns the mean PSNR of a scene over all views, decibels.
+
+        Views without any difference have infinite PSNR and are left out. The result is infinite if there is no other
+        view.
+        """
+        pairs = zip(iterate_views(scene, self.cameras), self.images, strict=True)
+        values = [float(psnr(ours[None], theirs[None])[0]) for ours, theirs in pairs]
+        return statistics.fmean(finite) if (finite := [v for v in values if math.isfinite(v)]) else math.inf

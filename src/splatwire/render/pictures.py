@@ -1,0 +1,29 @@
+"""Pictures that notebooks show: an array with a PNG representation."""
+
+import io
+from typing import Any
+
+import numpy as np
+
+
+class Pictures(np.ndarray):
+    """Array of pictures, RGB in [0, 1], with the shape (C, H, W, 3); behaves like any array.
+
+    Notebooks show the array, or one picture of it with the shape (H, W, 3), as an image.
+    """
+
+    def __array_wrap__(self, array: np.ndarray, context: Any = None, return_scalar: bool = False) -> Any:
+        """Returns the result of arithmetic as a plain array or number, because it is usually not a picture."""
+        return np.asarray(array)[()] if array.ndim == 0 else np.asarray(array)
+
+    def _repr_png_(self) -> bytes | None:
+        """Returns the pictures side by side as a PNG file; None if the array has another shape or type."""
+        if self.ndim not in (3, 4) or self.shape[-1] != 3 or self.dtype.kind != "f" or not self.size:
+            return None
+        from PIL import Image  # only notebooks need it
+
+        values = np.asarray(self).reshape(-1, *self.shape[-3:])
+        row = np.concatenate([np.rint(255 * np.clip(np.nan_to_num(one), 0, 1)) for one in values], axis=1)
+        file = io.BytesIO()
+        Image.fromarray(row.astype(np.uint8)).save(file, "PNG")
+        return file.getvalue()

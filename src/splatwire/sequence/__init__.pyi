@@ -1,0 +1,13 @@
+from splatwire.sequence.decoding import ClipDecoder as ClipDecoder
+from splatwire.sequence.decoding import ClipFrame as ClipFrame
+from splatwire.sequence.decoding import decode_frame as decode_frame
+from splatwire.sequence.decoding import decode_frames as decode_frames
+from splatwire.sequence.encoding import ClipEncoder as ClipEncoder
+from splatwire.sequence.encoding import encode_clip as encode_clip
+from splatwire.sequence.frames import Frame as Frame
+from splatwire.sequence.frames import frame_files as frame_files
+from splatwire.sequence.frames import is_sequence as is_sequence
+from splatwire.sequence.frames import open_sequence as open_sequence
+from splatwire.sequence.frames import read_frames as read_frames
+from splatwire.sequence.options import ClipOptions as ClipOptions
+from splatwire.sequence.tracking import TrackingReport as TrackingReport

@@ -1,0 +1,76 @@
+"""Numba kernel that applies motion to keyframe Gaussians; `tests/reference/moved.py` is the reference."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.ops.compiled import njit
+
+_LEAST, _MOST = 1e-12, 1.0 - 1e-6
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _turn(quat, offset, found):
+    """Rotates the unit quaternion `quat` by the rotation `offset`; writes the result to `found`.
+
+    `offset` is a rotation vector: its direction is the axis, and its length is 4 tan(angle / 4).
+    """
+    x, y, z = offset[3] / np.float64(4.0), offset[4] / np.float64(4.0), offset[5] / np.float64(4.0)
+    square = x * x + y * y + z * z
+    below = np.float64(1.0) + square
+    w, x, y, z = (np.float64(1.0) - square) / below, 2.0 * x / below, 2.0 * y / below, 2.0 * z / below
+    e, f, g, h = np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
+    a = w * e - x * f - y * g - z * h
+    b = w * f + x * e + y * h - z * g
+    c = w * g - x * h + y * e + z * f
+    d = w * h + x * g - y * f + z * e
+    length = max(np.sqrt(a * a + b * b + c * c + d * d), _LEAST)
+    found[0], found[1], found[2], found[3] = a / length, b / length, c / length, d / length
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _grow(scales, offset, found):
+    """Multiplies the three scales of a Gaussian by exponentials of motion parameters; writes the result to `found`.
+
+    `offset` has the motion parameters of the track. Its entry 6 applies to the largest scale, 7 to the next, and 8 to
+    the smallest. Of equal scales, the one with the lower index counts as larger.
+    """
+    if offset[6] == 0.0 and offset[7] == 0.0 and offset[8] == 0.0:
+        for a in range(3):
+            found[a] = scales[a]
+        return
+    for a in range(3):
+        rank = 0
+        for b in range(3):
+            rank += scales[b] > scales[a] or (scales[b] == scales[a] and b < a)
+        found[a] = scales[a] * np.exp(np.float64(offset[6 + rank]))
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def move(bases, tracks, offsets, found):
+    """Applies motion to keyframe Gaussians.
+
+    Args:
+        bases: Keyframe means (T, 3), quaternions (T, 4), scales (T, 3), opacities (T), harmonics (T, 3 B); float32.
+        tracks: Indices of the tracks to move, int64 (n).
+        offsets: Motion parameters, float32 (n, C); see `splatwire.types.sequence_scene.GroupMotion.at`.
+        found: Output arrays with the same attributes for the moved Gaussians.
+    """
+    means, quats, scales, opacities, harmonics = bases
+    for n in range(len(tracks)):
+        t, offset = tracks[n], offsets[n]
+        for a in range(3):
+            found[0][n, a] = means[t, a] + offset[a]
+        _turn(quats[t], offset, found[1][n])
+        _grow(scales[t], offset, found[2][n])
+        opacity = np.float64(opacities[t])
+        if offset[9] != 0.0:
+            opacity *= np.exp(np.float64(offset[9]))
+        found[3][n] = min(opacity, _MOST)
+        for c in range(harmonics.shape[1]):
+            found[4][n, c] = harmonics[t, c]
+        for a in range(3):
+            found[4][n, a] += offset[10 + a]

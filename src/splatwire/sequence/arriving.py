@@ -1,0 +1,317 @@
+"""Input frames of a live clip, which arrive while the clip is encoded.
+
+Frames are files that appear in a folder, or files whose names are written to a pipe.
+"""
+
+import itertools
+import math
+import os
+import select
+import stat
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from splatwire.sequence.frames import by_number, is_frame
+
+LOOK_S = 0.02
+"""Interval between two checks of the folder or pipe, seconds."""
+OLD_S = 1.0
+"""Age of a file's last change from which the file counts as complete at the first check, seconds."""
+QUIET_S = 0.5
+"""Time without change after which a file counts as complete if its format does not reveal truncation, seconds."""
+GROWING_S = 10.0
+"""Maximum time that later frames wait for a frame whose file still grows, seconds."""
+PATIENCE_S, PATIENCE_BEHIND_S = 3.0, 0.5
+"""Time without a change after which an unreadable frame is given up, seconds: with none behind it, and with some."""
+MOST_LOOKS = 16
+"""Maximum number of changes of an unreadable file or folder; it is then ignored until it is removed."""
+MOST_ENTRIES = 4096
+"""Maximum number of entries of a folder that are checked for changes; no frame has as many files."""
+MAX_NAMES = 4096
+"""Maximum number of file names read from a pipe before their frames are read."""
+MAX_NAME_BYTES = 1 << 16
+"""Maximum length of a line of the pipe, bytes."""
+SUFFIXES = (".ply", ".spz", ".sog", ".splat", ".ksplat", ".glb")
+"""File name suffixes of frames: later frames wait for such a file, and a warning is logged if the file is
+unreadable."""
+UNCHECKED = (".splat",)
+"""Suffixes of formats without a stored number of Gaussians: a truncated file would be read as a smaller frame."""
+UNFINISHED = (".part", ".partial", ".tmp", ".temp", "~")
+"""Suffixes of temporary files that their writers rename when the files are complete."""
+
+Signature = tuple[int, int, int]
+"""Time of the last change in nanoseconds, size in bytes, and inode of a file."""
+
+
+@runtime_checkable
+class FrameSource(Protocol):
+    """Source of the files of a clip's frames, in the order of playback.
+
+    Attributes:
+        over: True if no further file will appear.
+    """
+
+    over: bool
+
+    def poll(self, now: float) -> list[Path]:
+        """Returns the files that are complete and were not returned before, in the order of playback.
+
+        Args:
+            now: Current time, seconds.
+        """
+
+    def took(self, path: Path, signature: Signature | None) -> None:
+        """Records the state of a file that was read or given up; the file becomes a new frame when it changes.
+
+        Args:
+            path: The file.
+            signature: Signature of the file when it was read. None if the file no longer exists, or to ignore the file
+                until it is removed.
+        """
+
+
+class PipeSource:
+    """Source of frames whose file names are written to a pipe, one name per line, until the pipe is closed.
+
+    Args:
+        source: File descriptor of the pipe.
+        warn: Called with the text of each warning.
+    """
+
+    def __init__(self, source: int, warn: Callable[[str], None]) -> None:
+        self._source, self._warn, self._rest = source, warn, b""
+        self.over = False
+
+    def poll(self, now: float) -> list[Path]:
+        """Returns the files whose names have arrived on the pipe since the last call.
+
+        If there are more than about `MAX_NAMES` names, the others stay in the pipe until the next call.
+        """
+        found: list[Path] = []
+        while not self.over and len(found) < MAX_NAMES and select.select([self._source], [], [], 0)[0]:
+            data = os.read(self._source, 1 << 14)
+            self.over = not data
+            *lines, self._rest = (self._rest + (data or b"\n")).split(b"\n")
+            found += [Path(os.fsdecode(line.strip())) for line in lines if line.strip()]
+            if len(self._rest) > MAX_NAME_BYTES:
+                self._warn(f"standard input: a line of more than {MAX_NAME_BYTES:,} bytes is no name of a frame")
+                self._rest = b""
+        return found
+
+    def took(self, path: Path, signature: Signature | None) -> None:
+        """Does nothing. A file is a new frame each time that its name arrives, so no state of files is recorded."""
+
+
+class FolderSource:
+    """Source of the frames in a folder; a replaced file is a new frame.
+
+    A frame is returned as soon as its file is complete. Names that start with a dot or end with a suffix of
+    `UNFINISHED` are ignored. A file that still grows delays the later frames for at most `GROWING_S`, then the file is
+    ignored. A file or folder that is not a frame and keeps changing (for example a working folder of another program)
+    is ignored after `GROWING_S` of continuous change or after `MOST_LOOKS` changes.
+
+    Args:
+        folder: The folder; it may be missing temporarily.
+        warn: Called with the text of each warning.
+        wall: Returns the current time on the clock of file timestamps, seconds since 1970.
+    """
+
+    def __init__(self, folder: Path, warn: Callable[[str], None], wall: Callable[[], float] = time.time) -> None:
+        self._folder, self._warn, self._wall = folder, warn, wall
+        self._done: dict[str, Signature | None] = {}  # None: returned but not read yet, or given up
+        self._seen: dict[str, tuple[Signature, float, float]] = {}
+        self._looks: dict[str, int] = {}
+        self._reported: set[str] = set()
+        self.over = False
+
+    def poll(self, now: float) -> list[Path]:
+        """Returns the files that are complete and were not returned before, sorted by name (see `FrameSource.poll`)."""
+        try:
+            names = [name for name in os.listdir(self._folder) if not name.startswith(".")]
+        except OSError as error:
+            self._warn(f"{self._folder}: {error.strerror}; waiting for it")
+            return []
+        names = [name for name in names if not name.lower().endswith(UNFINISHED)]
+        self._forget(set(names))
+        return self._complete(self._new(names), now)
+
+    def _new(self, names: list[str]) -> list[tuple[Path, os.stat_result, Signature]]:
+        """Returns the files whose current state was not returned before, sorted by name."""
+        found = []
+        for name in names:
+            path = self._folder / name
+            if self._done.get(name, ()) is None:
+                continue
+            try:
+                status = path.stat()
+                signature = signature_of(path, status)
+            except FileNotFoundError:
+                continue
+            except OSError as error:
+                if name not in self._reported:
+                    self._reported.add(name)
+                    self._warn(f"{path}: {error.strerror}: left out")
+                continue
+            if self._done.get(name, ()) != signature:
+                found.append((path, status, signature))
+        return sorted(found, key=lambda item: by_number(item[0]))
+
+    def _complete(self, new: list[tuple[Path, os.stat_result, Signature]], now: float) -> list[Path]:
+        ready: list[Path] = []
+        held_up = False
+        for number, (path, status, signature) in enumerate(new):
+            before, changed, first = self._seen.get(path.name, (None, now, now))
+            changed = changed if before == signature else now
+            self._seen[path.name] = signature, changed, first
+            if held_up:
+                continue
+            frame_like = path.suffix.lower() in SUFFIXES
+            behind = number + 1 < len(new)
+            if not self._settled(path, status, now - changed, first=before is None, behind=behind):
+                held_up = frame_like and not (behind and now - first >= GROWING_S)
+                if frame_like and not held_up:
+                    self._warn(f"{path} still grows after {GROWING_S:g} s: skipped")
+                    self._done[path.name] = None
+                elif not frame_like and now - first >= GROWING_S:
+                    self._give_up(path)
+                continue
+            if frame_like or is_frame(path):
+                ready.append(path)
+                self._done[path.name] = None
+            else:
+                self._done[path.name] = signature
+                self._looks[path.name] = self._looks.get(path.name, 0) + 1
+                if self._looks[path.name] > MOST_LOOKS:
+                    self._give_up(path)
+            del self._seen[path.name]
+        return ready
+
+    def _give_up(self, path: Path) -> None:
+        self._done[path.name] = None
+        self._warn(f"{path} is no frame and keeps changing: ignored until it is removed")
+
+    def took(self, path: Path, signature: Signature | None) -> None:
+        """Records the state of a file that was read or given up (see `FrameSource.took`)."""
+        if signature is not None and path.name in self._done:
+            self._done[path.name] = signature
+
+    def _settled(self, path: Path, status: os.stat_result, quiet: float, *, first: bool, behind: bool) -> bool:
+        if first:
+            return self._wall() - status.st_mtime > OLD_S
+        moved = status.st_ctime_ns > status.st_mtime_ns  # renamed after it was written
+        if path.suffix.lower() in UNCHECKED and not moved and not behind:
+            return quiet >= QUIET_S
+        return quiet > 0
+
+    def _forget(self, names: set[str]) -> None:
+        """Removes deleted files from the records, so that new files of the same names are new frames."""
+        for known in (self._done, self._seen, self._looks):
+            for name in known.keys() - names:
+                del known[name]
+        self._reported &= names
+
+
+class Patience:
+    """Decides when to give up an unreadable frame, whose file may still be incomplete because its writer has paused."""
+
+    def __init__(self) -> None:
+        self._path: Path | None = None
+        self._signature: Signature | None = None
+        self._first = self._changed = 0.0
+
+    def is_unchanged(self, path: Path, signature: Signature | None) -> bool:
+        """Returns True if reading the file failed before and it has not changed since, so that a retry is useless."""
+        return (self._path, self._signature) == (path, signature)
+
+    def note(self, path: Path, signature: Signature | None, now: float) -> None:
+        """Records that reading a file failed in its current state."""
+        self._first = self._first if self._path == path else now
+        self._path, self._signature, self._changed = path, signature, now
+
+    def is_over(self, now: float, *, behind: bool) -> bool:
+        """Returns True if the frame that failed last should be given up.
+
+        Args:
+            now: Current time, seconds.
+            behind: True if later frames wait for this frame.
+        """
+        if self._signature is None or (behind and self.grows(now)):
+            return True
+        return now - self._changed >= (PATIENCE_BEHIND_S if behind else PATIENCE_S)
+
+    def grows(self, now: float) -> bool:
+        """Returns True if reading the frame's file has failed for `GROWING_S`, because the file still grows.
+
+        The file is then ignored until it is removed.
+        """
+        return now - self._first >= GROWING_S
+
+    def clear(self) -> None:
+        """Resets the state after the frame was read or given up."""
+        self._path = self._signature = None
+
+
+class Backlog:
+    """Limits the queue of frames that wait to be encoded: drops frames if the queue does not shrink.
+
+    Frames that are in the folder at the start, or are copied into it at once, are encoded at the frame rate. A
+    queue of more than one second (and two groups of pictures) that does not shrink would delay the live stream
+    permanently; its oldest frames are then dropped.
+
+    Args:
+        rate: Frames per second.
+        group_frames: Number of frames of a group of pictures.
+    """
+
+    STANDING_S, WINDOW_S, DRAIN, KEEP_S = 1.0, 2.0, 0.25, 0.1
+
+    def __init__(self, rate: float, group_frames: int) -> None:
+        self._rate = rate
+        self._limit = max(math.ceil(rate * self.STANDING_S), 2 * group_frames)
+        self._keep = math.ceil(rate * self.KEEP_S)
+        self._lengths: deque[tuple[float, int]] = deque()
+
+    def surplus(self, waiting: int, now: float) -> int:
+        """Returns the number of frames to drop, starting with the oldest.
+
+        Args:
+            waiting: Number of frames in the queue.
+            now: Current time, seconds.
+        """
+        if waiting <= self._limit:
+            self._lengths.clear()
+            return 0
+        self._lengths.append((now, waiting))
+        if now - self._lengths[0][0] < self.WINDOW_S:
+            return 0
+        passed, length = self._lengths.popleft()
+        drained = length - waiting
+        if drained >= self.DRAIN * self._rate * (now - passed):
+            return 0
+        self._lengths.clear()
+        return waiting - self._keep
+
+
+def signature_of(path: Path, status: os.stat_result) -> Signature:
+    """Returns the times, sizes and inodes that reveal a change of a file, or of the files of a folder.
+
+    Raises:
+        OSError: If the folder cannot be read.
+    """
+    if not stat.S_ISDIR(status.st_mode):
+        return status.st_mtime_ns, status.st_size, status.st_ino
+    with os.scandir(path) as entries:
+        inside = [entry.stat() for entry in itertools.islice(entries, MOST_ENTRIES)]
+    newest = max((status.st_mtime_ns, *(one.st_mtime_ns for one in inside)))
+    return newest, sum(one.st_size for one in inside), status.st_ino
+
+
+def signature_at(path: Path) -> Signature | None:
+    """Returns the signature of a file, which reveals changes (`signature_of`); None if the file does not exist."""
+    try:
+        return signature_of(path, path.stat())
+    except (OSError, ValueError):
+        return None

@@ -1,0 +1,84 @@
+"""Reads and writes sequence files of other programs, each of which contains all frames of a sequence.
+
+A format's module is imported when such a file is read or written, because its package is optional.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from splatwire.bitstream import SceneStream
+from splatwire.codec import decode_stream
+from splatwire.concealment.temporal.concealers import DEFAULT
+from splatwire.errors import InvalidValueError
+from splatwire.files.kinds import FOURDGS, SPLAT4D, USD, Kind
+from splatwire.io.formats.content import FileContent
+from splatwire.sequence.decoding import decode_frames
+from splatwire.sequence.frames import Sequence
+
+
+@dataclass(frozen=True)
+class ClipFormat:
+    """A file format for sequences.
+
+    Attributes:
+        name: Name of the format in the command-line option `--to`.
+        suffixes: File name suffixes; the first is the default.
+        kind: File kind that the detection of file types returns for such files.
+        module: Module in `splatwire.io.formats`.
+        writer: Name of the function that is called with frames (`FileContent`), path and frames per second, and returns
+            the number of frames.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    kind: Kind
+    module: str
+    writer: str
+
+    def write(self, frames: Iterable[FileContent], path: Path, rate: float) -> int:
+        """Writes a sequence; returns the number of frames."""
+        write: Callable[..., Any] = getattr(import_module(f"splatwire.io.formats.{self.module}"), self.writer)
+        return int(write(frames, path, rate))
+
+
+CLIP_FORMATS = (
+    ClipFormat("usd", (".usd", ".usdc", ".usda", ".usdz"), USD, "usd", "write_usd_frames"),
+    ClipFormat("4dgs", (".4dgs",), FOURDGS, "fourdgs_file", "write_fourdgs"),
+    ClipFormat("splat4d", (".splat4d",), SPLAT4D, "splat4d_file", "write_splat4d"),
+)
+"""Formats of sequences that can be written, besides streams."""
+
+
+def clip_format_for(path: str) -> ClipFormat | None:
+    """Returns the sequence file format that uses the suffix of a file name; None if no format uses it."""
+    return next((form for form in CLIP_FORMATS if path.lower().endswith(form.suffixes)), None)
+
+
+def contents_of_sequence(sequence: Sequence) -> Iterator[FileContent]:
+    """Yields the visible Gaussians of each frame of a sequence."""
+    for frame in sequence.read():
+        splats = frame.splats.select(frame.drawn)
+        yield FileContent(splats, frame.origin, frame.antialiased, frame.metadata)
+
+
+def contents_of_clip(stream: SceneStream) -> tuple[Iterator[FileContent], int, float]:
+    """Decodes a stream of a sequence with the default concealer.
+
+    Returns:
+        The frames, their number, and frames per second.
+
+    Raises:
+        InvalidValueError: If the stream is not a sequence.
+    """
+    if not stream.manifest.schema.timed:
+        raise InvalidValueError("the stream has no frames")
+    clip = decode_stream(stream).scene
+    timeline = clip.timeline
+    frames = (
+        FileContent(frame.scene.drawn(), clip.origin, clip.antialiased, clip.metadata)
+        for frame in decode_frames(clip, DEFAULT)
+    )
+    return frames, timeline.num_frames, float(timeline.rate)

@@ -1,0 +1,226 @@
+"""Decoder of sequences, one group of pictures (GOP) at a time.
+
+Memory contains the current group, and the last state of each track (a Gaussian over time) in the previous group.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatwire.arguments import CheckedFields, checked
+from splatwire.bitstream import Manifest, Packet
+from splatwire.codec import ProgressiveDecoder
+from splatwire.codec.memory import check_memory
+from splatwire.concealment import conceal
+from splatwire.concealment.temporal.concealers import DEFAULT, TemporalConcealer, clip_concealer
+from splatwire.concealment.temporal.concealment import conceal_group
+from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
+from splatwire.errors import BitstreamError
+from splatwire.ops.threads import share
+from splatwire.sequence import _pose_kernels as kernels
+from splatwire.types import Erasures, ReceivedScene, RenderHints, SplatScene
+from splatwire.types.sequence_scene import ClipScene
+from splatwire.types.splats import Splats
+
+AT_ONCE = 1 << 13
+"""Number of Gaussians that a thread moves at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClipFrame(CheckedFields):
+    """Decoded and concealed frame of a sequence.
+
+    Attributes:
+        number: Number of the frame in the sequence, from 0.
+        scene: Visible Gaussians.
+        tracks: Track index of each Gaussian, int64 (M).
+        concealed: Mask of Gaussians with lost (concealed) motion, bool (M).
+    """
+
+    number: int
+    scene: SplatScene
+    tracks: np.ndarray
+    concealed: np.ndarray
+
+
+@checked
+def decode_frames(
+    clip: ClipScene,
+    concealer: TemporalConcealer | str = DEFAULT,
+    *,
+    first: int = 0,
+    available: Callable[[int], np.ndarray] | None = None,
+) -> Iterator[ClipFrame]:
+    """Decodes and yields the frames of a sequence in order.
+
+    Args:
+        clip: Received sequence.
+        concealer: Concealer for tracks with lost motion, or the name of a concealer.
+        first: Number of the first frame to decode; earlier groups of pictures are not decoded.
+        available: Function that returns the mask of keyframe Gaussians available at the start of a group, bool (T),
+            given the group index. None uses all received keyframe Gaussians for all groups.
+
+    Raises:
+        InvalidValueError: If the sequence has no such frame.
+        UnknownNameError: If the concealer is unknown.
+    """
+    method = clip_concealer(concealer) if isinstance(concealer, str) else concealer
+    begin = clip.timeline.group_of(first)
+    memory: ConcealmentState | None = None
+    for group in range(begin, clip.timeline.num_groups):
+        known = clip.tracks.received if available is None else clip.tracks.received & available(group)
+        frames, after = decode_group(clip, group, known, memory, method)
+        yield from (frame for frame in frames if frame.number >= first)
+        memory = after()
+
+
+def decode_group(
+    clip: ClipScene, group: int, known: np.ndarray, memory: ConcealmentState | None, method: TemporalConcealer
+) -> tuple[Iterator[ClipFrame], Callable[[], ConcealmentState]]:
+    """Decodes one group of pictures of a sequence.
+
+    Args:
+        clip: Received sequence.
+        group: Index of the group of pictures.
+        known: Mask of available keyframe Gaussians, bool (T).
+        memory: Concealment state after the previous group; None if that group was not decoded.
+        method: Concealer for tracks with lost motion.
+
+    Returns:
+        The frames of the group, decoded when they are requested, and a function that returns the concealment state for
+        the next group.
+    """
+    poses, after = conceal_group(clip, clip.motion(group, known), group, known, memory, method)
+    hints = covering_gains(clip, known, group) if method.grow else None
+    numbers = enumerate(clip.timeline.frames_of(group))
+    return (pose_frame(clip, poses, index, number, hints) for index, number in numbers), after
+
+
+@checked
+def decode_frame(clip: ClipScene, number: int, concealer: TemporalConcealer | str = DEFAULT) -> ClipFrame:
+    """Decodes a single frame; losses are concealed from information in its group of pictures only."""
+    return next(decode_frames(clip, concealer, first=number))
+
+
+class ClipDecoder:
+    """Decoder of a sequence that accepts packets in any order and decodes frames at any time.
+
+    Args:
+        manifest: Manifest of the stream.
+        side_info: Side information of the stream.
+        concealer: Concealer for tracks with lost motion, or the name of a concealer.
+
+    Raises:
+        BitstreamError: If the side information contradicts the manifest, or the stream is no sequence.
+        UnknownNameError: If the concealer is unknown.
+    """
+
+    @checked
+    def __init__(self, manifest: Manifest, side_info: bytes, concealer: TemporalConcealer | str = DEFAULT) -> None:
+        if not manifest.schema.timed:
+            raise BitstreamError(f"a stream of {manifest.elements} is a scene, not a clip")
+        self._concealer = clip_concealer(concealer) if isinstance(concealer, str) else concealer
+        self._decoder = ProgressiveDecoder(manifest, side_info)
+
+    @property
+    def complete(self) -> bool:
+        """True if every packet has been received."""
+        return self._decoder.complete
+
+    def push(self, packet: Packet) -> None:
+        """Adds a packet; ignores duplicates and packets that the manifest does not list.
+
+        Raises:
+            DesyncError: If all packets are received but the decoded integers differ from the encoded ones.
+        """
+        self._decoder.add([packet])
+
+    def frame(self, number: int) -> ClipFrame:
+        """Decodes a frame from the packets received so far.
+
+        Raises:
+            InvalidValueError: If the sequence has no such frame.
+            BitstreamError: If the tracks declared in the manifest need more memory than the received bytes justify
+                (`splatwire.codec.memory`). A sequence with more than about 150,000 tracks thus cannot be decoded before
+                some of its packets are received.
+        """
+        check_memory(self._decoder.scene_bytes, self._decoder.num_bytes, "a frame of all tracks that are announced")
+        return decode_frame(self._decoder.partial.scene, number, self._concealer)
+
+
+def pose_frame(clip: ClipScene, poses: GroupPoses, index: int, number: int, hints: RenderHints | None) -> ClipFrame:
+    """Returns the moved Gaussians of one frame of a group of pictures.
+
+    Args:
+        clip: Received sequence.
+        poses: Motion of the tracks in the group.
+        index: Frame index within the group.
+        number: Frame number within the sequence.
+        hints: Factors on size and opacity of all tracks, which enlarge received Gaussians to cover missing ones; None
+            if no keyframe Gaussian is missing.
+    """
+    here = np.flatnonzero((poses.begins <= index) & (index < poses.ends))
+    tracks = poses.tracks[here]
+    offsets = poses.at(index)
+    splats = apply_motion(clip.tracks.splats, tracks, offsets if len(here) == len(offsets) else offsets[here])
+    scene = SplatScene(
+        splats, background=clip.background, antialiased=clip.antialiased, origin=clip.origin, metadata=clip.metadata
+    )
+    if hints is not None:
+        opacity = None if hints.opacity_gain is None else hints.opacity_gain[tracks]
+        own = RenderHints(hints.size_gain[tracks], np.zeros(len(tracks), np.bool_), opacity)
+        scene = replace(scene, splats=SplatScene(splats, own).drawn())
+    return ClipFrame(number, scene, tracks, poses.concealed[here])
+
+
+def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Splats:
+    """Returns copies of keyframe Gaussians with motion applied.
+
+    Args:
+        splats: All keyframe Gaussians.
+        tracks: Indices of the tracks, int64 (n).
+        offsets: Motion parameters, float32 (n, C); see `splatwire.types.sequence_scene.GroupMotion.at`.
+    """
+    found = Splats.empty(len(tracks), splats.degree)
+    bases, offsets, whole = _arrays(splats), np.ascontiguousarray(offsets), _arrays(found)
+
+    def move(some: slice) -> None:
+        kernels.move(bases, tracks[some], offsets[some], tuple(values[some] for values in whole))
+
+    share(move, [slice(begin, begin + AT_ONCE) for begin in range(0, len(tracks), AT_ONCE)])
+    return found
+
+
+def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
+    """Returns the attributes of Gaussians as contiguous arrays, the arguments of the kernel `move`."""
+    means, quats, scales, opacities, sh = (np.ascontiguousarray(values) for values in vars(splats).values())
+    return means, quats, scales, opacities, sh.reshape(len(sh), 3 * sh.shape[1])
+
+
+def covering_gains(clip: ClipScene, available: np.ndarray, group: int) -> RenderHints | None:
+    """Returns factors on size and opacity of all tracks, by which received keyframe Gaussians cover missing ones.
+
+    Args:
+        clip: Received sequence.
+        available: Mask of available keyframe Gaussians, bool (T).
+        group: Index of the group of pictures; keyframe Gaussians of later groups do not count as missing.
+
+    Returns:
+        The factors; None if no keyframe Gaussian is missing.
+    """
+    born = clip.tracks.born <= group
+    if bool(available[born].all()):
+        return None
+    index = np.flatnonzero(born)
+    known = available[index]
+    splats = clip.tracks.splats.select(index)
+    scene = conceal(ReceivedScene(SplatScene(splats), Erasures.of_anchors(known)), "grow")
+    hints: RenderHints | None = scene.hints
+    if hints is None:
+        return None
+    size, opacity = np.ones(clip.num_gaussians, np.float32), np.ones(clip.num_gaussians, np.float32)
+    size[index] = hints.size_gain
+    if hints.opacity_gain is not None:
+        opacity[index] = hints.opacity_gain
+    return RenderHints(size, np.zeros(clip.num_gaussians, np.bool_), opacity)

@@ -1,0 +1,56 @@
+"""Properties of an encoded clip: frames, tracks, and bytes of keyframes and motion."""
+
+from typing import Any
+
+import numpy as np
+
+from splatwire.bitstream import SceneStream
+from splatwire.codec import decode_stream
+from splatwire.codec.sequence.side_info import open_side_info
+from splatwire.sequence.tracking import SECTION, TrackingReport
+
+
+def describe_clip(stream: "SceneStream") -> dict[str, Any]:
+    """Returns the properties of a clip: number of frames; numbers of new, ending and static tracks; bytes by content.
+
+    Bytes are counted separately for keyframes and for motion.
+    """
+    manifest, plan = stream.manifest, stream.manifest.plan
+    info = open_side_info(manifest, stream.side_info)
+    sizes = {True: 0, False: 0}
+    for packet in stream.packets:
+        sizes[plan.persistent(packet.id.block)] += packet.num_bytes
+    births, time_ = [group.births for group in info.groups], info.timeline
+    tracking = TrackingReport.read(info.sections[SECTION]) if SECTION in info.sections else None
+    return {
+        "frames": time_.num_frames,
+        "frame_rate": float(time_.rate),
+        "group_frames": time_.group_frames,
+        "seconds": float(time_.num_frames / time_.rate),
+        "num_tracks": sum(births),
+        "born_later": sum(births[1:]),
+        "groups": len(births),
+        "groups_without_motion": sum(not group.motions for group in info.groups),
+        "base_bytes": sizes[True],
+        "motion_bytes": sizes[False],
+        "bytes_per_track_and_frame": stream.num_bytes / max(sum(births) * time_.num_frames, 1),
+        "frames_matched": None if tracking is None else tracking.matched,
+        "share_matched": None if tracking is None else tracking.share,
+    }
+
+
+def count_motions(stream: "SceneStream") -> dict[str, Any]:
+    """Counts the tracks that are static within a group of pictures and the tracks that end; this parses all packets."""
+    clip = decode_stream(stream).scene
+    alive, there, still = np.zeros(clip.num_gaussians, bool), 0, 0
+    for group in range(clip.timeline.num_groups):
+        motion = clip.motion(group, clip.tracks.received)
+        if motion.unchanged:
+            alive |= clip.tracks.born == group
+            here = standing = int(alive.sum())
+        else:
+            alive[:] = False
+            alive[motion.tracks[motion.ends == len(clip.timeline.frames_of(group))]] = True
+            here, standing = len(motion.tracks), int((~motion.moving).sum())
+        there, still = there + here, still + standing
+    return {"died": int((~alive).sum()), "still_share": still / there if there else 1.0}

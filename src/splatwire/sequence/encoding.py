@@ -1,0 +1,327 @@
+"""Encoder of sequences: frames in, packets out."""
+
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+
+from splatwire.arguments import checked
+from splatwire.bitstream import Manifest, Packet, SceneStream
+from splatwire.bitstream.origin import ORIGIN
+from splatwire.codec.antialiasing import SECTION as ANTIALIASING
+from splatwire.codec.antialiasing import antialiasing_sections
+from splatwire.codec.gaussians.quality import quality_of
+from splatwire.codec.metadata import metadata_sections
+from splatwire.codec.sequence.encoder import ClipWriter
+from splatwire.codec.sequence.track_group import TrackGroup
+from splatwire.codec.viewpoint import EXTENT_SECTION, UP_SECTION, extent_section, up_sections
+from splatwire.codec.viewpoint import SECTION as VIEWPOINT
+from splatwire.errors import InvalidValueError
+from splatwire.files.byte_io import ByteWriter
+from splatwire.ops.threads import allowed_threads
+from splatwire.render.precision import precision_classes
+from splatwire.render.up import estimate_up_axis
+from splatwire.sequence.extent import BoundingSphere, bounding_sphere
+from splatwire.sequence.frames import Frame
+from splatwire.sequence.group_builder import GroupBuilder, group_of
+from splatwire.sequence.grouping import TrackedFrame
+from splatwire.sequence.options import USUAL, ClipOptions
+from splatwire.sequence.tracking import SECTION, Tracker, TrackingReport
+from splatwire.types import SplatScene
+from splatwire.types.splats import Splats
+
+LOG = logging.getLogger(__name__)
+FIRST_FRAME = "first_frame"
+"""Side information section with the number of the first frame (LEB128), for a sequence that continues another
+sequence."""
+KNOWN_SHARE = 0.5
+"""Minimum fraction of Gaussians with a precision class, for giving other Gaussians the median class without an
+analysis."""
+ANEW, APART = 0.5, 0.5
+"""Scene-cut thresholds: minimum fraction of new Gaussians for a frame to count as a scene cut; minimum fraction of
+scene cuts in the first group for encoding every frame as its own group of pictures.
+"""
+SEEN = 0.02
+"""Smallest change of a harmonic coefficient that triggers a warning; 1 is the full range of a colour."""
+
+
+class ClipEncoder:
+    """Encoder of sequences that takes one frame at a time and keeps one group of pictures in memory.
+
+    Args:
+        options: Encoder options.
+        classes: Function that returns precision classes of new Gaussians; None derives the classes from renderings from
+            all sides (`splatwire.render.precision`).
+        live: Low-latency mode: does more of the work before the last frame of a group arrives, at a higher total cost.
+            The output differs only in sequences with scene cuts: after the first group, Gaussians of a new scene get
+            the median precision class, and groups keep their length even if most frames are scene cuts.
+    """
+
+    @checked
+    def __init__(
+        self, options: ClipOptions = USUAL, classes: Callable[[Splats], np.ndarray] | None = None, *,
+        live: bool = False,
+    ) -> None:  # fmt: skip
+        self._options, self._classes, self._live = options, classes or precision_classes, live
+        self._tracker, self._frames = Tracker(options.order), GroupBuilder(options.group_frames)
+        self._ended: tuple[TrackedFrame, TrackedFrame] | None = None
+        self._last: Splats | None = None
+        self._degree: int | None = None
+        self._groups, self._warned = 0, False
+        self._sections: dict[str, bytes] = {}
+        self._num_frames = self._first_frame = 0
+        self._extent: BoundingSphere | None = None
+        self._known: tuple[np.ndarray, np.ndarray] | None = None
+        self._newest = -1
+        self._writer = self._new_writer()
+
+    def _new_writer(self) -> ClipWriter:
+        options = self._options
+        return ClipWriter(
+            options.rate, options.group_frames, quality_of(options.quality), options.background,
+            threads=options.threads or allowed_threads(),
+        )  # fmt: skip
+
+    @property
+    def tracking(self) -> TrackingReport:
+        """Statistics on matching each Gaussian to the same Gaussian in the previous frame, for the frames so far."""
+        return self._tracker.report
+
+    def new_period(self) -> "ClipEncoder":
+        """Returns an encoder that continues as a new, independent stream (period); Gaussians keep their tracks.
+
+        The new encoder does not share buffers with this one.
+        """
+        assert not self._frames
+        self._finish_deferred_work()
+        other = ClipEncoder(self._options, self._classes, live=self._live)
+        other._tracker, other._degree, other._warned = self._tracker, self._degree, self._warned
+        other._first_frame = other._num_frames = self._num_frames
+        number = ByteWriter()
+        number.unsigned(self._num_frames)
+        other._sections = {**self._sections, FIRST_FRAME: number.bytes()}
+        names = self._tracker.rename()
+        if self._known is not None:
+            _, there, at = np.intersect1d(names, self._known[0], assume_unique=True, return_indices=True)
+            other._known = there, self._known[1][at]
+        return other
+
+    def restarted(self, first_frame: int) -> "ClipEncoder":
+        """Returns a new encoder for an independent stream, with the same options and up axis.
+
+        Args:
+            first_frame: Number of the first frame of the new encoder.
+        """
+        other = ClipEncoder(self._options, self._classes, live=self._live)
+        other._first_frame = other._num_frames = first_frame
+        other._warned = self._warned
+        other._sections = {name: data for name, data in self._sections.items() if name != ANTIALIASING}
+        number = ByteWriter()
+        number.unsigned(first_frame)
+        if first_frame:
+            other._sections[FIRST_FRAME] = number.bytes()
+        return other
+
+    def push(self, frame: Frame | Splats) -> list[Packet]:
+        """Adds the next frame, and encodes the group of pictures that this frame completes, if any.
+
+        Returns:
+            If the frame completes a group of pictures: the packets of the group, most visible first, without stream id.
+            Else an empty list.
+
+        Raises:
+            InvalidValueError: If the degree of harmonics differs from that of earlier frames, or the number of
+                Gaussians contradicts the option `order`.
+        """
+        self._finish_deferred_work()
+        taken = frame if isinstance(frame, Frame) else Frame.of(frame)
+        if self._degree not in (None, taken.splats.degree):
+            raise InvalidValueError(
+                f"a frame has harmonics of degree {taken.splats.degree}, those before of {self._degree}"
+            )
+        if self._degree is None:
+            self._sections |= {**antialiasing_sections(taken.antialiased), **ORIGIN.sections(taken.origin)}
+            self._sections |= metadata_sections(taken.metadata)
+        taken = taken.relative_to(ORIGIN.read(self._sections))
+        self._degree = taken.splats.degree
+        self._last = taken.splats
+        self._frames.add(self._tracker.add(taken))
+        self._num_frames += 1
+        if len(self._frames) == self._options.group_frames:
+            return self._flush()
+        # By the middle of a group, receivers have the previous one.
+        if self._live and 2 * len(self._frames) > self._options.group_frames:
+            self._writer.add_frames(*self._frames.so_far())
+        self._finish_deferred_work()
+        return []
+
+    def finish(self) -> SceneStream:
+        """Ends the sequence; returns the encoded stream of all frames.
+
+        Raises:
+            InvalidValueError: If no frame was added.
+        """
+        self.flush()
+        self._finish_deferred_work()
+        if not self._groups:
+            raise InvalidValueError("a clip has one frame at least")
+        extent = self._extent  # unknown for a live sequence
+        where = {EXTENT_SECTION: extent_section(extent.middle, extent.radius)} if extent and extent.radius > 0 else {}
+        return self._writer.finish({**self._stated, **where})
+
+    def so_far(self, stream_id: int) -> tuple[Manifest, bytes]:
+        """Returns manifest and side information of the groups of pictures encoded so far, with a given stream id."""
+        return self._writer.so_far(self._stated, stream_id)
+
+    @property
+    def _stated(self) -> dict[str, bytes]:
+        return {SECTION: self.tracking.section(), **self._sections}
+
+    def importance(self, packets: Sequence[Packet]) -> list[float]:
+        """Returns the importance (visible motion) of packets of the last group, see `packet_importance`."""
+        return [self._writer.importance[packet.id] for packet in packets]
+
+    def flush(self) -> list[Packet]:
+        """Encodes the incomplete group of pictures as the last group, and returns its packets."""
+        return self._flush() if self._frames else []
+
+    def _flush(self) -> list[Packet]:
+        group, frames = self._grouped(), self._frames.frames
+        self._ended = frames[0], frames[-1]
+        new = group.keys > self._newest
+        self._newest = max(self._newest, int(group.keys[-1]) if len(group.keys) else -1)
+        scenes = _scenes(group, frames, new)
+        classes = self._precision(group, scenes, new)
+        apart = len(frames) > 1 and len(frames[0].keys) > 0 and len(scenes) > APART * len(frames)
+        first, smooth, self._groups = not self._groups, self._live and self._frames.smooth, self._groups + 1
+        if first and apart and not self._live:
+            assert classes is not None
+            return self._encode_single_frames(group, frames, scenes, classes)
+        self._frames = GroupBuilder(self._options.group_frames, smooth=smooth)
+        return self._writer.add(group, classes)
+
+    def _grouped(self) -> TrackGroup:
+        """Collects the tracks of the current group of pictures.
+
+        For a complete group, two steps run in parallel: the analysis of the motion for encoding, and the extrapolation
+        of tracks that do not exist in all frames.
+        """
+        if len(self._frames) < self._options.group_frames:
+            return self._frames.group()
+        with ThreadPoolExecutor(1) as pool:
+            looked = pool.submit(self._writer.add_frames, *self._frames.so_far())
+            group = self._frames.group()
+            looked.result()
+        return group
+
+    def _encode_single_frames(
+        self, group: TrackGroup, frames: list[TrackedFrame], scenes: list[int], classes: np.ndarray
+    ) -> list[Packet]:
+        """Encodes each of the first frames as a group of pictures of its own, for sequences of mostly scene cuts.
+
+        Later groups have one frame, too. All groups share the position lattice, the quantisation steps and the entropy
+        tables.
+        """
+        self._options = replace(self._options, group_frames=1)
+        self._writer, self._frames = self._new_writer(), GroupBuilder(1)
+        self._writer.fit(group.first(np.arange(len(group.keys))), classes)
+        LOG.warning(
+            "%d of the first %d frames show another scene than the one before: each frame is a group", len(scenes),
+            len(frames),
+        )  # fmt: skip
+        packets = []
+        for frame in frames:
+            own = group_of([frame])
+            packets += self._writer.add(own, classes[np.searchsorted(group.keys, own.keys)])
+        return packets
+
+    def _precision(self, group: TrackGroup, scenes: list[int], new: np.ndarray) -> np.ndarray | None:
+        """Returns the precision class of each track of a group; None to give new tracks the median class.
+
+        Only groups with a scene cut are analysed, because rendering takes time.
+
+        Args:
+            group: Tracks of the group.
+            scenes: Indices of the frames of the group that are scene cuts.
+            new: Mask of tracks that are new in this group, bool (n).
+        """
+        if not scenes or (self._live and self._groups):  # too slow for a live sequence
+            return None
+        classes = self._median_classes(len(group.keys))
+        if not self._groups and self._known is not None:
+            _, here, at = np.intersect1d(group.keys, self._known[0], assume_unique=True, return_indices=True)
+            if len(here) >= KNOWN_SHARE * len(group.keys):
+                classes[here] = self._known[1][at]
+                return classes
+        scene = np.where(new, np.searchsorted(scenes, group.begins, side="right") - 1, -1)
+        for number in range(len(scenes)):
+            some = np.flatnonzero(scene == number)
+            first = group.first(some)
+            classes[some] = self._classes(first)
+            if not number and not self._groups and not self._first_frame:
+                up = self._options.up
+                if up != "auto":
+                    self._sections.pop(UP_SECTION, None)
+                    self._sections |= up_sections(up)
+                elif not {UP_SECTION, VIEWPOINT} & set(self._sections):  # unless the frames state it
+                    self._sections |= up_sections(estimate_up_axis(SplatScene(first)))
+        self._known = group.keys, classes
+        return classes
+
+    def _median_classes(self, count: int) -> np.ndarray:
+        """Returns an array of length `count` filled with the median of the precision classes so far."""
+        return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
+
+    def _finish_deferred_work(self) -> None:
+        """Completes the work for the last frame and group that was deferred, because no packet depends on it."""
+        ball = None if self._last is None else bounding_sphere(self._last)
+        self._extent, self._last = self._extent.union(ball) if self._extent and ball else self._extent or ball, None
+        self._warn_of_changing_harmonics()
+
+    def _warn_of_changing_harmonics(self) -> None:
+        """Logs a warning once if view-dependent colours change over time; only the first frame's colours are coded."""
+        (first, last), self._ended = self._ended or (None, None), None
+        if first is None or last is None or self._warned or not self._degree:
+            return
+        _, here, there = np.intersect1d(first.keys, last.keys, assume_unique=True, return_indices=True)
+        before, after = first.splats.sh[here, 1:], last.splats.sh[there, 1:]
+        changed = int((np.abs(before - after) > SEEN).any(axis=(1, 2)).sum())
+        if changed:
+            self._warned = True
+            LOG.warning(
+                "harmonics above degree 0 of %s of %s Gaussians change from frame to frame: a clip keeps those of the "
+                "first frame that each is in", f"{changed:,}", f"{len(here):,}",
+            )  # fmt: skip
+
+
+def _scenes(group: TrackGroup, frames: Sequence[TrackedFrame], new: np.ndarray) -> list[int]:
+    """Returns the indices of the frames of a group that are scene cuts."""
+    born = np.bincount(group.begins[new], minlength=len(frames))
+    return [n for n, frame in enumerate(frames) if born[n] > ANEW * len(frame.keys)]
+
+
+@checked
+def encode_clip(
+    frames: Iterable[Frame | Splats],
+    options: ClipOptions = USUAL,
+    *,
+    progress: Callable[[int], None] | None = None,
+) -> tuple[SceneStream, TrackingReport]:
+    """Encodes a complete sequence.
+
+    Args:
+        frames: Frames in order.
+        options: Encoder options.
+        progress: Called with the number of frames done.
+
+    Raises:
+        InvalidValueError: If there are no frames, or a frame contradicts earlier frames (see `ClipEncoder.push`).
+    """
+    encoder = ClipEncoder(options)
+    for number, frame in enumerate(frames):
+        encoder.push(frame)
+        if progress:
+            progress(number + 1)
+    return encoder.finish(), encoder.tracking

@@ -1,0 +1,263 @@
+"""Sequences of scene files: folders with one file per frame, and `.splatv` files."""
+
+import itertools
+import logging
+import os
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatwire.arguments import checked
+from splatwire.bitstream.limits import MAX_FRAMES
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.files.kinds import CLIP_FILES, FOURDGS, SPLAT4D, SPLATV, STREAMS, USD, Kind, file_kind, opened
+from splatwire.files.names import path_of
+from splatwire.io.formats import format_of, read_all_rows, read_splatv
+from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.splatv import MovingSplats
+from splatwire.types import SplatScene
+from splatwire.types.background import BLACK, Background
+from splatwire.types.rows import Rows, rows_of_splats
+from splatwire.types.splats import Splats
+
+LOG = logging.getLogger(__name__)
+SPLATV_FRAMES = 50
+"""Default number of frames of a `.splatv` file, as in the training of SpacetimeGaussians."""
+_CLIP_READERS = {
+    USD: ("usd", "usd_frames"),
+    FOURDGS: ("fourdgs_file", "fourdgs_frames"),
+    SPLAT4D: ("splat4d_file", "splat4d_frames"),
+}
+"""Module in `splatwire.io.formats` and function that opens a file with all frames of a sequence, by kind of file."""
+FAINTEST = 1 / 1024
+"""Opacity below which a Gaussian is invisible in pictures of eight bits."""
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Frames of a sequence, which are read one at a time.
+
+    Attributes:
+        num_frames: Number of frames.
+        read: Reads the frames in order; see `read_frames`.
+        order: Order of Gaussians: `tracked` if the i-th Gaussian is the same in all frames, `shuffled` if not,
+            `auto` if unknown; see `splatwire.sequence.tracking.Tracker`.
+        rate: Frames per second; None if the files have no rate.
+    """
+
+    num_frames: int
+    read: Callable[[], Iterator["Frame"]]
+    order: str = "auto"
+    rate: float | None = None
+
+
+@checked
+def open_sequence(path: str | os.PathLike[str], num_frames: int | None = None) -> Sequence:
+    """Opens the frames of a folder, or of a file with all frames.
+
+    Args:
+        path: Folder with one file per frame, a `.splatv`, `.4dgs` or `.splat4d` file, or an OpenUSD scene with time
+            samples.
+        num_frames: Number of frames to sample from a `.splatv` file; None for `SPLATV_FRAMES`.
+
+    Raises:
+        DatasetError: If the folder or file does not exist, is damaged or contains no frame.
+        InvalidValueError: If `num_frames` is given for a folder or is out of range.
+    """
+    with opened(path_of(path)) as source:
+        kind = file_kind(source)
+        if kind in _CLIP_READERS:
+            return _open_clip_file(source, kind, num_frames)
+        if kind != SPLATV:
+            files = frame_files(source)
+            if num_frames is not None:
+                raise InvalidValueError(f"{source} has {len(files)} frames, a file each: a number is for .splatv files")
+            return Sequence(len(files), lambda: read_frames(files))
+        count = SPLATV_FRAMES if num_frames is None else num_frames
+        if not 0 < count <= MAX_FRAMES:
+            raise InvalidValueError(f"a clip has 1 to {MAX_FRAMES:,} frames, not {count}")
+        moving = read_splatv(source)
+    times = [number / max(count - 1, 1) for number in range(count)]
+    return Sequence(count, lambda: _frames_at(moving, times), "tracked")
+
+
+def _clip_file(path: Path, kind: Kind) -> Any:
+    """Opens a file with all frames; returns an object with `num_frames`, `rate` and `read`, or None for a static scene.
+
+    The reader's package is imported here, because it is optional.
+    """
+    module, name = _CLIP_READERS[kind]
+    return getattr(import_module(f"splatwire.io.formats.{module}"), name)(path)
+
+
+def _open_clip_file(path: Path, kind: Kind, num_frames: int | None) -> Sequence:
+    """Opens the frames of a file with all frames of a sequence.
+
+    Raises:
+        DatasetError: If the file is damaged, or an OpenUSD scene has no time samples.
+        InvalidValueError: If a number of frames is given.
+    """
+    if num_frames is not None:
+        raise InvalidValueError(f"{path} has its own frames: a number is for .splatv files")
+    found = _clip_file(path, kind)
+    if found is None:
+        raise DatasetError(f"{path}: has no time samples, so it is a still scene")
+    contents = found.read
+
+    def read() -> Iterator[Frame]:
+        for number, content in enumerate(contents()):
+            yield Frame.of(
+                content.splats, f"{path} frame {number}", antialiased=content.antialiased, origin=content.origin,
+                metadata=content.metadata,
+            )  # fmt: skip
+
+    return Sequence(found.num_frames, read, "auto", found.rate)
+
+
+def _frames_at(moving: MovingSplats, times: list[float]) -> Iterator["Frame"]:
+    """Yields frames of moving Gaussians at given times; logs the first frame with invalid Gaussians."""
+    told = False
+    for time in times:
+        splats = moving.at(time)
+        rows = rows_of_splats(splats)
+        if rows.num_invalid and not told:
+            told = True
+            rows.log_removed(f"{moving.path} at time {time:.3g}", "Gaussians")
+        yield Frame.judged(splats, rows)
+
+
+@checked
+def frame_files(folder: str | os.PathLike[str]) -> list[Path]:
+    """Returns the files of explicit Gaussians in a folder, sorted by name; numbers in names are compared by value.
+
+    Args:
+        folder: Folder with one file per frame (or one folder per frame, for unbundled SOG); other files are ignored.
+
+    Raises:
+        DatasetError: If the folder does not exist, contains no frame, or a file with a frame's suffix is not a frame.
+    """
+    source = Path(folder)
+    if not source.is_dir():
+        raise DatasetError(f"{source} is not a folder with a file for each frame")
+    files = sorted(source.iterdir(), key=by_number)
+    found = [path for path in files if is_frame(path)]
+    if not found:
+        raise DatasetError(f"{source} has no file of explicit Gaussians (PLY, SPZ, SOG, .splat, .ksplat, .glb)")
+    endings = {path.suffix.lower() for path in found if path.is_file()}
+    for path in files:
+        if path.is_file() and path.suffix.lower() in endings and not is_frame(path):
+            raise DatasetError(f"{path} is no frame, as other {path.suffix} files there are: {file_kind(path)}")
+    _warn_of_gaps(source, [path.name for path in found])
+    return found
+
+
+def _warn_of_gaps(source: Path, names: list[str]) -> None:
+    """Logs a warning if file names are numbered and a number is missing."""
+    counted = [re.split(r"(\d+)(?=\D*$)", name, maxsplit=1) for name in names]
+    if len({(parts[0], parts[-1]) for parts in counted}) != 1 or any(len(parts) != 3 for parts in counted):
+        return
+    numbers = [int(parts[1]) for parts in counted]
+    steps = [after - before for before, after in itertools.pairwise(numbers)]
+    usual = min(steps, default=0)
+    missing = [names[at] for at, step in enumerate(steps) if step > usual > 0]
+    if missing:
+        LOG.warning(
+            "%s: frames are missing after %s%s: the clip goes on with the next", source, ", ".join(missing[:3]),
+            " and others" if len(missing) > 3 else "",
+        )  # fmt: skip
+
+
+@checked
+def is_sequence(path: str | os.PathLike[str]) -> bool:
+    """True for a file with all frames of a sequence, or a folder with frames that is not itself a scene or stream."""
+    source = path_of(path)
+    kind = file_kind(source)
+    if kind in CLIP_FILES:
+        return True
+    if kind == USD:
+        return _clip_file(source, kind) is not None
+    if not source.is_dir():
+        return False
+    if kind in STREAMS or format_of(kind) is not None:
+        return False
+    return any(is_frame(child) for child in source.iterdir())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Frame(FileContent):
+    """One frame of a sequence, as read from its file; a sequence has the metadata of its first frame.
+
+    Attributes:
+        drawn: Mask of visible Gaussians, bool (M).
+    """
+
+    drawn: np.ndarray
+
+    @staticmethod
+    def of(splats: Splats, where: object = "a frame", **properties: Any) -> "Frame":
+        """Creates a frame from Gaussians; invisible and invalid Gaussians are logged.
+
+        Args:
+            splats: The Gaussians.
+            where: Name of their source in log messages.
+            properties: Further attributes of `FileContent`.
+        """
+        rows = rows_of_splats(splats)
+        rows.log_removed(where, "Gaussians")
+        return Frame.judged(splats, rows, **properties)
+
+    @staticmethod
+    def judged(splats: Splats, rows: Rows, **properties: Any) -> "Frame":
+        """Creates a frame from Gaussians that were already checked.
+
+        Args:
+            splats: The Gaussians.
+            rows: Result of the check: which Gaussians have valid values.
+            properties: Further attributes of `FileContent`.
+        """
+        return Frame(splats, drawn=rows.kept & (splats.opacities >= FAINTEST), **properties)
+
+    def scene(self, background: Background = BLACK) -> SplatScene:
+        """Returns the visible Gaussians as a scene."""
+        return SplatScene(
+            self.splats.select(self.drawn),
+            background=background,
+            antialiased=self.antialiased,
+            origin=self.origin,
+            metadata=self.metadata,
+        )
+
+
+@checked
+def read_frames(files: list[Path]) -> Iterator[Frame]:
+    """Reads and yields the frames of a sequence from files, one file at a time.
+
+    Raises:
+        DatasetError: If a file is damaged, or its degree of harmonics differs from that of the first frame.
+    """
+    degree: int | None = None
+    for path in files:
+        content, _ = read_all_rows(path)
+        splats = content.splats
+        if degree is None:
+            degree = splats.degree
+        if splats.degree != degree:
+            raise DatasetError(
+                f"{path} has harmonics of degree {splats.degree}, {files[0].name} of {degree}: frames share one"
+            )
+        yield Frame.of(splats, path, antialiased=content.antialiased, origin=content.origin, metadata=content.metadata)
+
+
+def is_frame(path: Path) -> bool:
+    """True if a file contains explicit Gaussians."""
+    return format_of(file_kind(path)) is not None
+
+
+def by_number(path: Path) -> list[tuple[int, str]]:
+    """Returns a sort key for a file name, which compares numbers in names by value."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

@@ -1,0 +1,172 @@
+"""Collects the frames of a group of pictures (GOP) into tracks (one Gaussian over several frames).
+
+Works incrementally, so that in a live stream little work remains after the last frame of a group.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from splatwire.codec.sequence.track_group import TrackGroup
+from splatwire.codec.sequence.trajectories import Trajectories
+from splatwire.sequence.grouping import (
+    MORE_AROUND,
+    NUM_AROUND,
+    NeighborIndex,
+    NeighborSet,
+    TrackedFrame,
+    extrapolate_partial_tracks,
+    first_of,
+    sampled,
+)
+from splatwire.types.splats import Splats
+
+SPARE = 8
+"""Inverse of the spare array capacity for new tracks: one eighth of the current number of tracks."""
+MOST_EARLY = 1 << 13
+"""Maximum number of partial tracks (which do not exist in all frames) with a neighbour search before the group is
+complete; limits memory."""
+
+
+class GroupBuilder:
+    """Collects the tracks of the frames of a group of pictures; each track covers a contiguous range of frames.
+
+    Args:
+        frames: Maximum number of frames of the group.
+        smooth: True if neighbouring Gaussians probably move alike, as in the previous group. The neighbours of partial
+            tracks (which do not exist in all frames) are then searched before the group is complete.
+    """
+
+    def __init__(self, frames: int, *, smooth: bool = False) -> None:
+        self._most, self._early = frames, smooth
+        self.frames: list[TrackedFrame] = []
+        self._keys = self._by = self._begins = self._ends = np.zeros(0, np.int64)
+        self._room = 0
+        self._values: dict[str, np.ndarray] = {}
+        self._around: list[NeighborSet] = []
+        self._tree: NeighborIndex | None = None
+        self._sample: NeighborSet | None = None
+        self.smooth = False
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def add(self, frame: TrackedFrame) -> None:
+        """Adds the next frame of the group."""
+        number = len(self.frames)
+        self.frames.append(frame)
+        rows = self._rows_of(frame.keys)
+        for name, values in _moving(frame.splats).items():
+            self._values[name][rows, number] = values
+        self._ends[rows] = number + 1
+        if self._early:
+            self._find_neighbors(number)
+
+    def _rows_of(self, keys: np.ndarray) -> np.ndarray:
+        """Returns the array rows of the tracks with the given keys; new tracks get new rows."""
+        by, number = self._by, len(self.frames) - 1
+        at = np.searchsorted(self._keys, keys, sorter=by)
+        known = self._keys[by[np.minimum(at, len(by) - 1)]] == keys if len(by) else np.zeros(len(keys), bool)
+        if not known.all():
+            more = np.sort(keys[~known])
+            self._keys = np.concatenate([self._keys, more])
+            self._begins = np.concatenate([self._begins, np.full(len(more), number)])
+            self._ends = np.concatenate([self._ends, np.full(len(more), number)])
+            self._by = by = np.argsort(self._keys, kind="stable")
+            at = np.searchsorted(self._keys, keys, sorter=by)
+        if not self._values or len(self._keys) > self._room:
+            self._grow(len(self._keys) + len(self._keys) // SPARE)
+        return by[at]
+
+    def _grow(self, count: int) -> None:
+        """Enlarges the arrays to a capacity of `count` tracks."""
+        self._room = count
+        for name, values in _moving(self.frames[-1].splats).items():
+            grown = np.zeros((count, self._most, *values.shape[1:]), np.float32)
+            if name in self._values:
+                grown[: len(self._values[name])] = self._values[name]
+            self._values[name] = grown
+
+    def _find_neighbors(self, number: int) -> None:
+        """Finds the neighbours of tracks that begin in the latest frame, or ended in the frame before it.
+
+        The neighbours are used to extrapolate these tracks.
+
+        Args:
+            number: Index of the latest frame in the group.
+        """
+        means, count = self._values["means"], NUM_AROUND + MORE_AROUND
+        stay = np.flatnonzero((self._begins == 0) & (self._ends == number + 1))
+        went = np.flatnonzero(self._ends == number)
+        room = MOST_EARLY - sum(len(around.tracks) for around in self._around)
+        if number and self._tree is not None and 0 < len(went) <= room:
+            self._around.append(self._tree.around(means, went, count))
+        self._tree = None
+        if not len(stay) or number == self._most - 1:
+            return
+        self._tree = NeighborIndex.of(means, number, stay)
+        if not number:
+            self._sample = sampled(means, self._tree)
+        came = np.flatnonzero(self._begins == number)
+        if number and 0 < len(came) <= room - len(went):
+            self._around.append(self._tree.around(means, came, count))
+
+    def so_far(self) -> tuple[np.ndarray, Trajectories, int]:
+        """Returns the track keys so far, the trajectories of these tracks, and the number of frames so far."""
+        count = len(self._keys)
+        return self._keys, Trajectories(**{name: some[:count] for name, some in self._values.items()}), len(self.frames)
+
+    def group(self) -> TrackGroup:
+        """Returns the group of all frames so far, with partial tracks extrapolated to all frames.
+
+        Before its first and after its last frame, a track keeps its attributes and moves like its neighbours.
+        """
+        count, number = len(self._keys), len(self.frames)
+        values = {name: values[:count, :number] for name, values in self._values.items()}
+        for some in values.values():
+            _repeat_ends(some, self._begins, self._ends)
+        self.smooth = extrapolate_partial_tracks(values["means"], self._begins, self._ends, self._around, self._sample)
+        keys, begins, ends, frames = self._keys, self._begins, self._ends, self.frames
+        if not np.array_equal(self._by, np.arange(count)):
+            keys, begins, ends = keys[self._by], begins[self._by], ends[self._by]
+            values = {name: some[self._by] for name, some in values.items()}
+        values = {name: np.ascontiguousarray(some) for name, some in values.items()}
+
+        def first(some: np.ndarray) -> Splats:
+            own = first_of(frames, keys[some], begins[some])
+            return replace(own, means=values["means"][some, 0])
+
+        return TrackGroup(keys, begins, ends, Trajectories(**values), first)
+
+
+def group_of(frames: Sequence[TrackedFrame]) -> TrackGroup:
+    """Collects the tracks of consecutive frames into a group of pictures."""
+    gathering = GroupBuilder(len(frames))
+    for frame in frames:
+        gathering.add(frame)
+    return gathering.group()
+
+
+def _moving(splats: Splats) -> dict[str, np.ndarray]:
+    """Returns the attributes of Gaussians that may change over time, by name."""
+    names = ("means", "quats", "scales", "opacities")
+    return {**{name: getattr(splats, name) for name in names}, "colours": splats.sh[:, 0]}
+
+
+def _repeat_ends(values: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> None:
+    """Repeats the first and the last value of an attribute outside the lifetime of each track, in place.
+
+    Args:
+        values: Attribute of n tracks in F frames, (n, F, ...).
+        begins: First frame of each track.
+        ends: First frame after each track.
+    """
+    frames = values.shape[1]
+    dying, late = np.flatnonzero(ends < frames), np.flatnonzero(begins > 0)
+    for frame in range(1, frames):
+        gone = dying[ends[dying] <= frame]
+        values[gone, frame] = values[gone, frame - 1]
+    for frame in range(frames - 2, -1, -1):
+        unborn = late[begins[late] > frame]
+        values[unborn, frame] = values[unborn, frame + 1]

@@ -1,0 +1,272 @@
+"""Extrapolates the motion of partial tracks (Gaussians that do not exist in all frames of a group) from neighbours."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from splatwire.concealment.temporal.neighbors import smooth_weights
+from splatwire.types.splats import Splats
+
+NUM_AROUND = 40
+"""Number of neighbours that extrapolate a track's position."""
+ALIKE = 0.25
+"""Maximum squared deviation from the neighbours' motion, relative to a track's own squared motion, to count as
+coherent.
+"""
+SAMPLE = 512
+"""Number of tracks sampled for the test of coherent motion."""
+MORE_AROUND = 16
+"""Number of additional neighbours found early, because some may end before the group does."""
+AT_ONCE = 1 << 12
+"""Number of tracks processed at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedFrame:
+    """Gaussians of a frame, each with the key that identifies its track.
+
+    Attributes:
+        splats: The Gaussians.
+        keys: Track key of each Gaussian, constant over frames and unique within a frame, int64 (M).
+    """
+
+    splats: Splats
+    keys: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class NeighborSet:
+    """Nearest neighbours of tracks, each at a given frame, with interpolation weights.
+
+    Attributes:
+        tracks: Indices of the tracks, int64 (n).
+        frames: Frame at which the neighbours of each track are nearest, int64 (n).
+        neighbors: Indices of the nearest other tracks, nearest first, int64 (n, k).
+        weights: Interpolation weights of the nearest `NUM_AROUND` neighbours, float32 (n, `NUM_AROUND` or fewer).
+    """
+
+    tracks: np.ndarray
+    frames: np.ndarray
+    neighbors: np.ndarray
+    weights: np.ndarray
+
+    @staticmethod
+    def with_weights(means: np.ndarray, tracks: np.ndarray, frames: np.ndarray, neighbors: np.ndarray) -> "NeighborSet":
+        """Creates a neighbour set; the interpolation weights are computed from the distances of the neighbours.
+
+        Args:
+            means: Positions of all tracks in all frames, float32 (T, F, 3).
+            tracks: Indices of the tracks, int64 (n).
+            frames: Frame at which the neighbours of each track are nearest, int64 (n).
+            neighbors: Indices of the nearest other tracks, nearest first, int64 (n, k).
+        """
+        places = means[neighbors[:, :NUM_AROUND], frames[:, None]]
+        return NeighborSet(tracks, frames, neighbors, smooth_weights(places - means[tracks, frames][:, None]))
+
+    @staticmethod
+    def joined(parts: "Sequence[NeighborSet]") -> "NeighborSet":
+        """Concatenates neighbour sets; truncates the lists of neighbours to the shortest of all sets."""
+        names, count = ("tracks", "frames", "neighbors", "weights"), min(part.neighbors.shape[1] for part in parts)
+        values = {name: [getattr(part, name) for part in parts] for name in names}
+        values["neighbors"] = [neighbors[:, :count] for neighbors in values["neighbors"]]
+        return NeighborSet(*(np.concatenate(values[name]) for name in names))
+
+    def only(self, exists: np.ndarray, means: np.ndarray) -> "NeighborSet":
+        """Keeps only neighbours that a mask allows, and of these only the nearest `NUM_AROUND`.
+
+        The result omits tracks that have fewer than `NUM_AROUND` allowed neighbours.
+
+        Args:
+            exists: Mask of the tracks that are allowed as neighbours, bool (T).
+            means: Positions of all tracks in all frames, float32 (T, F, 3).
+        """
+        known = exists[self.neighbors]
+        same, enough = known[:, :NUM_AROUND].all(axis=1), known.sum(axis=1) >= NUM_AROUND
+        other = enough & ~same
+        first = np.argsort(~known[other], axis=1, kind="stable")[:, :NUM_AROUND]
+        neighbors = np.take_along_axis(self.neighbors[other], first, axis=1)
+        return NeighborSet.joined([
+            NeighborSet(self.tracks[same], self.frames[same], self.neighbors[same, :NUM_AROUND], self.weights[same]),
+            NeighborSet.with_weights(means, self.tracks[other], self.frames[other], neighbors),
+        ])  # fmt: skip
+
+    def part(self, some: np.ndarray | slice) -> "NeighborSet":
+        """Returns the neighbours of some of the n tracks.
+
+        Args:
+            some: Positions of these tracks in `tracks`, as an index array, a mask or a slice.
+        """
+        return NeighborSet(self.tracks[some], self.frames[some], self.neighbors[some], self.weights[some])
+
+    def interpolated_motion(self, means: np.ndarray) -> np.ndarray:
+        """Predicts the positions of the tracks in all frames, (n, F, 3), from the mean motion of their neighbours.
+
+        Args:
+            means: Positions of all tracks, float32 (T, F, 3).
+        """
+        own, places = means[self.tracks, self.frames][:, None], means[self.neighbors, self.frames[:, None]]
+        moved: np.ndarray = own + np.einsum("nk,nkfa->nfa", self.weights, means[self.neighbors] - places[:, :, None])
+        return moved
+
+
+@dataclass(frozen=True, eq=False)
+class NeighborIndex:
+    """Search tree of the tracks that may serve as neighbours, by their positions in one frame.
+
+    Attributes:
+        frame: Index of the frame.
+        rows: Indices of the tracks in the tree, int64.
+        tree: Search tree of the positions of these tracks in the frame.
+    """
+
+    frame: int
+    rows: np.ndarray
+    tree: cKDTree
+
+    @staticmethod
+    def of(means: np.ndarray, frame: int, rows: np.ndarray) -> "NeighborIndex":
+        """Builds the search tree.
+
+        Args:
+            means: Positions of all tracks in all frames, float32 (T, F, 3).
+            frame: Index of the frame whose positions are used.
+            rows: Indices of the tracks that may serve as neighbours, int64.
+        """
+        tree = cKDTree(means[rows, frame], balanced_tree=False, compact_nodes=False)  # fast to build, with few queries
+        return NeighborIndex(frame, rows, tree)
+
+    def around(self, means: np.ndarray, tracks: np.ndarray, count: int, begin: int = 0) -> NeighborSet:
+        """Finds the nearest neighbours of tracks.
+
+        Args:
+            means: Positions of all tracks in all frames, float32 (T, F, 3).
+            tracks: Indices of the tracks for which neighbours are searched, int64.
+            count: Number of nearest tracks to find for each track.
+            begin: Number of nearest tracks to omit: 1 if the tracks are in the tree, so that each finds itself.
+        """
+        found = self.tree.query(means[tracks, self.frame], k=min(count, len(self.rows)))[1].reshape(len(tracks), -1)
+        return NeighborSet.with_weights(means, tracks, np.full(len(tracks), self.frame), self.rows[found[:, begin:]])
+
+
+def sampled(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
+    """Chooses a random sample of tracks and finds their neighbours, to test if tracks move like their neighbours.
+
+    Args:
+        means: Positions of all tracks in all frames, float32 (T, F, 3).
+        index: Search tree of the tracks from which the sample is drawn.
+    """
+    some = index.rows[np.linspace(0, len(index.rows) - 1, min(len(index.rows), SAMPLE)).astype(np.int64)]
+    return index.around(means, some, NUM_AROUND + MORE_AROUND + 1, begin=1)
+
+
+def extrapolate_partial_tracks(
+    means: np.ndarray, begins: np.ndarray, ends: np.ndarray, known: Sequence[NeighborSet], sample: NeighborSet | None
+) -> bool:
+    """Computes positions of partial tracks for the frames before they begin and after they end.
+
+    A partial track does not exist in all frames of the group. In the frames without the track, it is assumed to move
+    like its neighbours, which are the nearest tracks that exist in all frames.
+
+    First, a sample of the tracks that exist in all frames is tested. If most of these do not move like their
+    neighbours, no positions change. Otherwise, each partial track that moves like its neighbours while it exists is
+    extrapolated. Every other partial track keeps its first position before it begins, and its last position after it
+    ends.
+
+    If the motion of a track is lost, the decoder also extrapolates the track from its neighbours
+    (`concealment.temporal.extrapolation`). The position that the decoder computes for the track's first frame is then
+    close to the true position.
+
+    Args:
+        means: Positions of all tracks in the F frames of the group, float32 (n, F, 3); modified in place.
+        begins: First frame of each track, int64 (n).
+        ends: First frame after the end of each track, int64 (n).
+        known: Neighbours of some partial tracks, found before; those of the remaining tracks are searched here.
+        sample: Sample of tracks for the test, from `sampled`; None to draw the sample here.
+
+    Returns:
+        True if most of the sampled tracks move like their neighbours, so that partial tracks were extrapolated. False
+        otherwise, or if too few tracks exist in all frames.
+    """
+    frames = means.shape[1]
+    stays = (begins == 0) & (ends == frames)
+    whole = np.flatnonzero(stays)
+    if len(whole) <= NUM_AROUND or not _is_coherent(means, stays, sample):
+        return False
+    parts = [around.only(stays, means) for around in ([NeighborSet.joined(known)] if known else [])]
+    late, gone = np.flatnonzero(begins > 0), np.flatnonzero(ends < frames)
+    wanted = np.union1d(late * frames + begins[late], gone * frames + ends[gone] - 1)
+    lacking = wanted[
+        ~np.isin(wanted, np.concatenate([wanted[:0], *(part.tracks * frames + part.frames for part in parts)]))
+    ]
+    for frame in np.unique(lacking % frames).tolist():
+        tracks, index = lacking[lacking % frames == frame] // frames, NeighborIndex.of(means, frame, whole)
+        some = np.array_split(tracks, -(-len(tracks) // AT_ONCE))
+        parts += [index.around(means, few, NUM_AROUND) for few in some]
+    for part in parts:
+        for begin in range(0, len(part.tracks), AT_ONCE):
+            _extrapolate(means, begins, ends, part.part(slice(begin, begin + AT_ONCE)))
+    return True
+
+
+def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, around: NeighborSet) -> None:
+    """Extrapolates tracks beyond their first or last frame with the motion of their neighbours.
+
+    Tracks that do not move like their neighbours stay unchanged.
+
+    Args:
+        means: Positions of all tracks, float32 (n, F, 3); modified in place.
+        begins: First frame of each track, int64 (n).
+        ends: First frame after the end of each track, int64 (n).
+        around: Neighbours of the tracks to extrapolate, each at the first or last frame of the track.
+    """
+    tracks, at, numbers, frames = around.tracks, around.frames[:, None], np.arange(means.shape[1]), means.shape[1]
+    begin, end, own, moved = begins[tracks, None], ends[tracks, None], means[tracks], around.interpolated_motion(means)
+    here = means[tracks, around.frames][:, None]
+    away = (begin == at) & (numbers < at) | (end == at + 1) & (end < frames) & (numbers > at)
+    along = away & _moves_like(own - here, moved - here, (begin <= numbers) & (numbers < end))[:, None]
+    row, frame = np.nonzero(along)
+    means[tracks[row], frame] = moved[row, frame]
+
+
+def _is_coherent(means: np.ndarray, stays: np.ndarray, sample: NeighborSet | None) -> bool:
+    """True if most of a sample of complete tracks move like their neighbours."""
+    tested = None if sample is None else sample.part(stays[sample.tracks]).only(stays, means)
+    if tested is None or 2 * len(tested.tracks) < min(len(means), SAMPLE):
+        tested = sampled(means, NeighborIndex.of(means, 0, np.flatnonzero(stays))).only(stays, means)
+    own, moved = means[tested.tracks], tested.interpolated_motion(means)
+    return bool(_moves_like(own - own[:, :1], moved - own[:, :1], np.ones(own.shape[:2], bool)).mean() > 0.5)
+
+
+def _moves_like(own: np.ndarray, others: np.ndarray, exists: np.ndarray) -> np.ndarray:
+    """Returns the mask of tracks that move like their neighbours, bool (n).
+
+    Args:
+        own: Motion of the tracks, (n, F, 3).
+        others: Motion interpolated from the neighbours, (n, F, 3).
+        exists: Frames in which each track exists, bool (n, F).
+    """
+    moved, apart = ((np.square(v).sum(axis=2) * exists).sum(axis=1) for v in (own, own - others))
+    alike: np.ndarray = apart <= ALIKE * moved
+    return alike
+
+
+def first_of(frames: Sequence[TrackedFrame], keys: np.ndarray, begins: np.ndarray) -> Splats:
+    """Returns the Gaussian of each track in the track's first frame.
+
+    Args:
+        frames: Gaussians of all frames of the group, each with the key of its track.
+        keys: Keys of the tracks, int64 (n).
+        begins: Index in `frames` of the first frame of each track, int64 (n).
+    """
+    parts, order = [], []
+    for number, frame in enumerate(frames):
+        own = np.flatnonzero(begins == number)
+        if len(own) or not number:
+            by = np.argsort(frame.keys, kind="stable")
+            rows = by[np.searchsorted(frame.keys, keys[own], sorter=by)]
+            parts.append(frame.splats.select(rows))
+            order.append(own)
+    joined = Splats(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+    return joined.select(np.argsort(np.concatenate(order), kind="stable"))

@@ -1,0 +1,51 @@
+"""Importance of motion packets without rendering: visible motion of the tracks in each packet."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from splatwire.bitstream import Manifest, Packet, PacketId, SceneStream
+from splatwire.codec import decode_stream
+from splatwire.codec.sequence.known_tracks import weights_of
+from splatwire.codec.sequence.layout import MOVING, STATE, TRACK
+from splatwire.codec.sequence.motion_rows import decode_motion
+from splatwire.codec.sequence.side_info import open_side_info
+
+
+def packet_importance(
+    manifest: Manifest, side_info: bytes, packets: Sequence[Packet], weights: np.ndarray
+) -> list[float]:
+    """Estimates the importance of each packet as the total visibility of its moving tracks; 0 for keyframe packets.
+
+    The distortion of each packet was measured by losing only this packet, in the sequence `monkey` and in the scene
+    `guitar` with synthetic bending. A quarter of the packets causes 0.4 to 0.8 of the total distortion. This estimate
+    finds most of these packets. The size of a packet is not a good estimate, because motion that differs from the
+    neighbours' motion takes many bits, but is less visible.
+
+    Args:
+        manifest: Manifest of the sequence.
+        side_info: Side information of the sequence.
+        packets: Some packets of the sequence.
+        weights: Visibility of each track, which weights the motion of the track; see `weights_of`.
+    """
+    info, plan = open_side_info(manifest, side_info), manifest.plan
+    firsts = np.cumsum([0, *(group.births for group in info.groups)])
+
+    def worth(packet: Packet) -> float:
+        if plan.persistent(packet.id.block):
+            return 0.0
+        group = plan.tier_of(packet.id.block) // 2
+        heads, _, _ = decode_motion(info, group, np.array([packet.num_elements]), [packet.payload], int(firsts[group]))
+        moving = heads[heads[:, STATE] == MOVING, TRACK]
+        # Arbitrary bytes decode to some tracks, which may be out of range.
+        return float(weights[moving[(moving >= 0) & (moving < len(weights))]].sum())
+
+    return [worth(packet) for packet in packets]
+
+
+def stream_importance(stream: SceneStream) -> dict[PacketId, float]:
+    """Returns the importance of all packets of a complete sequence, by packet id."""
+    splats = decode_stream(stream).scene.tracks.splats
+    weights = weights_of(splats.scales, splats.opacities)
+    found = packet_importance(stream.manifest, stream.side_info, stream.packets, weights)
+    return {packet.id: worth for packet, worth in zip(stream.packets, found, strict=True)}

@@ -1,0 +1,214 @@
+"""Decoder of live sequences: yields the frames of a group of pictures (GOP) without waiting for later groups."""
+
+import itertools
+import queue
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import replace
+
+from splatwire.bitstream import Manifest, Packet
+from splatwire.codec.decoding import runs_of
+from splatwire.codec.memory import allocating, check_memory
+from splatwire.codec.sequence.decoder import TracksDecoder
+from splatwire.concealment.temporal.concealers import DEFAULT, clip_concealer
+from splatwire.concealment.temporal.poses import ConcealmentState
+from splatwire.errors import BitstreamError
+from splatwire.files.byte_io import ByteReader
+from splatwire.ops.threads import allowed_threads
+from splatwire.sequence.decoding import ClipFrame, decode_group
+from splatwire.sequence.encoding import FIRST_FRAME
+from splatwire.transport.protocol.events import Event, PacketArrived, SideInfoArrived
+
+
+class LiveDecoder:
+    """Decoder of a live sequence that outputs each group of pictures as soon as possible.
+
+    The frames of a group are output when the group is complete, or when the next group begins. Motion packets that
+    arrive afterwards are dropped; packets with keyframe Gaussians are always used. A receiver that joins late starts
+    with the current group. A live sequence is divided into periods, each an independent stream; when a period begins,
+    the earlier state is dropped, and frame numbers continue.
+
+    Args:
+        concealer: Name of the concealer for tracks with lost motion.
+
+    Raises:
+        UnknownNameError: If the concealer is unknown.
+    """
+
+    def __init__(self, concealer: str = DEFAULT) -> None:
+        self._method, self._threads = clip_concealer(concealer), allowed_threads()
+        self._begin()
+
+    def _begin(self) -> None:
+        self._manifest: Manifest | None = None
+        self._side_info = b""
+        self._decoder: TracksDecoder | None = None
+        self._blocks: dict[int, list[Packet]] = {}
+        self._fresh: set[int] = set()
+        self._have: dict[int, int] = {}
+        self._next = self._first_frame = 0
+        self._memory: ConcealmentState | None = None
+        self._num_bytes = 0
+
+    def grow(self, manifest: Manifest, side_info: bytes) -> Iterator[ClipFrame]:
+        """Adopts the manifest and side information of a further group; yields frames that can now be output.
+
+        Raises:
+            BitstreamError: If the manifest contradicts the previous manifest, or is not that of a sequence.
+        """
+        if not manifest.schema.timed:
+            raise BitstreamError(f"a stream of {manifest.elements} is a scene, not a clip")
+        if self._manifest is not None and self._manifest.stream_id != manifest.stream_id:
+            yield from self.finish()
+            self._begin()
+        if self._manifest is None:
+            self._next = len(manifest.tiers) // 2 - 1
+        elif manifest.tiers[: len(self._manifest.tiers)] != self._manifest.tiers:
+            raise BitstreamError("a further manifest of the live clip contradicts the previous one")
+        self._manifest, self._side_info = manifest, side_info
+        yield from self._shown(len(manifest.tiers) // 2 - 1)
+        if self._decoder is not None:  # optional while packets are missing: many declared tracks may be unjustified yet
+            with suppress(BitstreamError):
+                self._opened()
+        yield from self._complete()
+
+    def add(self, packets: Iterable[Packet]) -> Iterator[ClipFrame]:
+        """Adds packets listed in the manifest; yields the frames of a group that is now complete.
+
+        Raises:
+            BitstreamError: If the tracks declared in the manifest need more memory than the received bytes justify.
+        """
+        assert self._manifest is not None
+        plan, motion = self._manifest.plan, list[Packet]()
+        for packet in packets:
+            self._num_bytes += packet.num_bytes
+            block = packet.id.block
+            group = plan.tier_of(block) // 2
+            if group < self._next and not plan.persistent(block):
+                continue
+            self._blocks.setdefault(block, []).append(packet)
+            self._have[group] = self._have.get(group, 0) + packet.num_elements
+            if plan.persistent(block):
+                self._fresh.add(block)
+            else:
+                motion.append(packet)
+        if motion and self._decoder is not None:
+            opened = self._opened()
+            self._store_bases(opened, self._manifest, whole=True)
+            for _, some in itertools.groupby(motion, lambda packet: plan.tier_of(packet.id.block)):
+                opened.prepare(list(some), self._num_bytes, self._threads)
+        yield from self._complete()
+
+    def finish(self) -> Iterator[ClipFrame]:
+        """Ends the stream; yields the frames of received groups that were not output yet."""
+        if self._manifest is not None:
+            yield from self._shown(len(self._manifest.tiers) // 2)
+
+    def _complete(self) -> Iterator[ClipFrame]:
+        """Yields the frames of the next group if it is complete."""
+        assert self._manifest is not None
+        tiers = self._manifest.tiers[2 * self._next : 2 * self._next + 2]
+        if tiers and self._have.get(self._next, 0) == sum(tier.num_elements for tier in tiers):
+            yield from self._shown(self._next + 1)
+
+    def _shown(self, end: int) -> Iterator[ClipFrame]:
+        """Yields the frames of groups before group `end` that were not output yet."""
+        while self._next < end:
+            group, self._next = self._next, self._next + 1
+            yield from self._group(group)
+
+    def _opened(self) -> TracksDecoder:
+        """Returns the decoder for the current manifest; the state of the previous decoder is kept.
+
+        Raises:
+            BitstreamError: If the tracks declared in the manifest need more memory than the received bytes justify.
+        """
+        assert self._manifest is not None
+        if self._decoder is not None and self._decoder.manifest is self._manifest:
+            return self._decoder
+        num_bytes, what = len(self._side_info) + self._num_bytes, f"decoding {self._manifest.num_elements:,} tracks"
+        opened = TracksDecoder(self._manifest, self._side_info, num_bytes)
+        check_memory(opened.scene_bytes, num_bytes, what)
+        with allocating(what):
+            opened.expect(None)
+            if self._decoder is not None:
+                opened.take_over(self._decoder)
+        self._decoder, self._first_frame = opened, first_frame(opened.sections)
+        return opened
+
+    def _group(self, group: int) -> Iterator[ClipFrame]:
+        assert self._manifest is not None
+        opened = self._opened()
+        with allocating(f"decoding {self._manifest.num_elements:,} tracks"):
+            self._store(opened, self._manifest, group)
+            clip = opened.scene().scene
+            frames, after = decode_group(clip, group, clip.tracks.received, self._memory, self._method)
+            for frame in frames:
+                yield replace(frame, number=frame.number + self._first_frame)
+            self._memory = after()
+
+    def _store(self, decoder: TracksDecoder, manifest: Manifest, group: int) -> None:
+        """Decodes new keyframe packets and stores the motion packets of a group; drops the motion of earlier groups."""
+        self._store_bases(decoder, manifest, whole=False)
+        plan, motion = manifest.plan, 2 * group + 1
+        for block in [block for block in self._blocks if not plan.persistent(block) and plan.tier_of(block) < motion]:
+            del self._blocks[block]
+        for block in [block for block in self._blocks if plan.tier_of(block) == motion]:
+            decoder.hold(block, tuple(sorted(self._blocks[block], key=lambda packet: packet.id)))
+        self._have = {number: count for number, count in self._have.items() if number > group}
+
+    def _store_bases(self, decoder: TracksDecoder, manifest: Manifest, *, whole: bool) -> None:
+        """Decodes new keyframe packets.
+
+        Args:
+            decoder: Decoder in which the packets are stored.
+            manifest: Current manifest.
+            whole: True to decode only completely received blocks (groups of packets that are decoded together).
+        """
+        there = {block: sum(packet.num_elements for packet in self._blocks[block]) for block in self._fresh}
+        bases = {block for block, count in there.items() if not whole or count == manifest.plan.block_elements(block)}
+        packets = itertools.chain.from_iterable(self._blocks[block] for block in sorted(bases))
+        for run in runs_of(decoder, manifest, packets):
+            decoder.store(run, decoder.decode(run))
+        self._fresh -= bases
+
+
+def frames_of_events(decoder: LiveDecoder, waiting: "queue.SimpleQueue[Event | None]") -> Iterator[ClipFrame]:
+    """Decodes the events of a receiver until the queue returns None, and yields frames.
+
+    Packets that are queued at the same time are decoded together.
+
+    Raises:
+        BitstreamError: If the stream is invalid or needs too much memory (see the methods of `LiveDecoder`).
+    """
+    packets = list[Packet]()
+    for event in iter(waiting.get, None):
+        if isinstance(event, PacketArrived):
+            packets.append(event.packet)
+            if not waiting.empty():
+                continue
+        if packets:
+            yield from decoder.add(packets)
+            packets = []
+        if isinstance(event, SideInfoArrived):
+            yield from decoder.grow(event.manifest, event.side_info)
+    if packets:
+        yield from decoder.add(packets)
+    yield from decoder.finish()
+
+
+def first_frame(sections: Mapping[str, bytes]) -> int:
+    """Returns the number of a sequence's first frame; above 0 if the sequence continues another one.
+
+    Args:
+        sections: Named sections of the side information.
+
+    Raises:
+        BitstreamError: If the section with the number is damaged.
+    """
+    if FIRST_FRAME not in sections:
+        return 0
+    reader = ByteReader(sections[FIRST_FRAME], f"section '{FIRST_FRAME}'")
+    number = reader.unsigned()
+    reader.finish()
+    return number

@@ -1,0 +1,87 @@
+"""Encoder for unbounded live sequences: split into periods, each an independent stream, to bound memory."""
+
+from collections.abc import Callable
+
+from splatwire.bitstream import Packet
+from splatwire.sequence.encoding import ClipEncoder
+from splatwire.sequence.frames import Frame
+from splatwire.sequence.options import ClipOptions
+from splatwire.transport.protocol.live_session import PROTECTION, LiveSession, StreamUpdate
+from splatwire.transport.protocol.protection import Protection
+from splatwire.types.splats import Splats
+
+PERIOD_GROUPS = 120
+"""Groups of pictures per period: one minute for groups of 15 frames at 30 fps. Each period repeats the keyframe
+Gaussians.
+"""
+PERIOD_BYTES = 1 << 26
+"""Size in bytes at which a period ends early, because server and receivers have one period in memory."""
+
+
+class LiveEncoder:
+    """Encoder of a live sequence: returns an update of the stream after each group of pictures.
+
+    The sequence is divided into periods; each period is an independent stream.
+
+    Args:
+        options: Encoder options.
+        new_id: Function that returns a new stream id for each period.
+        protection: Redundancy (forward error correction) of the streams.
+        period_groups: Groups of pictures per period.
+    """
+
+    def __init__(
+        self, options: ClipOptions, new_id: Callable[[], int], protection: Protection = PROTECTION,
+        period_groups: int = PERIOD_GROUPS,
+    ) -> None:  # fmt: skip
+        self._options, self._new_id, self._protection = options, new_id, protection
+        self._period_groups = period_groups
+        self._begin(ClipEncoder(options, live=True))
+        self.num_frames = self._num_served = 0
+
+    def push(self, frame: Frame | Splats) -> StreamUpdate | None:
+        """Adds the next frame; returns an update of the live stream if the frame completes a group, else None.
+
+        Raises:
+            InvalidValueError: If the frame contradicts earlier frames (see `ClipEncoder.push`).
+        """
+        taken = frame if isinstance(frame, Frame) else Frame.of(frame)
+        begins = not self.num_frames % self._options.group_frames
+        if begins and self._full and taken.drawn.any():  # the first frame of a period must not be empty
+            self._begin(self.encoder.new_period())
+        packets = self.encoder.push(taken)
+        self.num_frames += 1
+        if self.num_frames % self._options.group_frames:
+            return None
+        update = self._add(packets)
+        self._num_served = self.num_frames
+        return update
+
+    def restart(self) -> None:
+        """Drops the incomplete group of pictures and starts a new period without earlier tracks.
+
+        Used if the degree of harmonics changes, and after a group that could not be encoded.
+        """
+        self.num_frames = self._num_served
+        self._begin(self.encoder.restarted(self.num_frames))
+
+    def end(self) -> list[StreamUpdate]:
+        """Ends the live stream; returns its last updates: the incomplete group, if any, and the end of the stream."""
+        if not self.num_frames:
+            return []
+        rest = [self._add(self.encoder.flush())] if self.num_frames % self._options.group_frames else []
+        return [*rest, self._session.end(*self.encoder.so_far(self._stream_id))]
+
+    @property
+    def _full(self) -> bool:
+        return self._groups >= self._period_groups or self._num_bytes > PERIOD_BYTES
+
+    def _begin(self, encoder: ClipEncoder) -> None:
+        self.encoder, self._stream_id = encoder, self._new_id()
+        self._session = LiveSession(self._protection, encoder.importance)
+        self._groups = self._num_bytes = 0
+
+    def _add(self, packets: list[Packet]) -> StreamUpdate:
+        self._groups += 1
+        self._num_bytes += sum(packet.num_bytes for packet in packets)
+        return self._session.add(*self.encoder.so_far(self._stream_id), packets)

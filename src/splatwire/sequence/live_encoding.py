@@ -1,0 +1,210 @@
+"""Live encoding of frames as they appear: unusable frames are skipped, and frames are dropped to bound the delay."""
+
+import gc
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from splatwire.errors import MALFORMED, BackendUnavailableError, SplatwireError
+from splatwire.sequence import ClipOptions, read_frames
+from splatwire.sequence.arriving import LOOK_S, Backlog, FrameSource, Patience, Signature, signature_at
+from splatwire.sequence.frames import Frame
+from splatwire.transport.protocol.live_session import StreamUpdate
+from splatwire.types.rows import rows_of_splats
+
+OTHERS = 15
+"""Number of consecutive frames with a different degree of harmonics or antialiasing after which the clip adopts their
+settings."""
+UNUSABLE = (SplatwireError, OSError, MemoryError, EOFError, *MALFORMED)
+"""Exceptions that concern a single frame; encoding continues with the next frame."""
+
+
+@runtime_checkable
+class GroupEncoder(Protocol):
+    """Protocol of an encoder of a live clip, which takes one frame at a time; `LiveEncoder` implements it."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of encoded frames."""
+
+    def push(self, frame: Frame) -> StreamUpdate | None:
+        """Encodes a frame; returns the new state of the stream after the last frame of a group, otherwise None."""
+
+    def restart(self) -> None:
+        """Drops the current group; the next frame begins another stream."""
+
+    def end(self) -> Iterable[StreamUpdate]:
+        """Encodes the frames that are left; returns the new states of the stream."""
+
+
+class LiveEncoding:
+    """Encodes the frames of a source at the frame rate until the source ends or a stop is requested.
+
+    Args:
+        source: Source of the frames' files.
+        clip: The live encoder.
+        options: Encoder options.
+        publish: Called with the new state of the stream after each group, for the server.
+        stop: Returns True if encoding should end.
+        warn: Called with the text of each warning.
+        clock: Returns the current time, seconds.
+        sleep: Waits for the given number of seconds.
+
+    Attributes:
+        num_skipped: Number of unusable frames.
+        num_dropped: Number of frames dropped because encoding is slower than the frame rate.
+    """
+
+    def __init__(
+        self, source: FrameSource, clip: GroupEncoder, options: ClipOptions, publish: Callable[[StreamUpdate], None],
+        stop: Callable[[], bool], warn: Callable[[str], None], *, clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:  # fmt: skip
+        self._source, self._clip, self._options, self._publish = source, clip, options, publish
+        self._stop, self._warn, self._clock, self._sleep = stop, warn, clock, sleep
+        self._rate = float(options.rate)
+        self._waiting: deque[Path] = deque()
+        self._backlog, self._patience = Backlog(self._rate, options.group_frames), Patience()
+        self._kind: tuple[int, bool] | None = None
+        self._others, self._reason = 0, ""
+        self.num_skipped = self.num_dropped = 0
+
+    @property
+    def num_frames(self) -> int:
+        """Number of encoded frames."""
+        return self._clip.num_frames
+
+    def run(self) -> None:
+        """Encodes frames until the source ends or a stop is requested.
+
+        Raises:
+            BackendUnavailableError: If forward error correction is requested and the package `raptorq` is not
+                installed.
+        """
+        due, behind = self._clock(), self._options.group_frames / self._rate
+        while not self._stop():
+            self._look()
+            if not self._waiting:
+                if self._source.over:
+                    break
+                self._wait(LOOK_S)
+                continue
+            frame = self._next_frame()
+            if frame is None:
+                continue
+            due = max(due, self._clock() - behind)  # catches up after encoding a group, but not after a pause
+            if self._push(frame):
+                due += 1 / self._rate
+                self._wait(due - self._clock())
+        for update in self._clip.end():
+            self._publish(update)
+
+    def _look(self) -> None:
+        """Adds new files to the queue, and drops the oldest frames if the queue is too long."""
+        now = self._clock()
+        self._waiting.extend(self._source.poll(now))
+        surplus = 0 if self._source.over else self._backlog.surplus(len(self._waiting), now)
+        for _ in range(surplus):
+            dropped = self._waiting.popleft()
+            self._source.took(dropped, signature_at(dropped))
+        if surplus:
+            self.num_dropped += surplus
+            self._warn(
+                f"{surplus:,} frames dropped ({self.num_dropped:,} so far): they come faster than they are encoded "
+                f"or than {self._rate:g} a second"
+            )
+
+    def _next_frame(self) -> Frame | None:
+        """Reads the next file of the queue; returns None if it is skipped, or not yet complete."""
+        path, now = self._waiting[0], self._clock()
+        signature = signature_at(path)
+        if not self._patience.is_unchanged(path, signature):
+            try:
+                frame = next(read_frames([path]))
+            except UNUSABLE as error:
+                self._reason = _reason(error)
+                self._patience.note(path, signature, now)
+            else:
+                self._take(signature)
+                return self._checked(path, frame)
+        if self._patience.is_over(now, behind=len(self._waiting) > 1):
+            self._take(None if self._patience.grows(now) else signature)
+            self._skip(self._reason if str(path) in self._reason else f"{path}: {self._reason}")
+        else:
+            self._wait(LOOK_S)
+        return None
+
+    def _take(self, signature: Signature | None) -> None:
+        """Removes the first file from the queue."""
+        self._patience.clear()
+        self._source.took(self._waiting.popleft(), signature)
+
+    def _checked(self, path: Path, frame: Frame) -> Frame | None:
+        """Returns the frame if it is compatible with the previous frames; None if it is skipped."""
+        count, kind = frame.splats.num_gaussians, (frame.splats.degree, frame.antialiased)
+        if count and not _has_valid_rows(frame):
+            self._skip(f"{path}: none of its {count:,} Gaussians can be drawn")
+            return None
+        if self._kind in (None, kind):
+            self._kind, self._others = kind, 0
+            return frame
+        assert self._kind is not None
+        self._others += 1
+        if self._others < OTHERS:
+            self._skip(f"{path} has {_described(kind)}, frames before have {_described(self._kind)}")
+            return None
+        self._warn(f"{path}: {OTHERS} frames have {_described(kind)}: the clip goes on with them")
+        self._clip.restart()
+        self._kind, self._others = kind, 0
+        return frame
+
+    def _push(self, frame: Frame) -> bool:
+        """Encodes a frame; returns False if encoding its group of pictures failed and the group is dropped."""
+        try:
+            update = self._clip.push(frame)
+        except BackendUnavailableError:
+            raise
+        except UNUSABLE as error:
+            self._skip(f"a group of frames could not be encoded: {_reason(error)}")
+            self._clip.restart()
+            return False
+        if self._clip.num_frames == self._options.group_frames:
+            gc.freeze()  # scanning the objects of all modules would delay a group by 0.1 s
+        if update is not None:
+            self._publish(update)
+        return True
+
+    def _skip(self, why: str) -> None:
+        self.num_skipped += 1
+        self._warn(f"{why}: skipped, {self.num_skipped:,} so far")
+
+    def _wait(self, seconds: float) -> None:
+        """Waits for `seconds`, or until a stop is requested."""
+        end = self._clock() + seconds
+        while not self._stop() and (left := end - self._clock()) > 0:
+            self._sleep(min(left, 0.1))
+
+
+def _has_valid_rows(frame: Frame) -> bool:
+    """Returns True if at least one Gaussian has valid values; it may be transparent."""
+    return bool(frame.drawn.any()) or rows_of_splats(frame.splats).num_invalid < frame.splats.num_gaussians
+
+
+def _described(kind: tuple[int, bool]) -> str:
+    """Describes the degree of harmonics and the antialiasing of a frame for messages."""
+    degree, antialiased = kind
+    return f"harmonics of degree {degree} and {'antialiasing' if antialiased else 'no antialiasing'}"
+
+
+def _reason(error: Exception) -> str:
+    """Returns the text of an exception in one line."""
+    known = isinstance(error, (SplatwireError, OSError))
+    return str(error) if known and str(error) else f"{type(error).__name__}: {error}".rstrip(": ")
+
+
+def new_stream_id() -> int:
+    """Returns a random 32-bit stream id."""
+    return int.from_bytes(os.urandom(4), "little")

@@ -1,0 +1,79 @@
+"""Writing of the frames of a live clip in a background thread while the clip is received."""
+
+import queue
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+
+from splatwire.bitstream.stream import FILE_SUFFIX
+from splatwire.transport import Event, Welcomed
+
+
+class LiveFrames:
+    """Writes each frame of a live stream to a file while the stream is received.
+
+    No frames are written if the stream is not live, or if the stream itself is recorded to one file.
+
+    Args:
+        path: Output folder for frames, or the stream file of a recording (recognised by its suffix).
+        concealer: Concealer for tracks with lost motion; None for the default.
+        show: Called with progress messages.
+    """
+
+    def __init__(self, path: Path, concealer: str | None, show: Callable[[str, float], None]) -> None:
+        self._folder, self._concealer, self._show = path, concealer, show
+        self._waiting: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._thread: threading.Thread | None = None
+        self._error: Exception | None = None
+
+    @property
+    def began(self) -> bool:
+        """True if the received stream is live and its frames are written."""
+        return self._thread is not None
+
+    def note(self, event: Event) -> None:
+        """Handles an event of the receiver.
+
+        Raises:
+            SplatwireError: If writing an earlier frame failed.
+        """
+        if self._error is not None:
+            raise self._error
+        if isinstance(event, Welcomed) and event.is_live and not self.began and self._folder.suffix != FILE_SUFFIX:
+            self._folder.mkdir(exist_ok=True)
+            self._thread = threading.Thread(target=self._work, name="frames", daemon=True)
+            self._thread.start()
+        if self.began:
+            self._waiting.put(event)
+
+    def finish(self) -> None:
+        """Waits until all received frames are written.
+
+        Raises:
+            SplatwireError: If writing a frame failed.
+        """
+        if self._thread is not None:
+            self._waiting.put(None)
+            self._thread.join()
+        if self._error is not None:
+            raise self._error
+
+    def __enter__(self) -> "LiveFrames":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._waiting.put(None)
+
+    def _work(self) -> None:
+        from splatwire.sequence.written_frames import write_live_frames  # takes a second, in which packets arrive
+
+        try:
+            write_live_frames(self._waiting, self._folder, self._concealer, self._show_progress)
+        except Exception as error:  # raised again by `note` and `finish`
+            self._error = error
+
+    def _show_progress(self) -> None:
+        self._show("writing frames", 0.0)

@@ -1,0 +1,56 @@
+"""Encoder options of sequences."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from splatwire.arguments import check_fields
+from splatwire.bitstream.limits import MAX_FRAME_RATE, MAX_GROUP_FRAMES
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.errors import InvalidValueError
+from splatwire.types.background import BLACK, Background
+
+GROUP_FRAMES = 15
+"""Default length of a group of pictures (GOP), frames. The help of `splatwire encode --group` and `splatwire live
+--group` states it."""
+FRAME_RATE = Fraction(30)
+"""Default frame rate, frames per second."""
+
+
+@dataclass(frozen=True)
+class ClipOptions:
+    """Encoder options of a sequence.
+
+    Attributes:
+        rate: Frames per second.
+        group_frames: Length of a group of pictures (GOP) in frames. The loss of a motion packet affects at most this
+            number of frames; a live stream is delayed by one group. Set to 1 automatically if most of the first frames
+            are scene cuts, except for live sequences.
+        order: Order of Gaussians: `tracked` if the i-th Gaussian is the same in all frames, `shuffled` if not,
+            `auto` to detect it; see `Tracker`.
+        quality: Quantisation quality: a name, a number from 0 to 100, or a `Quality`.
+        background: Background colour, RGB.
+        up: Up axis: `y`, `-y`, `z`, `-z`; `auto` estimates the axis from the first frame (`splatwire.render.up`).
+        threads: Number of threads, without effect on the output; None for one per processor.
+
+    Raises:
+        InvalidValueError: If `rate` or `group_frames` is out of range.
+    """
+
+    rate: Fraction = FRAME_RATE
+    group_frames: int = GROUP_FRAMES
+    order: str = "auto"
+    quality: str | int | float | Quality = "default"
+    background: Background = BLACK
+    up: str = "auto"
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not 0 < self.rate <= MAX_FRAME_RATE:
+            raise InvalidValueError(f"a clip has up to {MAX_FRAME_RATE} frames a second, not {float(self.rate):g}")
+        if not 1 <= self.group_frames <= MAX_GROUP_FRAMES:
+            raise InvalidValueError(f"a group has 1 to {MAX_GROUP_FRAMES} frames, not {self.group_frames}")
+
+
+USUAL = ClipOptions()
+"""Default encoder options."""

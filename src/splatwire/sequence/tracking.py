@@ -1,0 +1,152 @@
+"""Tracking: gives a Gaussian the same key in all frames in which it occurs."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatwire.arguments import CheckedFields
+from splatwire.errors import InvalidValueError
+from splatwire.files.byte_io import ByteReader, ByteWriter
+from splatwire.sequence.frames import Frame
+from splatwire.sequence.grouping import TrackedFrame
+from splatwire.sequence.matching import Match, aligned, match, tracked
+from splatwire.types.splats import Splats
+
+ORDERS = ("auto", "tracked", "shuffled")
+SECTION = "tracking"
+"""Name of the side information section with the tracking statistics."""
+_SHARE = 1_000_000
+
+
+@dataclass(frozen=True)
+class TrackingReport(CheckedFields):
+    """Statistics of tracking over a sequence.
+
+    Attributes:
+        tracked: Number of frames with the same order of Gaussians as the previous frame.
+        matched: Number of frames with Gaussians matched to the previous frame by position and appearance.
+        share: Mean fraction of Gaussians with a match in matched frames; 1 without matched frames.
+        born: Number of Gaussians that appear after the first frame.
+    """
+
+    tracked: int = 0
+    matched: int = 0
+    share: float = 1.0
+    born: int = 0
+
+    def section(self) -> bytes:
+        """Serialises the statistics as a section of the side information."""
+        writer = ByteWriter()
+        for value in (self.tracked, self.matched, round(self.share * _SHARE), self.born):
+            writer.unsigned(value)
+        return writer.bytes()
+
+    @staticmethod
+    def read(section: bytes) -> "TrackingReport":
+        """Parses the statistics from a section written by `TrackingReport.section`.
+
+        Raises:
+            BitstreamError: If the section is damaged.
+        """
+        reader = ByteReader(section, f"section '{SECTION}'")
+        tracked, matched, share, born = (reader.unsigned() for _ in range(4))
+        reader.finish()
+        return TrackingReport(tracked, matched, share / _SHARE, born)
+
+
+class Tracker:
+    """Assigns to each Gaussian of a frame the key of its track, frame by frame.
+
+    Args:
+        order: `tracked` if the i-th Gaussian is the same in every frame, `shuffled` if frames have different orders,
+            `auto` to detect the order for each frame.
+
+    Raises:
+        InvalidValueError: If the order is unknown.
+    """
+
+    def __init__(self, order: str = "auto") -> None:
+        if order not in ORDERS:
+            raise InvalidValueError(f"frames are {', '.join(ORDERS)}, not {order!r:.40}")
+        self._order, self._next = order, 0
+        self._rows: Splats | None = None
+        self._keys = np.zeros(0, np.int64)
+        self._last: TrackedFrame | None = None
+        self._match: Match | None = None
+        self.report = TrackingReport()
+
+    def add(self, frame: Frame) -> TrackedFrame:
+        """Assigns keys to the Gaussians of the next frame.
+
+        Raises:
+            InvalidValueError: If the order is `tracked` and the number of Gaussians changes.
+        """
+        named = self._first(frame) if self._last is None else self._next_frame(frame)
+        self._rows, self._last = frame.splats, named
+        return named
+
+    def rename(self) -> np.ndarray:
+        """Renumbers the tracks of the last frame from 0, so that keys stay small.
+
+        Returns:
+            Previous keys in ascending order, int64: the n-th of these keys is replaced by the new key n.
+        """
+        assert self._last is not None
+        old = np.unique(self._last.keys)
+        self._last = replace(self._last, keys=np.searchsorted(old, self._last.keys))
+        self._keys = np.where(self._keys >= 0, np.searchsorted(old, self._keys), -1)
+        self._next = len(old)
+        return old
+
+    def _first(self, frame: Frame) -> TrackedFrame:
+        self._keys = np.full(frame.splats.num_gaussians, -1, np.int64)
+        return self._by_rows(frame, count=False)
+
+    def _next_frame(self, frame: Frame) -> TrackedFrame:
+        assert self._rows is not None
+        assert self._last is not None
+        same = frame.splats.num_gaussians == self._rows.num_gaussians
+        if self._order == "tracked" and not same:
+            raise InvalidValueError(
+                f"a frame has {frame.splats.num_gaussians:,} Gaussians, the one before "
+                f"{self._rows.num_gaussians:,}: rows of tracked frames are always the same Gaussians"
+            )
+        if self._order == "tracked" or (self._order == "auto" and same and tracked(self._rows, frame.splats)):
+            self._match = None
+            self.report = replace(self.report, tracked=self.report.tracked + 1)
+            return self._by_rows(frame, count=True)
+        return self._matched(frame)
+
+    def _by_rows(self, frame: Frame, count: bool) -> TrackedFrame:
+        """Assigns keys by index: the key of the previous frame, or a new one if the Gaussian was invisible then."""
+        keys = np.where(frame.drawn, self._keys, -1)
+        new = frame.drawn & (keys < 0)
+        keys[new] = self._fresh(int(new.sum()), count)
+        self._keys = keys
+        return TrackedFrame(_drawn(frame), keys[frame.drawn])
+
+    def _matched(self, frame: Frame) -> TrackedFrame:
+        """Assigns keys by matching: matched Gaussians get the keys of their matches, others get new keys."""
+        assert self._last is not None
+        here = _drawn(frame)
+        found = match(self._last.splats, here, self._match)
+        old, keys = found.partner >= 0, found.partner.copy()
+        keys[old] = self._last.keys[keys[old]]
+        keys[~old] = self._fresh(int((~old).sum()), born=True)
+        self._keys = np.full(frame.splats.num_gaussians, -1, np.int64)
+        self._keys[frame.drawn], self._match = keys, found
+        number, share = self.report.matched, float(old.mean()) if len(old) else 1.0
+        mean = (self.report.share * number + share) / (number + 1)
+        self.report = replace(self.report, matched=number + 1, share=mean)
+        return TrackedFrame(aligned(self._last.splats, here, found.partner), keys)
+
+    def _fresh(self, count: int, born: bool) -> np.ndarray:
+        first, self._next = self._next, self._next + count
+        if born:
+            self.report = replace(self.report, born=self.report.born + count)
+        return np.arange(first, first + count)
+
+
+def _drawn(frame: Frame) -> Splats:
+    """Returns the visible Gaussians of a frame; without a copy if all are visible."""
+    return frame.splats if frame.drawn.all() else frame.splats.select(frame.drawn)

@@ -1,0 +1,173 @@
+"""Files of the frames of a clip: decoded from a complete stream, or written while a live clip is received."""
+
+import logging
+import queue
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatwire.bitstream import SceneStream
+from splatwire.codec import decode_stream
+from splatwire.codec.sequence.side_info import open_side_info
+from splatwire.concealment.temporal.concealers import DEFAULT, clip_concealer
+from splatwire.errors import InvalidValueError
+from splatwire.io.formats import format_for, write_splats
+from splatwire.io.formats.outliers import Outliers
+from splatwire.ops.spherical_harmonics import num_functions
+from splatwire.sequence.decoding import ClipFrame, decode_frame, decode_frames
+from splatwire.sequence.frames import Sequence
+from splatwire.sequence.live import LiveDecoder, frames_of_events
+from splatwire.transport import Event
+from splatwire.types.splats import Splats
+
+LOG = logging.getLogger(__name__)
+Report = Callable[[str, float], None]
+MOST_FILES = 20_000
+"""Default limit of the number of frame files written: eleven minutes at 30 frames per second."""
+_SIZE = 1e-3
+"""Standard deviation of the transparent Gaussian in the file of an empty frame, world units."""
+LIVE_DIGITS = 6
+"""Number of digits of the frame number in file names of a live clip, whose number of frames is unknown."""
+
+
+def check_num_frames(stream: SceneStream, most: int | None, advice: str) -> None:
+    """Refuses to write one file per frame for very long clips: a header of a few bytes can announce 131,072 frames.
+
+    Args:
+        stream: The clip.
+        most: Maximum number of files; None for `MOST_FILES`.
+        advice: Advice for the error message.
+
+    Raises:
+        InvalidValueError: If the clip has more frames than allowed.
+    """
+    count = open_side_info(stream.manifest, stream.side_info).timeline.num_frames
+    if count > (MOST_FILES if most is None else most):
+        raise InvalidValueError(
+            f"the clip of {stream.num_bytes:,} bytes has {count:,} frames, and no more than "
+            f"{MOST_FILES if most is None else most:,} files are written: {advice}"
+        )
+
+
+def write_frames(
+    stream: SceneStream, folder: Path, suffix: str, concealer: str, only: int | None, report: Report,
+    outliers: Outliers = "clamp",
+) -> dict[str, Any]:  # fmt: skip
+    """Decodes a clip and writes one file per frame, or a file of a single frame; returns counts for a summary.
+
+    Args:
+        stream: The clip; packets may be missing.
+        folder: Output folder. If only one frame is written and this is not an existing folder, the path of the output
+            file.
+        suffix: File name suffix of the format, such as `.ply`.
+        concealer: Name of the concealer for tracks with lost motion.
+        only: Number of the only frame to write; None for all.
+        report: Called with the name of the current task and its finished share, 0 to 1.
+        outliers: Treatment of values that the format cannot represent, see `write_splats`.
+
+    Raises:
+        InvalidValueError: If the clip has no such frame.
+        UnknownNameError: If there is no such concealer or format.
+    """
+    method = clip_concealer(concealer)
+    format_for(f"x{suffix}")
+    clip = decode_stream(stream, progress=lambda share: report("decoding packets", share)).scene
+    count = clip.timeline.num_frames
+    shown = [decode_frame(clip, only, method)] if only is not None else decode_frames(clip, method)
+    width, written, concealed = len(str(count - 1)), 0, 0
+    for frame in shown:
+        name = folder / f"frame_{frame.number:0{width}}{suffix}" if folder.is_dir() else folder
+        write_splats(
+            [_never_empty(frame.scene.drawn(), name)],
+            name,
+            antialiased=clip.antialiased,
+            origin=clip.origin,
+            outliers=outliers,
+            metadata=clip.metadata,
+        )
+        written, concealed = written + 1, concealed + int(frame.concealed.sum())
+        report("writing frames", written / (1 if only is not None else count))
+    lost = int((~clip.tracks.received).sum())
+    return {"num_frames": written, "num_tracks": clip.num_gaussians, "num_lost": lost, "num_concealed": concealed}
+
+
+def write_frame_files(sequence: Sequence, folder: Path, suffix: str, report: Report) -> int:
+    """Writes the frames of a sequence as files of another format, one frame in memory at a time.
+
+    Args:
+        sequence: The frames.
+        folder: Output folder.
+        suffix: File name suffix of the format, such as `.ply`.
+        report: Called with the name of the current task and its finished share, 0 to 1.
+
+    Returns:
+        Number of files.
+    """
+    width, written = len(str(sequence.num_frames - 1)), 0
+    for frame in sequence.read():
+        name = folder / f"frame_{written:0{width}}{suffix}"
+        write_splats(
+            [_never_empty(frame.splats.select(frame.drawn), name)],
+            name,
+            antialiased=frame.antialiased,
+            origin=frame.origin,
+            metadata=frame.metadata,
+        )
+        written += 1
+        report("writing frames", written / sequence.num_frames)
+    return written
+
+
+def write_live_frames(
+    waiting: "queue.SimpleQueue[Event | None]", folder: Path, concealer: str | None, written: Callable[[], None]
+) -> None:
+    """Writes a PLY for each frame of a live clip as soon as it can be decoded.
+
+    Args:
+        waiting: Queue of the events of the receiver; None marks the end of the transfer.
+        folder: Output folder.
+        concealer: Concealer for tracks with lost motion; None for the default.
+        written: Called after each frame.
+    """
+    for frame, number in numbered(frames_of_events(LiveDecoder(concealer or DEFAULT), waiting)):
+        scene, path = frame.scene, folder / f"frame_{number:0{LIVE_DIGITS}}.ply"
+        write_splats(
+            [_never_empty(scene.drawn(), path)],
+            path,
+            antialiased=scene.antialiased,
+            origin=scene.origin,
+            metadata=scene.metadata,
+        )
+        written()
+
+
+def _never_empty(splats: Splats, path: Path) -> Splats:
+    """Returns the Gaussians of a frame; for an empty frame, one transparent Gaussian, because files cannot be empty.
+
+    Logs a warning with the path for an empty frame.
+    """
+    if splats.num_gaussians:
+        return splats
+    LOG.warning("%s: the frame is empty: its file has a transparent Gaussian, because files cannot be empty", path)
+    return Splats(
+        means=np.zeros((1, 3), np.float32),
+        quats=np.array([[1, 0, 0, 0]], np.float32),
+        scales=np.full((1, 3), _SIZE, np.float32),
+        opacities=np.zeros(1, np.float32),
+        sh=np.zeros((1, num_functions(splats.degree), 3), np.float32),
+    )
+
+
+def numbered(frames: Iterable[ClipFrame]) -> Iterator[tuple[ClipFrame, int]]:
+    """Yields each frame with the number for its file name.
+
+    The number always increases, even if the server restarts and counts its frames from 0 again.
+    """
+    last, offset = -1, 0
+    for frame in frames:
+        if frame.number + offset <= last:
+            offset = last + 1 - frame.number
+        last = frame.number + offset
+        yield frame, last

@@ -1,0 +1,96 @@
+"""CUBIC congestion window (RFC 9438), updated once per round trip."""
+
+SEGMENT = 1500.0
+"""Size of a TCP segment with headers in bytes, in which CUBIC's window growth is defined. The size of splatwire's
+datagrams does not affect the growth.
+"""
+INITIAL_WINDOW = 10 * SEGMENT
+"""Initial window in bytes (RFC 6928)."""
+MIN_WINDOW = 2 * SEGMENT
+C, BETA = 0.4, 0.7
+RENO_FRIENDLY = 3 * (1 - BETA) / (1 + BETA)
+
+
+class CubicWindow:
+    """CUBIC congestion window, which is reduced only by calls of `reduce`, not by loss itself.
+
+    Attributes:
+        bytes: Congestion window, bytes.
+        threshold: Slow-start threshold, bytes; below it the window doubles each round trip.
+    """
+
+    def __init__(self) -> None:
+        self.bytes = INITIAL_WINDOW
+        self.threshold = float("inf")
+        self._most = 0.0
+        self._since: float | None = None
+        self._origin = 0.0
+        self._k = 0.0
+        self._reno = 0.0
+        self._undo: tuple[float, float] | None = None
+
+    @property
+    def in_slow_start(self) -> bool:
+        """True while the window is below the slow-start threshold, so that it doubles each round trip."""
+        return self.bytes < self.threshold
+
+    def on_acked(self, num_bytes: float) -> None:
+        """Grows the window in slow start by the number of delivered bytes (RFC 5681, 3.1)."""
+        self.bytes = min(self.bytes + num_bytes, max(self.threshold, MIN_WINDOW))
+
+    def grow(self, now: float, seconds: float, round_trip: float) -> None:
+        """Grows the window after an interval without congestion, outside slow start.
+
+        Args:
+            now: Time, seconds.
+            seconds: Time since the last growth, seconds.
+            round_trip: Smoothed round-trip time, seconds.
+        """
+        rounds = seconds / round_trip
+        if self._since is None:
+            self._since, self._reno = now - seconds, self.bytes
+            self._most = max(self._most, self.bytes)
+            self._k = ((self._most - self.bytes) / SEGMENT / C) ** (1 / 3)
+        since = now - self._since
+        target = self._most + SEGMENT * C * (since - self._k) ** 3
+        self._reno += SEGMENT * rounds * (1.0 if self._reno >= self._most else RENO_FRIENDLY)
+        self.bytes = min(max(self.bytes, target, self._reno), 1.5**rounds * self.bytes)
+
+    def reduce(self, share: float = BETA, in_use: float = float("inf")) -> None:
+        """Reduces the window after congestion.
+
+        Args:
+            share: New window as a share of the old window, or of `in_use` if that is smaller.
+            in_use: Number of bytes in flight.
+        """
+        used = min(self.bytes, in_use)
+        self._undo = self.bytes, self.threshold
+        self._most = used * (1 + BETA) / 2 if used < self._most else used
+        self.bytes = self.threshold = max(share * used, MIN_WINDOW)
+        self._since = None
+
+    def exit_slow_start(self) -> None:
+        """Ends slow start at the current window."""
+        self.threshold = min(self.threshold, self.bytes)
+
+    def undo(self) -> None:
+        """Restores the window from before the last reduction, because the loss turned out not to be congestion."""
+        if self._undo:
+            self.bytes, self.threshold = max(self.bytes, self._undo[0]), max(self.threshold, self._undo[1])
+            self._undo, self._since = None, None
+
+    def set(self, window: float) -> None:
+        """Sets the window to a number of bytes and leaves slow start."""
+        self.bytes = self.threshold = max(window, MIN_WINDOW)
+        self._since = None
+
+    def restart(self, threshold: float) -> None:
+        """Restarts slow start after a feedback timeout.
+
+        The new window is half the old window, but at most the initial window.
+
+        Args:
+            threshold: New slow-start threshold, bytes.
+        """
+        self.threshold = max(threshold, MIN_WINDOW)
+        self.bytes, self._since = max(min(INITIAL_WINDOW, self.bytes / 2), MIN_WINDOW), None

@@ -1,0 +1,340 @@
+"""Pacing and rate control of a sender, which reacts to queuing delay and competing flows, not to random loss."""
+
+from dataclasses import dataclass, field
+
+from splatwire.transport.congestion.cubic import INITIAL_WINDOW, MIN_WINDOW, CubicWindow
+from splatwire.transport.congestion.path import BASELINE_TOLERANCE, LossCounter, LossMeter, QueueMeter
+
+START_RATE = 1.0e6
+"""Maximum rate before the first feedback, bytes per second (8 Mbit/s)."""
+MAX_RATE = 1.25e8
+ASSUMED_ROUND_TRIP_S = 0.1
+"""Round-trip time assumed before the first measurement, seconds."""
+QUEUE_S, DRAINED_S = 0.025, 0.008
+"""Queuing delays, seconds: above the first, the sender drains the queue if there are no competing flows; below the
+second, the queue counts as drained.
+"""
+START_QUEUE_S = 0.01
+"""Queuing delay that ends slow start, seconds (RFC 9406)."""
+START_LOSS = 0.2
+"""Loss rate tolerated in slow start before the baseline loss is known; a congested path soon loses more."""
+DRAIN_SHARE, FULL_SHARE = 0.75, 0.9
+"""Sending rates as shares of the path's capacity: while the queue is drained, and afterwards."""
+PROBE_SHARE = 0.5
+"""Sending rate, as a share of the path's capacity, during a probe for competing flows."""
+TEST_SHARE = 0.6
+"""Sending rate, as a share of the rate before, during a test if the loss depends on the rate."""
+PROBE_EVERY_S, PROBE_EVERY_MOST_S = 15.0, 80.0
+"""Minimum and maximum interval between probes for competing flows, seconds. Not a multiple of 10 s, the period in which
+BBR reduces its rate: if both flows reduce their rates together, this flow loses its fair share.
+"""
+ROUND_S = 0.02
+"""Minimum length of a control round, seconds: the interval of receiver reports."""
+FEEDBACK_TIMEOUT_S, FEEDBACK_TIMEOUT_ROUNDS = 0.2, 4.0
+"""Time without feedback after which the rate is halved, repeatedly: in seconds, and in round trips. The larger applies.
+"""
+DATAGRAM = 1200
+MIN_RATE = 2.4e3
+"""Minimum sending rate without feedback, bytes per second."""
+
+
+@dataclass
+class Pacer:
+    """Token-bucket pacer: computes when the next datagram may be sent.
+
+    Attributes:
+        rate: Sending rate, bytes per second.
+        burst_s: Maximum burst after a pause, as seconds of sending at the current rate.
+    """
+
+    rate: float
+    burst_s: float = 0.004
+    _free_at: float = 0.0
+
+    def next_at(self) -> float:
+        """Returns the earliest time at which the next datagram may be sent, seconds."""
+        return self._free_at
+
+    def sent(self, num_bytes: int, now: float) -> None:
+        """Counts a datagram of `num_bytes` bytes that is sent at time `now`, seconds."""
+        self._free_at = max(self._free_at, now - self.burst_s) + num_bytes / self.rate
+
+
+@dataclass
+class _Round:
+    """Sum of the receiver's feedback in one control round (about one round trip).
+
+    Attributes:
+        began: Time at which the round began, seconds.
+        seen: Sent and lost datagrams.
+        arrived_bytes: Estimated size of the received datagrams in bytes.
+        seconds: Time in which these bytes were received, seconds.
+        least_queue: Shortest queuing delay, seconds.
+        most_queue: Longest queuing delay, seconds.
+    """
+
+    began: float
+    seen: LossCounter = field(default_factory=LossCounter)
+    arrived_bytes: float = 0.0
+    seconds: float = 0.0
+    least_queue: float = float("inf")
+    most_queue: float = 0.0
+
+
+@dataclass
+class _Pause:
+    """Temporary reduction of the sending rate in order to measure its effect.
+
+    Attributes:
+        kind: "drain" (empties the queue), "probe" (detects competing flows) or "test" (checks if loss depends on the
+            rate).
+        until: Time at which the reduction ends, seconds.
+        window: Congestion window before the reduction, bytes.
+        rate: Sending rate during the reduction, bytes per second.
+        before: For a test: sent and lost datagrams before the reduction.
+        seen: Sent and lost datagrams during the reduction.
+    """
+
+    kind: str
+    until: float
+    window: float
+    rate: float
+    before: LossCounter = field(default_factory=LossCounter)
+    seen: LossCounter = field(default_factory=LossCounter)
+
+
+class RateControl:
+    """Rate control of a sender: chooses the sending rate from the receiver's feedback.
+
+    The rate is CUBIC's congestion window (RFC 9438) divided by the latest round-trip time, not by a smoothed one. A
+    smoothed round-trip time lags behind the queue: after the window is reduced, the queue would drain completely, and
+    competing delay-based flows (BBR) would take the path for idle.
+
+    `LossMeter` decides which losses are congestion. While the queue is long, these are the losses beyond the path's
+    baseline loss. Loss with a short queue triggers a test: the loss is congestion if it disappears at a lower rate.
+
+    A queue longer than `QUEUE_S` is drained by a lower sending rate. If the queue does not become shorter, a competing
+    flow fills it. In this competitive mode, only loss reduces the rate, until a probe at a lower rate finds the queue
+    empty. Without feedback, the rate is halved repeatedly.
+
+    Args:
+        start: Maximum sending rate before the first feedback, bytes per second.
+        most: Maximum sending rate, bytes per second.
+        bounded: True if another layer (QUIC) limits bytes in flight before the first feedback.
+    """
+
+    def __init__(self, start: float = START_RATE, most: float = MAX_RATE, *, bounded: bool = False) -> None:
+        self.round_trip: float | None = None
+        self._latest = 0.0
+        self.window = CubicWindow()
+        self.competing = False
+        self.queue, self.loss = QueueMeter(), LossMeter()
+        self._start, self._most = min(start, most), most
+        self._quiet_since, self._quiet = 0.0, False
+        self._round: _Round | None = None
+        self._pause: _Pause | None = None
+        self._carried = 0.0
+        self._probe_at, self._probe_every = 0.0, PROBE_EVERY_S
+        self._left: tuple[float, float] | None = None
+        self._hold_until = 0.0
+        self._bounded = bounded
+        self.rate = self._start if bounded else min(self._start, INITIAL_WINDOW / ASSUMED_ROUND_TRIP_S)
+
+    def on_handshake_rtt(self, round_trip: float) -> None:
+        """Sets the initial sending rate from the round-trip time of the handshake, seconds."""
+        if self.round_trip is None and not self._bounded:
+            self.rate = min(self._start, INITIAL_WINDOW / max(round_trip, ROUND_S / 2))
+
+    def on_send(self, now: float) -> None:
+        """Starts the feedback timeout when a datagram is sent after a pause."""
+        self._quiet_since = now
+
+    def on_feedback_timeout(self, now: float) -> None:
+        """Halves the rate after a feedback timeout (RFC 8085, section 3.1.1)."""
+        wait = max(FEEDBACK_TIMEOUT_ROUNDS * (self.round_trip or ASSUMED_ROUND_TRIP_S), FEEDBACK_TIMEOUT_S)
+        if now - self._quiet_since > wait:
+            self._quiet_since, self._quiet = now, True
+            self.rate = max(self.rate / 2, MIN_RATE)
+
+    def on_feedback(
+        self,
+        now: float,
+        round_trip: float,
+        transit: float,
+        num_sent: int,
+        num_arrived: int,
+        bytes_arrived: float,
+        seconds: float,
+    ) -> None:
+        """Updates the sending rate after a feedback report of the receiver.
+
+        Args:
+            now: Time, seconds.
+            round_trip: Round-trip time of the latest datagram received, seconds.
+            transit: One-way delay of the latest datagram received, seconds, plus an unknown constant clock offset.
+            num_sent: Number of datagrams that this report covers: those sent after the latest datagram of the previous
+                report, up to and including the latest datagram of this report.
+            num_arrived: Number of received datagrams among `num_sent`.
+            bytes_arrived: Estimated size of the received datagrams in bytes.
+            seconds: Time from the reception of the previous report's latest datagram to that of this report's, seconds.
+        """
+        only_lost = self.round_trip is None and round_trip < FEEDBACK_TIMEOUT_ROUNDS * ASSUMED_ROUND_TRIP_S
+        self.round_trip = round_trip if self.round_trip is None else 0.8 * self.round_trip + 0.2 * round_trip
+        self._latest = 0.5 * ((self._latest or round_trip) + round_trip)
+        if self._quiet:
+            # Only a handshake or the first report was lost: a congested path would show a long round-trip time.
+            self.window.restart(float("inf") if only_lost else self.window.bytes / 2)
+            self._pause = self._round = None
+        self._quiet_since, self._quiet = now, False
+        queue = self.queue.add(now, transit)
+        current = self._round = self._round or _Round(now)
+        lost = max(num_sent - num_arrived, 0)
+        current.seen.add(LossCounter(num_sent, lost))
+        current.arrived_bytes += bytes_arrived
+        current.seconds += seconds
+        current.least_queue, current.most_queue = min(current.least_queue, queue), max(current.most_queue, queue)
+        if self.window.in_slow_start and not self._pause and num_arrived and self._within_baseline(current.seen):
+            # Scaled up, because baseline loss is no congestion.
+            self.window.on_acked(bytes_arrived * num_sent / num_arrived)
+        if current.least_queue > START_QUEUE_S and current.seen.sent >= 8:
+            self.window.exit_slow_start()
+        if now - current.began >= max(self.round_trip, ROUND_S) and current.seen.sent >= 2:
+            self._round = _Round(now)
+            current.seen.events = int(current.seen.lost > 0)
+            self._close(current, now)
+        self._set_rate()
+
+    def _set_rate(self) -> None:
+        assert self.round_trip is not None
+        least = MIN_WINDOW / max(self.round_trip, ROUND_S)
+        if self._pause:
+            wanted = max(self._pause.rate, least / 4)
+        else:
+            wanted = max(self.window.bytes / max(self._latest, ROUND_S / 2), least)
+        self.rate = min(wanted, self._most)
+
+    def _close(self, done: _Round, now: float) -> None:
+        """Ends a control round (about one round trip) and chooses the next action.
+
+        The action is to reduce or grow the window, or to send at a lower rate for some time: to test if the loss
+        depends on the rate, to probe for competing flows, or to drain the queue.
+
+        Args:
+            done: Feedback of the completed control round.
+            now: Time, seconds.
+        """
+        assert self.round_trip is not None
+        length = max(now - done.began, 1e-3)
+        arrived = done.arrived_bytes / max(done.seconds, 1e-3)
+        self._carried = arrived if self._carried == 0.0 else 0.5 * (self._carried + arrived)
+        high, low = self.queue.high(done.most_queue), self.queue.low(done.most_queue)
+        broken = self.loss.is_circuit_broken(done.seen)
+        congested = broken or (high and self.loss.is_congested(done.seen))
+        rise = self.loss.loss_rise(done.seen) if low and not self._testing else None
+        if congested:
+            self._reduce(done, now)
+        elif self._pause:
+            self._within_pause(self._pause, done, now)
+        elif rise is not None:
+            self._begin("test", now, 3 * self.round_trip, TEST_SHARE * self.rate, rise)
+        elif self.competing and now >= self._probe_at and not self.window.in_slow_start:
+            self._begin("probe", now, self._time_to_drain(PROBE_SHARE), PROBE_SHARE * self._capacity)
+        elif not self.competing and done.least_queue > QUEUE_S:
+            self._begin("drain", now, 2 * self._time_to_drain(DRAIN_SHARE), DRAIN_SHARE * self._capacity)
+        elif not self.window.in_slow_start and self._may_grow(done.seen, length):
+            self.window.grow(now, length, max(self.round_trip, ROUND_S))
+
+    def _may_grow(self, seen: LossCounter, length: float) -> bool:
+        """Returns True if at least half of the allowed rate was used, so that the window may grow (RFC 7661).
+
+        Args:
+            seen: Sent and lost datagrams of the control round.
+            length: Duration of the control round, seconds.
+        """
+        return seen.sent * DATAGRAM > 0.5 * self.rate * length
+
+    def _within_baseline(self, seen: LossCounter) -> bool:
+        """True if the loss in a control round is at most the path's baseline loss, so that slow start continues.
+
+        Before the baseline loss is known, `START_LOSS` is assumed for it.
+        """
+        baseline = self.loss.baseline or START_LOSS
+        return seen.lost <= BASELINE_TOLERANCE * baseline * seen.sent + self.loss.deviation(seen.sent)
+
+    @property
+    def _testing(self) -> bool:
+        return self._pause is not None and self._pause.kind == "test"
+
+    @property
+    def _capacity(self) -> float:
+        """Capacity of the path, estimated as delivery rate divided by 1 - baseline loss, bytes per second."""
+        return min(self._carried / (1.0 - self.loss.baseline), self.rate)
+
+    def _time_to_drain(self, share: float) -> float:
+        return (self.round_trip or 0.0) + 1.2 * self.queue.queue / (1.0 - share)
+
+    def _begin(self, kind: str, now: float, seconds: float, rate: float, before: LossCounter | None = None) -> None:
+        self._pause = _Pause(kind, now + seconds, self.window.bytes, rate, before or LossCounter())
+
+    def _reduce(self, done: _Round, now: float) -> None:
+        """Reduces the window, at most once per round trip, as further losses belong to the same congestion event.
+
+        Args:
+            done: Feedback of the completed control round.
+            now: Time, seconds.
+        """
+        if done.began < self._hold_until:
+            return
+        self.window.reduce()
+        self._hold_until = now + (self.round_trip or 0.0)
+        if self._pause:
+            self._pause.window = self.window.bytes
+
+    def _within_pause(self, pause: _Pause, done: _Round, now: float) -> None:
+        pause.seen.add(done.seen)
+        drained = done.least_queue < max(DRAINED_S, 0.1 * self.queue.top)
+        if pause.kind == "test":
+            if now >= pause.until and self.loss.test_done(pause.before, pause.seen):
+                self._pause = None
+                if self.loss.finish_test(pause.before, pause.seen, TEST_SHARE):
+                    self.window.reduce()
+                else:
+                    self.window.undo()
+        elif drained:
+            self._pause = None
+            if pause.kind == "drain":
+                self.window.reduce(1.0)
+                self._exit_drain(pause.rate / DRAIN_SHARE, self.round_trip or 0.0)
+            else:
+                self.competing, self._left = False, (now, pause.window)
+                # The window before the probe would refill the queue at once.
+                self._exit_drain(pause.rate / PROBE_SHARE, self._latest)
+        elif now >= pause.until:
+            self._pause = None
+            self._enter_competitive_mode(now, pause)
+
+    def _exit_drain(self, capacity: float, round_trip: float) -> None:
+        """Sets the window after the queue was drained, to use `FULL_SHARE` of the path's capacity.
+
+        Args:
+            capacity: Estimated capacity of the path, bytes per second.
+            round_trip: Round-trip time, seconds.
+        """
+        self.window.set(FULL_SHARE * capacity * max(round_trip, ROUND_S))
+
+    def _enter_competitive_mode(self, now: float, pause: _Pause) -> None:
+        """Enters competitive mode, in which only loss reduces the rate, because another flow fills the queue.
+
+        Args:
+            now: Time, seconds.
+            pause: Temporary reduction of the rate that did not drain the queue.
+        """
+        window = pause.window
+        if pause.kind == "drain":
+            again = self._left is not None and now - self._left[0] < PROBE_EVERY_S
+            if again and self._left is not None:
+                window = max(window, self._left[1])
+            self._probe_every = min(2 * self._probe_every, PROBE_EVERY_MOST_S) if again else PROBE_EVERY_S
+        self.competing, self._left = True, None
+        self._probe_at = now + self._probe_every
+        self.window.set(window)

@@ -1,0 +1,228 @@
+"""Path estimation from receiver reports: queuing delay, baseline loss and congestion loss."""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+BASE_WINDOW_S = 30.0
+"""Period over which the minimum one-way delay is taken as that of an empty queue, seconds."""
+TOP_WINDOW_S = 10.0
+STANDING = 3
+"""Number of consecutive reports with long delay that indicate a queue. Fewer can have other causes, such as Wi-Fi."""
+MIN_QUEUE_S = 0.004
+"""Shortest queuing delay distinguished from noise, seconds."""
+HIGH, LOW = 0.5, 0.3
+"""Queuing delays as shares of the longest recent queuing delay: with more than `HIGH`, losses may be congestion; with
+less than `LOW`, losses are not congestion.
+"""
+MEMORY = 2000.0
+"""Number of datagrams over which the baseline loss is averaged."""
+MAX_BASELINE_LOSS = 0.3
+"""Maximum baseline loss that the control accepts as unrelated to congestion."""
+CIRCUIT_BREAKER_LOSS = 0.45
+"""Loss rate above which a path is considered congested or broken, whatever the queuing delay (circuit breaker)."""
+BATCH = 500
+"""Number of datagrams over which the loss rate of the circuit breaker is averaged."""
+EVENTS = 3
+"""Number of control rounds with loss from which on a rise of the loss rate is significant. A test must be long enough
+for as many at the loss rate before the test.
+"""
+ROUNDS = 16.0
+"""Number of control rounds over which the variance of the loss is averaged."""
+LOSS_STEP = 0.005
+"""Smallest rise of the loss rate that triggers a test."""
+BASELINE_TOLERANCE = 1.25
+"""Tolerance factor on the baseline loss before a new test, because random loss varies."""
+
+
+class WindowedMinFilter:
+    """Minimum of the values of the last `window_s` seconds.
+
+    Args:
+        window_s: Length of the time window, seconds.
+    """
+
+    def __init__(self, window_s: float) -> None:
+        self._window_s = window_s
+        self._kept: deque[tuple[float, float]] = deque()
+
+    def add(self, now: float, value: float) -> float:
+        """Adds a value at time `now` (seconds) and returns the minimum of the values in the time window."""
+        while self._kept and self._kept[-1][1] >= value:
+            self._kept.pop()
+        self._kept.append((now, value))
+        while self._kept[0][0] < now - self._window_s:
+            self._kept.popleft()
+        return self._kept[0][1]
+
+
+class QueueMeter:
+    """Estimates the queuing delay from one-way delays; the clocks need not be synchronised."""
+
+    def __init__(self) -> None:
+        self._base, self._top = WindowedMinFilter(BASE_WINDOW_S), WindowedMinFilter(TOP_WINDOW_S)
+        self._late: deque[float] = deque(maxlen=STANDING)
+        self.queue = self.top = 0.0
+
+    def add(self, now: float, transit: float) -> float:
+        """Adds a measured one-way delay and returns the queuing delay: the excess over the minimum delay, seconds.
+
+        Args:
+            now: Time, seconds.
+            transit: One-way delay, seconds, plus any constant clock offset.
+        """
+        self.queue = transit - self._base.add(now, transit)
+        self._late.append(self.queue)
+        self.top = -self._top.add(now, -min(self._late))
+        return self.queue
+
+    def high(self, queue: float) -> bool:
+        """Returns True if a queuing delay (seconds) was so long that the queue may have overflowed."""
+        return queue >= max(HIGH * self.top, MIN_QUEUE_S)
+
+    def low(self, queue: float) -> bool:
+        """Returns True if a queuing delay (seconds) was so short that the queue cannot have overflowed."""
+        return queue <= max(LOW * self.top, MIN_QUEUE_S)
+
+
+@dataclass
+class LossCounter:
+    """Counts of sent and lost datagrams over one or more control rounds (about one round trip each).
+
+    Attributes:
+        sent: Number of sent datagrams.
+        lost: Number of lost datagrams among them.
+        events: Number of control rounds in which at least one datagram was lost.
+    """
+
+    sent: int = 0
+    lost: int = 0
+    events: int = 0
+
+    def add(self, other: "LossCounter") -> None:
+        """Adds the numbers of another counter to this counter."""
+        self.sent += other.sent
+        self.lost += other.lost
+        self.events += other.events
+
+    @property
+    def share(self) -> float:
+        """Fraction of the sent datagrams that was lost, 0 to 1."""
+        return self.lost / max(self.sent, 1)
+
+
+class LossMeter:
+    """Separates the baseline loss of a path from congestion loss.
+
+    Random loss is independent of the queue, while congestion loss occurs when the queue is long and overflows. The
+    baseline loss is the loss rate that remains in a test at a lower sending rate. With a long queue, loss beyond the
+    baseline is congestion; with a short queue, such loss triggers a new test.
+
+    Attributes:
+        baseline: Baseline loss, as a fraction of the sent datagrams.
+    """
+
+    def __init__(self) -> None:
+        self.baseline = 0.0
+        self._max_baseline = 0.0
+        self._recent = 0.0
+        self._excess = 0.0
+        self._spread = 0.0
+        self._late = LossCounter()
+
+    def is_circuit_broken(self, seen: LossCounter) -> bool:
+        """Adds the losses of a control round (about one round trip) to the recent loss rate, and checks this rate.
+
+        The path counts as congested if the recent loss rate is too high, whatever the queuing delay.
+
+        Args:
+            seen: Sent and lost datagrams of the control round.
+
+        Returns:
+            True if the recent loss rate exceeds `CIRCUIT_BREAKER_LOSS`.
+        """
+        self._recent += min(seen.sent / BATCH, 1.0) * (seen.share - self._recent)
+        return self._recent > CIRCUIT_BREAKER_LOSS
+
+    def deviation(self, sent: int) -> float:
+        """Returns three standard deviations of the number of datagrams that are lost at random, not by congestion.
+
+        The variance is measured on this path, so that it includes bursts of losses.
+
+        Args:
+            sent: Number of sent datagrams.
+        """
+        return 3.0 * math.sqrt(self._spread * sent)
+
+    def is_congested(self, seen: LossCounter) -> bool:
+        """Returns True if recent losses are significantly above the baseline loss, so that they are congestion.
+
+        Call this method only for a control round (about one round trip) during which the queue was long. The losses of
+        the round are added to those of earlier calls.
+
+        Args:
+            seen: Sent and lost datagrams of the control round.
+        """
+        self._excess = max(self._excess + seen.lost - BASELINE_TOLERANCE * self.baseline * seen.sent, 0.0)
+        if self._excess <= 0.5 + self.deviation(seen.sent):
+            return False
+        self._excess = 0.0
+        return True
+
+    def loss_rise(self, seen: LossCounter) -> LossCounter | None:
+        """Detects a significant rise of the loss rate while the queue is short, and updates the baseline loss.
+
+        Call this method only for a control round (about one round trip) during which the queue was short. The losses of
+        the round are added to those of earlier calls.
+
+        Args:
+            seen: Sent and lost datagrams of the control round.
+
+        Returns:
+            Sent and lost datagrams of the recent rounds if their loss rate rose significantly, else None.
+        """
+        off = seen.lost - seen.sent * self.baseline
+        self.baseline = min(max(self.baseline + off / MEMORY, 0.0), self._max_baseline)
+        if self.baseline:  # else the variation may be congestion
+            self._spread += (off * off / seen.sent - self._spread) / ROUNDS
+        late = self._late
+        late.add(seen)
+        most = (self.baseline + LOSS_STEP) * late.sent + self.deviation(late.sent)
+        rose = late.events >= EVENTS and late.lost > most
+        if rose or late.sent > MEMORY:
+            self._late = LossCounter()
+        return late if rose else None
+
+    def test_done(self, before: LossCounter, during: LossCounter) -> bool:
+        """True if a test at a lower sending rate has lasted long enough to compare the loss rates before and during it.
+
+        Args:
+            before: Sent and lost datagrams before the test.
+            during: Sent and lost datagrams during the test so far.
+        """
+        return during.sent * before.events >= EVENTS * before.sent
+
+    def finish_test(self, before: LossCounter, during: LossCounter, slower: float) -> bool:
+        """Evaluates a test at a lower sending rate.
+
+        Args:
+            before: Sent and lost datagrams before the test.
+            during: Sent and lost datagrams during the test.
+            slower: Sending rate during the test as a share of the rate before the test.
+
+        Returns:
+            True if the loss disappeared at the lower rate, so that it was congestion. Otherwise the measured loss rate
+            becomes the new baseline loss.
+        """
+        self._late = LossCounter()
+        if_full = max(1.0 - (1.0 - before.share) / slower, 0.0)
+        if before.share > CIRCUIT_BREAKER_LOSS or during.share < 0.5 * (before.share + if_full):
+            return True
+        first, both = not self.baseline, LossCounter()
+        both.add(before)
+        both.add(during)
+        self.baseline = min(both.share, MAX_BASELINE_LOSS)
+        if first:
+            self._spread = self.baseline * both.lost / both.events
+        self._max_baseline = min(BASELINE_TOLERANCE * self.baseline + LOSS_STEP, MAX_BASELINE_LOSS)
+        return False

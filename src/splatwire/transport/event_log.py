@@ -1,0 +1,51 @@
+"""Structured log events: a name with fields, as text or as JSON."""
+
+import datetime
+import json
+import logging
+
+_FIELDS = "splatwire_fields"
+
+
+def log_event(logger: logging.Logger, level: int, event: str, **fields: str | int | float | bool) -> None:
+    """Logs an event with its fields; the message is text such as `transfer ended bytes=812 reason="left"`.
+
+    Args:
+        logger: Logger that receives the event.
+        level: Level of the event, such as `logging.INFO`.
+        event: Name of the event.
+        fields: Values of the event by name. Text is quoted as in JSON, so that no client can forge a line of the log.
+    """
+    if logger.isEnabledFor(level):
+        words = [event, *(f"{name}={json.dumps(value)}" for name, value in fields.items())]
+        logger.log(level, "%s", " ".join(words), extra={_FIELDS: {"event": event, **fields}})
+
+
+class JsonFormatter(logging.Formatter):
+    """Log formatter: one JSON object per line with `time` (UTC, RFC 3339), `level`, `logger`, and the event's fields.
+
+    Records that were not logged with `log_event` have their text in the field `message` instead. Records of an
+    exception have the additional field `traceback`.
+    """
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Returns a log record as one line of JSON."""
+        fields = getattr(record, _FIELDS, None) or {"message": record.getMessage()}
+        if record.exc_info:
+            fields = {**fields, "traceback": self.formatException(record.exc_info)}
+        head = {"time": _time(record), "level": record.levelname.lower(), "logger": record.name}
+        return json.dumps({**head, **fields})
+
+
+class TextFormatter(logging.Formatter):
+    """Log formatter: one line of text with the time (UTC, RFC 3339), the level and the message; then any traceback."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Returns a log record as one line of text."""
+        line = f"{_time(record)} {record.levelname} {' '.join(record.getMessage().split())}"
+        return f"{line}\n{self.formatException(record.exc_info)}" if record.exc_info else line
+
+
+def _time(record: logging.LogRecord) -> str:
+    time = datetime.datetime.fromtimestamp(record.created, datetime.UTC)
+    return time.isoformat(timespec="milliseconds").replace("+00:00", "Z")

@@ -1,0 +1,1 @@
+"""HTTP server for the browser page and its streams, and pages that contain their streams in one HTML file."""

@@ -1,0 +1,415 @@
+"""Content of the HTTP server for the browser page: maps request bytes to response bytes, without sockets."""
+
+import base64
+import hashlib
+import html
+import ipaddress
+import json
+import re
+import socket
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import files
+from typing import NamedTuple
+from urllib.parse import quote, unquote
+
+from splatwire.bitstream.container import file_head, file_record
+from splatwire.bitstream.manifest import Manifest
+from splatwire.errors import BitstreamError, SplatwireError
+from splatwire.transport.http.access import Access
+from splatwire.transport.http.downloads import Downloads
+from splatwire.transport.http.messages import (
+    Answer,
+    GrowingFile,
+    Request,
+    accepts_gzip,
+    is_current,
+    make_answer,
+    make_part,
+    read_request,
+    token_in,
+    token_of,
+)
+from splatwire.transport.http.origins import host_of, is_loopback, is_loopback_origin
+from splatwire.transport.http.scene_list import preview_attributes, scene_list, start_attributes
+from splatwire.transport.protocol.layout import Segments, split_init_segment
+from splatwire.transport.protocol.served_stream import ServedStream
+
+SCRIPT, DRAWING, STYLE = "splatwire.js", "splatwire-view.js", "page.css"
+"""Files of the browser page: script of the receiver, script of the renderer (loaded by the receiver), style sheet."""
+FILES = {SCRIPT: "text/javascript", DRAWING: "text/javascript", STYLE: "text/css"}
+STREAMS, PRIVATE = "/streams/", "/private/"
+"""Folders of streams that everybody may read, and of streams that need a token."""
+_READABLE = "Access-Control-Expose-Headers: Content-Encoding, Content-Range, ETag, Retry-After\r\n"
+"""CORS header that lets pages of other web origins read the named response headers."""
+METHODS = "GET, HEAD, OPTIONS"
+_PREFLIGHT = (
+    "Access-Control-Allow-Methods: GET, HEAD\r\n"
+    "Access-Control-Allow-Headers: Range, If-Range, If-Match, If-None-Match, Cache-Control, Pragma\r\n"
+    "Access-Control-Max-Age: 86400\r\n"
+)
+"""CORS headers that answer a preflight: methods and request headers that a page of another web origin may use."""
+
+
+class Link(NamedTuple):
+    """WebTransport endpoint of the server, to which the page connects.
+
+    Attributes:
+        port: UDP port of the endpoint.
+        path: Path of the WebTransport session in its URL.
+        fingerprint: SHA-256 of the endpoint's self-signed certificate, hexadecimal; None if the certificate is signed
+            by an authority that browsers trust.
+    """
+
+    port: int
+    path: str
+    fingerprint: str | None
+
+
+@dataclass(frozen=True)
+class PageContent:
+    """Content that the HTTP server for the browser page offers: page, scripts and streams.
+
+    Attributes:
+        programs: Streams by name: a prepared stream, the bytes of a `.swz` file, or a file that still grows. None for a
+            live sequence, which browsers receive over WebTransport only. The page shows the first stream, or the
+            stream named in the query parameter `stream` of its URL.
+        link: WebTransport endpoint, or a function that returns the current endpoint (its certificate is renewed
+            regularly). None if the server has no endpoint.
+        host: Address that the server listens on; accepted in the `Host` header of requests.
+        origins: Web origins whose pages may read the streams. None allows all origins, unless the server listens on a
+            loopback address. Then only pages served from this machine are allowed, because otherwise any web page
+            could read local scenes.
+        public_origin: Web origin under which visitors reach the server, such as the origin of a proxy. None if
+            visitors connect directly. The host of this origin is accepted in the `Host` header of requests, and
+            streams are readable from all origins unless `origins` is set.
+        attributes: Further HTML attributes of the page's viewer element (docs/browser.md).
+        access: Rules of access to the scenes; None if all are open and listed.
+        downloads: Files of other formats, made from the streams at their first request; None for no such files.
+    """
+
+    programs: Mapping[str, ServedStream | bytes | GrowingFile | None]
+    link: Link | Callable[[], Link] | None = None
+    host: str = "127.0.0.1"
+    origins: tuple[str, ...] | None = None
+    public_origin: str | None = None
+    attributes: Mapping[str, str] = field(default_factory=dict)
+    access: Access | None = None
+    downloads: Downloads | None = None
+    _files: dict[str, bytes] = field(default_factory=dict, init=False, repr=False)
+    _tags: dict[int, str] = field(default_factory=dict, init=False, repr=False)
+
+    def answer(self, head: bytes) -> Answer:
+        """Returns the HTTP response to a request.
+
+        Args:
+            head: Head of the HTTP request, up to and including the empty line.
+        """
+        try:
+            request = read_request(head)
+        except BitstreamError:
+            return make_answer("400 Bad Request")
+        return self._answer(request).for_method(request.method)
+
+    async def respond(self, head: bytes) -> Answer:
+        """Returns the HTTP response to a request; waits for a file of another format that is not made yet.
+
+        Args:
+            head: Head of the HTTP request, up to and including the empty line.
+        """
+        try:
+            request = read_request(head)
+        except BitstreamError:
+            return make_answer("400 Bad Request")
+        wanted = self._download(request.target)
+        if wanted is None or self.downloads is None or not self._is_own_host(request.host):
+            return self.answer(head)
+        shared = self._shared(request.headers.get("origin"))
+        if request.method == "OPTIONS":
+            return self._preflight(request)
+        if request.method not in ("GET", "HEAD"):
+            return self.answer(head)
+        name, form = wanted
+        if (refused := self._unauthorized(name, request)) is not None:
+            return refused.for_method(request.method)
+        stream = self._file(name)
+        assert isinstance(stream, bytes)
+        try:
+            found = await self.downloads.file(stream, self._tag(stream), form)
+        except SplatwireError:
+            return make_answer("500 Internal Server Error", headers=shared).for_method(request.method)
+        file_name = quote(f"{name}.{form}", safe="")
+        headers = f"Content-Disposition: attachment; filename*=UTF-8''{file_name}\r\n{shared}"
+        kind = "application/octet-stream"
+        private = self._is_private(name)
+        return make_part(kind, found.data, headers, request, found.tag, private=private).for_method(request.method)
+
+    def _download(self, target: str) -> tuple[str, str] | None:
+        """Parses the path of a download, such as `/room.spz`.
+
+        Returns:
+            Name of the stream, and file format; None if the path is not that of a download.
+        """
+        name, dot, form = unquote(target[1:]).rpartition(".")
+        known = dot and target == download_path(name, form) and form in self._download_formats(name)
+        return (name, form) if known else None
+
+    def _download_formats(self, name: str) -> tuple[str, ...]:
+        """Returns the file formats in which a stream can be downloaded; empty for clips and neural anchors."""
+        program = self.programs.get(name)
+        if self.downloads is None or not isinstance(program, ServedStream) or program.is_live:
+            return ()
+        schema = _head(program)[0].schema
+        return self.downloads.formats if schema.explicit and not schema.timed else ()
+
+    def _download_list(self, name: str, token: str) -> str:
+        """Returns the HTML list of links to a stream's files of other formats; empty if there are none.
+
+        Args:
+            name: Name of the stream.
+            token: Access token to add to the links; may be empty.
+        """
+        query = f"?token={token}" if token else ""
+        files = {form: html.escape(download_path(name, form) + query) for form in self._download_formats(name)}
+        links = [f'<li><a href="{url}" download>{html.escape(name)}.{form}</a></li>' for form, url in files.items()]
+        return f'<nav aria-label="files for other programs"><ul>{"".join(links)}</ul></nav>' if links else ""
+
+    def _answer(self, request: Request) -> Answer:
+        if request.method not in ("GET", "HEAD", "OPTIONS"):
+            return make_answer("405 Method Not Allowed", headers=f"Allow: {METHODS}\r\n")
+        if not self._is_own_host(request.host):
+            return make_answer("403 Forbidden", body=self._refusal())
+        origin = request.headers.get("origin")
+        if request.method != "OPTIONS" and (refused := self._unauthorized(self._requested(request), request)):
+            return refused
+        found = self._find(request.target, request.query, origin)
+        if found is None:  # pages of other origins may see that a stream is missing
+            return make_answer("404 Not Found", headers=self._shared(origin))
+        if request.method == "OPTIONS":
+            return self._preflight(request)
+        status, kind, body, headers = found
+        script = request.target[1:] in FILES
+        if isinstance(body, bytes) and (script or request.target.startswith((STREAMS, PRIVATE))):
+            packed = script and accepts_gzip(request.headers.get("accept-encoding", ""))
+            private = request.target.startswith(PRIVATE)
+            return make_part(kind, body, headers, request, self._tag(body), packed=packed, private=private)
+        if is_current("", request.headers.get("if-none-match", "")):
+            return make_answer("304 Not Modified", kind, headers=headers, bodiless=True)
+        return make_answer(status, kind, body, headers)
+
+    def _requested(self, request: Request) -> str:
+        """Returns the name of the scene that a request is for; empty if it is for another file, such as a script."""
+        if request.target == "/":
+            return self._shown_name(request.query)
+        for folder in (STREAMS, PRIVATE):
+            if request.target.startswith(folder):
+                return unquote(request.target.removeprefix(folder).removesuffix(".swz"))
+        return ""
+
+    def _unauthorized(self, name: str, request: Request) -> Answer | None:
+        """Returns the response that refuses a request for a scene; None if the request may have it."""
+        token = token_of(request)
+        reason = None if self.access is None else self.access.refusal(name, token)
+        if reason is None:
+            return None
+        headers = f"WWW-Authenticate: Bearer\r\n{self._shared(request.headers.get('origin'))}"
+        return make_answer("401 Unauthorized", body=f"{reason}\n".encode(), headers=headers)
+
+    def _is_private(self, name: str) -> bool:
+        return self.access is not None and name in self.access.private
+
+    def _listed(self) -> list[str]:
+        """Returns the names of the scenes that appear in lists of scenes: all but private and unlisted ones."""
+        return [name for name in self.programs if self.access is None or self.access.is_listed(name)]
+
+    def _shown_name(self, query: str) -> str:
+        """Returns the name of the scene to show on the page: that in the query string, else the first listed scene."""
+        wanted = re.search(r"(?:^|&)stream=([^&]*)", query)
+        return unquote(wanted[1]) if wanted else next(iter(self._listed()), "")
+
+    def _preflight(self, request: Request) -> Answer:
+        """Returns the response to an OPTIONS request.
+
+        Browsers send it before a request of another web origin with headers such as `If-Range` (a CORS preflight).
+        """
+        headers = self._shared(request.headers.get("origin"))
+        if request.target != "/" and "Access-Control-Allow-Origin" in headers:
+            headers = f"{headers.replace(_READABLE, '')}{_PREFLIGHT}"
+        return make_answer("204 No Content", headers=f"Allow: {METHODS}\r\n{headers}")
+
+    def busy(self, head: bytes) -> Answer:
+        """Returns the HTTP response that refuses a request because all response slots are in use.
+
+        Args:
+            head: Head of the HTTP request, up to and including the empty line.
+        """
+        try:
+            request = read_request(head)
+        except BitstreamError:
+            return make_answer("400 Bad Request")
+        shared = self._shared(request.headers.get("origin"))
+        answer = make_answer("503 Service Unavailable", headers=f"Retry-After: 1\r\n{shared}")
+        return answer.for_method(request.method)
+
+    def _refusal(self) -> bytes:
+        """Returns the response body for a refused `Host` header: advice on how to reach the server."""
+        if self.public_origin is not None:
+            host = host_of(self.public_origin)
+            return f"the proxy must pass 'Host: {host}' or the IP address of this server\n".encode()
+        return (
+            b"open this page by the IP address of its server, or start the server with --public-url ADDRESS, "
+            b"the address in the browser's address bar\n"
+        )
+
+    def _tag(self, file: bytes) -> str:
+        """Returns the HTTP entity tag (ETag) of a file, derived from its content."""
+        if id(file) not in self._tags:  # files live as long as this object
+            self._tags[id(file)] = hashlib.sha256(file).hexdigest()[:16]
+        return self._tags[id(file)]
+
+    def _find(self, target: str, query: str, origin: str | None) -> tuple[str, str, bytes | GrowingFile, str] | None:
+        """Returns status, media type, body and further headers of the response for a path; None if not found.
+
+        Args:
+            target: Path of the request.
+            query: Query string of the request.
+            origin: Web origin of the requesting page; None if the request names none.
+        """
+        if target == "/":
+            return "200 OK", "text/html; charset=utf-8", self._page(query).encode(), self._policy()
+        shared = self._shared(origin)
+        if kind := FILES.get(target[1:]):
+            headers = f"{shared}Vary: Accept-Encoding\r\n"
+            return "200 OK", f"{kind}; charset=utf-8", _web_bytes(target[1:]), headers
+        if target == "/streams.json":
+            return "200 OK", "application/json", json.dumps(self._described()).encode(), shared
+        folder = PRIVATE if target.startswith(PRIVATE) else STREAMS
+        name = unquote(target.removeprefix(folder).removesuffix(".swz"))
+        if target == self._path(name) and (file := self._file(name)) is not None:
+            return "200 OK", "application/octet-stream", file, shared
+        return None
+
+    def _page(self, query: str) -> str:
+        name = self._shown_name(query)
+        token = token_in(query) if self._is_private(name) else ""
+        address = f"{self._path(name)}?token={token}" if token else self._address(name)
+        attributes = {"src": address, **self.attributes} if name else dict(self.attributes)
+        if (link := self._link()) and not self._is_private(name):
+            # Relative, because behind a proxy the request's host may differ from the one in the visitor's address bar.
+            attributes["session"] = f":{link.port}{link.path}"
+            attributes["fingerprint"] = link.fingerprint or ""
+        program = self.programs.get(name)
+        if isinstance(program, ServedStream) and program.preview:
+            attributes["preview"] = base64.b64encode(program.preview).decode()
+            attributes |= start_attributes(*_side_info_of(program))  # shows the preview before the stream arrives
+        words = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
+        scenes = {one: self._scene(one) for one in self._listed()}
+        listed = scene_list(scenes, name, lambda one: f"/?stream={quote(one, safe='')}")
+        listed += self._download_list(name, token)
+        return web_file("index.html").replace("$scenes", listed).replace("$attributes", words)
+
+    def _scene(self, name: str) -> dict[str, str]:
+        """Returns the HTML attributes of a stream's entry in the page's list of scenes, such as its preview."""
+        program = self.programs[name]
+        return preview_attributes(*_side_info_of(program), program.preview) if isinstance(program, ServedStream) else {}
+
+    def _address(self, name: str) -> str:
+        """Returns the URL path of a stream; a complete file has its entity tag as query, so that it can be cached."""
+        file = self._file(name)
+        path = self._path(name)
+        return f"{path}?{self._tag(file)}" if isinstance(file, bytes) and file else path
+
+    def _path(self, name: str) -> str:
+        """Returns the URL path of a stream's file; private scenes have a path outside `/streams/`.
+
+        Players look for a WebTransport session only if the file is in `/streams/`.
+        """
+        return stream_path(name).replace(STREAMS, PRIVATE, 1) if self._is_private(name) else stream_path(name)
+
+    def _policy(self) -> str:
+        link = self._link()
+        session = f" https://*:{link.port}" if link else ""
+        return (
+            "Content-Security-Policy: default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; "
+            f"img-src data:; worker-src blob:; connect-src 'self'{session}; base-uri 'none'; form-action 'none'; "
+            "frame-ancestors *\r\n"
+        )
+
+    def _described(self) -> dict[str, object]:
+        link = self._link()
+        return {"streams": [stream_path(name) for name in self._listed()], **(link._asdict() if link else {})}
+
+    def _link(self) -> Link | None:
+        return self.link() if callable(self.link) else self.link
+
+    def _shared(self, origin: str | None) -> str:
+        """Returns the CORS headers that allow or deny a page of the given web origin to read a response."""
+        if self.origins is None and (self.public_origin is not None or not is_loopback(self.host)):
+            return f"Access-Control-Allow-Origin: *\r\n{_READABLE}"
+        allowed = is_loopback_origin(origin) if self.origins is None else origin in self.origins
+        return (
+            f"Access-Control-Allow-Origin: {origin}\r\n{_READABLE}Vary: Origin\r\n" if allowed else "Vary: Origin\r\n"
+        )
+
+    def _file(self, name: str) -> bytes | GrowingFile | None:
+        program = self.programs.get(name)
+        if not isinstance(program, ServedStream):
+            return program
+        if name not in self._files:
+            self._files[name] = served_stream_file(program)
+        return self._files[name]
+
+    def _is_own_host(self, name: str) -> bool:
+        """True if a request's `Host` header is a name of this server or an IP address.
+
+        Other names are refused, because an attacker's name could point to this machine (DNS rebinding).
+        """
+        plain = name.lower().removesuffix(".")  # a name with a final dot is the same name (RFC 1034)
+        try:
+            ipaddress.ip_address(plain.strip("[]"))
+        except ValueError:
+            own = {self.host.lower(), socket.gethostname().lower()}
+            return is_loopback(name) or plain in own | ({host_of(self.public_origin)} if self.public_origin else set())
+        return True
+
+
+def web_file(name: str) -> str:
+    """Returns the text of a script or style sheet of the browser page, given its file name."""
+    return _web_bytes(name).decode()
+
+
+@cache
+def _web_bytes(name: str) -> bytes:
+    """Returns the bytes of a script or style sheet of the browser page, given its file name; cached."""
+    return files("splatwire").joinpath("web").joinpath(name).read_bytes()
+
+
+def stream_path(name: str) -> str:
+    """Returns the URL path under which the page server offers a stream of a given name."""
+    return f"{STREAMS}{quote(name, safe='')}.swz"
+
+
+def download_path(name: str, form: str) -> str:
+    """Returns the URL path of a stream as a file of another format."""
+    return f"/{quote(name, safe='')}.{form}"
+
+
+def served_stream_file(program: ServedStream) -> bytes:
+    """Returns the bytes of a prepared stream as one `.swz` file (docs/format.md), with packets in sending order."""
+    manifest, side_info = _head(program)
+    return b"".join([file_head(manifest, side_info), *map(file_record, program.packets)])
+
+
+def _head(program: ServedStream) -> tuple[Manifest, bytes]:
+    """Returns the manifest and side information of a prepared stream, parsed from its init segment."""
+    segments = Segments(program.head_bytes, program.symbol_bytes)
+    symbols = (symbol for number, segment in enumerate(program.head) for symbol in segment[: segments.size(number)])
+    manifest, side_info, _ = split_init_segment(b"".join(symbols)[: program.head_bytes])
+    return manifest, side_info
+
+
+def _side_info_of(program: ServedStream) -> tuple[bytes, str]:
+    """Returns the side information of a prepared stream and the name of its codec schema."""
+    manifest, side_info = _head(program)
+    return side_info, manifest.codec

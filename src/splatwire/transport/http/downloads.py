@@ -1,0 +1,41 @@
+"""Downloads of the page server: its streams converted to other file formats."""
+
+from mmap import mmap
+from typing import NamedTuple, Protocol, runtime_checkable
+
+
+class DownloadedFile(NamedTuple):
+    """A stream converted to another file format, as sent to clients of the page server.
+
+    Attributes:
+        data: Content of the file.
+        tag: HTTP entity tag, derived from the content.
+    """
+
+    data: bytes | mmap
+    tag: str
+
+
+@runtime_checkable
+class Downloads(Protocol):
+    """Protocol of a converter that offers streams in other file formats.
+
+    Attributes:
+        formats: Supported formats: file name suffixes without their dot, such as `spz`.
+    """
+
+    @property
+    def formats(self) -> tuple[str, ...]:
+        """Supported formats: file name suffixes without their dot, such as `spz`."""
+
+    async def file(self, stream: bytes, tag: str, form: str) -> DownloadedFile:
+        """Returns a stream in another file format; converts the stream at the first request.
+
+        Args:
+            stream: Content of the stream's `.swz` file.
+            tag: HTTP entity tag of the stream.
+            form: Format, one of `formats`.
+
+        Raises:
+            SplatwireError: If the stream cannot be converted.
+        """

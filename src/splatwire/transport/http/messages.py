@@ -1,0 +1,239 @@
+"""HTTP/1.1 messages of the server for the browser page: strict request parser and responses (RFC 9110, RFC 9112)."""
+
+import gzip
+import ipaddress
+import re
+from collections.abc import AsyncIterator, Mapping
+from functools import lru_cache
+from mmap import mmap
+from typing import NamedTuple, Protocol, runtime_checkable
+
+from splatwire.errors import BitstreamError
+
+_REQUEST = re.compile(r"([!#$%&'*+.^_`|~0-9A-Za-z-]+) (/[!-~]*) HTTP/1\.[01]")
+_FIELD = re.compile(r"([!#$%&'*+.^_`|~0-9A-Za-z-]+):([\t\x20-\x7e\x80-\xff]*)")
+_RANGE = re.compile(r"bytes=([0-9]{0,18})-([0-9]{0,18})", re.IGNORECASE)
+_NO_WEIGHT = re.compile(r"q=0(?:\.0{0,3})?")
+_HOST = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[0-9A-Za-z._-]{1,253})(?::[0-9]{0,5})?")
+"""Host name or IP address with optional port. Stricter than RFC 3986, so that the text is safe in headers and HTML."""
+
+
+_BEARER = re.compile(r"[Bb]earer +([A-Za-z0-9._-]+)")
+_TOKEN = re.compile(r"(?:^|&)token=([A-Za-z0-9._-]+)(?:&|$)")
+
+
+class Request(NamedTuple):
+    """Head of an HTTP request.
+
+    Attributes:
+        method: Request method.
+        target: Path of the URL, percent-encoded.
+        query: Query string: the part of the URL after the question mark.
+        host: Value of the `Host` header without port; an IPv6 address keeps its brackets.
+        headers: Header values by lower-case name; the values of a repeated header are joined by commas.
+    """
+
+    method: str
+    target: str
+    query: str
+    host: str
+    headers: Mapping[str, str]
+
+
+@runtime_checkable
+class GrowingFile(Protocol):
+    """File of a stream that is still being received, so that its length is unknown."""
+
+    def pieces(self) -> AsyncIterator[bytes]:
+        """Yields the file from its start, piece by piece on reception, until the file is complete."""
+
+
+class Answer(NamedTuple):
+    """HTTP response: bytes of the head, and the body.
+
+    Responses with the same file share its memory. If the body is a growing file, the head has no `Content-Length`.
+    """
+
+    head: bytes
+    body: bytes | memoryview | GrowingFile
+
+    def for_method(self, method: str) -> "Answer":
+        """Returns the response to a request of a method: without a body for HEAD."""
+        return self._replace(body=b"") if method == "HEAD" else self
+
+
+def read_request(head: bytes) -> Request:
+    """Parses the head of an HTTP request.
+
+    Args:
+        head: Bytes of the request line and the headers, with or without the final empty line.
+
+    Raises:
+        BitstreamError: If the head has a control byte within a line, a header without name, or not exactly one valid
+            `Host` header.
+    """
+    first, *lines = head.removesuffix(b"\r\n\r\n").decode("latin-1").split("\r\n")
+    words, headers = _REQUEST.fullmatch(first), dict[str, str]()
+    if words is None:
+        raise BitstreamError("no request of HTTP/1")
+    for line in lines:
+        field = _FIELD.fullmatch(line)
+        if field is None or (field[1].lower() == "host" and "host" in headers):
+            raise BitstreamError(f"no header of a request: {line[:80]!r}")
+        name, value = field[1].lower(), field[2].strip(" \t")
+        headers[name] = f"{headers[name]}, {value}" if name in headers else value
+    target, _, query = words[2].partition("?")
+    return Request(words[1], target, query, _host(headers.get("host", "")), headers)
+
+
+def _host(text: str) -> str:
+    """Returns the host from the value `HOST[:PORT]` of a `Host` header."""
+    match = _HOST.fullmatch(text)
+    if match is None:
+        raise BitstreamError(f"no host: {text[:80]!r}")
+    if match[1].startswith("["):
+        try:
+            ipaddress.IPv6Address(match[1][1:-1])
+        except ValueError as error:
+            raise BitstreamError(f"no IPv6 address: {text[:80]!r}") from error
+    return match[1]
+
+
+def token_of(request: Request) -> str:
+    """Returns the access token in the `Authorization` header or in the query of a request; empty without one."""
+    found = _BEARER.fullmatch(request.headers.get("authorization", ""))
+    return found[1] if found else token_in(request.query)
+
+
+def token_in(query: str) -> str:
+    """Returns the access token in a query string (`token=`); empty without one."""
+    found = _TOKEN.search(query)
+    return found[1] if found else ""
+
+
+def accepts_gzip(text: str) -> bool:
+    """Returns True if the value of an `Accept-Encoding` header names gzip with a weight above 0 (RFC 9110, 12.5.3)."""
+    for coding in text.lower().split(","):
+        name, *parameters = (word.strip(" \t") for word in coding.split(";"))
+        if name in ("gzip", "x-gzip"):
+            return not any(_NO_WEIGHT.fullmatch(word) for word in parameters)
+    return False
+
+
+@lru_cache(maxsize=8)
+def _packed(body: bytes) -> bytes:
+    return gzip.compress(body, mtime=0)
+
+
+def read_range(text: str, size: int) -> tuple[int, int] | None:
+    """Parses the value of a `Range` header: the requested byte range of a file (RFC 9110, section 14).
+
+    Args:
+        text: Value of the header. Values other than a single byte range are ignored, as RFC 9110 requires.
+        size: Size of the whole file in bytes.
+
+    Returns:
+        Offset of the first requested byte, and of the byte after the last one. Both are equal if the file has none of
+        the requested bytes. None if the whole file is to be sent.
+    """
+    match = _RANGE.fullmatch(text)
+    if match is None or not (match[1] or match[2]):
+        return None
+    if not match[1]:
+        return max(size - int(match[2]), 0), size
+    first, last = int(match[1]), int(match[2]) if match[2] else size - 1
+    if last < first and match[2]:
+        return None
+    return (first, min(last + 1, size)) if first < size else (size, size)
+
+
+def make_part(
+    kind: str, body: bytes | mmap, headers: str, request: Request, tag: str, *, packed: bool = False,
+    private: bool = False,
+) -> Answer:  # fmt: skip
+    """Returns the response to a GET or HEAD request for a file (RFC 9110, sections 13 and 14).
+
+    This is the whole file, a range of it (GET only), status 304 (not modified), or 412 (precondition failed).
+
+    If the query of the URL is the entity tag (`?TAG`), caches may keep the file forever; otherwise caches must
+    revalidate it.
+
+    Args:
+        kind: Media type of the file.
+        body: Bytes of the file.
+        headers: Further header lines, each with its line ending.
+        request: Parsed request.
+        tag: Entity tag of the file, derived from its content.
+        packed: True to compress the body with gzip; the compressed file has another entity tag.
+        private: True for a file that not everybody may have: shared caches, such as those of proxies, may not keep it.
+    """
+    asked = request.headers
+    cache = "public, max-age=31536000, immutable" if request.query == tag else "no-cache"
+    if private:
+        cache = "private, no-cache"
+    if packed:
+        body, tag, headers = _packed(bytes(body)), f"{tag}-gzip", f"{headers}Content-Encoding: gzip\r\n"
+    headers = f'Accept-Ranges: bytes\r\nETag: "{tag}"\r\n{headers}'
+    content = body if isinstance(body, bytes) else memoryview(body)
+    if not is_current(tag, asked.get("if-match", "*"), weak=False):
+        return make_answer("412 Precondition Failed", headers=headers)
+    if is_current(tag, asked.get("if-none-match", "")):
+        return make_answer("304 Not Modified", kind, content, headers, cache=cache, bodiless=True)
+    same = request.method == "GET" and asked.get("if-range", f'"{tag}"') == f'"{tag}"'
+    wanted = read_range(asked.get("range", ""), len(body)) if same else None
+    if wanted is None:
+        return make_answer("200 OK", kind, content, headers, cache=cache)
+    first, end = wanted
+    if first == end:
+        return make_answer("416 Range Not Satisfiable", headers=f"Content-Range: bytes */{len(body)}\r\n{headers}")
+    headers = f"Content-Range: bytes {first}-{end - 1}/{len(body)}\r\n{headers}"
+    part = memoryview(body)[first:end]
+    return make_answer("206 Partial Content", kind, part, headers, cache=cache)
+
+
+def is_current(tag: str, condition: str, *, weak: bool = True) -> bool:
+    """Returns True if a condition on entity tags matches a file that exists (RFC 9110, 13.1.1 and 13.1.2).
+
+    Args:
+        tag: Entity tag of the file; empty for a file without one.
+        condition: Value of an `If-Match` or `If-None-Match` header: `*` or a list of quoted tags.
+        weak: True if a weak tag (`W/"..."`) matches, too.
+    """
+    listed = [word.strip(" \t") for word in condition.split(",")]
+    if weak:
+        listed = [word.removeprefix("W/") for word in listed]
+    return listed == ["*"] or (bool(tag) and f'"{tag}"' in listed)
+
+
+def make_answer(
+    status: str,
+    kind: str = "text/plain; charset=utf-8",
+    body: bytes | memoryview | GrowingFile = b"",
+    headers: str = "",
+    *,
+    bodiless: bool = False,
+    cache: str = "no-store",
+) -> Answer:
+    """Builds an HTTP response.
+
+    Args:
+        status: Status code and phrase.
+        kind: Media type of the body.
+        body: Body of the response; an empty body is replaced by the status text, except with status 204, which has no
+            body. After a growing file, the server closes the connection to mark its end.
+        headers: Further header lines, each with its line ending.
+        bodiless: True to omit the body but keep its `Content-Length`, as with status 304.
+        cache: Value of the `Cache-Control` header.
+    """
+    if status.startswith("204 "):
+        head = f"HTTP/1.1 {status}\r\n{headers}Cache-Control: {cache}\r\nConnection: close\r\n\r\n"
+        return Answer(head.encode("latin-1"), b"")
+    if not isinstance(body, GrowingFile):
+        body = body or f"{status}\n".encode()
+        headers = f"Content-Length: {len(body)}\r\n{headers}"
+    head = (
+        f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\n{headers}"
+        f"X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: {cache}\r\n"
+        "Connection: close\r\n\r\n"
+    )
+    return Answer(head.encode("latin-1"), b"" if bodiless else body)

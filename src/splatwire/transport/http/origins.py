@@ -1,0 +1,49 @@
+"""Parsing of web origins (RFC 6454), which identify the pages that may read streams."""
+
+import ipaddress
+import re
+from urllib.parse import urlsplit
+
+from splatwire.errors import InvalidValueError
+
+_ORIGIN = re.compile(r"(https?)://(\[[0-9A-Fa-f:.]+\]|[0-9A-Za-z._-]+)(?::([0-9]{1,5}))?")
+
+
+def parse_origin(text: str) -> str:
+    """Parses a web origin, `http[s]://HOST[:PORT]`, into the spelling of browsers (RFC 6454).
+
+    Args:
+        text: Web origin as typed by a user; a trailing slash is ignored.
+
+    Returns:
+        Web origin in lower case, without the port if it is the default of the scheme.
+
+    Raises:
+        InvalidValueError: If the text is not a web origin, for instance a URL with a path.
+    """
+    match = _ORIGIN.fullmatch(text.strip().removesuffix("/"))
+    if match is None or int(match[3] or 0) >= 1 << 16:
+        raise InvalidValueError(f"'{text}' is not a web origin such as https://example.org or http://localhost:8080")
+    scheme, host, port = match[1], match[2].lower(), match[3]
+    default = {"http": 80, "https": 443}[scheme]
+    return f"{scheme}://{host}" if port is None or int(port) == default else f"{scheme}://{host}:{int(port)}"
+
+
+def host_of(origin: str) -> str:
+    """Returns the host of a web origin without its port; an IPv6 address is in brackets, as in a `Host` header."""
+    host = urlsplit(origin).hostname or ""
+    return f"[{host}]" if ":" in host else host
+
+
+def is_loopback(host: str) -> bool:
+    """Returns True for a loopback name or address: `localhost`, 127.0.0.0/8 or `::1`."""
+    plain = host.strip("[]").lower().removesuffix(".")
+    try:
+        return ipaddress.ip_address(plain).is_loopback
+    except ValueError:
+        return plain == "localhost" or plain.endswith(".localhost")
+
+
+def is_loopback_origin(origin: str | None) -> bool:
+    """Returns True if a web origin belongs to a page served from this machine (loopback address), on any port."""
+    return origin is not None and _ORIGIN.fullmatch(origin) is not None and is_loopback(host_of(origin))

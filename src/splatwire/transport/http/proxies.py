@@ -1,0 +1,60 @@
+"""Trusted reverse proxies: the address of a client from the header `X-Forwarded-For`."""
+
+import ipaddress
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.transport.http.messages import read_request
+
+IpNetwork: TypeAlias = ipaddress.IPv4Network | ipaddress.IPv6Network
+
+
+def parse_networks(texts: Sequence[str]) -> tuple[IpNetwork, ...]:
+    """Parses IP addresses and networks such as `10.0.0.0/8` or `::1`.
+
+    Raises:
+        InvalidValueError: If a text is neither.
+    """
+    try:
+        return tuple(ipaddress.ip_network(text.strip()) for text in texts)
+    except ValueError as error:
+        raise InvalidValueError(f"a proxy is an IP address or a network such as 10.0.0.0/8: {error}") from error
+
+
+def client_address(peer: Any, head: bytes, proxies: Sequence[IpNetwork]) -> tuple[str]:
+    """Returns the IP address of the client that sent an HTTP request, as a socket address without port.
+
+    Each proxy appends the address of its own client to `X-Forwarded-For`. The list is thus read from its end, and the
+    first address outside the trusted networks is the client. Addresses before it may be forged and are ignored.
+
+    Args:
+        peer: Socket address of the other end of the connection.
+        head: Head of the HTTP request.
+        proxies: Networks of trusted proxies.
+
+    Returns:
+        Address of the client. The address of the last known proxy if the header is missing or invalid.
+    """
+    found = str(peer[0])
+    try:
+        listed = read_request(head).headers.get("x-forwarded-for", "").split(",")
+    except BitstreamError:
+        return (found,)
+    while _is_trusted(found, proxies) and listed:
+        text = listed.pop().strip()
+        try:
+            found = str(ipaddress.ip_address(text))
+        except ValueError:
+            break
+    return (found,)
+
+
+def _is_trusted(address: str, proxies: Sequence[IpNetwork]) -> bool:
+    try:
+        host = ipaddress.ip_address(address.partition("%")[0])
+    except ValueError:
+        return False
+    if isinstance(host, ipaddress.IPv6Address):
+        host = host.ipv4_mapped or host
+    return any(host in network for network in proxies)

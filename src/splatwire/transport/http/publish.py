@@ -1,0 +1,194 @@
+"""Files of a static web site with streams and the player: everything that a web host or CDN needs, without a server."""
+
+import hashlib
+import html
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from urllib.parse import quote
+
+from splatwire.bitstream import SceneStream, send_sequence, stream_to_bytes
+from splatwire.errors import InvalidValueError
+from splatwire.transport.http.content import DRAWING, SCRIPT, STYLE, web_file
+from splatwire.transport.http.pack import check_page_support
+from splatwire.transport.http.scene_list import preview_attributes, scene_list
+from splatwire.transport.protocol.preview import stream_preview
+from splatwire.version import __version__
+
+HASH_DIGITS = 12
+"""Number of hexadecimal digits of a content hash in a file name."""
+FOREVER = "public, max-age=31536000, immutable"
+"""`Cache-Control` of files whose name contains the hash of their content."""
+REVALIDATED = "public, max-age=0, must-revalidate"
+"""`Cache-Control` of files that are replaced under the same name."""
+POLICY = (
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self' data:; "
+    "worker-src blob:; connect-src 'self'; base-uri 'none'; form-action 'none'"
+)
+"""Content Security Policy of the pages."""
+_SAFE_NAME = re.compile(r"[^/\\\0-\x1f]{1,120}")
+_TAKEN_NAMES = {"index", "404"}
+"""Names of pages that hosts show by themselves."""
+_PAGE = """\
+<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<title>{title}</title>
+{social}<link rel="icon" href="data:,">
+<link rel="stylesheet" href="{engine}/{style}">
+<link rel="modulepreload" href="{engine}/{script}">
+<script type="module" src="{engine}/{script}"></script>
+<main><h1>{title}</h1>{scenes}<splat-wire {attributes}></splat-wire></main>
+<noscript>{picture}This page draws with JavaScript.</noscript>
+</html>
+"""
+
+
+@dataclass(frozen=True)
+class PublishedScene:
+    """A scene of a static site.
+
+    Attributes:
+        stream: Complete stream that browsers can decode.
+        thumbnail: JPEG file with a picture of the scene; None for no thumbnail.
+    """
+
+    stream: SceneStream
+    thumbnail: bytes | None = None
+
+
+def published_files(scenes: Mapping[str, PublishedScene], url: str | None = None) -> dict[str, bytes]:
+    """Returns the files of a static site, by path relative to its folder, in the order in which they are to be written.
+
+    Files with the hash of their content in their name come first, pages last. When a site is published again, the new
+    files can therefore be written over the old site: it is consistent at any time, and pages that visitors have already
+    loaded still find their files.
+
+    Args:
+        scenes: Scenes by name; the first one is shown by `index.html`, each other one by `NAME.html`.
+        url: Address of the site, such as `https://example.org/splats`, for previews of links in other programs; None to
+            leave these out.
+
+    Raises:
+        InvalidValueError: If there is no scene, a stream is incomplete or cannot be decoded by browsers, or a name
+            cannot be a file name.
+    """
+    if not scenes:
+        raise InvalidValueError("a site needs at least one scene")
+    for name, scene in scenes.items():
+        _check(name, scene.stream)
+    if len({name.casefold() for name in scenes}) < len(scenes):
+        raise InvalidValueError(
+            "two names of scenes differ only in case, so some disks have one file for both: rename one"
+        )
+    engine, files = _engine_folder(), dict[str, bytes]()
+    for file in (SCRIPT, DRAWING, STYLE):
+        files[f"{engine}/{file}"] = web_file(file).encode()
+    paths, pictures = dict[str, str](), dict[str, str]()
+    for name, scene in scenes.items():
+        data = stream_to_bytes(scene.stream.with_packets(send_sequence(scene.stream, "tiers")))
+        paths[name] = _hashed(f"streams/{name}", data, "swz")
+        files[paths[name]] = data
+        if scene.thumbnail is not None:
+            pictures[name] = _hashed(f"thumbnails/{name}", scene.thumbnail, "jpg")
+            files[pictures[name]] = scene.thumbnail
+    files["_headers"] = _netlify_headers(engine).encode()
+    files["vercel.json"] = _vercel_headers(engine).encode()
+    files["streams.json"] = json.dumps({"streams": [f"/{quote(path)}" for path in paths.values()]}).encode()
+    pages = {name: f"{name}.html" if place else "index.html" for place, name in enumerate(scenes)}
+    previews = {name: _preview(scene.stream) for name, scene in scenes.items()}
+    for name in reversed(list(scenes)):
+        base = None if url is None else url.rstrip("/")
+        listed = scene_list(previews, name, lambda other: quote(pages[other]))
+        attributes = {"src": quote(paths[name]), **_attributes(previews[name])}
+        files[pages[name]] = _PAGE.format(
+            policy=POLICY,
+            title=html.escape(name),
+            social=_social(name, base, pages[name], pictures.get(name)),
+            engine=engine, style=STYLE, script=SCRIPT,
+            scenes=listed,
+            attributes=" ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items()),
+            picture=f'<img src="{quote(pictures[name])}" alt="{html.escape(name)}"> ' if name in pictures else "",
+        ).encode()  # fmt: skip
+    return files
+
+
+def _check(name: str, stream: SceneStream) -> None:
+    if not _SAFE_NAME.fullmatch(name) or name.startswith(".") or name.lower() in _TAKEN_NAMES:
+        raise InvalidValueError(f"a scene called {name!r:.60} cannot have a file of that name: rename it")
+    check_page_support(stream.manifest)
+    if missing := stream.manifest.num_packets - len(stream.packets):
+        raise InvalidValueError(f"{name}: {missing:,} of {stream.manifest.num_packets:,} packets are missing")
+
+
+def _engine_folder() -> str:
+    """Returns the folder of the player's files, with the version and the hash of their contents in its name."""
+    digest = hashlib.sha256("\0".join(map(web_file, (SCRIPT, DRAWING, STYLE))).encode()).hexdigest()
+    return f"splatwire-{__version__}-{digest[:HASH_DIGITS]}"
+
+
+def _hashed(stem: str, data: bytes, suffix: str) -> str:
+    return f"{stem}.{hashlib.sha256(data).hexdigest()[:HASH_DIGITS]}.{suffix}"
+
+
+def _preview(stream: SceneStream) -> dict[str, str]:
+    codec = stream.manifest.codec
+    return preview_attributes(stream.side_info, codec, stream_preview(stream.side_info, codec))
+
+
+def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
+    """Converts the HTML attributes of a scene's preview element to those of its viewer element."""
+    return {("preview" if name == "data" else name): value for name, value in preview.items()}
+
+
+def _social(name: str, url: str | None, page: str, picture: str | None) -> str:
+    """Returns the HTML elements from which other programs, such as messengers, make a preview of a link to the page."""
+    if url is None:
+        return ""
+    found = {"og:title": name, "og:type": "website", "og:url": f"{url}/{quote(page)}"}
+    if picture is not None:
+        found |= {"og:image": f"{url}/{quote(picture)}", "twitter:card": "summary_large_image"}
+    return "".join(f'<meta property="{key}" content="{html.escape(value)}">\n' for key, value in found.items())
+
+
+def _rules(engine: str) -> dict[str, dict[str, str]]:
+    """Returns the response headers of the site by pattern of paths; `*` stands for any characters."""
+    shared = {"Access-Control-Allow-Origin": "*", "Cross-Origin-Resource-Policy": "cross-origin"}
+    return {
+        "/*": {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"},
+        f"/{engine}/*": {"Cache-Control": FOREVER, **shared},
+        "/streams/*": {
+            "Cache-Control": f"{FOREVER}, no-transform",
+            "Content-Type": "application/octet-stream",
+            "Access-Control-Expose-Headers": "Content-Encoding, Content-Range, ETag",
+            **shared,
+        },
+        "/thumbnails/*": {"Cache-Control": FOREVER},
+        "/streams.json": {"Cache-Control": REVALIDATED, **shared},
+        "/*.html": {"Cache-Control": REVALIDATED},
+        "/": {"Cache-Control": REVALIDATED},
+    }
+
+
+def _netlify_headers(engine: str) -> str:
+    """Returns the file `_headers` of Netlify and Cloudflare Pages."""
+    blocks = [
+        "\n".join([path, *(f"  {key}: {value}" for key, value in rule.items())])
+        for path, rule in _rules(engine).items()
+    ]
+    return "\n".join([*blocks, ""])
+
+
+def _vercel_headers(engine: str) -> str:
+    """Returns the file `vercel.json` of Vercel."""
+    rules = [
+        {
+            "source": re.escape(path).replace(r"\*", "(.*)").replace(r"\.", ".").replace(r"\-", "-"),
+            "headers": [{"key": key, "value": value} for key, value in rule.items()],
+        }
+        for path, rule in _rules(engine).items()
+    ]
+    return json.dumps({"headers": rules}, indent=2) + "\n"

@@ -1,0 +1,57 @@
+"""HTML list of the server's scenes, shown above the viewer element of the page: one link with preview per scene."""
+
+import base64
+import html
+import re
+import struct
+from collections.abc import Callable, Mapping
+
+from splatwire.bitstream.sections import split_sections
+
+
+def scene_list(scenes: Mapping[str, Mapping[str, str]], current: str, address: Callable[[str], str]) -> str:
+    """Returns the HTML of the list of scenes, with a link and a preview for each; empty for a single scene.
+
+    Args:
+        scenes: For each scene, by name: HTML attributes of its element `<splat-wire-preview>` (`preview_attributes`).
+        current: Name of the scene that the page shows.
+        address: Function that returns the URL of a scene from its name.
+    """
+    if len(scenes) < 2:
+        return ""
+    items = []
+    for name, told in scenes.items():
+        words = " ".join(f'{key}="{html.escape(value)}"' for key, value in told.items())
+        seen = f'<splat-wire-preview aria-hidden="true" {words}></splat-wire-preview>' if "data" in told else ""
+        here = ' aria-current="page"' if name == current else ""
+        items.append(f'<li><a href="{html.escape(address(name))}"{here}>{seen}{html.escape(name)}</a></li>')
+    return f'<nav aria-label="scenes"><ul>{"".join(items)}</ul></nav>'
+
+
+def preview_attributes(side_info: bytes, codec: str, preview: bytes) -> dict[str, str]:
+    """Returns the HTML attributes with a stream's preview, initial viewpoint and up axis; empty without a preview.
+
+    Args:
+        side_info: Side information of the stream.
+        codec: Name of the stream's codec schema.
+        preview: Encoded preview (`splatwire.codec.preview`); may be empty.
+    """
+    return {"data": base64.b64encode(preview).decode(), **start_attributes(side_info, codec)} if preview else {}
+
+
+def start_attributes(side_info: bytes, codec: str) -> dict[str, str]:
+    """Returns the HTML attributes of the viewer element with a stream's initial viewpoint and up axis.
+
+    Args:
+        side_info: Side information of the stream.
+        codec: Name of the stream's codec schema.
+    """
+    sections = split_sections(side_info, codec)[1]
+    viewpoint, up = sections.get("viewpoint", b""), sections.get("up", b"")
+    found = {"viewpoint": viewpoint_attribute(viewpoint)} if len(viewpoint) == 36 else {}
+    return found | ({"up": up.decode()} if re.fullmatch(rb"-?[xyz]", up) else {})
+
+
+def viewpoint_attribute(section: bytes) -> str:
+    """Returns the HTML attribute value for a viewpoint, given the section `viewpoint` of the side information."""
+    return " ".join(f"{value:.6g}" for (value,) in struct.iter_unpack("<f", section))

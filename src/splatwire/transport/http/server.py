@@ -1,0 +1,276 @@
+"""HTTP server for the browser page: page, scripts and streams."""
+
+import asyncio
+import logging
+import socket
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol, runtime_checkable
+
+from splatwire.errors import BitstreamError
+from splatwire.transport.address import cannot_listen
+from splatwire.transport.congestion.pacing import Pacer
+from splatwire.transport.event_log import log_event
+from splatwire.transport.http.messages import Answer, GrowingFile, read_request
+from splatwire.transport.http.proxies import IpNetwork, client_address
+from splatwire.transport.protocol.admission import ConnectionSlots, Network, network_of, network_text
+
+LOG = logging.getLogger(__name__)
+MOST_HEAD_BYTES = 8192
+CHUNK_BYTES = 1 << 16
+"""Maximum number of body bytes passed to the kernel at once; no more is buffered for a slow client."""
+
+
+@dataclass(frozen=True)
+class PageLimits:
+    """Limits of the page server on its clients. A network is an IPv4 address or a /64 prefix of IPv6.
+
+    Attributes:
+        places: Maximum number of concurrent responses. When it is reached, a new request aborts the oldest response to
+            the network that has most responses, provided that the requesting network has fewer; otherwise the request
+            is refused.
+        per_network: Maximum number of concurrent responses to one network.
+        waiting: Maximum number of connections whose request is incomplete. When it is reached, a new connection closes
+            the oldest of these connections from the network that has most of them.
+        request_s: Maximum time from connection to the end of the request head, seconds.
+        chunk_s: Maximum time until the kernel accepts the next `CHUNK_BYTES` of a response, seconds.
+        slowest_bytes_s: Minimum average rate of a response, bytes per second; slower responses are aborted. The default
+            is lower than the rate of any watchable stream.
+        grace_s: Time, seconds, added to the maximum duration of a response, which is its size divided by
+            `slowest_bytes_s`.
+    """
+
+    places: int = 256
+    per_network: int = 32
+    waiting: int = 256
+    request_s: float = 5.0
+    chunk_s: float = 10.0
+    slowest_bytes_s: float = 16_384.0
+    grace_s: float = 30.0
+
+
+@runtime_checkable
+class Content(Protocol):
+    """Content of an HTTP server: maps the head of a request to a response."""
+
+    @property
+    def host(self) -> str:
+        """Address that the server listens on."""
+
+    def answer(self, head: bytes) -> Answer:
+        """Returns the HTTP response to a request, given its head with the final empty line."""
+
+    def busy(self, head: bytes) -> Answer:
+        """Returns the HTTP response that refuses a request because all response slots are in use."""
+
+
+@runtime_checkable
+class SlowContent(Protocol):
+    """Content of an HTTP server whose responses may take time."""
+
+    async def respond(self, head: bytes) -> Answer:
+        """Returns the HTTP response to a request, given its head with the final empty line."""
+
+
+class PageServer:
+    """HTTP server for the browser page; an asynchronous context manager that serves until its exit.
+
+    Each response is logged with the level INFO: client, method, path, status, bytes and duration.
+
+    Browsers allow WebTransport only for pages from this machine or over HTTPS. Other pages receive the stream by HTTP.
+
+    Args:
+        content: Page, scripts and streams that the server offers; may be replaced later.
+        port: TCP port; 0 selects a free port.
+        limits: Limits on clients.
+        proxies: Networks of trusted proxies, whose header `X-Forwarded-For` gives the address of the client. Limits and
+            the log then apply to this address.
+        logged: True to log the responses.
+        pacer: Pacer of the bytes of all responses together; None for no limit.
+
+    Attributes:
+        statuses: Number of responses by HTTP status code.
+        num_answers: Number of requests that got a response.
+        bytes_sent: Number of response bytes passed to the kernel.
+
+    Raises:
+        InvalidValueError: If the port is in use.
+    """
+
+    def __init__(
+        self, content: Content, port: int = 0, limits: PageLimits | None = None, *, proxies: Sequence[IpNetwork] = (),
+        logged: bool = True, pacer: Pacer | None = None,
+    ) -> None:  # fmt: skip
+        self.content = content
+        self._proxies, self._logged = tuple(proxies), logged
+        self._wanted, self._pacer = port, pacer
+        self._limits = limits or PageLimits()
+        self._server: asyncio.Server | None = None
+        self._clients: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
+        self._waiting = ConnectionSlots(self._limits.waiting)
+        self._places = ConnectionSlots(self._limits.places, self._limits.per_network)
+        self.statuses: Counter[int] = Counter()
+        self.num_answers = self.bytes_sent = 0
+
+    async def __aenter__(self) -> "PageServer":
+        host = self.content.host
+        try:
+            self._server = await asyncio.start_server(self._begin, host, self._wanted, limit=MOST_HEAD_BYTES)
+        except OSError as error:
+            raise cannot_listen("TCP", host, self._wanted, error) from error
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._server is not None:
+            self._server.close()
+        clients = list(self._clients)
+        for client in clients:
+            client.cancel()
+        await asyncio.gather(*clients, return_exceptions=True)
+
+    @property
+    def port(self) -> int:
+        """TCP port that the server listens on."""
+        assert self._server is not None
+        return int(self._server.sockets[0].getsockname()[1])
+
+    @property
+    def url(self) -> str:
+        """URL of the page."""
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.content.host, self.content.host)
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
+
+    @property
+    def num_active(self) -> int:
+        """Number of responses that are being sent."""
+        return len(self._places)
+
+    def _begin(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Starts the task that serves a new connection.
+
+        If asyncio created the task, it would log the cancellation of the task at the server's exit as an error.
+        """
+        client = asyncio.get_running_loop().create_task(self._serve(reader, writer))
+        self._clients[client] = writer
+        client.add_done_callback(self._end)
+
+    def _end(self, client: asyncio.Task[None]) -> None:
+        writer = self._clients.pop(client)
+        if not writer.is_closing():
+            writer.transport.abort()  # `close` would keep unread data as long as the client does not read
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        peer, limits = writer.get_extra_info("peername"), self._limits
+        network = network_of(peer)
+        try:
+            self._waiting.take(network, writer.transport)
+            try:
+                async with asyncio.timeout(limits.request_s):
+                    head = await reader.readuntil(b"\r\n\r\n")
+            finally:
+                self._waiting.leave(network, writer.transport)
+            if self._proxies:
+                network = network_of(client_address(peer, head, self._proxies))
+            if not self._places.take(network, writer.transport):
+                await self._respond(head, self.content.busy(head), network, writer)
+                return
+            try:
+                self.num_answers += 1
+                content = self.content
+                answer = await content.respond(head) if isinstance(content, SlowContent) else content.answer(head)
+                await self._respond(head, answer, network, writer)
+            finally:
+                self._places.leave(network, writer.transport)
+        except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError, OSError):
+            pass  # the client disconnected, or sent no valid request
+
+    async def _respond(self, head: bytes, answer: Answer, network: Network, writer: asyncio.StreamWriter) -> None:
+        """Sends a response to the client, counts it and logs it."""
+        loop, status = asyncio.get_running_loop(), int(answer.head[9:12])
+        began, sent, complete = loop.time(), _Count(), False
+        self.statuses[status] += 1
+        try:
+            await self._send(answer, writer, sent)
+            complete = True
+        finally:
+            if self._logged:
+                seconds = round(loop.time() - began, 3)
+                log_event(
+                    LOG, logging.INFO, "response", client=network_text(network), **_request_line(head), status=status,
+                    bytes=sent.num_bytes, seconds=seconds, complete=complete,
+                )  # fmt: skip
+
+    async def _send(self, answer: Answer, writer: asyncio.StreamWriter, sent: "_Count") -> None:
+        """Sends a response to the client, as fast as the client reads.
+
+        Raises:
+            TimeoutError: If the client reads too slowly.
+        """
+        limits, transport = self._limits, writer.transport
+        transport.set_write_buffer_limits(high=0)  # makes `drain` wait until the kernel has everything
+        connection = transport.get_extra_info("socket")
+        if connection is not None and hasattr(socket, "TCP_NOTSENT_LOWAT"):  # else the kernel buffers megabytes
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, CHUNK_BYTES)
+        await self._write(answer.head, writer, sent)
+        if not isinstance(answer.body, GrowingFile):
+            async with asyncio.timeout(limits.grace_s + len(answer.body) / limits.slowest_bytes_s) as limit:
+                await self._write(answer.body, writer, sent, limit)
+        else:
+            async for piece in answer.body.pieces():
+                await self._write(piece, writer, sent)
+        writer.close()
+
+    async def _write(
+        self, data: bytes | memoryview, writer: asyncio.StreamWriter, sent: "_Count",
+        limit: asyncio.Timeout | None = None,
+    ) -> None:  # fmt: skip
+        body = memoryview(data)
+        for at in range(0, len(body), CHUNK_BYTES):
+            if self._pacer is not None:
+                await self._pace(self._pacer, min(CHUNK_BYTES, len(body) - at), limit)
+            async with asyncio.timeout(self._limits.chunk_s):
+                piece = body[at : at + CHUNK_BYTES]
+                writer.write(piece)
+                self.bytes_sent += len(piece)
+                sent.num_bytes += len(piece)
+                await writer.drain()
+
+    async def _pace(self, pacer: Pacer, num_bytes: int, limit: asyncio.Timeout | None) -> None:
+        """Waits until the total rate limit of all responses permits sending further bytes, and counts these bytes.
+
+        The waiting time does not count towards `limit`, because the client does not cause it.
+
+        Args:
+            pacer: Pacer of the bytes of all responses together.
+            num_bytes: Number of bytes to send.
+            limit: Time limit of the response, which is extended by the waiting time; None for no limit.
+        """
+        loop = asyncio.get_running_loop()
+        began, end = loop.time(), None if limit is None else limit.when()
+        if limit is not None:
+            limit.reschedule(None)
+        while (wait := pacer.next_at() - loop.time()) > 0:
+            await asyncio.sleep(wait)
+        if limit is not None and end is not None:
+            limit.reschedule(end + loop.time() - began)
+        pacer.sent(num_bytes, loop.time())
+
+
+@dataclass
+class _Count:
+    """Number of bytes of one response that were passed to the kernel."""
+
+    num_bytes: int = 0
+
+
+def _request_line(head: bytes) -> dict[str, str]:
+    """Returns method and path of a request for the log; empty for an invalid request."""
+    try:
+        request = read_request(head)
+    except BitstreamError:
+        return {"method": "", "path": ""}
+    return {"method": request.method, "path": request.target}

@@ -1,0 +1,194 @@
+"""Publisher of streams to a relay of Media over QUIC (MoQ); each tile of a scene is a track.
+
+A relay subscribes to a track once, for all its clients. Static scenes use objects on reliable streams, not datagrams:
+relays do not cache datagrams, so that clients that connect later would miss them.
+"""
+
+import asyncio
+import contextlib
+import itertools
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from splatwire.bitstream import Manifest, SceneStream, send_sequence
+from splatwire.bitstream.container import file_record
+from splatwire.bitstream.tiles import Tiles, read_tiles
+from splatwire.errors import BackendUnavailableError, InvalidValueError
+from splatwire.transport.address import Address
+from splatwire.transport.protocol.layout import init_segment
+
+INSTALL = "pip install 'splatwire[moq]'"
+HEAD = "head"
+"""Name of the track with manifest and side information. The tracks `part/N` have the packets: one tile each for streams
+with levels of detail, else `RUN` packets each, in sending order.
+"""
+RUN = 64
+FRAME_BYTES = 1 << 16
+"""Maximum size in bytes of a frame of the track with manifest and side information."""
+KEPT_US = 3600 * 1_000_000
+"""Age up to which relays still forward the content of a track, microseconds."""
+FOREMOST = 255
+"""Priority of the track with manifest and side information; the tracks of packets have lower priorities, descending."""
+CONNECT_S = 10.0
+NO_SUCH_TRACK = 404
+
+
+class Published(NamedTuple):
+    """Result of publishing a stream to a relay.
+
+    Attributes:
+        tracks: Number of tracks that the relay subscribed to.
+        num_bytes: Number of bytes sent to the relay, including QUIC headers.
+    """
+
+    tracks: int
+    num_bytes: int
+
+
+class RelayTrust(NamedTuple):
+    """Decides which TLS certificates of a relay are accepted; by default those that an authority of the system signed.
+
+    Attributes:
+        authority: PEM file with certificates of authorities that are accepted; None for the authorities of the system.
+        fingerprint: SHA-256 of the only accepted certificate, hexadecimal; None for no such restriction.
+        insecure: True to accept any certificate, with no protection against an attacker on the path.
+    """
+
+    authority: Path | None = None
+    fingerprint: str | None = None
+    insecure: bool = False
+
+
+def need_moq() -> Any:
+    """Imports and returns the package `moq`.
+
+    Raises:
+        BackendUnavailableError: If the package `moq` is not installed.
+    """
+    try:
+        import moq
+    except ImportError as error:
+        raise BackendUnavailableError("moq", INSTALL) from error
+    return moq
+
+
+@contextlib.asynccontextmanager
+async def session(address: Address, trust: RelayTrust, **origins: Any) -> AsyncIterator[Any]:
+    """Context manager that opens a session with a relay; yields the MoQ client and the scene's name at the relay.
+
+    Args:
+        address: Address of the relay; the last part of `address.name` is the scene's name.
+        trust: Accepted certificates of the relay.
+        origins: Further keyword arguments of `moq.Client`, such as `publish`; none for a session that only receives.
+
+    Raises:
+        InvalidValueError: If no session can be opened.
+    """
+    moq = need_moq()
+    place, _, name = address.name.rpartition("/")
+    host = f"[{address.host}]" if ":" in address.host else address.host
+    client = moq.Client(
+        f"https://{host}:{address.port}/{place}", tls_verify=not trust.insecure, websocket_enabled=False,
+        tls_fingerprints=[trust.fingerprint] if trust.fingerprint else None, reconnect=bool(origins),
+        tls_roots=[str(trust.authority)] if trust.authority else None, **origins,
+    )  # fmt: skip
+    try:
+        async with asyncio.timeout(CONNECT_S):
+            await client.__aenter__()
+    except (moq.Error, TimeoutError) as error:
+        raise InvalidValueError(f"no session with the relay {host}:{address.port}: {error or 'no answer'}") from error
+    try:
+        yield client, name
+    finally:
+        await client.__aexit__(None, None, None)
+
+
+def parts_of(manifest: Manifest, tiles: Tiles | None) -> list[range]:
+    """Returns the packets of each MoQ track `part/N` of a scene, as indices in sending order.
+
+    Args:
+        manifest: Manifest of the stream.
+        tiles: Tiles of the stream: each is a track. None for a stream without levels of detail: each track then has
+            `RUN` packets.
+    """
+    total = manifest.num_packets
+    edges = [*range(0, total, RUN), total] if tiles is None else tiles.first_packets.tolist()
+    return [range(first, end) for first, end in itertools.pairwise(edges)]
+
+
+def tiles_of(manifest: Manifest, side_info: bytes) -> Tiles | None:
+    """Returns the tiles of a stream with levels of detail; None for other streams."""
+    return read_tiles(manifest, side_info) if manifest.schema.tiled else None
+
+
+async def publish(
+    address: Address, stream: SceneStream, trust: RelayTrust, stop: asyncio.Event, ready: Callable[[], Any]
+) -> Published:
+    """Publishes a stream at a relay until the event `stop` is set.
+
+    Args:
+        address: Address of the relay; the last part of its name is the scene's name.
+        stream: Complete stream to publish.
+        trust: Accepted certificates of the relay.
+        stop: Event of the caller that ends publishing.
+        ready: Called without arguments when the scene has been announced at the relay.
+
+    Raises:
+        InvalidValueError: If no session can be opened.
+    """
+    moq = need_moq()
+    packets = [packet.data for packet in send_sequence(stream, "tiers")]
+    parts = parts_of(stream.manifest, tiles_of(stream.manifest, stream.side_info))
+    head = init_segment(stream.manifest, stream.side_info)
+    published: dict[str, Any] = {}
+    origin = moq.OriginProducer()
+    async with session(address, trust, publish=origin) as (client, scene):
+        broadcast = origin.create_broadcast(scene)
+        asked = broadcast.dynamic()
+
+        async def answer() -> None:
+            async for request in _requests(asked):
+                name = request.name
+                frames = _frames_of(name, head, parts, packets)
+                if frames is None:
+                    request.abort(NO_SUCH_TRACK)
+                    continue
+                track = request.accept(moq.TrackInfo(max_age_us=KEPT_US))
+                group = track.append_group()
+                for frame in frames:
+                    group.write_frame(frame)
+                group.finish()
+                published[name] = track  # a track ends when its last reference is dropped
+
+        broadcast.announce()
+        ready()
+        work, stopped = asyncio.ensure_future(answer()), asyncio.ensure_future(stop.wait())
+        await asyncio.wait((work, stopped), return_when=asyncio.FIRST_COMPLETED)
+        for task in (work, stopped):
+            task.cancel()
+        if work.done() and not work.cancelled():
+            work.result()
+        return Published(len(published), client.session.stats().bytes_sent or 0)
+
+
+async def _requests(asked: Any) -> AsyncIterator[Any]:
+    while True:
+        yield await asked.requested_track()
+
+
+def _frames_of(name: str, head: bytes, parts: list[range], packets: list[bytes]) -> list[bytes] | None:
+    """Returns the MoQ frames of a track, or None if there is no track of that name.
+
+    Args:
+        name: Name of the track.
+        head: Bytes of manifest and side information.
+        parts: Packet indices of each track `part/N`.
+        packets: Packets in sending order.
+    """
+    if name == HEAD:
+        return [head[at : at + FRAME_BYTES] for at in range(0, len(head), FRAME_BYTES)]
+    kind, _, number = name.partition("/")
+    if kind != "part" or not (number.isascii() and number.isdecimal()) or len(number) > 9 or int(number) >= len(parts):
+        return None
+    return [b"".join(file_record(packets[place]) for place in parts[int(number)])]

@@ -1,0 +1,311 @@
+"""Receiver of a stream from a relay of Media over QUIC (MoQ): subscribes to tracks in order of importance."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from splatwire.bitstream import Manifest, PacketIntake, ReadReport, SceneStream, packet_from_bytes
+from splatwire.bitstream.container import check_side_info
+from splatwire.bitstream.limits import MAX_PACKET_BYTES
+from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.scene_stream import RECORD_PREFIX
+from splatwire.bitstream.tiles import Tiles
+from splatwire.bitstream.view import cut_of
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.transport.address import Address
+from splatwire.transport.moq.publisher import (
+    CONNECT_S,
+    FOREMOST,
+    HEAD,
+    KEPT_US,
+    RelayTrust,
+    need_moq,
+    parts_of,
+    session,
+    tiles_of,
+)
+from splatwire.transport.protocol.events import (
+    Event,
+    Finished,
+    Interrupted,
+    PacketArrived,
+    Resumed,
+    SideInfoArrived,
+    Welcomed,
+)
+from splatwire.transport.protocol.layout import split_init_segment
+from splatwire.transport.protocol.receiver_options import ReceiverOptions
+
+AT_ONCE = 8
+"""Maximum number of concurrent track subscriptions."""
+RECONNECT_INTERVAL_S = 1.0
+"""Pause between two sessions with the relay, after an outage, seconds."""
+
+
+class BrokenOffError(BitstreamError):
+    """The session with the relay ended early: no response, closed, or a track ended; a new session may resume it."""
+
+
+def _records(data: bytes) -> Iterator[bytes]:
+    """Splits data into its records, each preceded by its size; omits a truncated last record."""
+    at = 0
+    while at + RECORD_PREFIX.size <= len(data):
+        (size,) = RECORD_PREFIX.unpack_from(data, at)
+        at += RECORD_PREFIX.size + size
+        if at <= len(data):
+            yield data[at - size : at]
+
+
+@dataclass(frozen=True)
+class _Counts:
+    """Numbers of damaged and of recovered packets for the receiver's reports; always 0.
+
+    The fields have the same names as those of `PacketCollector`. A relay sends over reliable QUIC streams, so that no
+    packet arrives damaged or needs to be recovered.
+    """
+
+    num_bad: int = 0
+    num_repaired: int = 0
+
+
+class RelayReceiver:
+    """Receiver of a stream from a relay; offers its results in the same way as `Receiver`.
+
+    Args:
+        options: Options of the receiver.
+        on_event: Called with every event, such as an arrived packet.
+    """
+
+    preview = b""
+    is_live, num_missed = False, 0
+
+    def __init__(self, options: ReceiverOptions, on_event: Callable[[Event], Any] | None) -> None:
+        self.options = options
+        self.finished: Finished | None = None
+        self.num_bytes = self.num_datagrams = self.num_rejected = 0
+        self.collector = _Counts()
+        self._tell = on_event or (lambda event: None)
+        self._intake: PacketIntake | None = None
+        self._manifest: Manifest | None = None
+        self._side_info = self._head = b""
+        self._held: list[Any] = []
+        self._whole: set[int] = set()
+        self._heard_at, self._bytes_before, self._broken_off = 0.0, 0, False
+
+    def stream(self) -> SceneStream | None:
+        """Returns the stream with the packets received so far; None while side information is missing."""
+        if self._manifest is None or self._intake is None:
+            return None
+        return SceneStream(self._manifest, self._side_info, self._intake.packets)
+
+    def report(self) -> ReadReport | None:
+        """Returns the numbers of received and missing packets; None while side information is missing."""
+        return self._intake.report() if self._intake else None
+
+    def describe_missing(self) -> str:
+        """Returns a message about data that have not arrived."""
+        return "" if self._manifest else "the relay gave no side information"
+
+    def finish(self, reason: str) -> None:
+        """Ends the transfer and reports the event `Finished` with a reason."""
+        if self.finished is None:
+            self.finished = Finished(reason, self._manifest is not None)
+            self._tell(self.finished)
+
+    def may_resume(self, now: float) -> bool:
+        """Returns True if an interrupted transfer may still be resumed; reports the event `Interrupted` once.
+
+        Args:
+            now: Time, seconds.
+        """
+        if self._manifest is None or now - self._heard_at > self.options.reconnect_s or not self.options.reconnect_s:
+            return False
+        if not self._broken_off:
+            self._broken_off = True
+            self._tell(Interrupted())
+        return True
+
+    async def receive(self, broadcast: Any) -> str:
+        """Receives manifest and side information, then tracks of packets in order of importance.
+
+        After an outage, call this again with the broadcast of the new session: tracks of the same stream that were
+        received before are kept.
+
+        Args:
+            broadcast: Broadcast of the scene in the session with the relay (package `moq`).
+
+        Returns:
+            Reason of the end of the transfer, as in `Finished.reason`.
+
+        Raises:
+            BrokenOffError: If the relay is silent or ends a track early.
+            BitstreamError: If the init segment is invalid.
+        """
+        self._held.clear()
+        self._bytes_before = self.num_bytes
+        most = self.options.limits.head_bytes
+        data = b"".join([frame async for frame in self._frames(broadcast, HEAD, FOREMOST, most, most // 64 + 1)])
+        manifest, self._side_info, bundled = split_init_segment(data)
+        check_side_info(manifest, self._side_info, "the side information that was sent")
+        if bundled or manifest.num_packets > self.options.limits.packets:
+            raise BitstreamError(f"the relay announces {manifest.num_packets} packets")
+        tiles = tiles_of(manifest, self._side_info)
+        kept = data == self._head
+        if self._broken_off:
+            self._broken_off = False
+            self._tell(Resumed(kept))
+        if not kept or self._intake is None:
+            self._head, self._manifest, self._intake, self._whole = data, manifest, PacketIntake(manifest), set()
+            self._tell(Welcomed(manifest.num_packets, len(data)))
+            self._tell(SideInfoArrived(manifest, self._side_info, self._intake))
+        parts, order = parts_of(manifest, tiles), self._order(manifest, tiles)
+        wanted = [(rank, number) for rank, number in enumerate(order) if parts[number] and number not in self._whole]
+        waiting = iter([(number, parts[number], rank) for rank, number in wanted])
+
+        async def work() -> None:
+            for number, places, rank in waiting:
+                await self._part(broadcast, number, places, max(1, FOREMOST - 1 - rank * FOREMOST // len(order)))
+
+        tasks = [asyncio.ensure_future(work()) for _ in range(AT_ONCE)]
+        try:
+            await asyncio.gather(*tasks)
+        finally:
+            for task in tasks:
+                task.cancel()
+        if self._intake.report().complete:
+            return "complete"
+        return "sent" if self.options.viewpoint is None else "seen"
+
+    def _order(self, manifest: Manifest, tiles: Tiles | None) -> list[int]:
+        """Returns the numbers N of the tracks `part/N` to receive, in order of importance for the viewpoint.
+
+        Args:
+            manifest: Manifest of the stream.
+            tiles: Tiles of the stream; None for a stream without levels of detail.
+        """
+        if tiles is None or self.options.viewpoint is None:
+            return list(range(len(parts_of(manifest, tiles))))
+        viewpoint = self.options.viewpoint.relative_to(ORIGIN.of_side_info(self._side_info, manifest.codec))
+        return list(cut_of(tiles, np.zeros(tiles.num_tiles, dtype=bool), viewpoint).wanted)
+
+    async def _part(self, broadcast: Any, number: int, places: range, priority: int) -> None:
+        assert self._manifest is not None
+        assert self._intake is not None
+        most = min(len(places) * (RECORD_PREFIX.size + MAX_PACKET_BYTES), self.options.limits.stream_bytes)
+        data = b"".join(
+            [frame async for frame in self._frames(broadcast, f"part/{number}", priority, most, len(places))]
+        )
+        num_taken = 0
+        for record in _records(data):
+            try:
+                packet = self._intake.take(packet_from_bytes(record, self._manifest.stream_id), "relay")
+            except BitstreamError:
+                packet = None
+            if packet is None:
+                self.num_rejected += 1
+            else:
+                num_taken += 1
+                self._tell(PacketArrived(packet, False))
+        if num_taken == len(places):
+            self._whole.add(number)
+
+    async def _frames(
+        self, broadcast: Any, name: str, priority: int, most_bytes: int, most_frames: int
+    ) -> AsyncIterator[bytes]:
+        """Subscribes to a track, which has one MoQ group, and yields the frames of this group.
+
+        Args:
+            broadcast: Broadcast of the scene (package `moq`).
+            name: Name of the track.
+            priority: Priority of the subscription.
+            most_bytes: Maximum total size of the frames, bytes.
+            most_frames: Maximum number of frames.
+
+        Raises:
+            BrokenOffError: If the relay is silent or ends the track early.
+            BitstreamError: If the frames exceed the limits on number or size.
+        """
+        moq = need_moq()
+        wanted = moq.Subscription(priority=priority, max_age_us=KEPT_US)
+        try:
+            async with asyncio.timeout(self.options.silence_s):
+                track = await broadcast.subscribe_track(name, wanted)
+                self._held.append(track)  # a relay drops tracks without subscribers
+                group = await track.recv_group()
+            while group is not None:
+                async with asyncio.timeout(self.options.silence_s):
+                    frame = await group.read_frame()
+                if frame is None:
+                    return
+                self._heard_at = asyncio.get_running_loop().time()
+                most_bytes, most_frames = most_bytes - len(frame.payload), most_frames - 1
+                self.num_bytes += len(frame.payload)
+                self.num_datagrams += 1
+                num_bytes = self.num_bytes - self._bytes_before
+                if most_bytes < 0 or most_frames < 0 or num_bytes > self.options.limits.stream_bytes:
+                    raise BitstreamError(f"the track '{name}' of the relay is larger than it can be")
+                yield frame.payload
+        except TimeoutError as error:
+            raise BrokenOffError(f"the relay fell silent before the end of the track '{name}'") from error
+        except moq.Error as error:
+            raise BrokenOffError(f"the relay gave up the track '{name}': {error}") from error
+
+
+async def receive_relayed(
+    address: Address, options: ReceiverOptions, trust: RelayTrust, on_event: Callable[[Event], Any] | None = None,
+    stop: asyncio.Future[None] | None = None,
+) -> RelayReceiver:  # fmt: skip
+    """Receives a stream from a relay of Media over QUIC.
+
+    After an outage, new sessions are tried for up to `ReceiverOptions.reconnect_s`; only missing tracks are fetched.
+
+    Args:
+        address: Address of the relay; the last part of its name is the scene's name.
+        options: Options of the receiver.
+        trust: Accepted certificates of the relay.
+        on_event: Called with every event, such as an arrived packet.
+        stop: Future of the caller; when it is done, the transfer ends and received data are kept.
+
+    Raises:
+        InvalidValueError: If no session can be opened.
+    """
+    receiver = RelayReceiver(options, on_event)
+
+    async def attempt() -> str:
+        async with session(address, trust) as (client, name):
+            try:
+                async with asyncio.timeout(CONNECT_S):
+                    broadcast = await client.announced_broadcast(name).available()
+            except TimeoutError as error:
+                raise BrokenOffError(f"the relay has no broadcast '{name}'") from error
+            return await receiver.receive(broadcast)
+
+    async def work() -> str:
+        while True:
+            try:
+                return await attempt()
+            except (BrokenOffError, InvalidValueError, need_moq().Error) as error:
+                if not receiver.may_resume(asyncio.get_running_loop().time()):
+                    if isinstance(error, InvalidValueError) and receiver.stream() is None:
+                        raise
+                    return str(error)
+            await asyncio.sleep(RECONNECT_INTERVAL_S)
+
+    task = asyncio.ensure_future(work())
+    if stop is not None:
+        stop.add_done_callback(lambda _: task.cancel())
+    try:
+        async with asyncio.timeout(options.deadline_s):
+            receiver.finish(await task)
+    except TimeoutError:
+        receiver.finish("deadline")
+    except asyncio.CancelledError:
+        if stop is None or not stop.done():
+            raise
+        receiver.finish("stopped")
+    except BitstreamError as error:
+        receiver.finish(str(error))
+    return receiver

@@ -1,0 +1,1 @@
+"""The transport protocol without sockets and clocks: datagrams, sender, receiver, schedule, feedback."""

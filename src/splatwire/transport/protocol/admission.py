@@ -1,0 +1,189 @@
+"""Admission control: limits concurrent connections and new transfers per network (IP prefix of the clients)."""
+
+import asyncio
+import ipaddress
+from collections import Counter, OrderedDict, deque
+from collections.abc import Hashable, Mapping
+from typing import TypeAlias
+
+Network: TypeAlias = tuple[Hashable, ...]
+"""Prefixes of an IP address, widest first. Clients are counted per address range of the last, narrowest prefix."""
+PREFIXES = {4: (24, 32), 6: (32, 48, 64)}
+"""Prefix lengths in bits, widest first, by IP version. Clients are counted per IPv4 address or IPv6 /64. A /64 is the
+smallest prefix of a link (RFC 4291, 2.5.4), and one machine may use all addresses in it. One customer may have a /48
+(RFC 6177), a provider a /32. For IPv4, a /24 is the smallest routed prefix. Unrelated users share the wider prefixes,
+so these only matter when all slots are in use (`choose_eviction`).
+"""
+WINDOW_S = 60.0
+"""Period over which new transfers of a network are counted, seconds. Longer than the lifetime of an address token, so
+that the same token cannot start a second transfer.
+"""
+MAX_NETWORKS = 4096
+"""Maximum number of networks whose new transfers are counted; the least recently active network is dropped first."""
+
+
+def network_of(address: Hashable) -> Network:
+    """Returns the IP prefixes of a client's address, from the widest to its IPv4 address or its IPv6 /64 prefix.
+
+    Args:
+        address: Socket address whose first item is a numeric IP address. Any other value is a network of its own.
+    """
+    if not (isinstance(address, tuple) and address and isinstance(address[0], str)):
+        return (address,)
+    try:
+        host = ipaddress.ip_address(address[0].partition("%")[0])
+    except ValueError:
+        return (address[0],)
+    if isinstance(host, ipaddress.IPv6Address):
+        host = host.ipv4_mapped or host
+    return tuple((bits, int(host) >> (host.max_prefixlen - bits)) for bits in PREFIXES[host.version])
+
+
+def network_text(network: Network) -> str:
+    """Returns the narrowest prefix of a network as text: an IPv4 address, or a /64 prefix of IPv6."""
+    match network[-1:]:
+        case ((int() as bits, int() as prefix),) if len(network) == len(PREFIXES[4]):
+            return str(ipaddress.IPv4Address(prefix << (32 - bits)))
+        case ((int() as bits, int() as prefix),) if len(network) == len(PREFIXES[6]):
+            return f"{ipaddress.IPv6Address(prefix << (128 - bits))}/{bits}"
+    return str(network[0])[:64] if network else "unknown"
+
+
+def choose_eviction(held: Mapping[Network, int], newcomer: Network) -> Network | None:
+    """Chooses the network that loses a slot to a new connection when all slots are in use.
+
+    The comparison begins with the widest prefixes (for IPv4, /24). It finds the prefix with the most slots. This prefix
+    is compared with the prefix of the new connection, as if the new connection already had a slot. If the former has
+    more slots, a network inside it loses a slot. Otherwise the comparison is repeated with the next narrower prefixes
+    (for IPv4, single addresses) inside the prefix of the new connection, and so on. The owner of a whole prefix thus
+    gets no more slots than the owner of one address.
+
+    Args:
+        held: Number of slots per network, each above 0.
+        newcomer: Network of the new connection.
+
+    Returns:
+        Network that loses a slot, or None if no compared prefix has more slots than that of the new connection.
+    """
+    for depth in range(1, len(newcomer) + 1):
+        found = _fullest(held, newcomer[: depth - 1], depth)
+        if found is not None and found[1] > _places(held, newcomer[:depth]) + 1:
+            return largest_holder(held, found[0])
+    return None
+
+
+def largest_holder(held: Mapping[Network, int], within: Network = ()) -> Network:
+    """Returns the network that holds the most connection slots.
+
+    The widest prefixes are compared first, then the narrower prefixes inside the largest one.
+
+    Args:
+        held: Number of slots per network, each above 0.
+        within: Prefixes that the network must start with; empty for any network.
+    """
+    while within not in held:
+        found = _fullest(held, within, len(within) + 1)
+        assert found is not None
+        within = found[0]
+    return within
+
+
+def _places(held: Mapping[Network, int], within: Network) -> int:
+    return sum(count for network, count in held.items() if network[: len(within)] == within)
+
+
+def _fullest(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
+    """Returns the IP range with most connection slots, and the number of its slots; None if no slot is in use.
+
+    IP ranges are given like networks: by their prefixes, from the widest to the narrowest.
+
+    Args:
+        held: Number of slots per network.
+        within: IP range in which to search; empty for all addresses.
+        depth: Number of prefixes of the returned range.
+    """
+    counts: Counter[Network] = Counter()
+    for network, count in held.items():
+        if network[: len(within)] == within:
+            counts[network[:depth]] += count
+    return counts.most_common(1)[0] if counts else None
+
+
+class ConnectionSlots:
+    """Limited number of connection slots, shared fairly between networks.
+
+    When all slots are in use, a new connection may evict the oldest connection of the network with most slots.
+
+    Args:
+        most: Maximum number of connections in total.
+        per_network: Maximum number of connections per network. A new connection then evicts another one only if the new
+            connection's network has fewer connections (`choose_eviction`). None: no maximum per network, and a new
+            connection always evicts another one.
+    """
+
+    def __init__(self, most: int, per_network: int | None = None) -> None:
+        self._most, self._per_network = most, per_network
+        self._held: dict[Network, list[asyncio.WriteTransport]] = {}
+
+    def __len__(self) -> int:
+        return sum(map(len, self._held.values()))
+
+    def take(self, network: Network, connection: asyncio.WriteTransport) -> bool:
+        """Requests a slot for a new connection and returns True if it gets one; may abort another connection for it.
+
+        Args:
+            network: Network of the client.
+            connection: Transport of the new connection.
+        """
+        if self._per_network is not None and len(self._held.get(network, ())) >= self._per_network:
+            return False
+        if len(self) >= self._most:
+            counts = {other: len(held) for other, held in self._held.items()}
+            full = largest_holder(counts) if self._per_network is None else choose_eviction(counts, network)
+            if full is None:
+                return False
+            oldest = self._held[full][0]
+            self.leave(full, oldest)
+            oldest.abort()
+        self._held.setdefault(network, []).append(connection)
+        return True
+
+    def leave(self, network: Network, connection: asyncio.WriteTransport) -> None:
+        """Frees the slot of a connection that has ended; has no effect if the connection was already evicted."""
+        left = [other for other in self._held.pop(network, []) if other is not connection]
+        if left:
+            self._held[network] = left
+
+
+class StartRateLimiter:
+    """Rate limiter for the new transfers of each network within `WINDOW_S`. `MAX_NETWORKS` bounds its memory.
+
+    Args:
+        most: Maximum number of new transfers per network within `WINDOW_S`.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._networks: OrderedDict[Network, deque[tuple[float, int]]] = OrderedDict()
+
+    def seen(self, network: Network, nonce: int) -> bool:
+        """True if the network has recently started a transfer with this nonce (random id of a connection attempt)."""
+        return any(nonce == other for _, other in self._networks.get(network, ()))
+
+    def allowed(self, network: Network, now: float) -> bool:
+        """True if the network may start another transfer at time `now`, seconds."""
+        starts = self._networks.get(network, ())
+        return sum(now - at < WINDOW_S for at, _ in starts) < self._most
+
+    def note(self, network: Network, nonce: int, now: float) -> None:
+        """Counts a new transfer of a network.
+
+        Args:
+            network: Network of the client.
+            nonce: Number that identifies the client's connection attempt.
+            now: Time, seconds.
+        """
+        self._networks.setdefault(network, deque(maxlen=self._most)).append((now, nonce))
+        self._networks.move_to_end(network)
+        if len(self._networks) > MAX_NETWORKS:
+            self._networks.popitem(last=False)

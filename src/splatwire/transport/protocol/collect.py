@@ -1,0 +1,349 @@
+"""Collectors of received symbols, packets and parity, with memory bounded by the server's first response (welcome)."""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.arguments import CheckedFields
+from splatwire.bitstream import Manifest, Packet, PacketIntake, packet_from_bytes
+from splatwire.bitstream.container import check_side_info
+from splatwire.errors import BitstreamError
+from splatwire.transport import fec
+from splatwire.transport.protocol.frames import MAX_HELD_BYTES, Data, Parity, Side, Welcome
+from splatwire.transport.protocol.layout import GroupFinder, Segments, split_init_segment
+from splatwire.transport.protocol.protection import MIN_SYMBOL_BYTES
+from splatwire.transport.protocol.served_stream import MAX_PACKET_BYTES
+from splatwire.transport.protocol.wire import MAX_DATAGRAM
+
+SPARE_SYMBOLS = 24
+"""Number of symbols beyond the K source symbols that are stored if K received symbols were not enough to decode."""
+
+
+@dataclass(frozen=True)
+class ReceiverLimits(CheckedFields):
+    """Maximum sizes of a stream that a receiver accepts.
+
+    Attributes:
+        head_bytes: Maximum size of manifest and side information together, bytes.
+        stream_bytes: Maximum size of the whole stream, bytes.
+        packets: Maximum number of packets of the stream.
+    """
+
+    head_bytes: int = 1 << 28
+    stream_bytes: int = 1 << 30
+    packets: int = 1 << 21
+
+
+def check_welcome(welcome: Welcome, limits: ReceiverLimits) -> str | None:
+    """Checks a server's declaration of a stream (welcome) before any memory is allocated for the stream.
+
+    Args:
+        welcome: Declaration of the stream by the server.
+        limits: Maximum accepted sizes.
+
+    Returns:
+        Message about what is invalid or too large, or None if the declaration is accepted.
+    """
+    w = welcome
+    total = w.object_bytes + w.num_packets * w.packet_bytes
+    tiers = sum(tier.num_packets for tier in w.tiers)
+    groups_fit = all(
+        tier.groups <= tier.num_packets
+        and -(-tier.num_packets // max(tier.groups, 1)) <= (fec.MAX_SYMBOLS if tier.groups else tier.num_packets + 1)
+        and tier.repair <= fec.MAX_REPAIR
+        for tier in w.tiers
+    )
+    checks = (
+        (0 < w.object_bytes <= limits.head_bytes, f"side information of {w.object_bytes} bytes"),
+        (w.num_packets <= limits.packets, f"{w.num_packets} packets"),
+        (total <= limits.stream_bytes, f"a stream of {total} bytes"),
+        (w.packet_bytes <= MAX_PACKET_BYTES, f"packets of {w.packet_bytes} bytes"),
+        (w.bundled <= w.num_packets, f"{w.bundled} of {w.num_packets} packets within the side information"),
+        (
+            MIN_SYMBOL_BYTES <= w.symbol_bytes <= MAX_DATAGRAM and w.symbol_bytes % fec.ALIGNMENT == 0,
+            f"symbols of {w.symbol_bytes} bytes",
+        ),
+        (tiers == w.num_packets and groups_fit, "a protection that contradicts itself"),
+    )
+    return next((f"the server announces {what}" for fine, what in checks if not fine), None)
+
+
+class InitSegmentCollector:
+    """Collects the symbols of the init segment (manifest, side information, bundled packets) and decodes the segment.
+
+    Args:
+        welcome: Declaration of the stream by the server, already checked.
+    """
+
+    def __init__(self, welcome: Welcome) -> None:
+        self._segments = Segments(welcome.object_bytes, welcome.symbol_bytes)
+        self._digest = welcome.digest
+        self._symbols: list[dict[int, bytes]] = [{} for _ in range(self._segments.num_segments)]
+        self._pieces: list[bytes | None] = [None] * self._segments.num_segments
+        self.num_poisoned = 0
+
+    @property
+    def num_symbols(self) -> int:
+        """Number of source symbols of the whole init segment."""
+        return self._segments.num_symbols
+
+    @property
+    def num_missing(self) -> int:
+        """Minimum number of symbols that must still be received to decode the init segment."""
+        missing = 0
+        for segment, piece in enumerate(self._pieces):
+            if piece is None:
+                missing += max(1, self._segments.size(segment) - len(self._symbols[segment]))
+        return missing
+
+    def add(self, frame: Side) -> bytes | None:
+        """Adds a received symbol and returns the bytes of the init segment if all are now decoded, else None."""
+        if frame.segment >= len(self._pieces) or self._pieces[frame.segment] is not None:
+            return None
+        size, symbols = self._segments.size(frame.segment), self._symbols[frame.segment]
+        useless = frame.symbol in symbols or frame.symbol >= size + fec.MAX_REPAIR
+        if useless or len(frame.payload) != self._segments.symbol_bytes:
+            return None
+        symbols[frame.symbol] = frame.payload
+        found = fec.recover(symbols, size, self._segments.symbol_bytes) if len(symbols) >= size else None
+        if found is None:
+            if len(symbols) > size + SPARE_SYMBOLS:  # improbable for valid symbols: at least one is corrupt
+                self._restart(frame.segment)
+            return None
+        span = self._segments.span(frame.segment)
+        self._pieces[frame.segment] = b"".join(found)[: span.stop - span.start]
+        symbols.clear()
+        return self._whole()
+
+    def _whole(self) -> bytes | None:
+        pieces = [piece for piece in self._pieces if piece is not None]
+        if len(pieces) < len(self._pieces):
+            return None
+        data = b"".join(pieces)
+        if hashlib.sha256(data).digest() == self._digest:
+            return data
+        for segment in range(len(self._pieces)):
+            self._restart(segment)
+        return None
+
+    def _restart(self, segment: int) -> None:
+        """Discards all symbols of one segment (source block) because at least one symbol was corrupt."""
+        self.num_poisoned += 1
+        self._symbols[segment].clear()
+        self._pieces[segment] = None
+
+
+def read_init_segment(data: bytes, welcome: Welcome) -> tuple[Manifest, bytes, tuple[bytes, ...]]:
+    """Parses the init segment and checks it against the server's declaration of the stream (welcome).
+
+    Args:
+        data: Bytes of the init segment.
+        welcome: Declaration of the stream by the server.
+
+    Returns:
+        Manifest, side information, and the packets bundled in the init segment (the first in sending order).
+
+    Raises:
+        BitstreamError: If init segment and declaration contradict each other, or the manifest is invalid.
+    """
+    manifest, side_info, bundled = split_init_segment(data)
+    check_side_info(manifest, side_info, "the side information that was sent")
+    if (manifest.stream_id, manifest.num_packets) != (welcome.stream_id, welcome.num_packets):
+        raise BitstreamError("the manifest that was sent is that of another stream")
+    if len(bundled) != welcome.bundled:
+        raise BitstreamError(f"{len(bundled)} packets are bundled with the side information, not {welcome.bundled}")
+    return manifest, side_info, bundled
+
+
+class PacketCollector:
+    """Collects received packets and recovers lost packets from repair symbols.
+
+    Args:
+        welcome: Declaration of the stream by the server, already checked.
+    """
+
+    def __init__(self, welcome: Welcome) -> None:
+        self._welcome = welcome
+        self._finder = GroupFinder(welcome.tiers)
+        self._symbol_bytes = fec.symbol_bytes_for(welcome.packet_bytes)
+        self._have = bytearray(welcome.num_packets)
+        self._early: dict[int, Packet] = {}
+        self._intake: PacketIntake | None = None
+        self._known = 0
+        self._members: dict[int, dict[int, Packet]] = {}
+        self._repair: dict[int, dict[int, bytes]] = {}
+        self.num_packets = 0
+        self.num_bad = 0
+        self.num_duplicate = 0
+        self.num_repaired = 0
+        self.highest = -1
+
+    def update(self, welcome: Welcome) -> None:
+        """Adopts the new declaration of a live stream with more packets; packets received so far are kept.
+
+        New packets are accepted only after the new manifest is known. If the new declaration has no repair symbols for
+        a parity group, received repair symbols of that group are discarded.
+
+        Args:
+            welcome: New declaration of the stream by the server, already checked.
+        """
+        old, self._welcome, self._finder = self._finder, welcome, GroupFinder(welcome.tiers)
+        for number in {*self._members, *self._repair}:
+            if number >= self._finder.num_groups or self._finder.group(number) != old.group(number):
+                self._members.pop(number, None)
+                self._repair.pop(number, None)
+        self._have.extend(bytes(welcome.num_packets - len(self._have)))
+
+    @property
+    def packets(self) -> tuple[Packet, ...]:
+        """Valid packets received so far, ascending by id; empty before the manifest is known."""
+        return self._intake.packets if self._intake else ()
+
+    @property
+    def intake(self) -> PacketIntake | None:
+        """Filter that checks every packet against the manifest; None before the manifest is known."""
+        return self._intake
+
+    def open(self, manifest: Manifest, bundled: Sequence[bytes] = ()) -> tuple[PacketIntake, list[Packet]]:
+        """Creates the packet filter from the manifest and passes the packets received so far through the filter.
+
+        Args:
+            manifest: Manifest of the stream.
+            bundled: Packets bundled in the init segment.
+
+        Returns:
+            The filter, and the packets that it has accepted.
+        """
+        if self._intake is None:
+            self._intake = PacketIntake(manifest)
+        self._intake.extend(manifest)
+        self._known = manifest.num_packets
+        early, self._early = self._early, {}
+        taken = []
+        for index, packet in early.items():
+            if self._offer(packet):
+                taken.append(packet)
+            else:  # not a packet of this stream: its index is free again
+                self._release(index)
+        for index, data in enumerate(bundled):
+            new = None if self._have[index] else self._take(index, data)
+            if new is not None:
+                taken.append(new)
+        return self._intake, taken
+
+    def add(self, frame: Data) -> list[Packet]:
+        """Adds a received packet; returns this packet and all lost packets that can be recovered with it."""
+        if frame.place >= self._welcome.num_packets or len(frame.packet) > self._welcome.packet_bytes:
+            self.num_bad += 1
+            return []
+        if self._have[frame.place]:
+            self.num_duplicate += 1
+            return []
+        new = self._take(frame.place, frame.packet)
+        if new is None:
+            return []
+        self.highest = max(self.highest, frame.place)
+        place = self._finder.find(frame.place)
+        out = [new] if self._intake and frame.place < self._known else []
+        return out + self._solve(place[0]) if place else out
+
+    def add_parity(self, frame: Parity) -> list[Packet]:
+        """Adds a received repair symbol and returns the lost packets that could be recovered with it."""
+        if frame.group >= self._finder.num_groups or len(frame.payload) != self._symbol_bytes:
+            self.num_bad += 1
+            return []
+        group = self._finder.group(frame.group)
+        if frame.symbol >= group.repair:
+            self.num_bad += group.repair > 0  # else it is late, for an expired parity group
+            return []
+        if len(self._members.get(frame.group, ())) == group.size:
+            return []
+        repair = self._repair.setdefault(frame.group, {})
+        if len(repair) < group.size + SPARE_SYMBOLS:
+            repair[group.size + frame.symbol] = frame.payload
+        return self._solve(frame.group)
+
+    def missing(self, start: int, stop: int) -> Iterator[int]:
+        """Yields the indices of missing packets from `start` to `stop` (exclusive), ascending."""
+        at = self._have.find(0, start, stop)
+        while at >= 0:
+            yield at
+            at = self._have.find(0, at + 1, stop)
+
+    def held(self) -> Iterator[tuple[int, bytes]]:
+        """Yields bit masks that list the received packets; each mask is small enough for one datagram.
+
+        Each item has the index of the first packet in the mask, and the mask, least significant bit first. Masks
+        without any received packet are omitted.
+        """
+        for first in range(0, len(self._have), 8 * MAX_HELD_BYTES):
+            some = np.frombuffer(self._have[first : first + 8 * MAX_HELD_BYTES], np.uint8)
+            if some.any():
+                yield first, np.packbits(some, bitorder="little").tobytes()
+
+    def _take(self, index: int, data: bytes) -> Packet | None:
+        """Checks and stores a received packet; returns the packet, or None if it is invalid.
+
+        A packet is invalid if its checksum is wrong, if it belongs to another stream, or if the packet plan of the
+        manifest has no such packet. Packets that arrive before the manifest are compared with the plan later.
+
+        Args:
+            index: Index of the packet in sending order.
+            data: Bytes of the packet.
+        """
+        try:
+            packet = packet_from_bytes(data, self._welcome.stream_id)
+        except BitstreamError:
+            self.num_bad += 1
+            return None
+        if self._intake is None or index >= self._known:
+            self._early[index] = packet
+        elif not self._offer(packet):
+            return None
+        self._have[index] = 1
+        self.num_packets += 1
+        place = self._finder.find(index)
+        if place:
+            self._members.setdefault(place[0], {})[place[1]] = packet
+        return packet
+
+    def _offer(self, packet: Packet) -> bool:
+        assert self._intake is not None
+        if self._intake.take(packet, "datagram"):
+            return True
+        self.num_bad += 1
+        return False
+
+    def _release(self, index: int) -> None:
+        self._have[index] = 0
+        self.num_packets -= 1
+        place = self._finder.find(index)
+        if place:
+            self._members.get(place[0], {}).pop(place[1], None)
+
+    def _solve(self, number: int) -> list[Packet]:
+        """Tries to recover the lost packets of a parity group; returns them, or an empty list.
+
+        Args:
+            number: Number of the parity group.
+        """
+        group, repair = self._finder.group(number), self._repair.get(number, {})
+        members = self._members.setdefault(number, {})
+        if not repair or len(members) == group.size or len(members) + len(repair) < group.size:
+            return []
+        symbols = {n: fec.framed([packet.data], self._symbol_bytes) for n, packet in members.items()}
+        found = fec.recover({**symbols, **repair}, group.size, self._symbol_bytes)
+        if found is None:
+            return []
+        out = []
+        for n, symbol in enumerate(found):
+            if n not in members:
+                place = group.packet_of(n)
+                packet = self._take(place, fec.unframed(symbol))
+                self.num_repaired += packet is not None
+                if packet is not None and self._intake and place < self._known:
+                    out.append(packet)
+        del self._repair[number]
+        return out

@@ -1,0 +1,271 @@
+"""Datagrams of the transport protocol as named tuples; `splatwire.transport.protocol.wire` encodes and decodes them."""
+
+from typing import NamedTuple
+
+MAX_NAME = 64
+MAX_NACKS = 250
+"""Maximum number of NACKs in one feedback datagram."""
+MAX_TIERS = 130
+"""Maximum number of packet runs; a run is a series of packets in sending order with the same parity. A static scene has
+at most ten runs: eight importance tiers, bundled packets, packets without parity. A sequence has two runs for each
+group of pictures, and no preview, which leaves space for them in the welcome.
+"""
+MAX_PREVIEW = 1024
+"""Maximum size of a scene's preview in bytes."""
+MAX_DECLARED = MAX_PREVIEW + 8 * 10
+"""Maximum size in bytes of the preview plus the descriptions of packet runs (eight bytes each), so that the server's
+first response (welcome) fits one datagram, with 1181 bytes.
+"""
+MAX_HELD_BYTES = 1100
+"""Maximum size in bytes of the bit mask of received packets in a `Have` datagram; eight packets per byte."""
+TOKEN_BYTES = 16
+DIGEST_BYTES = 32
+
+REFUSALS = (
+    "", "no such stream", "the server is full", "the server stopped", "too many transfers from this network",
+    "nothing is there yet", "the server has another protocol version",
+)  # fmt: skip
+NOT_YET, OTHER_VERSION = 5, 6
+"""Indices in `REFUSALS`: no stream is available yet, after which a client retries; the protocol version of the client
+differs.
+"""
+
+
+class Hello(NamedTuple):
+    """First datagram of a client.
+
+    Attributes:
+        nonce: Random number that identifies the client's connection attempt.
+        name: Name of the requested stream; an empty name requests the server's first stream.
+    """
+
+    nonce: int
+    name: str
+
+
+class Challenge(NamedTuple):
+    """Response of the server to `Hello`, with a token that the client must return in its `Request`.
+
+    The server stores nothing about the client.
+
+    Attributes:
+        nonce: Number that identifies the client's connection attempt.
+        token: Token that only the owner of the client's address receives (`token.TokenMint`).
+    """
+
+    nonce: int
+    token: bytes
+
+
+class Request(NamedTuple):
+    """Request of a client for a stream.
+
+    Attributes:
+        nonce: Number that identifies the client's connection attempt.
+        token: Token of the server, which proves that the client receives datagrams at its address.
+        name: Name of the requested stream; an empty name requests the server's first stream.
+    """
+
+    nonce: int
+    token: bytes
+    name: str
+
+
+class TierHead(NamedTuple):
+    """Parity of a run, that is, of consecutive packets in sending order with the same erasure protection.
+
+    Attributes:
+        num_packets: Number of packets of the run.
+        groups: Number of interleaved parity groups of the run; 0 without parity.
+        repair: Number of repair symbols per parity group.
+    """
+
+    num_packets: int
+    groups: int
+    repair: int
+
+
+class Welcome(NamedTuple):
+    """Response of the server that accepts a request and declares the sizes of the stream.
+
+    For a live stream, the server sends a new welcome whenever the stream has grown.
+
+    Attributes:
+        nonce: Number that identifies the client's connection attempt, copied from the request.
+        session: Id of the transfer, contained in all its datagrams.
+        stream_id: Id of the stream, contained in every packet.
+        object_bytes: Size of the init segment in bytes: manifest, side information and bundled packets.
+        digest: SHA-256 of the init segment.
+        symbol_bytes: Size of the init segment's symbols (erasure code) in bytes.
+        num_packets: Number of packets of the complete stream; for a live stream, of the packets so far.
+        packet_bytes: Maximum size of a packet in bytes.
+        bundled: Number of packets bundled in the init segment: the first in sending order.
+        tiers: Parity of each run of packets in sending order; together the runs contain all packets.
+        preview: Preview to show until the scene is decoded, not validated here; empty without a preview.
+        is_live: True for a live stream: updated welcomes will follow in the same transfer.
+        viewable: True if the server sends packets by visibility after it has received the client's viewpoint (`View`).
+    """
+
+    nonce: int
+    session: int
+    stream_id: int
+    object_bytes: int
+    digest: bytes
+    symbol_bytes: int
+    num_packets: int
+    packet_bytes: int
+    bundled: int
+    tiers: tuple[TierHead, ...]
+    preview: bytes = b""
+    is_live: bool = False
+    viewable: bool = False
+
+
+class Side(NamedTuple):
+    """Datagram with a source or repair symbol of the init segment.
+
+    Attributes:
+        session: Id of the transfer.
+        sequence: Sequence number of the datagram.
+        segment: Index of the segment (source block) of the init segment.
+        symbol: Index of the symbol in the segment; repair symbols follow the source symbols.
+        payload: Bytes of the symbol.
+    """
+
+    session: int
+    sequence: int
+    segment: int
+    symbol: int
+    payload: bytes
+
+
+class Data(NamedTuple):
+    """Datagram with one packet of the stream.
+
+    Attributes:
+        session: Id of the transfer.
+        sequence: Sequence number of the datagram.
+        place: Index of the packet in sending order.
+        packet: Bytes of the packet.
+    """
+
+    session: int
+    sequence: int
+    place: int
+    packet: bytes
+
+
+class Parity(NamedTuple):
+    """Datagram with a repair symbol of a parity group (packets that share repair symbols).
+
+    Attributes:
+        session: Id of the transfer.
+        sequence: Sequence number of the datagram.
+        group: Index of the parity group.
+        symbol: Index of the repair symbol among the repair symbols of the group, from 0.
+        payload: Bytes of the symbol.
+    """
+
+    session: int
+    sequence: int
+    group: int
+    symbol: int
+    payload: bytes
+
+
+class Feedback(NamedTuple):
+    """Feedback report of a receiver.
+
+    Attributes:
+        session: Id of the transfer.
+        largest: Largest received sequence number.
+        received: Number of received datagrams with a sequence number.
+        time_us: Receiver's clock when `largest` was received, microseconds modulo 2**32.
+        side_missing: Number of init segment symbols still needed; 0 when complete.
+        nacks: Requested retransmissions: indices of packets in sending order.
+        lost_sequences: Sequence numbers of lost datagrams whose packets are requested. With view-dependent sending
+            order, a receiver cannot know which packets were sent. At most `MAX_NACKS` requests together with `nacks`.
+    """
+
+    session: int
+    largest: int
+    received: int
+    time_us: int
+    side_missing: int
+    nacks: tuple[int, ...] = ()
+    lost_sequences: tuple[int, ...] = ()
+
+
+class Bye(NamedTuple):
+    """Datagram with which the client ends a transfer."""
+
+    session: int
+
+
+class Have(NamedTuple):
+    """List of packets that a client already has when it resumes a transfer; sent after the request.
+
+    The server does not send these packets again unless a NACK requests them.
+
+    Attributes:
+        nonce: Number that identifies the client's connection attempt, as in the request.
+        stream_id: Id of the stream that the packets belong to; the list is ignored if the server sends another stream.
+        head: 1 if the client has manifest and side information, else 0.
+        first: Index in sending order of the first packet in the mask, a multiple of 8.
+        held: Bit mask of received packets from index `first` on, least significant bit first.
+    """
+
+    nonce: int
+    stream_id: int
+    head: int
+    first: int
+    held: bytes
+
+
+class View(NamedTuple):
+    """Viewpoint of the client for view-dependent sending, sent at most ten times per second.
+
+    Attributes:
+        session: Id of the transfer.
+        number: Number of the viewpoint, increasing; the server ignores older viewpoints.
+        budget: Maximum number of Gaussians that the client renders.
+        width: Width of the rendered picture, pixels.
+        height: Height of the rendered picture, pixels.
+        focal: Focal length, pixels.
+        viewmat: World-to-camera matrix (x right, y down, z forward), its first three rows, row-major.
+    """
+
+    session: int
+    number: int
+    budget: int
+    width: int
+    height: int
+    focal: float
+    viewmat: tuple[float, ...]
+
+
+class Refuse(NamedTuple):
+    """Response of the server that refuses a request.
+
+    Attributes:
+        nonce: Number that identifies the client's connection attempt.
+        reason: Reason for the refusal, as an index into `REFUSALS`.
+    """
+
+    nonce: int
+    reason: int
+
+
+class End(NamedTuple):
+    """Datagram of the server after it has sent every scheduled packet once; only retransmissions may follow.
+
+    Attributes:
+        session: Id of the transfer.
+        sequence: Sequence number of the datagram.
+    """
+
+    session: int
+    sequence: int
+
+
+Frame = Hello | Challenge | Request | Welcome | Side | Data | Parity | Feedback | Bye | Refuse | End | Have | View

@@ -1,0 +1,73 @@
+"""Handshake of a client: one connection attempt until the server accepts the request (welcome)."""
+
+import hashlib
+
+from splatwire.transport.protocol.frames import TOKEN_BYTES, Hello, Request
+from splatwire.transport.protocol.wire import encode
+
+RETRY_S = 0.2
+"""Retransmission interval of the handshake, seconds."""
+RELIABLE_RETRY_S = 10.2
+"""Retransmission interval of the handshake over a reliable path (QUIC), seconds."""
+TOKEN_S = 2.0
+"""Time after which a token is dropped if the server has not accepted the request, seconds: the server or the client's
+address may have changed.
+"""
+REFUSAL_RETRY_S = 1.0
+"""Time from a temporary refusal to the next request, seconds."""
+
+
+class HandshakeAttempt:
+    """One attempt of a client to start a transfer.
+
+    Args:
+        nonce: Random 64-bit number that identifies the attempt.
+        now: Time, seconds.
+        name: Name of the requested stream.
+        reliable: True if the path has validated the client's address (QUIC), so that no token is needed.
+    """
+
+    def __init__(self, nonce: int, now: float, name: str, *, reliable: bool) -> None:
+        self.nonce, self._name, self._reliable = nonce, name, reliable
+        self.began_at = self.next_at = now
+        self._token: bytes | None = bytes(TOKEN_BYTES) if reliable else None
+        self._token_at = now
+
+    @property
+    def is_validated(self) -> bool:
+        """True if the server may accept the request now: its token was returned, or the path needs no token."""
+        return self._token is not None
+
+    def poll(self, now: float) -> list[bytes]:
+        """Returns a list with the next handshake datagram if it is due at time `now` (seconds), else an empty list."""
+        if now < self.next_at:
+            return []
+        if not self._reliable and now - self._token_at > TOKEN_S:
+            self._token = None
+        self.next_at = now + (RELIABLE_RETRY_S if self._reliable else RETRY_S)
+        return [self._frame()]
+
+    def challenged(self, token: bytes, now: float) -> bytes:
+        """Stores the server's token and returns the request datagram that contains the token."""
+        self._token, self._token_at, self.next_at = token, now, now + RETRY_S
+        return self._frame()
+
+    def refused(self, now: float, after: float = REFUSAL_RETRY_S) -> None:
+        """Schedules a retry after a temporary refusal and drops the token, which expires soon.
+
+        Args:
+            now: Time, seconds.
+            after: Time until the retry, seconds.
+        """
+        self.next_at = now + after
+        self._token = self._token if self._reliable else None
+
+    def again(self, now: float) -> "HandshakeAttempt":
+        """Returns a new attempt for the same stream, with a new random nonce."""
+        digest = hashlib.sha256(b"again" + self.nonce.to_bytes(8, "little")).digest()
+        return HandshakeAttempt(int.from_bytes(digest[:8], "little"), now, self._name, reliable=self._reliable)
+
+    def _frame(self) -> bytes:
+        if self._token is None:
+            return encode(Hello(self.nonce, self._name))
+        return encode(Request(self.nonce, self._token, self._name))

@@ -1,0 +1,51 @@
+"""Packets that a client already has when it resumes a transfer; the server skips these in its schedule."""
+
+from splatwire.transport.protocol.frames import Have
+from splatwire.transport.protocol.served_stream import ServedStream
+from splatwire.transport.protocol.wire import DATA, DATA_OVERHEAD, WELCOME
+
+
+class KnownPackets:
+    """Packets that a client has reported as already received; one bit of memory per packet."""
+
+    def __init__(self) -> None:
+        self._packets = bytearray()
+        self._head = False
+
+    def take(self, frame: Have, program: ServedStream) -> int:
+        """Adds a client's list of received packets; returns the total size in bytes of the newly listed packets.
+
+        Lists about another stream, or about a live stream, are ignored.
+
+        Args:
+            frame: List of received packets.
+            program: Stream that the server sends to the client.
+        """
+        count, at = len(program.packets), frame.first // 8
+        if frame.stream_id != program.stream_id or program.is_live or frame.first >= count:
+            return 0
+        size = program.head_bytes if frame.head and not self._head else 0
+        self._head = self._head or bool(frame.head)
+        end = min(at + len(frame.held), -(-count // 8))
+        self._packets.extend(bytes(max(end - len(self._packets), 0)))
+        for place in range(at, end):
+            if new := frame.held[place - at] & ~self._packets[place]:
+                self._packets[place] |= new
+                told = (8 * place + n for n in range(8) if new >> n & 1)
+                size += sum(DATA_OVERHEAD + len(packet) for n in told for packet in program.packets[n : n + 1])
+        return size
+
+    def has(self, kind: int, symbol: int) -> bool:
+        """True if a scheduled datagram need not be sent to this client.
+
+        This is the case for a packet that the client already has. If the client has the init segment, it is also the
+        case for all symbols of the init segment and for all repair symbols. The client then sends NACKs for missing
+        packets.
+
+        Args:
+            kind: Kind of the datagram: `DATA` (packet), `SIDE` (init segment), `PARITY` (repair symbol) or `WELCOME`.
+            symbol: For `DATA`, index of the packet in sending order; otherwise ignored.
+        """
+        if kind != DATA:
+            return self._head and kind != WELCOME
+        return symbol // 8 < len(self._packets) and bool(self._packets[symbol // 8] >> symbol % 8 & 1)

@@ -1,0 +1,174 @@
+"""Layout shared by sender and receiver: source blocks of the init segment, and packets of each parity group."""
+
+import struct
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from splatwire.bitstream.limits import MAX_MANIFEST_BYTES
+from splatwire.bitstream.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
+from splatwire.errors import BitstreamError
+from splatwire.transport.fec import MAX_SYMBOLS, num_symbols
+from splatwire.transport.protocol.frames import TierHead
+
+_HEAD = struct.Struct("<I")
+_CARRIED = struct.Struct("<H")
+
+
+def init_segment(manifest: Manifest, side_info: bytes, packets: Sequence[bytes] = ()) -> bytes:
+    """Returns the init segment: manifest, side information and bundled packets.
+
+    Args:
+        manifest: Manifest of the stream.
+        side_info: Side information of the stream.
+        packets: Packets to bundle, the first in sending order; each gets a size prefix.
+    """
+    data = manifest_to_bytes(manifest)
+    bundled = b"".join(_CARRIED.pack(len(packet)) + packet for packet in packets)
+    return _HEAD.pack(len(data)) + data + side_info + bundled
+
+
+def bundled_bytes(packet_bytes: int, count: int) -> int:
+    """Returns by how many bytes bundled packets enlarge the init segment.
+
+    Args:
+        packet_bytes: Total size of the bundled packets in bytes.
+        count: Number of bundled packets.
+    """
+    return packet_bytes + count * _CARRIED.size
+
+
+def split_init_segment(data: bytes) -> tuple[Manifest, bytes, tuple[bytes, ...]]:
+    """Parses an init segment and returns its manifest, its side information and its bundled packets.
+
+    Raises:
+        BitstreamError: If the data are not an init segment.
+    """
+    if len(data) < _HEAD.size:
+        raise BitstreamError("the head object is cut")
+    (size,) = _HEAD.unpack_from(data)
+    if size > MAX_MANIFEST_BYTES or _HEAD.size + size > len(data):
+        raise BitstreamError(f"the head object's manifest cannot have {size} bytes")
+    manifest = manifest_from_bytes(data[_HEAD.size : _HEAD.size + size])
+    end = _HEAD.size + size + manifest.side_info_bytes
+    return manifest, data[_HEAD.size + size : end], _carried(data[end:])
+
+
+def _carried(data: bytes) -> tuple[bytes, ...]:
+    packets, at = [], 0
+    while at < len(data):
+        size = _CARRIED.unpack_from(data, at)[0] if at + _CARRIED.size <= len(data) else len(data)
+        at += _CARRIED.size + size
+        if at > len(data):
+            raise BitstreamError("the head object ends within a packet")
+        packets.append(data[at - size : at])
+    return tuple(packets)
+
+
+class Segments(NamedTuple):
+    """Division of the init segment into segments of nearly equal size; each segment is a source block of the FEC code.
+
+    Attributes:
+        num_bytes: Size of the init segment in bytes.
+        symbol_bytes: Size of a symbol in bytes.
+    """
+
+    num_bytes: int
+    symbol_bytes: int
+
+    @property
+    def num_symbols(self) -> int:
+        """Total number of source symbols of all segments."""
+        return num_symbols(self.num_bytes, self.symbol_bytes)
+
+    @property
+    def num_segments(self) -> int:
+        """Number of segments (source blocks)."""
+        return -(-self.num_symbols // MAX_SYMBOLS)
+
+    def size(self, segment: int) -> int:
+        """Returns the number of source symbols of one segment; these numbers differ by at most one between segments."""
+        return self.num_symbols * (segment + 1) // self.num_segments - self.num_symbols * segment // self.num_segments
+
+    def span(self, segment: int) -> slice:
+        """Returns the byte range of one segment within the init segment."""
+        first = self.num_symbols * segment // self.num_segments
+        last = first + self.size(segment)
+        return slice(first * self.symbol_bytes, min(last * self.symbol_bytes, self.num_bytes))
+
+
+class Group(NamedTuple):
+    """Parity group: packets that share repair symbols, with indices `start + n * step` for n from 0 to `size - 1`.
+
+    Attributes:
+        start: Index of the group's first packet in sending order.
+        step: Interleaving stride. Neighbours in sending order belong to different groups, so that a burst of losses is
+            spread over several groups.
+        size: Number of packets of the group; each is one source symbol of the erasure code.
+        repair: Number of repair symbols of the group.
+    """
+
+    start: int
+    step: int
+    size: int
+    repair: int
+
+    def packet_of(self, symbol: int) -> int:
+        """Returns the packet that is a given source symbol of the group, as its index in sending order.
+
+        Args:
+            symbol: Index of the source symbol in the group, 0 to `size - 1`.
+        """
+        return self.start + symbol * self.step
+
+
+def parity_groups(tiers: Sequence[TierHead]) -> list[Group]:
+    """Returns the parity groups (packets that share repair symbols) of a stream, in the order of their indices.
+
+    Args:
+        tiers: Parity of each run of packets, in sending order.
+    """
+    finder = GroupFinder(tiers)
+    return [finder.group(number) for number in range(finder.num_groups)]
+
+
+class GroupFinder:
+    """Finds the parity group of a packet, or the packets of a parity group, without memory for each group.
+
+    Args:
+        tiers: Parity of each run of packets, in sending order.
+    """
+
+    def __init__(self, tiers: Sequence[TierHead]) -> None:
+        self._tiers = tuple(tiers)
+        self.num_groups = sum(tier.groups for tier in self._tiers)
+
+    def group(self, number: int) -> Group:
+        """Returns a parity group, given its index, 0 to `num_groups - 1`."""
+        first = 0
+        for tier in self._tiers:
+            if number < tier.groups:
+                break
+            first, number = first + tier.num_packets, number - tier.groups
+        else:
+            raise IndexError("there is no such parity group")
+        return Group(first + number, tier.groups, -(-(tier.num_packets - number) // tier.groups), tier.repair)
+
+    def find(self, index: int) -> tuple[int, int] | None:
+        """Finds the parity group of a packet.
+
+        Args:
+            index: Index of the packet in sending order.
+
+        Returns:
+            Index of the parity group, and index of the packet among the source symbols of the group; None for a packet
+            without parity.
+        """
+        first = group = 0
+        for tier in self._tiers:
+            if index < first + tier.num_packets:
+                if not tier.groups or not tier.repair:
+                    return None
+                symbol, offset = divmod(index - first, tier.groups)
+                return group + offset, symbol
+            first, group = first + tier.num_packets, group + tier.groups
+        return None

@@ -1,0 +1,152 @@
+"""Live stream of a sequence: a new state of the prepared stream after each group of pictures."""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from splatwire.bitstream import Manifest, Packet, make_packet
+from splatwire.errors import InvalidValueError
+from splatwire.transport.fec import MAX_SYMBOLS, symbol_bytes_for
+from splatwire.transport.protocol.frames import TierHead
+from splatwire.transport.protocol.layout import init_segment
+from splatwire.transport.protocol.motion_parity import Arranged, GroupPackets, arrange
+from splatwire.transport.protocol.protection import Protection
+from splatwire.transport.protocol.send_schedule import build_send_schedule
+from splatwire.transport.protocol.served_stream import (
+    MAX_PACKET_BYTES,
+    ServedStream,
+    head_symbols,
+    parity_symbols,
+    side_symbol_bytes,
+)
+from splatwire.transport.protocol.wire import DATA, PARITY, SIDE
+
+PROTECTION = Protection(side_repair=0.6)
+"""Default redundancy of live streams: repair symbols for the init segment, which is small and sent with every group of
+pictures.
+"""
+
+ImportanceFunction = Callable[[Sequence[Packet]], Sequence[float]]
+"""Function that returns, for each of the given packets of the newest group of pictures, the cost of losing the packet
+(for example the added error of the pictures). Only the ratios of these costs matter.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class StreamUpdate(ServedStream):
+    """State of a live stream after a group of pictures, prepared for sending.
+
+    Attributes:
+        persistent: One byte per packet. 1: later groups of pictures also need the packet, so that it may always be
+            retransmitted. 0: the packet has the motion of one group only, and its bytes are dropped when the next group
+            is added.
+        newest: Index in sending order of the first packet of the newest group of pictures.
+    """
+
+    persistent: bytes = b""
+    newest: int = 0
+
+    def may_retransmit(self, index: int) -> bool:
+        """Returns True if a packet, given by its index in sending order, may still be sent or retransmitted."""
+        return index < len(self.packets) and (index >= self.newest or bool(self.persistent[index]))
+
+
+class LiveSession:
+    """Prepares the successive states of a live stream; packets keep their indices from one state to the next.
+
+    Args:
+        protection: Redundancy: repair symbols of the init segment, which is sent with every group of pictures, and
+            parity of each group's motion packets.
+        importance: Function that returns the cost of losing each packet; the motion packets with the highest costs get
+            parity. None for equal costs.
+    """
+
+    def __init__(self, protection: Protection = PROTECTION, importance: ImportanceFunction | None = None) -> None:
+        self._protection, self._importance = protection, importance
+        self._packets: list[bytes] = []
+        self._persistent = bytearray()
+        self._newest = self._groups = self._codes = 0
+        self._runs: tuple[TierHead, ...] = ()
+        self._parity: tuple[tuple[bytes, ...], ...] = ()
+        self._fresh: tuple[tuple[int, int, int], ...] = ()
+
+    def add(self, manifest: Manifest, side_info: bytes, packets: Sequence[Packet]) -> StreamUpdate:
+        """Adds a group of pictures and returns the new state of the stream.
+
+        Args:
+            manifest: Manifest of the stream, including the new group.
+            side_info: Side information of the stream, including the new group.
+            packets: Packets of the new group, without stream id, in sending order. Packets that later groups also need
+                are moved to the front.
+
+        Raises:
+            InvalidValueError: If a packet is too large for a datagram, or the manifest has another packet count.
+            BackendUnavailableError: If parity is requested and the package `raptorq` is not installed.
+        """
+        plan = manifest.plan
+        for index in range(self._newest, len(self._packets)):
+            if not self._persistent[index]:
+                self._packets[index] = b""
+        self._newest = len(self._packets)
+        ordered = sorted(packets, key=lambda packet: not plan.persistent(packet.id.block))
+        found = self._arranged(ordered, manifest)
+        for packet in (ordered[number] for number in found.order):
+            named = make_packet(packet.id, packet.num_elements, packet.payload, manifest.stream_id)
+            if len(named.data) > MAX_PACKET_BYTES:
+                raise InvalidValueError(f"a packet of {len(named.data)} bytes fits no datagram")
+            self._packets.append(named.data)
+            self._persistent.append(plan.persistent(packet.id.block))
+        if len(self._packets) != manifest.num_packets:
+            raise InvalidValueError(f"{len(self._packets)} packets, and the manifest says {manifest.num_packets}")
+        self._protect(found.tiers)
+        return self._state(manifest, side_info, more=True)
+
+    def end(self, manifest: Manifest, side_info: bytes) -> StreamUpdate:
+        """Returns the final state of the stream; clients then know that no group of pictures follows.
+
+        Args:
+            manifest: Manifest of the whole stream.
+            side_info: Side information of the whole stream.
+        """
+        return self._state(manifest, side_info, more=False)
+
+    def _arranged(self, ordered: Sequence[Packet], manifest: Manifest) -> Arranged:
+        plan, (share, repair) = manifest.plan, self._protection.motion_of(self._groups)
+        importance = self._importance(ordered) if self._importance and repair and share < 1 else None
+        persistent = [plan.persistent(packet.id.block) for packet in ordered]
+        kinds = ([n for n, lasts in enumerate(persistent) if lasts is kind] for kind in (True, False))
+        group = GroupPackets(*map(tuple, kinds))
+        self._groups += 1
+        return arrange([group], importance, self._protection, self._groups - 1)
+
+    def _protect(self, tiers: tuple[TierHead, ...]) -> None:
+        """Computes parity and schedule of the newest group of pictures.
+
+        Parity groups of earlier groups of pictures keep their numbers, but lose their repair symbols.
+
+        Args:
+            tiers: Parity of each run of the newest packets, in sending order.
+        """
+        before, newest = max(self._codes, -(-self._newest // MAX_SYMBOLS)), self._packets[self._newest :]
+        past = (TierHead(self._newest, before, 0),) if self._newest else ()
+        before = before if past else 0
+        parity = parity_symbols(newest, tiers, symbol_bytes_for(MAX_PACKET_BYTES))
+        items = build_send_schedule(
+            [], tiers, [*map(len, parity)], replace(self._protection, parity_until=0.0), [len(newest)]
+        )
+        firsts = {DATA: self._newest, PARITY: 0}
+        self._runs, self._parity = (*past, *tiers), (*((),) * before, *parity)
+        self._fresh = tuple((kind, group + before * (kind == PARITY), n + firsts[kind]) for kind, group, n in items)
+        self._codes = before + len(parity)
+
+    def _state(self, manifest: Manifest, side_info: bytes, *, more: bool) -> StreamUpdate:
+        data = init_segment(manifest, side_info)
+        symbol_bytes = side_symbol_bytes(len(data))
+        head, scheduled = head_symbols(data, symbol_bytes, self._protection)
+        side = [(SIDE, segment, symbol) for segment, count in enumerate(scheduled) for symbol in range(count)]
+        bases = ((DATA, 0, n) for n in range(self._newest) if self._persistent[n])
+        return StreamUpdate(
+            manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, tuple(self._packets),
+            MAX_PACKET_BYTES, 0, self._runs or (TierHead(0, 0, 0),), self._parity,
+            (*side, *bases, *self._fresh), is_live=more, persistent=bytes(self._persistent), newest=self._newest,
+        )  # fmt: skip

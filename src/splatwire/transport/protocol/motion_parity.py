@@ -1,0 +1,111 @@
+"""Parity of motion packets in sequences: sending order and parity groups for each group of pictures."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from splatwire.bitstream import Packet, PacketPlan
+from splatwire.transport.fec import MAX_REPAIR, MAX_SYMBOLS
+from splatwire.transport.protocol.frames import MAX_TIERS, TierHead
+from splatwire.transport.protocol.protection import Protection
+
+MOST_CODES = (MAX_TIERS - 2) // 2
+"""Maximum number of parity settings in a sequence; in longer sequences, neighbouring groups of pictures share one."""
+
+
+class Arranged(NamedTuple):
+    """Packets of groups of pictures in sending order, with the parity of each run.
+
+    Attributes:
+        order: Indices of the packets, in sending order.
+        tiers: Parity of each run of these packets. Per group of pictures: keyframe packets, motion packets with
+            parity, motion packets without parity. Neighbouring runs without parity are merged.
+    """
+
+    order: tuple[int, ...]
+    tiers: tuple[TierHead, ...]
+
+
+class GroupPackets(NamedTuple):
+    """Packets of one group of pictures, given by their indices in sending order.
+
+    Attributes:
+        bases: Indices of the packets of keyframe Gaussians, which later groups also need.
+        motion: Indices of the packets of motion, which only this group needs.
+    """
+
+    bases: tuple[int, ...]
+    motion: tuple[int, ...]
+
+
+def group_packets(packets: Sequence[Packet], plan: PacketPlan) -> list[GroupPackets]:
+    """Returns the packet indices of each group of pictures of a sequence.
+
+    Args:
+        packets: All packets of the sequence, in sending order.
+        plan: Packet plan of the manifest, which maps packets to groups of pictures.
+    """
+    groups = [GroupPackets((), ())] * (len(plan.spans) // 2)
+    found: list[tuple[list[int], list[int]]] = [([], []) for _ in groups]
+    for number, packet in enumerate(packets):
+        tier = plan.tier_of(packet.id.block)
+        found[tier // 2][tier % 2].append(number)
+    return [GroupPackets(tuple(bases), tuple(motion)) for bases, motion in found]
+
+
+def arrange(
+    groups: Sequence[GroupPackets], importance: Sequence[float] | None, protection: Protection, first: int = 0
+) -> Arranged:
+    """Puts the packets of each group of pictures in sending order.
+
+    The keyframe packets come first, then the motion packets with parity, then the motion packets without parity.
+
+    Args:
+        groups: Packet indices of consecutive groups of pictures.
+        importance: Cost of losing each packet, by packet index; the motion packets with the highest costs get
+            parity. None for equal costs.
+        protection: Redundancy: `motion` is the share of motion packets with parity, and their repair symbols.
+        first: Index of the first group of pictures in the sequence.
+
+    Returns:
+        Sending order, and parity of each run of packets.
+    """
+    together = max(-(-len(groups) // MOST_CODES), 1)
+    order, tiers = list[int](), list[TierHead]()
+    for begin in range(0, len(groups), together):
+        bases, coded, others, repair = list[int](), list[int](), list[int](), 0.0
+        for number, group in enumerate(groups[begin : begin + together], first + begin):
+            share, most = protection.motion_of(number)
+            chosen = _most_important(group.motion, importance, _whole(share * len(group.motion)) if most else 0)
+            bases += group.bases
+            coded += [packet for packet in group.motion if packet in chosen]
+            others += [packet for packet in group.motion if packet not in chosen]
+            repair += most * len(chosen)
+        codes = -(-len(coded) // MAX_SYMBOLS)
+        symbols = min(_whole(repair / codes), MAX_REPAIR) if codes else 0
+        order += [*bases, *coded, *others]
+        tiers += [TierHead(len(bases), 0, 0), TierHead(len(coded), codes if symbols else 0, symbols)]
+        tiers.append(TierHead(len(others), 0, 0))
+    return Arranged(tuple(order), _joined(tiers))
+
+
+def _whole(share: float) -> int:
+    """Rounds a number of packets or repair symbols up, so that even a small share of few packets gives at least one."""
+    return math.ceil(share - 1e-9)
+
+
+def _most_important(motion: Sequence[int], importance: Sequence[float] | None, count: int) -> set[int]:
+    if importance is None:
+        return set(motion[:count])
+    return set(sorted(motion, key=lambda packet: -importance[packet])[:count])
+
+
+def _joined(tiers: Sequence[TierHead]) -> tuple[TierHead, ...]:
+    """Merges neighbouring packet runs that have no parity, and removes empty runs."""
+    out = list[TierHead]()
+    for tier in tiers:
+        if tier.num_packets and out and not (tier.groups or out[-1].groups):
+            out[-1] = TierHead(out[-1].num_packets + tier.num_packets, 0, 0)
+        elif tier.num_packets:
+            out.append(tier)
+    return tuple(out) or (TierHead(0, 0, 0),)

@@ -1,0 +1,57 @@
+"""NACK tracker of a receiver: decides when a missing packet is requested again.
+
+Three limits apply: the interval (`NACK_INTERVAL_S`), the number of NACKs per packet (`MAX_ATTEMPTS`), and the number of
+NACKs per feedback datagram (`frames.MAX_NACKS`). Receivers of view-dependent streams request sequence numbers instead
+of packets, up to `gap_tracker.MAX_ATTEMPTS` times each. A server limits retransmission by the total bytes sent to a
+client (`ServerLimits.passes`). The counterpart in browsers is `web/src/transport/transfer.ts`.
+"""
+
+import sys
+from collections.abc import Iterable
+
+from splatwire.transport.protocol.frames import MAX_NACKS
+
+NACK_INTERVAL_S = 0.12
+"""Minimum interval between NACKs for the same packet, seconds."""
+MAX_ATTEMPTS = 8
+"""Maximum number of NACKs per packet of a live stream, where packets that arrive too late are useless."""
+
+
+class NackTracker:
+    """Time of the last NACK, and number of NACKs, of each missing packet.
+
+    Attributes:
+        max_attempts: Maximum number of NACKs per packet; unlimited by default, `MAX_ATTEMPTS` for live streams.
+    """
+
+    def __init__(self) -> None:
+        self.max_attempts = sys.maxsize
+        self._last: dict[int, tuple[float, int]] = {}
+
+    def attempts(self, index: int) -> int:
+        """Returns the number of NACKs sent so far for a packet, given by its index in sending order."""
+        return self._last.get(index, (0.0, 0))[1]
+
+    def forget(self, index: int) -> None:
+        """Removes a packet that has arrived from the tracker."""
+        self._last.pop(index, None)
+
+    def __bool__(self) -> bool:
+        return bool(self._last)
+
+    def due(self, missing: Iterable[int], now: float) -> list[int]:
+        """Returns up to `MAX_NACKS` missing packets without a recent NACK, and records a NACK for each at time `now`.
+
+        Args:
+            missing: Indices of the missing packets in sending order.
+            now: Time, seconds.
+        """
+        out: list[int] = []
+        for index in missing:
+            at, attempts = self._last.get(index, (-NACK_INTERVAL_S, 0))
+            if now - at >= NACK_INTERVAL_S and attempts < self.max_attempts:
+                self._last[index] = now, attempts + 1
+                out.append(index)
+                if len(out) == MAX_NACKS:
+                    break
+        return out

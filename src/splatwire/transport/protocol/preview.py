@@ -1,0 +1,24 @@
+"""Preview of a scene from the section `preview` of its side information, without decoding."""
+
+from splatwire.bitstream.sections import split_sections
+from splatwire.errors import BitstreamError
+from splatwire.transport.protocol.frames import MAX_PREVIEW
+
+SECTION = "preview"
+
+
+def stream_preview(side_info: bytes, codec: str) -> bytes:
+    """Returns the encoded preview in a stream's side information; empty if the stream has no preview.
+
+    Args:
+        side_info: Side information of the stream.
+        codec: Name of the stream's codec schema.
+
+    Raises:
+        BitstreamError: If the side information is malformed, or the preview is too large for the server's first
+            response (welcome).
+    """
+    content = split_sections(side_info, codec)[1].get(SECTION, b"")
+    if len(content) > MAX_PREVIEW:
+        raise BitstreamError(f"a preview of {len(content):,} bytes: a welcome carries at most {MAX_PREVIEW}")
+    return content

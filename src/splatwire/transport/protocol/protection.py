@@ -1,0 +1,148 @@
+"""Redundancy options of a sender, and parity of the packets of each importance tier."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from splatwire.arguments import check_fields
+from splatwire.errors import InvalidValueError
+from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, MAX_SYMBOLS, num_symbols
+from splatwire.transport.protocol.frames import TierHead
+from splatwire.transport.protocol.wire import MAX_DATAGRAM, SIDE_OVERHEAD
+
+SIDE_SYMBOL_BYTES = (MAX_DATAGRAM - SIDE_OVERHEAD) // ALIGNMENT * ALIGNMENT - 32
+MIN_SYMBOL_BYTES = 64
+MAX_RETRANSMITTED = 4.0
+
+
+@dataclass(frozen=True)
+class Protection:
+    """Redundancy of a transfer: repair symbols of the erasure code, sending order, and limits on retransmission.
+
+    Attributes:
+        side_repair: Repair symbols per source symbol of the init segment, 0 to 2. With feedback, lost symbols are also
+            retransmitted.
+        side_lead: Share of the packets among which the symbols of the init segment are spread, 0 to 1. With 0, the init
+            segment is sent before all packets, for an early picture. Larger values survive longer bursts of losses
+            without feedback.
+        side_symbol_bytes: Size of the init segment's symbols in bytes, a multiple of 8; None for the default. Small
+            symbols need less repair (the lost share varies less) but have more headers.
+        head_share: Share of the packets, the first in sending order, that are bundled in the init segment, 0 to 1.
+            These packets arrive with the init segment and are protected by its repair symbols. For a small tier this is
+            cheaper than separate parity, because the lost share of many symbols varies less. Nothing is drawn before
+            the init segment is complete anyway.
+        tier_repair: Repair symbols per packet, 0 to 2, for each importance tier, beginning with tier 0 (sent first).
+            Tiers beyond these have no parity.
+        parity_until: End of the time in which the repair symbols of a tier are sent, as the share of all packets sent
+            until then, 0 to 1. They are sent from the middle of the tier on, and at least until the end of the tier.
+            Small values recover packets early, large values survive longer bursts of losses.
+        tier_spread: Overlap of the tiers in time, 0 to 1: 0 sends the tiers one after another, 1 mixes all tiers
+            evenly. Without overlap, one burst of losses can remove most of a small tier. With overlap, a transfer that
+            ends early loses packets of all tiers.
+        resend: Maximum retransmitted bytes as a share of the bytes of the complete stream, 0 to 4. Missing init segment
+            symbols are always retransmitted and counted first. The rest is used for packets in the order of NACKs,
+            which is the order of importance unless tiers overlap. None: limited by `ServerLimits` only.
+        resend_until: Share of the packets, the first in sending order, that may be retransmitted, 0 to 1. With
+            importance tiers, these are the most important packets. `resend` does not ensure this: with few losses, its
+            bytes also suffice for unimportant packets.
+        motion: For a sequence, one pair per group of pictures: share of the motion packets that get parity, 0 to 1 (the
+            most important packets), and repair symbols per such packet, 0 to 2. The last pair applies to all later
+            groups. Repair symbols are sent with their group, because motion is useless later.
+
+    Raises:
+        InvalidValueError: If a number is out of range.
+    """
+
+    side_repair: float = 0.35
+    side_lead: float = 0.0
+    side_symbol_bytes: int | None = None
+    head_share: float = 0.0
+    tier_repair: tuple[float, ...] = ()
+    parity_until: float = 1.0
+    tier_spread: float = 0.0
+    resend: float | None = None
+    resend_until: float = 1.0
+    motion: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        checks = [("side_repair", self.side_repair, 2.0), ("side_lead", self.side_lead, 1.0)]
+        checks += [("parity_until", self.parity_until, 1.0), ("tier_spread", self.tier_spread, 1.0)]
+        checks += [("head_share", self.head_share, 1.0), ("resend", self.resend or 0.0, MAX_RETRANSMITTED)]
+        checks += [("resend_until", self.resend_until, 1.0)]
+        checks += [("repair of a tier", repair, 2.0) for repair in self.tier_repair]
+        checks += [("share of motion", share, 1.0) for share, _ in self.motion]
+        checks += [("repair of motion", repair, 2.0) for _, repair in self.motion]
+        for name, value, high in checks:
+            if not 0.0 <= value <= high:
+                raise InvalidValueError(f"{name} must be from 0 to {high}, not {value}")
+        size = self.side_symbol_bytes
+        if size is not None and not (MIN_SYMBOL_BYTES <= size <= SIDE_SYMBOL_BYTES and size % ALIGNMENT == 0):
+            raise InvalidValueError(
+                f"symbols of side information have a multiple of {ALIGNMENT} bytes from {MIN_SYMBOL_BYTES} to "
+                f"{SIDE_SYMBOL_BYTES}, not {size}"
+            )
+
+    def motion_of(self, group: int) -> tuple[float, float]:
+        """Returns, for a group of pictures, the share of motion packets with parity and the repair symbols per packet.
+
+        Args:
+            group: Index of the group of pictures, from 0.
+        """
+        return self.motion[min(group, len(self.motion) - 1)] if self.motion else (0.0, 0.0)
+
+    @property
+    def limits_retransmission(self) -> bool:
+        """True if `resend` or `resend_until` limits retransmission."""
+        return self.resend is not None or self.resend_until < 1
+
+
+def num_bundled_packets(num_packets: int, protection: Protection) -> int:
+    """Returns how many of a stream's packets are bundled in the init segment, by `Protection.head_share`."""
+    return round(protection.head_share * num_packets)
+
+
+def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[TierHead, ...]:
+    """Divides packets into runs by importance tier and returns the parity of each run.
+
+    The first run has the packets that are bundled in the init segment, which need no parity of their own.
+
+    Args:
+        tiers: Importance tier of each packet in sending order, ascending.
+        protection: Redundancy.
+
+    Raises:
+        InvalidValueError: If parity is requested for tiers that the stream does not have.
+    """
+    present, bundled = max(tiers, default=0) + 1, num_bundled_packets(len(tiers), protection)
+    if len(protection.tier_repair) > present:
+        raise InvalidValueError(
+            f"parity for {len(protection.tier_repair)} tiers, and the stream has {present}: encode with --tiers"
+        )
+    runs = [(tiers[bundled:].count(tier), repair) for tier, repair in enumerate(protection.tier_repair)]
+    return _tier_heads([(bundled, 0.0), *runs], len(tiers))
+
+
+def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
+    """Returns the number of packets of each importance tier that are sent outside the init segment.
+
+    Args:
+        tiers: Importance tier of each packet in sending order, ascending.
+        protection: Redundancy. If `tier_spread` is 0, only the total number of packets is returned.
+    """
+    bundled = num_bundled_packets(len(tiers), protection)
+    if not protection.tier_spread:
+        return (len(tiers) - bundled,)
+    return tuple(tiers[bundled:].count(tier) for tier in range(max(tiers, default=0) + 1))
+
+
+def _tier_heads(runs: Sequence[tuple[int, float]], num_packets: int) -> tuple[TierHead, ...]:
+    heads, first = [], 0
+    for size, share in runs:
+        groups = -(-size // MAX_SYMBOLS) if share else 0
+        repair = min(round(share * num_symbols(size, groups)), MAX_REPAIR) if groups else 0
+        if size:
+            heads.append(TierHead(size, groups if repair else 0, repair))
+            first += size
+    if first < num_packets or not heads:
+        heads.append(TierHead(num_packets - first, 0, 0))
+    return tuple(heads)

@@ -1,0 +1,154 @@
+"""Receive state of a transfer: the stream as far as it has been received."""
+
+from splatwire.bitstream import Manifest, ReadReport, SceneStream
+from splatwire.transport.protocol.collect import InitSegmentCollector, PacketCollector
+from splatwire.transport.protocol.events import Finished
+from splatwire.transport.protocol.frames import Data, Welcome
+
+MAX_WAITING_PACKETS = 512
+"""Maximum number of packets kept until the server's updated declaration (welcome) of a live stream arrives. Over QUIC,
+datagrams may overtake the declaration, which is sent on the reliable stream.
+"""
+
+
+class ReceiveState:
+    """Receive state of a transfer: the stream as far as it has been received, and counters.
+
+    Attributes:
+        finished: Result of the transfer; None while the transfer runs.
+        num_datagrams: Number of received datagrams that belong to this transfer.
+        num_rejected: Number of received datagrams that are invalid or do not belong to this transfer.
+        num_bytes: Total size of all valid datagrams in bytes.
+    """
+
+    def __init__(self) -> None:
+        self.finished: Finished | None = None
+        self.num_datagrams = self.num_rejected = self.num_bytes = 0
+        self._welcome: Welcome | None = None
+        self._head: InitSegmentCollector | None = None
+        self._collector: PacketCollector | None = None
+        self._manifest: Manifest | None = None
+        self._side_info = b""
+        self._newer: list[Data] = []
+        self._grew = False
+        self._joined_at = self._missed_before = 0
+
+    def _begin(self, welcome: Welcome, *, discard: bool) -> None:
+        """Prepares to receive the stream that the server has declared.
+
+        Args:
+            welcome: Declaration of the stream by the server, already checked.
+            discard: True to discard all data received before; False to keep them, for a live stream that has grown.
+        """
+        if discard or self._collector is None:
+            self._missed_before, self._joined_at = self.num_missed, welcome.num_packets if welcome.is_live else 0
+        self._welcome, self._head = welcome, InitSegmentCollector(welcome)
+        self._grew = welcome.is_live or (self._grew and not discard)
+        if discard or self._collector is None:
+            self._collector, self._manifest, self._side_info = PacketCollector(welcome), None, b""
+        else:
+            self._collector.update(welcome)
+        newer, self._newer = self._newer, []
+        for frame in newer:
+            self._collector.add(frame)
+
+    def _resume(self, before: Welcome, welcome: Welcome) -> bool:
+        """Continues a stream in a new transfer with the data received before.
+
+        Args:
+            before: Server's declaration of the stream in the earlier transfer.
+            welcome: Server's declaration of the stream in the new transfer.
+
+        Returns:
+            False if the data cannot be kept, because the server declares another stream.
+        """
+        if self._collector is None or welcome.stream_id != before.stream_id:
+            return False
+        same = welcome.digest == before.digest and _layout(welcome) == _layout(before)
+        grown = before.is_live and welcome.num_packets >= before.num_packets
+        if not same and not grown:
+            return False
+        if same:
+            self._welcome = welcome
+        else:
+            self._begin(welcome, discard=False)
+        return True
+
+    def _ahead(self, frame: Data) -> bool:
+        """True if a packet belongs to the next state of a live stream, which the server has not yet declared.
+
+        Up to `MAX_WAITING_PACKETS` such packets are kept until the declaration (welcome) arrives.
+        """
+        welcome = self._welcome
+        if welcome is None or not welcome.is_live:
+            return False
+        told = frame.place < welcome.num_packets and frame.packet[1:5] == welcome.stream_id.to_bytes(4, "little")
+        if not told and len(self._newer) < MAX_WAITING_PACKETS:
+            self._newer.append(frame)
+        return not told
+
+    @property
+    def is_live(self) -> bool:
+        """True if the stream was live and grew during reception, so that earlier motion packets are unavailable."""
+        return self._grew
+
+    @property
+    def num_missed(self) -> int:
+        """Number of packets of a live sequence that are missing although they were sent after this receiver joined.
+
+        Motion packets from before that time are never sent to this receiver and do not count. Missing packets of
+        earlier periods of the sequence count.
+        """
+        if self._welcome is None or self._collector is None or not self._grew:
+            return self._missed_before
+        missing = self._collector.missing(self._joined_at, self._welcome.num_packets)
+        return self._missed_before + sum(1 for _ in missing)
+
+    @property
+    def welcome(self) -> Welcome | None:
+        """First response of the server, which declares the sizes of the stream; None before it is received."""
+        return self._welcome
+
+    @property
+    def preview(self) -> bytes:
+        """Preview from the server's first response (welcome); empty before the response or without a preview."""
+        return self._welcome.preview if self._welcome else b""
+
+    @property
+    def collector(self) -> PacketCollector | None:
+        """Collector of the packets; None before the server's first response (welcome)."""
+        return self._collector
+
+    def stream(self) -> SceneStream | None:
+        """Returns the stream with the packets received so far; None while side information is missing."""
+        if self._manifest is None or self._collector is None:
+            return None
+        return SceneStream(self._manifest, self._side_info, self._collector.packets)
+
+    def report(self) -> ReadReport | None:
+        """Returns the numbers of received, missing and damaged packets; None while side information is missing."""
+        intake = self._collector.intake if self._collector else None
+        return intake.report() if intake else None
+
+    def describe_missing(self) -> str:
+        """Returns a message about data that have not arrived; empty before the server's first response (welcome)."""
+        if self._welcome is None or self._collector is None:
+            return ""
+        packets = f"{self._collector.num_packets} of {self._welcome.num_packets} packets arrived"
+        if self._head is None:
+            return packets
+        missing, total = self._head.num_missing, self._head.num_symbols
+        return f"of the side information at least {missing} of {total} pieces are missing; {packets}"
+
+
+def _layout(welcome: Welcome) -> tuple[object, ...]:
+    """Returns those parameters of a stream that determine the index of each packet in sending order.
+
+    A receiver stores packets by this index. When it resumes a transfer, it may keep the packets of the earlier transfer
+    only if the server declares the same parameters as before.
+
+    Args:
+        welcome: Declaration of the stream by the server.
+    """
+    sizes = welcome.object_bytes, welcome.symbol_bytes, welcome.num_packets, welcome.bundled
+    return *sizes, welcome.tiers, welcome.is_live, welcome.viewable

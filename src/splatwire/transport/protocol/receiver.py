@@ -1,0 +1,531 @@
+"""Receiver of one stream as a state machine without socket and clock.
+
+The caller passes received datagrams and the time, and gets datagrams to send and events.
+"""
+
+import math
+
+from splatwire.arguments import checked
+from splatwire.bitstream.origin import AT_ZERO, ORIGIN
+from splatwire.bitstream.view import BUDGET, Viewpoint
+from splatwire.errors import BitstreamError
+from splatwire.transport.protocol.collect import check_welcome, read_init_segment
+from splatwire.transport.protocol.events import (
+    Event,
+    Finished,
+    Interrupted,
+    PacketArrived,
+    Resumed,
+    SideInfoArrived,
+    StreamReplaced,
+    Welcomed,
+)
+from splatwire.transport.protocol.frames import (
+    NOT_YET,
+    OTHER_VERSION,
+    REFUSALS,
+    Bye,
+    Challenge,
+    Data,
+    End,
+    Feedback,
+    Frame,
+    Have,
+    Parity,
+    Refuse,
+    Side,
+    View,
+    Welcome,
+)
+from splatwire.transport.protocol.gap_tracker import GapTracker
+from splatwire.transport.protocol.handshake import RETRY_S, HandshakeAttempt
+from splatwire.transport.protocol.nack import MAX_ATTEMPTS, NackTracker
+from splatwire.transport.protocol.receive_state import ReceiveState
+from splatwire.transport.protocol.receiver_options import ReceiverOptions
+from splatwire.transport.protocol.wire import MAX_DATAGRAM, decode, encode
+
+CONNECT_S = 10.0
+"""Time after which an unanswered handshake fails, seconds."""
+RECONNECT_AFTER_S = 3.0
+"""Silence after which the client repeats the handshake, seconds: the client's or the server's address may have
+changed.
+"""
+MAX_FRUITLESS_TRANSFERS = 5
+"""Maximum number of consecutive transfers without new packets before the client gives up."""
+HAVE_TIMES, HAVE_S = 3, 0.3
+"""Number of repetitions, and interval in seconds, of the list of received packets that a client sends when it resumes a
+transfer. Repetition covers losses.
+"""
+MISSING_STREAM = 1
+"""Index in `frames.REFUSALS` of the refusal that the requested stream does not exist, the only permanent refusal."""
+ATTEMPT_S = 4.0
+"""Time after which a connection attempt gets a new nonce, seconds: a server starts only one transfer per nonce."""
+SMALL_PATH = f"the path carries no datagrams of {MAX_DATAGRAM:,} bytes (its MTU is below {MAX_DATAGRAM + 28:,})"
+FEEDBACK_S = 0.02
+REORDER = 48
+"""Reordering threshold: packets this far behind the furthest received one count as lost."""
+MAX_SEQUENCE_JUMP = 1 << 17
+"""Maximum increase of the sequence number from one datagram to the next; with a larger increase, the datagram is forged
+and rejected.
+"""
+GRACE_S = 0.15
+"""Time that the receiver waits for late packets after the server has sent everything, seconds."""
+BYES = 3
+VIEW_S, VIEW_AGAIN_S, TWICE = 0.1, 1.0, 2
+"""Interval at which a new viewpoint is sent to the server, later interval for an unchanged viewpoint (both in seconds),
+and number of datagrams at the short interval. Repetition covers losses.
+"""
+MOVED_S = 2.0
+"""Time after the viewpoint was corrected by the stream's origin, seconds, in which an `End` datagram may still refer to
+the uncorrected viewpoint.
+"""
+IDLE_S = 1.0
+"""Time after everything visible was received from which on the receiver sends reports less often, seconds."""
+MAX_FRUITLESS_ENDS = 25
+"""Number of consecutive `End` datagrams without data, despite NACKs, from which the receiver concludes that the server
+will not retransmit (`Protection.resend`). The server sends ten per second, so round-trip times up to 2.5 s are covered.
+"""
+
+
+class Receiver(ReceiveState):
+    """Receiver of one stream as a state machine without socket and clock.
+
+    Call `receive` for every datagram and `poll` at the times of `next_at`; both return datagrams to send and events.
+
+    Args:
+        nonce: Random 64-bit number that identifies this connection attempt.
+        now: Time, seconds.
+        options: Options of the receiver, such as the name of the stream.
+        reliable: True if the path carries handshake and side information reliably and has validated the client's
+            address (QUIC). One request is then enough, and init segment symbols do not count as datagrams.
+    """
+
+    @checked
+    def __init__(
+        self, nonce: int, now: float, options: ReceiverOptions | None = None, *, reliable: bool = False
+    ) -> None:
+        super().__init__()
+        self.options = options or ReceiverOptions()
+        self._nonce = nonce
+        self._began = self._asking_since = self._heard_at = self._feedback_at = now
+        self._reliable = reliable
+        self._last_greeting = HandshakeAttempt(nonce, now, self.options.name, reliable=reliable)
+        self._greeting: HandshakeAttempt | None = self._last_greeting
+        self._refusal = ""
+        self._view: View | None = None
+        self._viewpoint: tuple[Viewpoint, int] | None = None
+        self._moved_at = -math.inf
+        self._view_number, self._view_at = 0, -math.inf
+        self._have: list[bytes] = []
+        self._have_left, self._have_at = 0, now
+        self._vain, self._before = 0, 0
+        self._longest = 0
+        self._begin_session(now)
+        self._stream_before: int | None = None
+        if self.options.viewpoint is not None:
+            self.set_viewpoint(self.options.viewpoint)
+
+    def next_at(self) -> float | None:
+        """Time of the next call of `poll`, seconds; None when finished."""
+        if self.finished:
+            return None
+        end = math.inf if self.options.deadline_s is None else self._began + self.options.deadline_s
+        greeting = math.inf if self._greeting is None else self._greeting.next_at
+        return min(greeting, math.inf if self._welcome is None else self._feedback_at, end)
+
+    def poll(self, now: float) -> tuple[list[bytes], list[Event]]:
+        """Performs everything that is due at time `now` (seconds): handshake, feedback, timeouts.
+
+        Returns:
+            Datagrams to send, and events.
+        """
+        if self.finished:
+            return [], []
+        if reason := self._end_reason(now):
+            return self._finish(reason)
+        events: list[Event] = []
+        if self._is_silent(now):
+            events = self.reconnect(now)
+        greetings = self._greeting.poll(now) if self._greeting is not None else []
+        if self._welcome is None or now < self._feedback_at:
+            return greetings, events
+        return [*greetings, *self._received_lists(now), self._feedback(now), *self._viewpoint_datagrams(now)], events
+
+    def receive(self, data: bytes, now: float) -> tuple[list[bytes], list[Event]]:
+        """Processes a received datagram; its content need not be valid.
+
+        Args:
+            data: Bytes of the datagram.
+            now: Time, seconds.
+
+        Returns:
+            Datagrams to send, and events.
+        """
+        if self.finished:
+            return [], []
+        try:
+            frame = decode(data)
+        except BitstreamError:
+            self.num_rejected += 1
+            return [], []
+        self.num_bytes += len(data)
+        self._longest = len(data) if self._welcome is not None and len(data) > self._longest else self._longest
+        if isinstance(frame, (Side, Data, Parity, End)):
+            return self._transferred(frame, now)
+        return self._on_handshake(frame, now)
+
+    def set_viewpoint(self, viewpoint: Viewpoint, budget: int = BUDGET) -> None:
+        """Sets the viewpoint, so that the server sends visible packets first.
+
+        Has no effect on streams without levels of detail.
+
+        Args:
+            viewpoint: Viewpoint, whose coordinates may be relative to any origin. Until the side information with the
+                stream's origin is received, (0, 0, 0) is assumed instead, and the viewpoint is sent again afterwards.
+                If the stream's origin is far from (0, 0, 0), few packets are wasted, because the assumed viewpoint sees
+                little of the scene.
+            budget: Maximum number of Gaussians that are rendered.
+
+        Raises:
+            BitstreamError: If the received side information is damaged.
+        """
+        self._viewpoint = viewpoint, budget
+        viewpoint = self._relative_to_origin(viewpoint)
+        rows = tuple(viewpoint.viewmat[:3].ravel().tolist())
+        self._view_number, self._told = self._view_number + 1, 0
+        self._view = View(0, self._view_number, budget, viewpoint.width, viewpoint.height, viewpoint.focal, rows)
+        self._feedback_at = min(self._feedback_at, self._heard_at)
+
+    def reconnect(self, now: float) -> list[Event]:
+        """Starts another connection attempt because the server is silent or the connection was closed.
+
+        Received data are kept.
+
+        Args:
+            now: Time, seconds.
+
+        Returns:
+            Event `Interrupted` if the transfer was running, else no events.
+        """
+        events: list[Event] = [] if self._greeting is not None else [Interrupted()]
+        self._greeting = self._last_greeting = self._last_greeting.again(now)
+        return events
+
+    def may_resume(self, now: float) -> bool:
+        """True if an interrupted transfer may still be resumed, within `ReceiverOptions.reconnect_s`.
+
+        Args:
+            now: Time, seconds.
+        """
+        within = now - self._heard_at <= self.options.reconnect_s
+        return self.finished is None and self._welcome is not None and within
+
+    def stop(self, reason: str = "stopped") -> tuple[list[bytes], list[Event]]:
+        """Ends the transfer; received data are kept.
+
+        Args:
+            reason: Reason to report in `Finished.reason`.
+
+        Returns:
+            Datagrams to send, and events.
+        """
+        return ([], []) if self.finished else self._finish(reason)
+
+    def _on_handshake(self, frame: Frame, now: float) -> tuple[list[bytes], list[Event]]:
+        """Processes a handshake datagram of the server; ignores datagrams of other connection attempts.
+
+        Returns:
+            Datagrams to send, and events.
+        """
+        nonce, greeting = getattr(frame, "nonce", None), self._greeting
+        if self._welcome is not None and nonce == self._nonce and isinstance(frame, Welcome):
+            return self._on_further_welcome(self._welcome, frame, now)
+        if greeting is None or nonce != greeting.nonce:
+            self.num_rejected += 1
+            return [], []
+        match frame:
+            case Challenge():
+                return [greeting.challenged(frame.token, now)], []
+            case Refuse():
+                return self._on_refusal(greeting, frame.reason, now)
+            case Welcome() if greeting.is_validated:
+                if problem := check_welcome(frame, self.options.limits):
+                    return self._finish(problem)
+                return self._on_welcome(frame, now)
+        self.num_rejected += 1
+        return [], []
+
+    def _on_refusal(self, greeting: HandshakeAttempt, reason: int, now: float) -> tuple[list[bytes], list[Event]]:
+        """Processes the server's refusal of a request: schedules a retry, or ends the transfer.
+
+        A refusal is temporary if no stream is available yet, or if an interrupted transfer still occupies the client's
+        slot.
+
+        Args:
+            greeting: Connection attempt that was refused.
+            reason: Index into `frames.REFUSALS`.
+            now: Time, seconds.
+
+        Returns:
+            Datagrams to send, and events.
+        """
+        if reason == NOT_YET:
+            self._asking_since = now
+            greeting.refused(now, RETRY_S)
+            return [], []
+        self._refusal = REFUSALS[reason] if 0 < reason < len(REFUSALS) else "the server refused"
+        if self._welcome is None or reason in (MISSING_STREAM, OTHER_VERSION):
+            return self._finish(self._refusal)
+        greeting.refused(now)
+        return [], []
+
+    def _on_welcome(self, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
+        """Processes the server's acceptance of a request: starts a transfer, or resumes an interrupted transfer.
+
+        Args:
+            frame: Acceptance of the request, with the sizes of the stream.
+            now: Time, seconds.
+
+        Returns:
+            Datagrams to send, and events.
+        """
+        before, events = self._welcome, list[Event]()
+        known = 0 if self._collector is None else self._collector.num_packets
+        if before is None:
+            self._begin(frame, discard=True)
+        else:
+            self._vain = self._vain + 1 if known == self._before else 0
+            if self._vain > MAX_FRUITLESS_TRANSFERS:
+                return self._finish("the server fell silent again and again")
+            kept = self._resume(before, frame)
+            if not kept and before.is_live and (stream := self.stream()) is not None:
+                events.append(StreamReplaced(stream))
+            if not kept:
+                self._begin(frame, discard=True)
+            events.append(Resumed(kept))
+        assert self._greeting is not None
+        self._nonce, self._greeting, self._refusal = self._greeting.nonce, None, ""
+        self._before = 0 if self._collector is None else self._collector.num_packets
+        self._begin_session(now)
+        if before is not None:
+            self._list_held(now)
+        self._nack_tracker.max_attempts = (
+            MAX_ATTEMPTS if before is not None and frame.is_live else self._nack_tracker.max_attempts
+        )
+        self._heard_at, self._feedback_at = now, now + FEEDBACK_S
+        out = [] if before is None else [encode(Bye(before.session))]
+        out += [*self._received_lists(now), self._feedback(now), *self._viewpoint_datagrams(now)]
+        return out, [*events, Welcomed.of(frame)]
+
+    def _begin_session(self, now: float) -> None:
+        """Resets the state of the previous transfer: sequence numbers and NACKs."""
+        self._largest, self._received, self._largest_at = -1, 0, now
+        self._nack_tracker, self._gaps = NackTracker(), GapTracker()
+        self._told, self._ends_in_vain = 0, 0
+        self._ended_at: float | None = None
+        if self._collector is not None:
+            self._collector.highest = -1
+
+    def _received_lists(self, now: float) -> list[bytes]:
+        """Returns datagrams, if due, that list the packets received before a transfer was resumed.
+
+        The server does not send these packets again.
+        """
+        if not self._have_left or now < self._have_at:
+            return []
+        self._have_left, self._have_at = self._have_left - 1, now + HAVE_S
+        return self._have
+
+    def _list_held(self, now: float) -> None:
+        """Prepares the lists of received packets that the server needs to resume a transfer; none for live streams."""
+        assert self._welcome is not None
+        assert self._collector is not None
+        nonce, stream_id, head = self._nonce, self._welcome.stream_id, int(self._head is None)
+        held = [] if self._welcome.is_live else list(self._collector.held())
+        self._have = [encode(Have(nonce, stream_id, head, first, bits)) for first, bits in held]
+        self._have_left, self._have_at = HAVE_TIMES, now
+
+    def _on_further_welcome(self, before: Welcome, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
+        """Processes a declaration of the stream (welcome) that the server sends during a transfer.
+
+        It declares a new state of a live stream or the next stream, or it is a duplicate.
+
+        Args:
+            before: Previous declaration.
+            frame: Received declaration.
+            now: Time, seconds.
+
+        Returns:
+            Datagrams to send, and events.
+        """
+        follows = frame.stream_id not in (before.stream_id, self._stream_before)
+        grows = frame.stream_id == before.stream_id and frame.num_packets >= before.num_packets
+        if not (frame.session == before.session and before.is_live and (grows or follows)):
+            self.num_rejected += 1
+            return [], []
+        self._heard_at = now
+        if (frame.is_live, frame.digest) == (before.is_live, before.digest):
+            return [], []
+        if problem := check_welcome(frame, self.options.limits):
+            return self._finish(problem)
+        left = [StreamReplaced(stream)] if follows and (stream := self.stream()) else []
+        self._begin(frame, discard=follows)
+        if follows:
+            self._stream_before, self._nack_tracker = before.stream_id, NackTracker()
+        self._nack_tracker.max_attempts, self._ended_at = MAX_ATTEMPTS, None
+        return [self._feedback(now)], [*left, Welcomed.of(frame)]
+
+    def _transferred(self, frame: Side | Data | Parity | End, now: float) -> tuple[list[bytes], list[Event]]:
+        known = self._welcome is not None and frame.session == self._welcome.session
+        if not known or self._collector is None or frame.sequence > self._largest + MAX_SEQUENCE_JUMP:
+            self.num_rejected += 1
+            return [], []
+        assert self._welcome is not None
+        self._heard_at = now
+        if not (self._reliable and isinstance(frame, Side)):
+            self.num_datagrams += 1
+            self._received += 1
+            if self._welcome.viewable:
+                self._gaps.came(frame.sequence, self._largest)
+            if frame.sequence > self._largest:
+                self._largest, self._largest_at = frame.sequence, now
+        events: list[Event] = [] if self._greeting is None else [Resumed(True)]
+        self._greeting = None
+        match frame:
+            case Data() if not self._ahead(frame):
+                repaired = self._collector.num_repaired
+                new = self._collector.add(frame)
+                back = self._collector.num_repaired - repaired
+                events += [PacketArrived(packet, n >= len(new) - back) for n, packet in enumerate(new)]
+            case Side():
+                events += self._side(frame)
+            case Parity():
+                events += [PacketArrived(packet, True) for packet in self._collector.add_parity(frame)]
+            case End():
+                self._ended_at = now if self._ended_at is None else self._ended_at
+                self._ends_in_vain += 1
+        if not isinstance(frame, End):
+            self._ends_in_vain = 0
+            self._ended_at = None if self._viewing else self._ended_at
+        if self.finished:
+            return [encode(Bye(self._welcome.session))] * BYES, [*events, self.finished]
+        everything = self._head is None and self._collector.num_packets == self._welcome.num_packets
+        if everything and not self._welcome.is_live:
+            out, over = self._finish("complete")
+            return out, [*events, *over]
+        return [], events
+
+    def _side(self, frame: Side) -> list[Event]:
+        assert self._welcome is not None
+        if self._head is None or self._collector is None:
+            return []
+        data = self._head.add(frame)
+        if data is None:
+            return []
+        try:
+            self._manifest, self._side_info, bundled = read_init_segment(data, self._welcome)
+            self._resend_viewpoint()
+        except BitstreamError as error:
+            self.finished = Finished(str(error), False)
+            return []
+        self._head = None
+        intake, new = self._collector.open(self._manifest, bundled)
+        arrived = SideInfoArrived(self._manifest, self._side_info, intake)
+        return [arrived, *(PacketArrived(packet, False) for packet in new)]
+
+    def _resend_viewpoint(self) -> None:
+        """Sends the viewpoint to the server once more, relative to the stream's origin, which is now known."""
+        if self._viewpoint is not None and self._relative_to_origin(self._viewpoint[0]).origin != AT_ZERO:
+            self.set_viewpoint(*self._viewpoint)
+            self._moved_at = self._heard_at
+
+    def _relative_to_origin(self, viewpoint: Viewpoint) -> Viewpoint:
+        """Returns a viewpoint in coordinates relative to the stream's origin, or to (0, 0, 0) while that is unknown."""
+        if self._manifest is None:
+            return viewpoint.relative_to(AT_ZERO)
+        return viewpoint.relative_to(ORIGIN.of_side_info(self._side_info, self._manifest.codec))
+
+    def _end_reason(self, now: float) -> str | None:
+        """Returns the reason (`Finished.reason`) if the transfer is over at time `now`, seconds, else None."""
+        if self.options.deadline_s is not None and now >= self._began + self.options.deadline_s:
+            return "deadline"
+        if self._welcome is None:
+            late = now - self._asking_since > CONNECT_S
+            return f"no answer: nothing seems to serve there, or {SMALL_PATH}" if late else None
+        if now - self._heard_at > max(self.options.silence_s, self.options.reconnect_s):
+            return f"the server fell silent{f', then: {self._refusal}' if self._refusal else ''}"
+        if self._ends_in_vain >= MAX_FRUITLESS_ENDS and self._is_cut_off:
+            return f"only small datagrams arrive: {SMALL_PATH}"
+        ended = self._ended_at is not None and now - self._ended_at > GRACE_S and not self._welcome.is_live
+        if self._viewing:
+            ended = ended and now - self._moved_at > MOVED_S  # it may be the `End` of the previous view
+            seen = ended and self._manifest is not None and not (self._gaps and self.options.nack)
+            return "seen" if seen and not self.options.stays else None
+        if ended and self._manifest is not None and (not self.options.nack or self._ends_in_vain >= MAX_FRUITLESS_ENDS):
+            return "sent"
+        return None
+
+    def _finish(self, reason: str) -> tuple[list[bytes], list[Event]]:
+        self.finished = Finished(reason, self._manifest is not None)
+        out = [encode(Bye(self._welcome.session))] * BYES if self._welcome else []
+        return out, [self.finished]
+
+    def _is_silent(self, now: float) -> bool:
+        """True if the server has been silent for so long that a new connection attempt is due at time `now`, seconds.
+
+        False until a running attempt has had enough time (`ATTEMPT_S`).
+        """
+        suspect_s = min(RECONNECT_AFTER_S, self.options.silence_s)
+        suspect_s += self.options.silence_s if self._reliable else 0.0  # QUIC closes the connection earlier
+        if self._welcome is None or now - self._heard_at <= suspect_s:
+            return False
+        if self._greeting is None:
+            return self.options.reconnect_s > 0
+        return not self._reliable and now - self._greeting.began_at > ATTEMPT_S
+
+    @property
+    def _is_cut_off(self) -> bool:
+        """True if no large datagrams have arrived, which indicates that the path MTU is too small."""
+        assert self._welcome is not None
+        assert self._collector is not None
+        return self._collector.highest < 0 and self._longest < min(MAX_DATAGRAM // 2, self._welcome.packet_bytes)
+
+    def _feedback(self, now: float) -> bytes:
+        assert self._welcome is not None
+        idle = self._viewing and self._ended_at is not None and not self._gaps and now - self._ended_at > IDLE_S
+        self._feedback_at = now + (IDLE_S / 2 if idle else FEEDBACK_S)
+        missing = self._head.num_missing if self._head else 0
+        nacks = self._nacks(now) if self.options.nack else ((), ())
+        time_us = int(self._largest_at * 1e6) & 0xFFFFFFFF
+        largest, received = max(self._largest, 0), min(self._received, self._largest + 1)
+        return encode(Feedback(self._welcome.session, largest, received, time_us, missing, *nacks))
+
+    @property
+    def _viewing(self) -> bool:
+        """True if the server sends packets in view-dependent order, that is, for the current viewpoint."""
+        return self._view is not None and self._welcome is not None and self._welcome.viewable
+
+    def _viewpoint_datagrams(self, now: float) -> list[bytes]:
+        """Returns the datagram with the viewpoint in a list if it is due, else an empty list.
+
+        The datagram is repeated because it can be lost.
+        """
+        if self._view is None or self._welcome is None or not self._welcome.viewable:
+            return []
+        if now - self._view_at < (VIEW_S if self._told < TWICE else VIEW_AGAIN_S):
+            return []
+        self._view_at, self._told = now, self._told + 1
+        return [encode(self._view._replace(session=self._welcome.session))]
+
+    def _nacks(self, now: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Returns `Feedback.nacks` and `Feedback.lost_sequences`: the missing packets and datagrams to request now."""
+        assert self._welcome is not None
+        if self._collector is None:
+            return (), ()
+        if self._viewing:
+            return (), tuple(self._gaps.due(self._largest + 1 - (REORDER if self._ended_at is None else 0), now))
+        start = self._welcome.bundled if self._manifest is None else 0  # bundled packets arrive with the init segment
+        stop = self._collector.highest + 1 - REORDER
+        if self._ended_at is not None:
+            stop = self._welcome.num_packets
+        return tuple(self._nack_tracker.due(self._collector.missing(start, max(stop, 0)), now)), ()

@@ -1,0 +1,48 @@
+"""Options of a receiver: requested stream, time limits, retransmission, viewpoint."""
+
+import math
+from dataclasses import dataclass, field
+
+from splatwire.arguments import check_fields
+from splatwire.bitstream.view import Viewpoint
+from splatwire.errors import InvalidValueError
+from splatwire.transport.protocol.collect import ReceiverLimits
+from splatwire.transport.protocol.frames import MAX_NAME
+
+
+@dataclass(frozen=True)
+class ReceiverOptions:
+    """Options of a receiver.
+
+    Attributes:
+        name: Name of the requested stream; an empty name requests the server's first stream.
+        deadline_s: Time from the start after which the transfer ends with the received data, seconds; None for no
+            limit.
+        nack: True to request retransmission of lost packets.
+        silence_s: Idle timeout of a connection (QUIC), seconds.
+        reconnect_s: Maximum silence of the server, once it has accepted the request, before the transfer fails,
+            seconds. Until then the receiver tries to reconnect and keeps the received data. 0: the transfer fails after
+            `silence_s`.
+        limits: Maximum sizes of a stream that are accepted.
+        viewpoint: Initial viewpoint: only packets visible from there are sent; None to receive all packets.
+            `Receiver.set_viewpoint` changes the viewpoint later.
+        stays: True to wait for further viewpoints after everything visible was received; False to end the transfer.
+    """
+
+    name: str = ""
+    deadline_s: float | None = None
+    nack: bool = True
+    silence_s: float = 4.0
+    reconnect_s: float = 60.0
+    limits: ReceiverLimits = field(default_factory=ReceiverLimits)
+    viewpoint: Viewpoint | None = None
+    stays: bool = False
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.deadline_s is not None and not self.deadline_s > 0:
+            raise InvalidValueError(f"a deadline must be above 0 seconds, {self.deadline_s} is not")
+        if not 0 <= self.reconnect_s < math.inf:
+            raise InvalidValueError(f"reconnect_s is 0 or more seconds, {self.reconnect_s} is not")
+        if len(self.name.encode()) > MAX_NAME:
+            raise InvalidValueError(f"the name of a stream has at most {MAX_NAME} bytes")

@@ -1,0 +1,211 @@
+"""Send queue of one transfer: yields each datagram once, in the stream's sending order or in view-dependent order."""
+
+from array import array
+from collections import deque
+
+import numpy as np
+
+from splatwire.bitstream.view import Viewpoint, cut_of
+from splatwire.transport.protocol.frames import View
+from splatwire.transport.protocol.served_stream import ServedStream
+from splatwire.transport.protocol.wire import DATA, PARITY, SIDE
+
+Item = tuple[int, int, int]
+"""Datagram to send: its kind (`SIDE`, `DATA` or `PARITY`); number of the init segment's segment or of the parity group
+(0 for a packet); number of the symbol, or index of the packet in sending order.
+"""
+RECENT = 8192
+"""Number of latest datagrams of which the packet indices are stored."""
+LOOK_S, TILE_S = 2e-3, 1e-6
+"""Time reserved to process a client's new viewpoint, seconds: fixed part, and part per tile of the scene. About five
+times the actual cost, so that viewpoints use at most a fifth of the server's time.
+"""
+BETWEEN_S = 0.1
+"""Minimum interval between two processed viewpoints of one client, seconds. Of the viewpoints received in between, only
+the newest is processed.
+"""
+
+
+def viewpoint_of(view: View) -> Viewpoint:
+    """Converts a received viewpoint datagram to a `Viewpoint`."""
+    matrix = np.eye(4)
+    matrix[:3] = np.array(view.viewmat).reshape(3, 4)
+    return Viewpoint(matrix, view.focal, view.width, view.height)
+
+
+class ViewUpdateBudget:
+    """Schedules the processing of clients' viewpoints one after another, so that their processing time is limited."""
+
+    def __init__(self) -> None:
+        self._free_at = 0.0
+
+    def take(self, now: float, last: float | None, tiles: int) -> float:
+        """Reserves processing time for a client's viewpoint and returns the time at which to process it, seconds.
+
+        Args:
+            now: Time, seconds.
+            last: Time at which the client's previous viewpoint was processed, seconds; None before the first.
+            tiles: Number of tiles of the scene.
+        """
+        at = max(self._free_at, now if last is None else max(now, last + BETWEEN_S))
+        self._free_at = at + LOOK_S + tiles * TILE_S
+        return at
+
+
+class SentLog:
+    """Log of recently sent datagrams, which maps sequence numbers to packets (indices in sending order).
+
+    Args:
+        noted: True if clients' NACKs contain sequence numbers (view-dependent order). False if they contain packet
+            indices; then nothing is logged.
+    """
+
+    def __init__(self, noted: bool) -> None:
+        self._places = array("I", bytes(4 * RECENT)) if noted else None
+
+    def note(self, sequence: int, place: int) -> None:
+        """Records a sent datagram.
+
+        Args:
+            sequence: Sequence number of the datagram.
+            place: Index of its packet in sending order; -1 if the datagram contains no packet.
+        """
+        if self._places is not None:
+            self._places[sequence % RECENT] = place + 1
+
+    def place(self, number: int, sequence: int) -> int:
+        """Returns the index in sending order of the packet in a lost datagram; -1 if it is not in the log.
+
+        Args:
+            number: Sequence number of the lost datagram.
+            sequence: Sequence number of the next datagram to send; only the latest `RECENT` datagrams are in the log.
+        """
+        known = self._places is not None and sequence - RECENT <= number < sequence
+        return self._places[number % RECENT] - 1 if known and self._places is not None else -1
+
+    def answered(self, number: int | None) -> None:
+        """Removes a sequence number from the log, because its packet is retransmitted under a new sequence number.
+
+        Args:
+            number: The sequence number; None for a packet that was requested by its index.
+        """
+        if number is not None:
+            self.note(number, -1)
+
+
+class SendQueue:
+    """Queue of the datagrams that are still to be sent to one client, without retransmissions.
+
+    Args:
+        program: Prepared stream to send.
+        reliable: True if the init segment is sent at once on a reliable (QUIC) stream.
+
+    Attributes:
+        head_left: True if the last datagram taken from the queue contained the last symbol of the init segment.
+        viewed_at: Time at which the client's last viewpoint was processed, seconds; None before the first.
+    """
+
+    def __init__(self, program: ServedStream, reliable: bool) -> None:
+        self._program = program
+        self._schedule = program.reliable_schedule if reliable else program.send_schedule
+        self._next, self._passed = 0, program.bundled
+        self.head_left = False
+        self._gone: np.ndarray | None = None
+        self._wanted: deque[int] = deque()
+        self._run: deque[int] = deque()
+        self.viewed_at: float | None = None
+
+    @property
+    def viewed(self) -> bool:
+        """True if the client has sent a viewpoint, which then determines the order of the packets."""
+        return self.viewed_at is not None
+
+    def __bool__(self) -> bool:
+        """True if the queue is not empty."""
+        return bool(self._run or self._wanted) or self._next < self._end
+
+    @property
+    def _end(self) -> int:
+        """Number of datagrams that are sent in the order of the stream's schedule.
+
+        These are all datagrams as long as the client has sent no viewpoint. With a viewpoint, they are the init segment
+        and the coarsest tiles; the viewpoint determines the order of the other tiles.
+        """
+        return self._schedule.opening_end if self.viewed else len(self._schedule.items)
+
+    def pop(self) -> Item:
+        """Removes the next datagram from the queue and returns it as in `SendSchedule.items`.
+
+        Returns:
+            Three integers. The first is the kind of the datagram's content, which determines the other two:
+
+            * `DATA` (a packet): 0, and the index of the packet in sending order.
+            * `SIDE` (a symbol of the init segment): index of the segment (source block), and index of the symbol in it.
+            * `PARITY` (a repair symbol): index of the parity group, and index of the repair symbol in it.
+        """
+        if self._next < self._end:
+            item = self._schedule.items[self._next]
+            self._next += 1
+            self._passed = item[2] + 1 if item[0] == DATA else self._passed
+            self.head_left = self._next == self._schedule.head_end
+            return item
+        self.head_left = False
+        if not self._run:
+            tile = self._wanted.popleft()
+            self._begin(tile)
+        return DATA, 0, self._run.popleft()
+
+    def set_viewpoint(self, viewpoint: Viewpoint, budget: int, now: float) -> None:
+        """Reorders the queue for a viewpoint: only the tiles visible from there are sent, most important first.
+
+        Args:
+            viewpoint: Viewpoint of the client, relative to the stream's origin.
+            budget: Maximum number of Gaussians that the client renders.
+            now: Time, seconds.
+        """
+        tiles = self._program.tiles
+        assert tiles is not None
+        if self._gone is None:
+            self._passed = max(self._passed, self._program.opening_packets)
+            self._gone = (tiles.first_packets[1:] <= self._passed) | (tiles.packets == 0)
+            if not self._gone.all():  # finish the tile that the schedule has started
+                self._begin(int(np.argmin(self._gone)), if_begun=True)
+        self.viewed_at = now
+        self._wanted = deque(cut_of(tiles, self._gone, viewpoint, budget).wanted)
+
+    def _begin(self, tile: int, *, if_begun: bool = False) -> None:
+        """Queues the packets of a tile that have not been sent yet.
+
+        Args:
+            tile: Index of the tile.
+            if_begun: True to queue the packets only if some packets of the tile have already been sent.
+        """
+        tiles = self._program.tiles
+        assert tiles is not None
+        assert self._gone is not None
+        first, end = tiles.first_packets[tile : tile + 2].tolist()
+        if if_begun and first >= self._passed:
+            return
+        self._gone[tile] = True
+        self._run.extend(range(max(first, self._passed) if if_begun else first, end))
+
+    def update(self, program: ServedStream, reliable: bool, welcome: Item, known: int) -> None:
+        """Continues with the new state of a live stream.
+
+        The queue then has the new init segment, the unsent packets of the earlier state, and the new packets.
+
+        Args:
+            program: New state of the prepared stream.
+            reliable: True if the init segment is sent on a reliable (QUIC) stream.
+            welcome: Queue item of the datagram (welcome) that declares the new state. The item is queued before and
+                after the init segment and before the new packets, because datagrams can be lost.
+            known: Number of packets in the earlier state.
+        """
+        self._program = program
+        source = (program.reliable_schedule if reliable else program.send_schedule).items
+        head = [item for item in source if item[0] == SIDE]
+        left = [item for item in self._schedule.items[self._next :] if known and program.wants(*item)]
+        new = [] if known == len(program.packets) else [
+            item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= known)
+        ]  # fmt: skip
+        self._schedule, self._next = program.schedule_of((welcome, *head, welcome, *left, welcome, *new)), 0

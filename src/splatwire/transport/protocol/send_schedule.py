@@ -1,0 +1,72 @@
+"""Sending order of datagrams: side information and repair symbols are placed between the packets.
+
+Packets keep the order in which they are given: the most important tier first (`bitstream.send_order`).
+"""
+
+from collections.abc import Sequence
+
+from splatwire.transport.protocol.frames import TierHead
+from splatwire.transport.protocol.protection import Protection
+from splatwire.transport.protocol.wire import DATA, PARITY, SIDE
+
+
+def build_send_schedule(
+    head: Sequence[int],
+    tiers: Sequence[TierHead],
+    parity: Sequence[int],
+    protection: Protection,
+    present: Sequence[int] = (),
+) -> tuple[tuple[int, int, int], ...]:
+    """Returns the sending order of all datagrams of a stream: symbols of the init segment, packets, repair symbols.
+
+    Each datagram has a due time from 0 to 1. The init segment is sent during the first packets, the repair symbols of a
+    tier from the middle of the tier on. Symbols of different segments and parity groups are interleaved.
+
+    Args:
+        head: Number of source and repair symbols to send of each segment (source block) of the init segment.
+        tiers: Parity of each run of packets in sending order.
+        parity: Number of repair symbols of each parity group.
+        protection: Redundancy; determines the due times of the init segment and of repair symbols.
+        present: Number of packets of each importance tier that are sent outside the init segment; empty if the stream
+            has no tiers. Packets before these in sending order are bundled in the init segment and not sent separately.
+
+    Returns:
+        Three integers for each datagram. The first is the kind of its content, which determines the other two:
+
+        * `DATA` (a packet): 0, and the index of the packet in sending order.
+        * `SIDE` (a symbol of the init segment): index of the segment (source block), and index of the symbol in it.
+        * `PARITY` (a repair symbol): index of the parity group, and index of the repair symbol in it.
+    """
+    num_packets = sum(tier.num_packets for tier in tiers)
+    head_items = sorted(((n / size, k, n) for k, size in enumerate(head) for n in range(size)))
+    due = [((n + 0.5) / len(head_items) * protection.side_lead, SIDE, k, i) for n, (_, k, i) in enumerate(head_items)]
+    bundled = num_packets - sum(present or [num_packets])
+    times = [0.0] * bundled + _packet_times(present or [num_packets], protection.tier_spread)
+    due += [(times[n], DATA, 0, n) for n in range(bundled, num_packets)]
+    first = group = 0
+    for tier in tiers:
+        groups = range(group, group + tier.groups)
+        items = sorted((n / parity[k], k, n) for k in groups for n in range(parity[k]))
+        last = first + tier.num_packets
+        if items:
+            start, end = sum(times[first:last]) / tier.num_packets, max(times[first:last])
+            long = max(end, protection.parity_until) - start
+            due += [(start + (n + 0.5) / len(items) * long, PARITY, k, i) for n, (_, k, i) in enumerate(items)]
+        first, group = last, group + tier.groups
+    return tuple((kind, group, symbol) for _, kind, group, symbol in sorted(due))
+
+
+def _packet_times(present: Sequence[int], spread: float | int) -> list[float]:
+    """Returns the due time of each packet, 0 to 1; the packets of a tier are spread evenly over the tier's interval.
+
+    Args:
+        present: Number of packets of each importance tier.
+        spread: Overlap of the tiers in time: 0 sends the tiers one after another, 1 sends each during the whole time.
+    """
+    num_packets, first, times = max(sum(present), 1), 0, list[float]()
+    for size in present:
+        start, stop = first / num_packets, (first + size) / num_packets
+        start, stop = (1 - spread) * start, (1 - spread) * stop + spread
+        times += [start + (n + 0.5) / size * (stop - start) for n in range(size)]
+        first += size
+    return times

@@ -1,0 +1,387 @@
+"""Server of many transfers as a state machine without socket and clock.
+
+The caller passes received datagrams and the time, and gets datagrams to send.
+"""
+
+import heapq
+import logging
+import traceback
+from collections import Counter
+from collections.abc import Callable, Hashable, Mapping
+from pathlib import Path
+
+from splatwire.arguments import checked
+from splatwire.errors import BitstreamError
+from splatwire.transport.congestion.pacing import Pacer
+from splatwire.transport.event_log import log_event
+from splatwire.transport.protocol.admission import (
+    Network,
+    StartRateLimiter,
+    choose_eviction,
+    network_of,
+    network_text,
+)
+from splatwire.transport.protocol.frames import (
+    NOT_YET,
+    REFUSALS,
+    Bye,
+    Challenge,
+    Feedback,
+    Have,
+    Hello,
+    Refuse,
+    Request,
+    View,
+)
+from splatwire.transport.protocol.send_queue import ViewUpdateBudget
+from splatwire.transport.protocol.served_stream import ServedStream
+from splatwire.transport.protocol.server_limits import ServerLimits
+from splatwire.transport.protocol.token import TokenMint
+from splatwire.transport.protocol.transfer import ServerTransfer
+from splatwire.transport.protocol.wire import TO_SERVER, decode, encode, kind_of, refuse_other_version
+
+LOG = logging.getLogger(__name__)
+UNKNOWN_STREAM, SERVER_FULL, STOPPED, TOO_MANY = 1, 2, 3, 4
+
+STARTS = 2
+"""Number of transfers that a network (IPv4 address or IPv6 /64) may start within `WINDOW_S`, as a multiple of the
+allowed concurrent transfers.
+"""
+
+Key = tuple[Hashable, int]
+"""Key of a transfer: address of the client, and random number (nonce) of its connection attempt."""
+
+
+class Server:
+    """Server of prepared streams to many clients, as a state machine without socket and clock.
+
+    A client must first return a token to prove that it receives datagrams at its address. Until then, the server
+    stores nothing about the client and answers each full-size datagram with one small response. Traffic to a forged
+    address is thus not amplified. Each token can start one transfer only.
+
+    An internal error ends the transfer of one client and is logged in one line; other transfers continue.
+
+    Args:
+        programs: Prepared streams by name; a client that requests no name gets the first.
+        secret: Secret key of the tokens, at least 16 random bytes.
+        random: Function that returns a given number of random bytes, for the ids of transfers.
+        limits: Limits on the transfers of clients.
+        on_failure: Called with the address of a client after an internal error has ended its transfer.
+
+    Attributes:
+        total_pacer: Pacer of all sent bytes together, which the page server shares; None without a total limit.
+        draining: True to refuse new transfers, while running transfers continue.
+
+    Raises:
+        InvalidValueError: If the secret is too short.
+    """
+
+    @checked
+    def __init__(
+        self,
+        programs: Mapping[str, ServedStream],
+        *,
+        secret: bytes,
+        random: Callable[[int], bytes],
+        limits: ServerLimits | None = None,
+        on_failure: Callable[[Hashable], None] | None = None,
+    ) -> None:
+        self._programs = dict(programs)
+        self._mint = TokenMint(secret)
+        self._random = random
+        self._limits = limits or ServerLimits()
+        total = self._limits.total_rate
+        self.total_pacer = None if total is None else Pacer(total)
+        self._on_failure = on_failure
+        self._starts = StartRateLimiter(STARTS * self._limits.per_network)
+        self._transfers: dict[Key, ServerTransfer] = {}
+        self._networks: dict[Key, Network] = {}
+        self._sessions: dict[tuple[Hashable, int], Key] = {}
+        self._due: list[tuple[float, int, Key]] = []
+        self._planned: dict[Key, float] = {}
+        self._turns = ViewUpdateBudget()
+        self._tick = 0
+        self._swept_at = self._now = 0.0
+        self.draining = False
+        self.num_rejected = 0
+        self.num_refused = 0
+        self.num_served = 0
+        self.num_failed = 0
+
+    @property
+    def num_transfers(self) -> int:
+        """Number of active transfers."""
+        return len(self._transfers)
+
+    @property
+    def num_streams(self) -> int:
+        """Number of streams that clients can request."""
+        return len(self._programs)
+
+    def receive(
+        self, address: Hashable, data: bytes, now: float, *, reliable: bool = False, network: Network | None = None
+    ) -> bytes | None:
+        """Processes a received datagram, whose content need not be valid, and returns the response.
+
+        Args:
+            address: Address of the client; clients with equal addresses are considered the same.
+            data: Bytes of the datagram.
+            now: Time, seconds.
+            reliable: True for a session that carries handshake and side information reliably and has validated the
+                client's address (QUIC), so that no token is needed.
+            network: Network of the client, for limits per network; None derives the network from the address.
+
+        Returns:
+            Datagram to send to the client as response, or None. Before the client has returned a token, the response is
+            never larger than the received datagram.
+        """
+        self._now = now
+        if kind_of(data) not in TO_SERVER:
+            self.num_rejected += 1
+            return refuse_other_version(data)
+        try:
+            frame = decode(data)
+        except BitstreamError:
+            self.num_rejected += 1
+            return None
+        try:
+            return self._take(address, frame, now, reliable, network)
+        except Exception as error:  # a defect of the server must not end other clients' transfers
+            self.fail(address, error)
+            return None
+
+    def _take(
+        self, address: Hashable, frame: object, now: float, reliable: bool, network: Network | None
+    ) -> bytes | None:
+        match frame:
+            case Hello() if not reliable:
+                return encode(Challenge(frame.nonce, self._mint.token(address, frame.nonce, frame.name, now)))
+            case Request():
+                return self._requested(
+                    address, frame, now, reliable, network_of(address) if network is None else network
+                )
+            case Have() if (address, frame.nonce) in self._transfers:
+                self._transfers[(address, frame.nonce)].exclude_known(frame)
+                self._plan((address, frame.nonce))
+            case Feedback() | View() | Bye():
+                key = self._sessions.get((address, frame.session))
+                if key is not None:
+                    self._heard(key, frame, now)
+        return None
+
+    def poll(self, now: float, most: int = 64) -> list[tuple[Hashable, bytes]]:
+        """Returns datagrams that are due, each with the address to send to; transfers alternate.
+
+        Args:
+            now: Time, seconds.
+            most: Maximum number of datagrams.
+        """
+        self._now = now
+        self._sweep(now)
+        out: list[tuple[Hashable, bytes]] = []
+        total = self.total_pacer
+        while self._due and len(out) < most and self._due[0][0] <= now and (total is None or total.next_at() <= now):
+            at, _, key = heapq.heappop(self._due)
+            if self._planned.get(key) != at:
+                continue
+            del self._planned[key]
+            try:
+                data = self._transfers[key].poll(now)
+                self._plan(key)
+            except Exception as error:  # a defect of the server must not end other clients' transfers
+                self.fail(key[0], error)
+                continue
+            if data is not None:
+                out.append((key[0], data))
+                if total is not None:
+                    total.sent(len(data), now)
+        return out
+
+    def next_at(self) -> float | None:
+        """Time of the next call of `poll`, seconds; None if nothing is scheduled."""
+        if not self._due:
+            return None
+        return self._due[0][0] if self.total_pacer is None else max(self._due[0][0], self.total_pacer.next_at())
+
+    def replace(self, programs: Mapping[str, ServedStream]) -> None:
+        """Replaces all streams for new transfers; running transfers continue with their streams until they end.
+
+        Args:
+            programs: Prepared streams by name; a client that requests no name gets the first.
+        """
+        self._programs = dict(programs)
+
+    def update(self, name: str, program: ServedStream) -> None:
+        """Adds a stream, or updates a live stream and notifies the clients that receive it.
+
+        Args:
+            name: Name of the stream.
+            program: Prepared stream, or the new state of a live stream.
+        """
+        old = self._programs.get(name)
+        self._programs[name] = program
+        for key in [key for key, transfer in self._transfers.items() if transfer.program is old]:
+            if key not in self._transfers:  # it failed together with another transfer of the same address
+                continue
+            try:
+                self._transfers[key].update(program)
+                self._plan(key)
+            except Exception as error:  # a defect of the server must not end other clients' transfers
+                self.fail(key[0], error)
+
+    def fail(self, address: Hashable, error: Exception) -> None:
+        """Ends a client's transfers after an internal error, and logs the error in one line.
+
+        Args:
+            address: Address of the client.
+            error: Exception that was raised.
+        """
+        self.num_failed += 1
+        frames = traceback.extract_tb(error.__traceback__)
+        place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+        LOG.error("a transfer was ended by an error of the server: %s%s", " ".join(repr(error).split()), place)
+        self.forget(address, "failed")
+        if self._on_failure is not None:
+            self._on_failure(address)
+
+    def forget(self, address: Hashable, reason: str = "closed") -> None:
+        """Ends all transfers to a client's address, for instance after the client's connection was closed.
+
+        Args:
+            address: Address of the client.
+            reason: Reason for the log.
+        """
+        for key in [key for key in self._transfers if key[0] == address]:
+            self._forget(key, reason)
+
+    def _requested(
+        self, address: Hashable, frame: Request, now: float, reliable: bool, network: Network
+    ) -> bytes | None:
+        age = None if reliable else self._mint.age(frame.token, address, frame.nonce, frame.name, now)
+        if age is None and not reliable:
+            self.num_rejected += 1
+            return None
+        key = (address, frame.nonce)
+        if key not in self._transfers:
+            refusal = self._begin(key, frame.name, now, reliable, network)
+            if refusal is None:
+                self._transfers[key].on_handshake_rtt(age)
+                self._plan(key)
+            else:
+                self._refused(network, frame.name, refusal)
+                return encode(Refuse(frame.nonce, refusal)) if refusal else None
+        transfer = self._transfers[key]
+        if not transfer.may_welcome(now):
+            return None
+        return transfer.welcome()
+
+    def _refused(self, network: Network, name: str, refusal: int) -> None:
+        """Counts and logs a refused request; a refusal without response (a repeated request) is not logged."""
+        if refusal:
+            self.num_refused += 1
+            client, reason = network_text(network), REFUSALS[refusal]
+            log_event(LOG, logging.INFO, "transfer refused", client=client, stream=name, reason=reason)
+
+    def _begin(self, key: Key, name: str, now: float, reliable: bool, network: Network) -> int | None:
+        """Starts a transfer, if the limits allow it.
+
+        Args:
+            key: Address of the client, and nonce of its connection attempt.
+            name: Name of the requested stream.
+            now: Time, seconds.
+            reliable: True if handshake and init segment are sent on a reliable (QUIC) stream.
+            network: Network of the client, for limits per network.
+
+        Returns:
+            None if the transfer has started; otherwise the index of the refusal in `frames.REFUSALS`, where 0 stands
+            for a refusal without response.
+        """
+        if self._starts.seen(network, key[1]):
+            self.num_rejected += 1
+            return 0
+        if self.draining:
+            return STOPPED
+        if not self._programs:  # a live stream before its first group
+            return NOT_YET
+        name = name or next(iter(self._programs))
+        if name not in self._programs:
+            return UNKNOWN_STREAM
+        held = Counter(self._networks.values())
+        if held[network] >= self._limits.per_network or not self._starts.allowed(network, now):
+            return TOO_MANY
+        if len(self._transfers) >= self._limits.sessions:
+            full = choose_eviction(+held, network)
+            if full is None:
+                return SERVER_FULL
+            # The newest transfer of that network has received least.
+            self._forget(next(key for key, other in reversed(self._networks.items()) if other == full), "displaced")
+        session = self._new_session(key[0])
+        self._transfers[key] = ServerTransfer(
+            self._programs[name], session, self._limits, now, reliable_head=reliable, nonce=key[1]
+        )
+        self._sessions[(key[0], session)], self._networks[key] = key, network
+        self._starts.note(network, key[1], now)
+        self.num_served += 1
+        log_event(LOG, logging.INFO, "transfer started", client=network_text(network), stream=name, session=session)
+        self._plan(key)
+        return None
+
+    def _new_session(self, address: Hashable) -> int:
+        while True:
+            session = int.from_bytes(self._random(4), "little")
+            if (address, session) not in self._sessions:
+                return session
+
+    def _heard(self, key: Key, frame: Feedback | View | Bye, now: float) -> None:
+        match frame:
+            case Bye():
+                self._forget(key, "left")
+                return
+            case View():
+                self._transfers[key].on_viewpoint(frame, self._turns, now)
+            case Feedback():
+                self._transfers[key].feedback(frame, now)
+        self._plan(key)
+
+    def _plan(self, key: Key) -> None:
+        """Schedules the next datagram of a transfer.
+
+        If an earlier time was scheduled, it stays in the queue of times and is ignored when it is reached.
+        """
+        transfer = self._transfers[key]
+        at = transfer.next_at()
+        if transfer.spent:
+            self._forget(key, "exhausted")
+        elif at is None:
+            self._planned.pop(key, None)
+        elif self._planned.get(key) != at:
+            self._planned[key] = at
+            self._tick += 1
+            heapq.heappush(self._due, (at, self._tick, key))
+
+    def _forget(self, key: Key, reason: str) -> None:
+        """Ends a transfer.
+
+        Args:
+            key: Key of the transfer.
+            reason: Reason for the log: the client has left, was displaced or silent, its connection was closed, it has
+                received the maximum number of bytes (exhausted), or an internal error (failed).
+        """
+        transfer, network = self._transfers.pop(key), self._networks.pop(key)
+        del self._sessions[(key[0], transfer.session)]
+        self._planned.pop(key, None)
+        log_event(
+            LOG, logging.INFO, "transfer ended", client=network_text(network), session=transfer.session, reason=reason,
+            bytes=transfer.bytes_sent, seconds=round(self._now - transfer.began_at, 3),
+        )  # fmt: skip
+
+    def _sweep(self, now: float) -> None:
+        """Ends transfers whose clients have sent nothing for `ServerLimits.silence_s`."""
+        if now - self._swept_at < 0.25:
+            return
+        self._swept_at = now
+        for key in [k for k, t in self._transfers.items() if now - t.heard_at > self._limits.silence_s]:
+            self._forget(key, "silent")
+        if len(self._due) > 4 * len(self._planned) + 64:
+            self._due = [entry for entry in self._due if self._planned.get(entry[2]) == entry[0]]
+            heapq.heapify(self._due)

@@ -1,0 +1,354 @@
+"""Streams prepared for sending: symbols, parity and sending order, computed once and shared by all clients."""
+
+import functools
+import hashlib
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from splatwire.arguments import checked
+from splatwire.bitstream import Packet, PacketId, SceneStream, send_sequence
+from splatwire.bitstream.tiles import Tiles, read_tiles
+from splatwire.errors import InvalidValueError
+from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, repair_symbols, source_symbols, symbol_bytes_for
+from splatwire.transport.protocol.frames import MAX_PREVIEW, TierHead
+from splatwire.transport.protocol.layout import Group, Segments, init_segment, parity_groups
+from splatwire.transport.protocol.motion_parity import arrange, group_packets
+from splatwire.transport.protocol.protection import (
+    SIDE_SYMBOL_BYTES,
+    Protection,
+    num_bundled_packets,
+    packets_in_tiers,
+    protected_tiers,
+)
+from splatwire.transport.protocol.send_schedule import build_send_schedule
+from splatwire.transport.protocol.wire import DATA, DATA_OVERHEAD, PARITY, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD
+
+MAX_PACKET_BYTES = 1150
+FINEST_BY_ITSELF = 256
+"""Minimum of the default symbol size in bytes: with smaller symbols, additional headers cost more than fewer repair
+symbols save.
+"""
+RESERVE = 0.5
+"""Number of repair symbols of the init segment that are sent only after NACKs, as a share of its source symbols."""
+OPENING_BYTES = 1 << 18
+"""Maximum size in bytes of the coarsest tiles that are sent before view-dependent tiles. The coarsest tiles show the
+whole scene and conceal losses.
+"""
+SMALL_OBJECT_SYMBOLS = 600
+"""Minimum number of symbols of an init segment, if symbols need not be smaller than `FINEST_BY_ITSELF` for it. The lost
+share of many symbols varies less, so that fewer repair symbols are needed.
+"""
+
+
+class SendSchedule(NamedTuple):
+    """Datagrams of a stream in sending order.
+
+    Attributes:
+        items: Three integers for each datagram. The first is the kind of its content, which determines the other two:
+
+            * `DATA` (a packet): 0, and the index of the packet in sending order.
+            * `SIDE` (a symbol of the init segment): index of the segment (source block), and index of the symbol in it.
+            * `PARITY` (a repair symbol): index of the parity group, and index of the repair symbol in it.
+        head_end: Number of datagrams up to the last symbol of the init segment.
+        opening_end: Number of datagrams that are sent before view-dependent tiles; 0 for streams without tiles.
+    """
+
+    items: Sequence[tuple[int, int, int]]
+    head_end: int
+    opening_end: int
+
+
+@dataclass(frozen=True, eq=False)
+class ServedStream:
+    """Stream prepared for sending; immutable, and shared by all clients.
+
+    Attributes:
+        stream_id: Id of the stream, contained in every packet.
+        head_bytes: Size of the init segment (manifest, side information, bundled packets) in bytes.
+        head_digest: SHA-256 of the init segment.
+        symbol_bytes: Size of the init segment's symbols (erasure code) in bytes.
+        head: Symbols of each segment (source block) of the init segment: source symbols, repair symbols that are always
+            sent, and further repair symbols that are sent only after NACKs.
+        packets: Packets in sending order.
+        packet_bytes: Maximum size of a packet in bytes.
+        bundled: Number of packets bundled in the init segment: the first in sending order. These are sent separately
+            only after a NACK.
+        tiers: Parity of each run of packets in sending order.
+        parity: Repair symbols of each parity group.
+        schedule: Datagrams in sending order, with three integers each (see `SendSchedule.items`).
+        preview: Preview, sent to clients with the first response (welcome); empty without a preview.
+        resend: Maximum retransmitted bytes as a share of the bytes of the complete stream; None for no limit.
+        resendable: Number of packets, the first in sending order, that may be retransmitted; None for all.
+        tiles: Tiles for view-dependent sending order; None for streams without levels of detail.
+        opening_packets: Number of packets of the coarsest tiles, the first in sending order. These packets, their
+            repair symbols and the init segment are sent before view-dependent tiles.
+        is_live: True for a live stream: further packets will follow.
+    """
+
+    stream_id: int
+    head_bytes: int
+    head_digest: bytes
+    symbol_bytes: int
+    head: tuple[tuple[bytes, ...], ...]
+    packets: tuple[bytes, ...]
+    packet_bytes: int
+    bundled: int
+    tiers: tuple[TierHead, ...]
+    parity: tuple[tuple[bytes, ...], ...]
+    schedule: tuple[tuple[int, int, int], ...]
+    preview: bytes = b""
+    resend: float | None = None
+    resendable: int | None = None
+    tiles: Tiles | None = None
+    opening_packets: int = 0
+    is_live: bool = False
+
+    @functools.cached_property
+    def send_schedule(self) -> SendSchedule:
+        """Sending order if the init segment is sent in datagrams, which can be lost."""
+        return self.schedule_of(self.schedule)
+
+    @functools.cached_property
+    def reliable_schedule(self) -> SendSchedule:
+        """Sending order if the init segment is sent on a reliable (QUIC) stream, without repair symbols.
+
+        The init segment is sent first, because nothing can be decoded without it.
+        """
+        segments = Segments(self.head_bytes, self.symbol_bytes)
+        head = (item for item in self.schedule if item[0] == SIDE and item[2] < segments.size(item[1]))
+        return self.schedule_of((*head, *(item for item in self.schedule if item[0] != SIDE)))
+
+    def schedule_of(self, items: Sequence[tuple[int, int, int]]) -> SendSchedule:
+        """Returns the schedule of given datagrams, including the end positions of the init segment and coarsest tiles.
+
+        Args:
+            items: Kind and numbers of each datagram in sending order, as in `SendSchedule.items`.
+        """
+        last_of_head = last_of_opening = -1
+        for place, item in enumerate(items):
+            if item[0] == SIDE:
+                last_of_head = place
+            if self.tiles is not None and self.in_opening(item):
+                last_of_opening = place
+        return SendSchedule(items, last_of_head + 1, last_of_opening + 1)
+
+    def in_opening(self, item: tuple[int, int, int]) -> bool:
+        """True for a datagram that is sent before view-dependent tiles (`opening_packets`).
+
+        Args:
+            item: Kind and numbers of the datagram, as in `schedule`.
+        """
+        kind, group, symbol = item
+        if kind == PARITY:
+            members = self._groups[group]
+            return members.packet_of(members.size - 1) < self.opening_packets
+        return kind == SIDE or (kind == DATA and symbol < self.opening_packets)
+
+    @functools.cached_property
+    def _groups(self) -> list[Group]:
+        return parity_groups(self.tiers)
+
+    @functools.cached_property
+    def head_reserve(self) -> int:
+        """Number of the first init segment symbol that is sent only after NACKs.
+
+        If this number differs between the segments (source blocks), the smallest is returned.
+        """
+        counts = Counter(segment for kind, segment, _ in self.schedule if kind == SIDE)
+        return min(counts.values())
+
+    @functools.cached_property
+    def resend_bytes(self) -> float:
+        """Maximum number of retransmitted bytes per client; infinite without a limit."""
+        return math.inf if self.resend is None else self.resend * sum(self.sizes().values())
+
+    @property
+    def counts_bytes(self) -> bool:
+        """True if the number of retransmitted bytes is limited.
+
+        A client that lacks n source symbols of the init segment then gets n + 1 repair symbols and no more.
+        """
+        return self.resend is not None or self.num_retransmittable < len(self.packets)
+
+    @functools.cached_property
+    def num_retransmittable(self) -> int:
+        """Number of packets, the first in sending order, that may be retransmitted."""
+        return len(self.packets) if self.resendable is None else self.resendable
+
+    def may_retransmit(self, index: int) -> bool:
+        """Returns True if a packet, given by its index in sending order, may be retransmitted."""
+        return index < self.num_retransmittable
+
+    def wants(self, kind: int, group: int, symbol: int) -> bool:
+        """True if a queued packet or repair symbol is still useful after the live stream was updated.
+
+        Args:
+            kind: Kind of the datagram: `DATA` (packet) or `PARITY` (repair symbol).
+            group: Number of the parity group of a repair symbol.
+            symbol: Index of the packet in sending order, or number of the repair symbol.
+        """
+        if kind == PARITY:
+            return group < len(self.parity) and symbol < len(self.parity[group])
+        return kind == DATA and self.may_retransmit(symbol)
+
+    @property
+    def viewable(self) -> bool:
+        """True if the sending order depends on the client's viewpoint."""
+        return self.tiles is not None
+
+    def sizes(self) -> dict[str, int]:
+        """Returns the bytes needed to send the stream once, with datagram headers but without UDP and IP headers.
+
+        Keys: `side` (init segment), `side_protection` (its repair symbols), `packets`, and `packet_protection` (repair
+        symbols of packets).
+        """
+        segments = Segments(self.head_bytes, self.symbol_bytes)
+        per_symbol, source = self.symbol_bytes + SIDE_OVERHEAD, segments.num_symbols
+        repair = sum(1 for kind, _, _ in self.schedule if kind == SIDE) - source
+        parity = sum(len(symbol) + PARITY_OVERHEAD for group in self.parity for symbol in group)
+        return {
+            "side": source * per_symbol,
+            "side_protection": repair * per_symbol,
+            "packets": sum(DATA_OVERHEAD + len(packet) for packet in self.packets[self.bundled :]),
+            "packet_protection": parity,
+        }
+
+
+@checked
+def make_served_stream(
+    stream: SceneStream, protection: Protection | None = None, *, preview: bytes = b"",
+    importance: Mapping[PacketId, float] | None = None,
+) -> ServedStream:  # fmt: skip
+    """Prepares a stream for sending.
+
+    Args:
+        stream: Complete stream; each packet must fit a datagram.
+        protection: Redundancy; None for the default of `Protection`.
+        preview: Encoded preview that clients get with the first response (`preview.stream_preview`); may be empty.
+        importance: For a sequence: cost of losing each motion packet, by packet id. The motion packets with the highest
+            costs get parity. None for equal costs.
+
+    Raises:
+        InvalidValueError: If packets are missing, or a packet or the preview is too large for a datagram.
+        BackendUnavailableError: If parity is requested and the package `raptorq` is not installed.
+    """
+    manifest, protection = stream.manifest, protection or Protection()
+    tiles = read_tiles(manifest, stream.side_info) if manifest.schema.tiled else None
+    if tiles is not None and not protection.tier_repair:  # without the coarsest tile nothing is drawn
+        protection = replace(protection, tier_repair=(protection.side_repair,))
+    if len(stream.packets) != manifest.num_packets:
+        raise InvalidValueError(
+            f"{len(stream.packets)} of {manifest.num_packets} packets: only a complete stream is served"
+        )
+    if len(preview) > MAX_PREVIEW:
+        raise InvalidValueError(f"a preview of {len(preview):,} bytes: a welcome carries at most {MAX_PREVIEW}")
+    ordered, tiers = _ordered(stream, protection, importance)
+    packets = tuple(packet.data for packet in ordered)
+    largest = max(map(len, packets), default=0)
+    if largest > MAX_PACKET_BYTES:
+        raise InvalidValueError(
+            f"a packet of {largest} bytes fits no datagram (at most {MAX_PACKET_BYTES}): encode with --preset datagram"
+        )
+    bundled = num_bundled_packets(len(packets), protection)
+    data = init_segment(manifest, stream.side_info, packets[:bundled])
+    symbol_bytes = protection.side_symbol_bytes or side_symbol_bytes(len(data))
+    head, scheduled = head_symbols(data, symbol_bytes, protection)
+    members = [manifest.plan.tier_of(packet.id.block) for packet in ordered]
+    timing = replace(protection, parity_until=0.0) if protection.motion else protection
+    parity = parity_symbols(packets, tiers, symbol_bytes_for(largest))
+    per_tier = packets_in_tiers(members, protection)
+    schedule = build_send_schedule(scheduled, tiers, [*map(len, parity)], timing, per_tier)
+    program = ServedStream(
+        manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, packets, largest, bundled,
+        tiers, parity, schedule,
+        preview, protection.resend, round(protection.resend_until * len(packets)),
+    )  # fmt: skip
+    return program if tiles is None else _for_views(program, tiles)
+
+
+def _for_views(program: ServedStream, tiles: Tiles) -> ServedStream:
+    """Adapts a prepared stream with levels of detail for view-dependent sending order.
+
+    The coarsest tiles (up to `OPENING_BYTES`, at least one tile) are sent first for every viewpoint.
+    """
+    count = max(1, int(np.searchsorted(np.cumsum(tiles.sizes), OPENING_BYTES, "right")))
+    last = max(int(tiles.first_packets[count]), program.bundled)
+    program = replace(program, opening_packets=last)
+    first = tuple(filter(program.in_opening, program.schedule))
+    rest = tuple(item for item in program.schedule if not program.in_opening(item))
+    return replace(program, schedule=first + rest, tiles=tiles)
+
+
+def _ordered(
+    stream: SceneStream, protection: Protection, importance: Mapping[PacketId, float] | None
+) -> tuple[list[Packet], tuple[TierHead, ...]]:
+    """Returns the packets of a stream in sending order, and the parity of each run (consecutive packets).
+
+    Args:
+        stream: Complete stream.
+        protection: Redundancy; determines the parity.
+        importance: For a sequence: cost of losing each motion packet, by packet id; None for equal costs.
+    """
+    ordered, plan = send_sequence(stream, "tiers"), stream.manifest.plan
+    if not protection.motion:
+        return ordered, protected_tiers([plan.tier_of(packet.id.block) for packet in ordered], protection)
+    if not stream.manifest.schema.timed or protection.tier_repair or protection.tier_spread:
+        raise InvalidValueError("parity for the motion of groups of frames is for a clip, and excludes that for tiers")
+    costs = None if importance is None else [importance.get(packet.id, 0.0) for packet in ordered]
+    found = arrange(group_packets(ordered, plan), costs, protection)
+    return [ordered[number] for number in found.order], found.tiers
+
+
+def side_symbol_bytes(num_bytes: int) -> int:
+    """Returns the default symbol size, in bytes, for an init segment of `num_bytes` bytes."""
+    finer = num_bytes // SMALL_OBJECT_SYMBOLS // ALIGNMENT * ALIGNMENT
+    return min(max(finer, FINEST_BY_ITSELF), SIDE_SYMBOL_BYTES)
+
+
+def head_symbols(
+    data: bytes, symbol_bytes: int, protection: Protection
+) -> tuple[tuple[tuple[bytes, ...], ...], list[int]]:
+    """Encodes an init segment into source and repair symbols.
+
+    Args:
+        data: Bytes of the init segment.
+        symbol_bytes: Size of a symbol in bytes.
+        protection: Redundancy. If it requests repair symbols or limits retransmission, further repair symbols are
+            computed, which are sent only after NACKs.
+
+    Returns:
+        Symbols of each segment (source block), and number of symbols of each segment that are sent without NACKs.
+    """
+    segments = Segments(len(data), symbol_bytes)
+    out, scheduled = [], []
+    for segment in range(segments.num_segments):
+        piece = data[segments.span(segment)]
+        size = segments.size(segment)
+        repair = min(round(protection.side_repair * size), MAX_REPAIR)
+        wanted = repair > 0 or protection.limits_retransmission
+        whole = min(repair + math.ceil(RESERVE * size), MAX_REPAIR) if wanted else 0
+        out.append((*source_symbols(piece, symbol_bytes), *repair_symbols(piece, symbol_bytes, whole)))
+        scheduled.append(size + repair)
+    return tuple(out), scheduled
+
+
+def parity_symbols(
+    packets: Sequence[bytes], tiers: Sequence[TierHead], symbol_bytes: int
+) -> tuple[tuple[bytes, ...], ...]:
+    """Computes the repair symbols of each parity group.
+
+    Args:
+        packets: Packets in sending order.
+        tiers: Parity of each run of packets, in sending order.
+        symbol_bytes: Size of a symbol in bytes; each packet is one source symbol.
+    """
+    out = []
+    for group in parity_groups(tiers):
+        members = [packets[group.packet_of(n)] for n in range(group.size)]
+        out.append(tuple(repair_symbols(framed(members, symbol_bytes), symbol_bytes, group.repair)))
+    return tuple(out)

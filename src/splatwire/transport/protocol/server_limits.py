@@ -1,0 +1,34 @@
+"""Limits of a server on its clients."""
+
+from dataclasses import dataclass
+
+from splatwire.arguments import CheckedFields
+from splatwire.transport.congestion.pacing import MAX_RATE, START_RATE
+
+
+@dataclass(frozen=True)
+class ServerLimits(CheckedFields):
+    """Limits of a server on its clients.
+
+    Attributes:
+        sessions: Maximum number of concurrent transfers.
+        per_network: Maximum number of concurrent transfers to one network: an IPv4 address, or a /64 prefix of IPv6.
+            Many users may share a network, but no network may use all transfers. A network may start twice this number
+            of transfers per minute.
+        silence_s: Time without datagrams of a client after which its transfer ends, seconds.
+        rate: Maximum sending rate per client, bytes per second.
+        start_rate: Maximum sending rate per client before the first feedback, bytes per second.
+        fixed_rate: Constant sending rate per client regardless of feedback, bytes per second; None for rate control.
+        total_rate: Maximum sending rate to all clients together, bytes per second; None for no maximum. It counts
+            datagrams without the headers of UDP and QUIC, and bytes of HTTP responses.
+        passes: Maximum bytes sent to a client, as a multiple of the bytes of the complete stream.
+    """
+
+    sessions: int = 256
+    per_network: int = 16
+    silence_s: float = 5.0
+    rate: float = MAX_RATE
+    start_rate: float = START_RATE
+    fixed_rate: float | None = None
+    total_rate: float | None = None
+    passes: float = 4.0

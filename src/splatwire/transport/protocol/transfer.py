@@ -1,0 +1,360 @@
+"""Transfer of a stream to one client as a state machine without socket and clock.
+
+The caller passes feedback and the time, and gets datagrams to send.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+
+from splatwire.arguments import checked
+from splatwire.transport.congestion.cubic import INITIAL_WINDOW
+from splatwire.transport.congestion.pacing import Pacer, RateControl
+from splatwire.transport.protocol.feedback import FeedbackTracker
+from splatwire.transport.protocol.frames import End, Feedback, Have, View, Welcome
+from splatwire.transport.protocol.known_packets import KnownPackets
+from splatwire.transport.protocol.send_queue import SendQueue, SentLog, ViewUpdateBudget, viewpoint_of
+from splatwire.transport.protocol.served_stream import ServedStream
+from splatwire.transport.protocol.server_limits import ServerLimits
+from splatwire.transport.protocol.wire import (
+    DATA,
+    DATA_OVERHEAD,
+    SIDE,
+    SIDE_OVERHEAD,
+    WELCOME,
+    encode,
+    encode_data,
+    encode_symbol,
+)
+
+END_INTERVAL_S = 0.1
+OFTEN, WAITING_S = 10, 1.0
+"""Number of `End` datagrams (everything was sent) at the short interval `END_INTERVAL_S`, and later interval, in
+seconds, for clients that may still change their viewpoint.
+"""
+WELCOME_S = 0.15
+"""Minimum interval between responses that accept a request (welcome), seconds. Clients repeat requests after 0.2 s."""
+MAX_WELCOMES = 50
+"""Maximum number of responses that accept a request (welcome): as many as a client's requests before it gives up."""
+RESEND_S = 0.05
+"""Minimum interval between retransmissions of a packet, seconds; at least one round-trip time."""
+RESERVE_FACTOR = 1.3
+"""Factor on the bytes reserved to retransmit missing init segment symbols: some retransmissions are lost too."""
+SPARE_BYTES = 100_000
+"""Number of bytes that may be sent to a client beyond `ServerLimits.passes`."""
+MAX_SEQUENCE = (1 << 32) - 1
+"""Maximum sequence number of a datagram (32 bits): enough for 23 days of a live sequence at 20 Mbit/s."""
+FRESH_S = 1.0
+"""Maximum age of a client's token at which packets are sent before the first feedback, seconds."""
+QUIET_S = 1.0
+"""Time without feedback after which sending is suspended, seconds. Receivers report 50 times per second."""
+
+
+class ServerTransfer:
+    """Transfer of a stream to one client, with rate control and retransmission.
+
+    A state machine without socket and clock.
+
+    Args:
+        program: Prepared stream to send.
+        session: Id of the transfer.
+        limits: Limits on the transfer, such as the maximum rate.
+        now: Time, seconds.
+        reliable_head: True if the init segment is sent on a reliable (QUIC) stream. Each of its source symbols is then
+            sent once, without repair symbols, and does not count as a datagram in feedback.
+        nonce: Random number of the client's connection attempt.
+    """
+
+    @checked
+    def __init__(
+        self, program: ServedStream, session: int, limits: ServerLimits, now: float, *, reliable_head: bool = False,
+        nonce: int = 0,
+    ) -> None:  # fmt: skip
+        self.program = program
+        self.session, self.nonce = session, nonce
+        self.began_at = self.heard_at = now
+        self.bytes_sent = 0
+        self.control = RateControl(limits.start_rate, limits.rate, bounded=reliable_head)
+        self._limits = limits
+        self._reliable_head = reliable_head
+        self._order = SendQueue(program, reliable_head)
+        self._pacer = Pacer(limits.fixed_rate or self.control.rate)
+        self._feedback_tracker = FeedbackTracker()
+        self._left = SentLog(program.tiles is not None)
+        self._view: View | None = None
+        self._look_at: float | None = None
+        self._heard, self._reported, self._opening = reliable_head, False, False
+        self._again: deque[tuple[int, int, int]] = deque()
+        self._sent_again: dict[tuple[int, int, int], float] = {}
+        self._waiting: set[tuple[int, int, int]] = set()
+        self._held = KnownPackets()
+        self._head_waiting = self._again_bytes = 0
+        self._head_cursor = program.head_reserve
+        self._head_left_at: float | None = None
+        self._end_at, self._ends = 0.0, 0
+        self._welcomed_at, self._welcomes = -WELCOME_S, 0
+        self._most_bytes = SPARE_BYTES
+        self._allow(0)
+
+    def welcome(self) -> bytes:
+        """Returns the datagram that accepts the client's request and declares the sizes of the stream (welcome)."""
+        p = self.program
+        head = (self.nonce, self.session, p.stream_id, p.head_bytes, p.head_digest, p.symbol_bytes)
+        return encode(
+            Welcome(*head, len(p.packets), p.packet_bytes, p.bundled, p.tiers, p.preview, p.is_live, p.viewable)
+        )
+
+    def update(self, program: ServedStream) -> None:
+        """Continues with the new state of a live stream, or with a different stream.
+
+        Sends the new init segment first, then the remaining packets of the earlier state, then the new packets. Drops
+        queued packets that are no longer useful (`ServedStream.may_retransmit`). If a different stream follows, the
+        whole queue is dropped.
+
+        Args:
+            program: New state of the prepared live stream, or another prepared stream.
+        """
+        old, self.program = self.program, program
+        known, again = len(old.packets), self._again
+        if program.stream_id != old.stream_id:
+            self._order, known, again = SendQueue(program, self._reliable_head), 0, deque()
+            self._held, self._sent_again = KnownPackets(), {}
+            self._most_bytes = self.bytes_sent + SPARE_BYTES
+        self._order.update(program, self._reliable_head, (WELCOME, 0, 0), known)
+        self._again = deque(item for item in again if item[0] == DATA and program.may_retransmit(item[2]))
+        self._waiting = set(self._again)
+        self._head_waiting, self._head_left_at, self._head_cursor = 0, None, program.head_reserve
+        self._allow(known)
+
+    def _allow(self, known: int) -> None:
+        """Raises the limit on bytes sent to this client by the size of new packets and of the new init segment.
+
+        Args:
+            known: Number of packets before the update of the live stream.
+        """
+        told = sum(DATA_OVERHEAD + len(packet) for packet in self.program.packets[self.program.bundled : known])
+        self._most_bytes += int(self._limits.passes * (sum(self.program.sizes().values()) - told))
+
+    def exclude_known(self, frame: Have) -> None:
+        """Removes packets that the client already has from the queue, and lowers the client's limit on sent bytes."""
+        self._most_bytes -= int(self._limits.passes * self._held.take(frame, self.program))
+
+    def _take_next(self, now: float) -> tuple[int, int, int] | None:
+        """Removes the next datagram that the client needs from the queue, and returns it; None if none is left.
+
+        Datagrams that the client does not need are dropped. The datagram is returned as three integers, as in
+        `SendSchedule.items`.
+        """
+        while self._order:
+            item = self._order.pop()
+            if self._order.head_left:
+                self._head_left_at = now
+            if not self._held.has(item[0], item[2]):
+                return item
+        return None
+
+    def on_handshake_rtt(self, round_trip: float | None) -> None:
+        """Sets the initial rate from the round-trip time of the handshake.
+
+        The client has just returned its token, which proves that the client is present. An initial window of packets is
+        then sent without waiting for feedback.
+
+        Args:
+            round_trip: Time from sending the token to its return, seconds; None if unknown.
+        """
+        if round_trip is not None and round_trip <= FRESH_S and self.program.tiles is None:  # wait for a view
+            self.control.on_handshake_rtt(round_trip)
+            self._pacer.rate, self._opening = self._limits.fixed_rate or self.control.rate, True
+
+    @property
+    def spent(self) -> bool:
+        """True if the maximum number of bytes or datagrams for this client has been sent."""
+        return self.bytes_sent > self._most_bytes or self._feedback_tracker.sequence >= MAX_SEQUENCE
+
+    def may_welcome(self, now: float) -> bool:
+        """True if a request may be accepted (welcome) at time `now`, seconds; counts the response.
+
+        A repeated request is accepted again because the first welcome may be lost: at most `MAX_WELCOMES` times, at
+        intervals of at least `WELCOME_S`, and only until the client's first feedback.
+        """
+        if self._reported or now - self._welcomed_at < WELCOME_S or self._welcomes == MAX_WELCOMES:
+            return False
+        self._welcomed_at, self._welcomes = now, self._welcomes + 1
+        return True
+
+    def next_at(self) -> float | None:
+        """Returns the time of the next datagram, seconds.
+
+        None before the client's first feedback (except for the initial window, or over QUIC), while the client is
+        silent, and after the maximum number of bytes for the client.
+        """
+        opening = self._opening and not self._reported and self.bytes_sent < INITIAL_WINDOW
+        if self.spent or not (self._heard or opening):
+            return None
+        left = self._again or self._order
+        sending = self._pacer.next_at() if left else max(self._pacer.next_at(), self._end_at)
+        return sending if self._look_at is None else min(sending, self._look_at)
+
+    def poll(self, now: float) -> bytes | None:
+        """Returns the next datagram to send if it is due at time `now` (seconds), else None."""
+        if self._view is not None and self._look_at is not None and self._look_at <= now:
+            self._order.set_viewpoint(viewpoint_of(self._view), self._view.budget, now)
+            self._look_at, self._ends = None, 0
+        at = self.next_at()
+        if at is None or at > now:
+            return None
+        if now > self.heard_at + QUIET_S:
+            self._heard = self._opening = False
+            return None
+        self._slow_down(now)
+        if self._again:
+            item = self._again.popleft()
+            self._on_retransmitted(item, now)
+        elif (found := self._take_next(now)) is not None:
+            item = found
+        else:
+            waits = self._order.viewed and self._ends > OFTEN
+            self._end_at, self._ends = now + (WAITING_S if waits else END_INTERVAL_S), self._ends + 1
+            self._left.note(self._feedback_tracker.sequence, -1)
+            if self._ends % 2 or not self.program.is_live:
+                return self._leave(encode(End(self.session, self._feedback_tracker.sequence)), now)
+            item = (WELCOME, 0, 0)
+        if item[0] == WELCOME:
+            return self._leave(self.welcome(), now, counted=False)
+        return self._leave(self._datagram(*item), now, counted=not (self._reliable_head and item[0] == SIDE))
+
+    def on_viewpoint(self, view: View, turns: ViewUpdateBudget, now: float) -> None:
+        """Schedules the processing of a client's viewpoint; it replaces an older viewpoint that still waits.
+
+        Args:
+            view: Received viewpoint.
+            turns: Processing time shared by the viewpoints of all clients.
+            now: Time, seconds.
+        """
+        tiles = self.program.tiles
+        if tiles is None or (self._view is not None and view.number <= self._view.number):
+            return
+        self._view = view
+        if self._look_at is None:
+            self._look_at = turns.take(now, self._order.viewed_at, tiles.num_tiles)
+
+    def feedback(self, frame: Feedback, now: float) -> None:
+        """Processes a feedback report of the client: sets the sending rate and queues the requested retransmissions.
+
+        Reports with implausible counters do not affect the rate.
+        """
+        if not self._reported and self._welcomes:
+            self.control.on_handshake_rtt(now - self._welcomed_at)
+        self.heard_at, self._heard, self._reported = now, True, True
+        if self._feedback_tracker.is_plausible(frame):
+            measured = self._feedback_tracker.on_feedback(frame, now)
+            if measured is not None:
+                self.control.on_feedback(now, *measured)
+                self._pacer.rate = self._limits.fixed_rate or self.control.rate
+        self._queue_retransmissions(frame, now)
+
+    def _slow_down(self, now: float) -> None:
+        """Reduces the sending rate if the client's feedback is overdue at time `now`, seconds."""
+        if self._limits.fixed_rate is None and self._feedback_tracker.has_unreported:
+            self.control.on_feedback_timeout(now)
+            self._pacer.rate = self.control.rate
+
+    def _on_retransmitted(self, item: tuple[int, int, int], now: float) -> None:
+        """Records that a datagram was retransmitted, and removes it from the queue of retransmissions.
+
+        Args:
+            item: The retransmitted datagram as three integers, as in `SendSchedule.items`.
+            now: Time, seconds.
+        """
+        if item[0] == SIDE:
+            self._head_waiting -= 1
+            self._head_left_at = now if self._head_waiting == 0 else None
+        else:
+            self._waiting.discard(item)
+            self._sent_again[item] = now
+
+    def _datagram(self, kind: int, group: int, symbol: int) -> bytes:
+        self._left.note(self._feedback_tracker.sequence, symbol if kind == DATA else -1)
+        if kind == DATA:
+            return encode_data(self.session, self._feedback_tracker.sequence, symbol, self.program.packets[symbol])
+        source = self.program.head if kind == SIDE else self.program.parity
+        return encode_symbol(kind, self.session, self._feedback_tracker.sequence, group, symbol, source[group][symbol])
+
+    def _leave(self, data: bytes, now: float, *, counted: bool = True) -> bytes:
+        if counted:
+            if not self._feedback_tracker.has_unreported:
+                self.control.on_send(now)
+            self._feedback_tracker.on_sent(len(data), now)
+        self.bytes_sent += len(data)
+        self._pacer.sent(len(data), now)
+        return data
+
+    def _queue_retransmissions(self, frame: Feedback, now: float) -> None:
+        """Queues the retransmissions that the NACKs of a report request, within the stream's limit on their bytes.
+
+        Packets that were retransmitted recently are skipped. The init segment has priority: bytes for its missing
+        symbols are reserved.
+
+        Args:
+            frame: Feedback report of the client, with NACKs.
+            now: Time, seconds.
+        """
+        wait = max(RESEND_S, 1.25 * (self.control.round_trip or 0.0))
+        symbol_bytes = self.program.symbol_bytes + SIDE_OVERHEAD
+        missing = 0 if self._reliable_head else min(frame.side_missing, sum(map(len, self.program.head)))
+        if missing and self._head_left_at is not None and now - self._head_left_at >= wait:
+            items = self._further_head_symbols(missing)
+            self._head_left_at, self._head_waiting = None, len(items)
+            self._again_bytes += len(items) * symbol_bytes
+            self._again.extendleft(items)
+        left = self.program.resend_bytes - self._again_bytes - RESERVE_FACTOR * missing * symbol_bytes
+        for index, number in self._requested(frame):
+            item = (DATA, 0, index)
+            if index < 0 or not self.program.may_retransmit(index):
+                continue
+            if item in self._waiting:
+                self._left.answered(number)
+                continue
+            if now - self._sent_again.get(item, -1e9) < wait:
+                continue
+            size = len(self.program.packets[index]) + DATA_OVERHEAD
+            if size > left:
+                break
+            left -= size
+            self._again_bytes += size
+            self._waiting.add(item)
+            self._again.append(item)
+            self._left.answered(number)
+
+    def _requested(self, frame: Feedback) -> Iterator[tuple[int, int | None]]:
+        """Yields the packets that the NACKs of a report request.
+
+        Each item has the index of a packet in sending order, or -1 if the packet is unknown, and the sequence number of
+        the lost datagram, or None if the packet was requested by its index.
+        """
+        yield from ((index, None) for index in frame.nacks)
+        for number in frame.lost_sequences:
+            yield self._left.place(number, self._feedback_tracker.sequence), number
+
+    def _further_head_symbols(self, missing: int) -> list[tuple[int, int, int]]:
+        """Returns init segment symbols to send because the client reports missing symbols.
+
+        More symbols are returned than are missing, as some will be lost; only one more if retransmission is limited.
+        Repair symbols that were never sent come first, because all of these are useful to the client. Symbols of
+        different segments (source blocks) are interleaved.
+
+        Args:
+            missing: Number of symbols that the client needs.
+
+        Returns:
+            Three integers for each symbol, as in `SendSchedule.items`: the kind `SIDE`, the index of the segment, and
+            the index of the symbol in the segment.
+        """
+        head = self.program.head
+        longest = max(map(len, head))
+        count = min(missing + 1 if self.program.counts_bytes else missing + missing // 2 + 2, 512)
+        items: list[tuple[int, int, int]] = []
+        while len(items) < count:
+            symbol = self._head_cursor % longest
+            items += [(SIDE, segment, symbol) for segment in range(len(head)) if symbol < len(head[segment])]
+            self._head_cursor += 1
+        return items

@@ -1,0 +1,307 @@
+"""Binary encoding and decoding of the transport protocol's datagrams, with validation.
+
+Byte 0 contains the protocol version (high 4 bits) and the datagram kind; all numbers are little-endian. Every kind
+except `DATA` ends with a CRC-32 of all preceding bytes; packets in `DATA` have their own checksum. The tables are in
+`docs/transport.md`.
+"""
+
+import struct
+import zlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from splatwire.errors import BitstreamError, UnsupportedVersionError
+from splatwire.transport.protocol.frames import (
+    DIGEST_BYTES,
+    MAX_DECLARED,
+    MAX_HELD_BYTES,
+    MAX_NACKS,
+    MAX_NAME,
+    MAX_PREVIEW,
+    MAX_TIERS,
+    OTHER_VERSION,
+    TOKEN_BYTES,
+    Bye,
+    Challenge,
+    Data,
+    End,
+    Feedback,
+    Frame,
+    Have,
+    Hello,
+    Parity,
+    Refuse,
+    Request,
+    Side,
+    TierHead,
+    View,
+    Welcome,
+)
+
+VERSION = 4
+MAX_DATAGRAM = 1200
+"""Maximum size of a datagram in bytes; fits every QUIC path (RFC 9000, 14)."""
+HELLO_BYTES = MAX_DATAGRAM
+"""Size in bytes of a client's first datagram: the maximum, so that no response is larger (anti-amplification)."""
+HELLO, CHALLENGE, REQUEST, WELCOME, SIDE, DATA, PARITY, FEEDBACK, BYE, REFUSE, END, HAVE, VIEW = range(1, 14)
+KINDS = (
+    "", "hello", "challenge", "request", "welcome", "side", "data", "parity", "feedback", "bye", "refuse", "end",
+    "have", "view",
+)  # fmt: skip
+TO_SERVER = frozenset((HELLO, REQUEST, FEEDBACK, BYE, HAVE, VIEW))
+ON_STREAM = frozenset((REQUEST, WELCOME, REFUSE, SIDE))
+"""Kinds of datagrams that are sent on the reliable stream instead if there is one (QUIC), with a u16 size prefix."""
+
+MAX_FOCAL, MAX_FAR, TURNED = 1e6, 1e12, 0.01
+"""Maxima that a valid viewpoint must not exceed: focal length in pixels, coordinates in scene units, and deviation of
+its matrix from a rotation.
+"""
+
+OPEN, VIEWABLE = 1, 2
+"""Flags of a welcome: live stream; view-dependent sending order."""
+_CRC = struct.Struct("<I")
+_HELLO = struct.Struct("<BQB")
+_CHALLENGE = struct.Struct(f"<BQ{TOKEN_BYTES}s")
+_REQUEST = struct.Struct(f"<BQ{TOKEN_BYTES}sB")
+_WELCOME = struct.Struct(f"<BQIIQ{DIGEST_BYTES}sHIHIBB")
+_TIER = struct.Struct("<IHH")
+_SIZE = struct.Struct("<H")
+_SIDE = struct.Struct("<BIIHI")
+_DATA = struct.Struct("<BIII")
+_PARITY = struct.Struct("<BIIHI")
+_FEEDBACK = struct.Struct("<BIIIIIHH")
+_BYE = struct.Struct("<BI")
+_VIEW = struct.Struct("<BIIIHH13f")
+_REFUSE = struct.Struct("<BQB")
+_END = struct.Struct("<BII")
+_HAVE = struct.Struct("<BQIBI")
+
+SIDE_OVERHEAD = _SIDE.size + _CRC.size
+DATA_OVERHEAD = _DATA.size
+PARITY_OVERHEAD = _PARITY.size + _CRC.size
+
+
+def encode_data(session: int, sequence: int, place: int, packet: bytes) -> bytes:
+    """Encodes a datagram with a packet of the stream.
+
+    Args:
+        session: Id of the transfer.
+        sequence: Sequence number of the datagram.
+        place: Index of the packet in sending order.
+        packet: Bytes of the packet.
+    """
+    return _DATA.pack(VERSION << 4 | DATA, session, sequence, place) + packet
+
+
+def encode_symbol(kind: int, session: int, sequence: int, group: int, symbol: int, payload: bytes) -> bytes:
+    """Encodes a datagram with a symbol of the erasure code.
+
+    Args:
+        kind: `SIDE` for a symbol of the init segment, `PARITY` for a repair symbol of packets.
+        session: Id of the transfer.
+        sequence: Sequence number of the datagram.
+        group: For `SIDE`, index of the segment (source block) of the init segment; for `PARITY`, index of the parity
+            group.
+        symbol: For `SIDE`, index of the symbol in the segment; for `PARITY`, index of the repair symbol in the group.
+        payload: Bytes of the symbol.
+    """
+    return _closed(_SIDE.pack(VERSION << 4 | kind, session, sequence, group, symbol) + payload)
+
+
+def encode(frame: Frame) -> bytes:
+    """Encodes a datagram of any kind to bytes."""
+    match frame:
+        case Data():
+            return encode_data(*frame)
+        case Side():
+            return encode_symbol(SIDE, *frame)
+        case Parity():
+            return encode_symbol(PARITY, *frame)
+        case Hello():
+            body = _HELLO.pack(VERSION << 4 | HELLO, frame.nonce, len(frame.name.encode())) + frame.name.encode()
+            return _closed(body.ljust(HELLO_BYTES - _CRC.size, b"\0"))
+        case Challenge():
+            return _closed(_CHALLENGE.pack(VERSION << 4 | CHALLENGE, *frame))
+        case Request():
+            name = frame.name.encode()
+            return _closed(_REQUEST.pack(VERSION << 4 | REQUEST, frame.nonce, frame.token, len(name)) + name)
+        case Welcome():
+            flags = OPEN * frame.is_live | VIEWABLE * frame.viewable
+            head = _WELCOME.pack(VERSION << 4 | WELCOME, *frame[:9], flags, len(frame.tiers))
+            tiers = b"".join(_TIER.pack(*tier) for tier in frame.tiers)
+            return _closed(head + tiers + _SIZE.pack(len(frame.preview)) + frame.preview)
+        case Feedback():
+            asked = (*frame.nacks, *frame.lost_sequences)
+            head = _FEEDBACK.pack(VERSION << 4 | FEEDBACK, *frame[:5], len(frame.nacks), len(frame.lost_sequences))
+            return _closed(head + struct.pack(f"<{len(asked)}I", *asked))
+        case Bye():
+            return _closed(_BYE.pack(VERSION << 4 | BYE, *frame))
+        case View():
+            return _closed(_VIEW.pack(VERSION << 4 | VIEW, *frame[:-1], *frame.viewmat))
+        case Refuse():
+            return _closed(_REFUSE.pack(VERSION << 4 | REFUSE, *frame))
+        case End():
+            return _closed(_END.pack(VERSION << 4 | END, *frame))
+        case Have():
+            return _closed(_HAVE.pack(VERSION << 4 | HAVE, *frame[:-1]) + frame.held)
+
+
+def kind_of(data: bytes) -> int:
+    """Returns the kind of a datagram without further checks; 0 if it is not a splatwire datagram."""
+    kind = data[0] & 15 if data else 0
+    return kind if data and data[0] >> 4 == VERSION and 1 <= kind <= VIEW else 0
+
+
+def refuse_other_version(data: bytes) -> bytes | None:
+    """Returns the refusal of a client that uses another protocol version, encoded in the client's version.
+
+    All versions have nonce, checksum and refusal reason at the same positions. The refusal is smaller than the
+    client's datagram.
+
+    Args:
+        data: Datagram of a client.
+
+    Returns:
+        The refusal; None if the datagram is not a valid `Hello` or `Request` of another version.
+    """
+    if len(data) <= _REFUSE.size + _CRC.size or data[0] >> 4 == VERSION or data[0] & 15 not in (HELLO, REQUEST):
+        return None
+    if not _is_intact(data):
+        return None
+    (nonce,) = struct.unpack_from("<Q", data, 1)
+    return _closed(_REFUSE.pack(data[0] & 0xF0 | REFUSE, nonce, OTHER_VERSION))
+
+
+def decode(data: bytes) -> Frame:
+    """Decodes the bytes of a datagram after checking its size and checksum.
+
+    Raises:
+        UnsupportedVersionError: If the datagram has another protocol version.
+        BitstreamError: If the datagram is truncated, damaged or malformed.
+    """
+    if not data or len(data) > MAX_DATAGRAM:
+        raise BitstreamError(f"a datagram of {len(data)} bytes is not a splatwire datagram")
+    kind = kind_of(data)
+    if not kind:
+        if data[0] >> 4 != VERSION:
+            raise UnsupportedVersionError(f"a datagram of protocol version {data[0] >> 4}, not {VERSION}")
+        raise BitstreamError(f"a datagram of unknown kind {data[0] & 15}")
+    if kind == DATA:
+        if len(data) <= _DATA.size:
+            raise BitstreamError("a data datagram without a packet")
+        _, session, sequence, place = _DATA.unpack_from(data)
+        return Data(session, sequence, place, data[_DATA.size :])
+    if len(data) < _CRC.size + 1 or not _is_intact(data):
+        raise BitstreamError(f"a {KINDS[kind]} datagram whose checksum does not match")
+    try:
+        return _DECODERS[kind](data[: -_CRC.size])
+    except struct.error as error:
+        raise BitstreamError(f"a {KINDS[kind]} datagram of {len(data)} bytes is cut") from error
+
+
+def _is_intact(data: bytes) -> bool:
+    return zlib.crc32(data[: -_CRC.size]) == _CRC.unpack_from(data, len(data) - _CRC.size)[0]
+
+
+def _closed(body: bytes) -> bytes:
+    return body + _CRC.pack(zlib.crc32(body))
+
+
+def _exactly(layout: struct.Struct, body: bytes) -> tuple[Any, ...]:
+    if len(body) != layout.size:
+        raise BitstreamError(f"a datagram of {len(body)} bytes where {layout.size} are needed")
+    return layout.unpack(body)[1:]
+
+
+def _name(body: bytes, start: int, size: int) -> str:
+    try:
+        name = body[start : start + size].decode()
+    except UnicodeDecodeError as error:
+        raise BitstreamError("a stream's name is not UTF-8") from error
+    if size > MAX_NAME or len(body) < start + size or not (name.isprintable()):
+        raise BitstreamError("a stream's name is too long, cut, or not printable")
+    return name
+
+
+def _hello(body: bytes) -> Hello:
+    if len(body) != HELLO_BYTES - _CRC.size:
+        raise BitstreamError(f"a greeting of {len(body)} bytes is not padded as it must be")
+    _, nonce, size = _HELLO.unpack_from(body)
+    return Hello(nonce, _name(body, _HELLO.size, size))
+
+
+def _request(body: bytes) -> Request:
+    _, nonce, token, size = _REQUEST.unpack_from(body)
+    if len(body) != _REQUEST.size + size:
+        raise BitstreamError("a request of inconsistent size")
+    return Request(nonce, token, _name(body, _REQUEST.size, size))
+
+
+def _welcome(body: bytes) -> Welcome:
+    *fields, flags, count = _WELCOME.unpack_from(body)
+    end = _WELCOME.size + count * _TIER.size
+    (size,) = _SIZE.unpack_from(body, end)
+    declared = count * _TIER.size + size
+    if (
+        not 1 <= count <= MAX_TIERS
+        or size > MAX_PREVIEW
+        or declared > MAX_DECLARED
+        or len(body) != end + _SIZE.size + size
+    ):
+        raise BitstreamError("a welcome of inconsistent size")
+    if flags & ~(OPEN | VIEWABLE):
+        raise BitstreamError(f"a welcome with the unknown flags {flags:#x}")
+    tiers = tuple(TierHead(*tier) for tier in _TIER.iter_unpack(body[_WELCOME.size : end]))
+    return Welcome._make([*fields[1:], tiers, body[end + _SIZE.size :], bool(flags & OPEN), bool(flags & VIEWABLE)])
+
+
+def _feedback(body: bytes) -> Feedback:
+    *fields, num_packets, num_datagrams = _FEEDBACK.unpack_from(body)
+    count = num_packets + num_datagrams
+    if count > MAX_NACKS or len(body) != _FEEDBACK.size + 4 * count:
+        raise BitstreamError("a feedback report of inconsistent size")
+    asked = struct.unpack_from(f"<{count}I", body, _FEEDBACK.size)
+    return Feedback._make([*fields[1:], asked[:num_packets], asked[num_packets:]])
+
+
+def _have(body: bytes) -> Have:
+    _, nonce, stream_id, head, first = _HAVE.unpack_from(body)
+    held = body[_HAVE.size :]
+    if head > 1 or first % 8 or len(held) > MAX_HELD_BYTES:
+        raise BitstreamError("an inconsistent list of received packets")
+    return Have(nonce, stream_id, head, first, held)
+
+
+def _symbol(body: bytes) -> tuple[Any, ...]:
+    fields = _SIDE.unpack_from(body)[1:]
+    if len(body) == _SIDE.size:
+        raise BitstreamError("a symbol without content")
+    return (*fields, body[_SIDE.size :])
+
+
+def _view(body: bytes) -> View:
+    *fields, focal = _exactly(_VIEW, body)[:6]
+    rows = _VIEW.unpack(body)[7:]
+    turn = np.array(rows, dtype=np.float64).reshape(3, 4)
+    fine = np.isfinite(turn).all() and 0 < focal < MAX_FOCAL and min(fields[2:]) > 0 and np.abs(turn).max() < MAX_FAR
+    if not fine or np.abs(turn[:, :3] @ turn[:, :3].T - np.eye(3)).max() > TURNED:
+        raise BitstreamError("a view with an invalid camera")
+    return View._make([*fields, focal, rows])
+
+
+_DECODERS: dict[int, Callable[[bytes], Frame]] = {
+    HELLO: _hello,
+    CHALLENGE: lambda body: Challenge(*_exactly(_CHALLENGE, body)),
+    REQUEST: _request,
+    WELCOME: _welcome,
+    SIDE: lambda body: Side(*_symbol(body)),
+    PARITY: lambda body: Parity(*_symbol(body)),
+    FEEDBACK: _feedback,
+    BYE: lambda body: Bye(*_exactly(_BYE, body)),
+    REFUSE: lambda body: Refuse(*_exactly(_REFUSE, body)),
+    VIEW: _view,
+    END: lambda body: End(*_exactly(_END, body)),
+    HAVE: _have,
+}

@@ -1,0 +1,1 @@
+"""QUIC and WebTransport around the transport protocol: client, server, sessions, certificates."""

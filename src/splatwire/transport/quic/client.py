@@ -1,0 +1,303 @@
+"""Receiver of a stream over QUIC: connects the receiver of the protocol core to an aioquic connection."""
+
+import asyncio
+import socket
+import ssl
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from aioquic.asyncio.protocol import QuicConnectionProtocol
+from aioquic.quic import events
+from aioquic.quic.connection import QuicConnection
+from aioquic.quic.packet import QuicErrorCode
+
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.transport.address import Address
+from splatwire.transport.protocol.events import Event
+from splatwire.transport.protocol.receiver import SMALL_PATH, Receiver
+from splatwire.transport.protocol.receiver_options import ReceiverOptions
+from splatwire.transport.quic.certificate import check_authority, check_fingerprint, fingerprint
+from splatwire.transport.quic.common import (
+    ALPN,
+    INTERNAL,
+    MALFORMED,
+    REFUSED,
+    STREAM,
+    FrameReader,
+    configuration,
+    on_stream,
+    stream_frame,
+)
+from splatwire.transport.udp import Tap, connected_socket, new_nonce, resolve
+
+FIRST_PAUSE_S, LAST_PAUSE_S = 0.25, 2.0
+"""Pauses before a new connection is tried, seconds: the first pause, and the maximum after repeated doubling."""
+CALM_S = 5.0
+"""Lifetime of a connection, seconds, from which on the pause before the next connection is the shortest one again."""
+UNTRUSTED = range(0x100 + 42, 0x100 + 49)
+"""QUIC error codes of TLS alerts about certificates, bad_certificate to unknown_ca (RFC 9001, 4.8; RFC 8446, 6)."""
+
+
+@dataclass(frozen=True)
+class Trust:
+    """Decides which TLS certificates of a server are accepted; by default those that an authority of the system signed.
+
+    Attributes:
+        authority: PEM certificates of accepted authorities, or the server's self-signed certificate; None for the
+            authorities of the system.
+        fingerprint: SHA-256 of the only accepted certificate, hexadecimal; names and dates in the certificate are then
+            not checked. None for no such restriction.
+        insecure: True to accept any certificate, with no protection against an attacker on the path.
+
+    Raises:
+        InvalidValueError: If a fingerprint or certificate is malformed, or more than one option is given.
+    """
+
+    authority: bytes | None = None
+    fingerprint: str | None = None
+    insecure: bool = False
+
+    def __post_init__(self) -> None:
+        if sum((self.authority is not None, self.fingerprint is not None, self.insecure)) > 1:
+            raise InvalidValueError("trust an authority, a fingerprint, or everybody: more than one was given")
+        if self.authority is not None:
+            check_authority(self.authority)
+        if self.fingerprint is not None:
+            object.__setattr__(self, "fingerprint", check_fingerprint(self.fingerprint))
+
+
+async def receive_quic(
+    address: Address, options: ReceiverOptions, trust: Trust | None = None,
+    on_event: Callable[[Event], Any] | None = None, tap: Tap | None = None, stop: asyncio.Future[None] | None = None,
+) -> Receiver:  # fmt: skip
+    """Receives a stream over QUIC.
+
+    Args:
+        address: Address of the server.
+        options: Options of the receiver.
+        trust: Accepted certificates of the server.
+        on_event: Called in the event loop with every event of the receiver, such as an arrived packet.
+        tap: Called with the source, destination and payload of every UDP datagram sent or received.
+        stop: Future of the caller; when it is done, the transfer ends and received data are kept.
+
+    Returns:
+        The finished receiver; `Receiver.finished` has the reason.
+
+    Raises:
+        InvalidValueError: If the host name cannot be resolved.
+    """
+    loop, trust = asyncio.get_running_loop(), trust or Trust()
+    family, target = await resolve(address)
+    settings = configuration(is_client=True, alpn=[ALPN], idle_s=options.silence_s)
+    settings.server_name = address.host
+    settings.cadata = trust.authority
+    settings.verify_mode = ssl.CERT_NONE if trust.insecure or trust.fingerprint else ssl.CERT_REQUIRED
+    receiver = Receiver(new_nonce(), loop.time(), options, reliable=True)
+    pause = FIRST_PAUSE_S
+    while True:
+        client = _Client(QuicConnection(configuration=settings), receiver, trust, on_event, tap, target)
+        if stop is not None:
+            stop.add_done_callback(client.stopped)
+        began = loop.time()
+        await client.run(connected_socket(family, target))
+        if stop is not None:
+            stop.remove_done_callback(client.stopped)
+        if receiver.finished is not None:
+            return receiver
+        pause = FIRST_PAUSE_S if loop.time() - began > CALM_S else min(2 * pause, LAST_PAUSE_S)
+        await asyncio.wait([stop or loop.create_future()], timeout=pause)
+        for event in receiver.reconnect(loop.time()):
+            if on_event:
+                on_event(event)
+
+
+class _Client(QuicConnectionProtocol):
+    """Connects a receiver of the protocol core with an aioquic connection: passes datagrams, frames and time."""
+
+    def __init__(
+        self, quic: QuicConnection, receiver: Receiver, trust: Trust, on_event: Callable[[Event], Any] | None,
+        tap: Tap | None, target: Any,
+    ) -> None:  # fmt: skip
+        super().__init__(quic)
+        self._receiver, self._trust, self._on_event, self._tap = receiver, trust, on_event, tap
+        self._target = target
+        self._reader = FrameReader()
+        self._alarm: asyncio.TimerHandle | None = None
+        self._over = self._loop.create_future()
+        self._established = self._lost = False
+        self._gone = asyncio.Event()
+
+    async def run(self, connection: socket.socket) -> Receiver:
+        await self._loop.create_datagram_endpoint(lambda: self, sock=connection)
+        self.connect(self._target)
+        try:
+            self._tick()
+            await self._over
+        finally:
+            if self._alarm:
+                self._alarm.cancel()
+            try:
+                self._act(*(([], []) if self._lost else self._receiver.stop()))
+            finally:
+                self.transmit()  # sends pending goodbyes, which closing would drop
+                self.close(0, "")
+                self._transport_now.close()
+                await self._gone.wait()
+        return self._receiver
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport_now = transport
+        self._here = transport.get_extra_info("sockname")[:2]
+        super().connection_made(_Connected(transport, self._told))
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._gone.set()
+
+    def datagram_received(self, data: bytes | str, addr: Any) -> None:
+        assert isinstance(data, bytes)
+        self._told(False, data)
+        try:
+            super().datagram_received(data, self._target)
+        except Exception as error:  # raised by the caller's callback: re-raised in `receive_quic`
+            self._fail(error)
+
+    def error_received(self, exc: Exception) -> None:
+        if not isinstance(exc, ConnectionRefusedError) or self._established:
+            return
+        if self._receiver.may_resume(self._loop.time()):  # the server may be restarting
+            self._lost = True
+            self._finish()
+        else:
+            self.stop("nothing listens there")
+
+    def quic_event_received(self, event: events.QuicEvent) -> None:
+        now = self._loop.time()
+        match event:
+            case events.HandshakeCompleted():
+                self._check_certificate()
+            case events.StreamDataReceived() if self._established:
+                self._stream_data(event)
+            case events.DatagramFrameReceived() if self._established:
+                self._act(*self._receiver.receive(event.data, now))
+            case events.ConnectionTerminated():
+                self._ended(event)
+        self._rearm()
+
+    def _ended(self, event: events.ConnectionTerminated) -> None:
+        """Processes the end of this connection; also ends the transfer, unless a new connection can resume it."""
+        by_application = event.frame_type is None
+        final = event.error_code in ((MALFORMED, INTERNAL) if by_application else UNTRUSTED)
+        if not final and self._receiver.may_resume(self._loop.time()):
+            self._lost = True
+            self._finish()
+        else:
+            before = "" if self._receiver.welcome is None else "the server fell silent; "
+            self.stop(before + _ending(event, established=self._established))
+
+    def _check_certificate(self) -> None:
+        """Ends the transfer if the server's certificate does not have the accepted fingerprint."""
+        shown = self._quic.tls._peer_certificate  # aioquic has no public accessor
+        if self._trust.fingerprint is not None and (shown is None or fingerprint(shown) != self._trust.fingerprint):
+            found = "none" if shown is None else fingerprint(shown)
+            self.stop(f"the server's certificate has another fingerprint: {found}")
+            self.close(REFUSED, "certificate")
+            return
+        self._established = True
+
+    def _stream_data(self, event: events.StreamDataReceived) -> None:
+        try:
+            frames = self._reader.feed(event.data) if event.stream_id == STREAM else []
+        except BitstreamError as error:
+            self.stop(str(error))
+            return
+        for frame in frames:
+            self._act(*self._receiver.receive(frame, self._loop.time()))
+
+    def stopped(self, _: asyncio.Future[None]) -> None:
+        """Ends the transfer because the caller's `stop` future is done."""
+        self.stop("stopped")
+
+    def stop(self, reason: str) -> None:
+        """Ends the transfer and reports a reason; received data are kept."""
+        self._act(*self._receiver.stop(reason))
+        self._finish()
+
+    def _tick(self) -> None:
+        """Polls the receiver, sends its datagrams, and sets a timer for the next poll."""
+        self._alarm = None
+        try:
+            self._act(*self._receiver.poll(self._loop.time()))
+        except Exception as error:
+            self._fail(error)
+            return
+        self.transmit()
+        self._rearm()
+
+    def _rearm(self) -> None:
+        at = self._receiver.next_at()
+        if at is None:
+            self._finish()
+        elif self._alarm is None:
+            self._alarm = self._loop.call_at(at, self._tick)
+        elif at < self._alarm.when():
+            self._alarm.cancel()
+            self._alarm = self._loop.call_at(at, self._tick)
+
+    def _finish(self) -> None:
+        if not self._over.done():
+            self._over.set_result(None)
+
+    def _fail(self, error: Exception) -> None:
+        if not self._over.done():
+            self._over.set_exception(error)
+
+    def _act(self, frames: list[bytes], told: list[Event]) -> None:
+        for data in frames:
+            if on_stream(data):
+                self._quic.send_stream_data(STREAM, stream_frame(data))
+            elif self._established:
+                self._quic.send_datagram_frame(data)
+        if self._on_event:
+            for event in told:
+                self._on_event(event)
+
+    def _told(self, outgoing: bool, data: bytes) -> None:
+        if self._tap is not None:
+            ends = (self._here, self._target[:2])
+            self._tap(*(ends if outgoing else ends[::-1]), data)
+
+
+def _ending(event: events.ConnectionTerminated, *, established: bool) -> str:
+    """Returns a message with the reason why a connection ended, and advice for known causes.
+
+    Args:
+        event: Event of aioquic with the error code of the connection's end.
+        established: True if the handshake of the connection was complete.
+    """
+    reason = event.reason_phrase or hex(event.error_code)
+    if not established and event.error_code == QuicErrorCode.INTERNAL_ERROR and "timeout" in reason.lower():
+        return f"no answer: nothing seems to serve QUIC there, or {SMALL_PATH}"
+    if event.error_code in UNTRUSTED:
+        return (
+            f"the server's certificate is not trusted: {reason}. --fingerprint takes what the server told when it "
+            "began, --authority a file that vouches for it, --insecure any"
+        )
+    return f"the session ended: {reason}"
+
+
+class _Connected:
+    """Adapter between aioquic and a connected UDP socket; calls the tap for each datagram sent.
+
+    aioquic passes a destination with every datagram, but connected sockets accept none.
+    """
+
+    def __init__(self, transport: Any, told: Callable[[bool, bytes], None]) -> None:
+        self._transport, self._told = transport, told
+
+    def sendto(self, data: bytes, addr: Any = None) -> None:
+        self._told(True, data)
+        self._transport.sendto(data)
+
+    def close(self) -> None:
+        self._transport.close()

@@ -1,0 +1,181 @@
+"""Parts shared by QUIC client and server: configuration, framing of the reliable stream, congestion control."""
+
+import functools
+import logging
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from aioquic.buffer import Buffer
+from aioquic.quic.configuration import QuicConfiguration
+from aioquic.quic.congestion.base import QuicCongestionControl, register_congestion_control
+from aioquic.quic.packet import pull_quic_header
+
+from splatwire.errors import BitstreamError
+from splatwire.transport.congestion.delivery_rate import DeliveryRateWindow
+from splatwire.transport.protocol.wire import MAX_DATAGRAM, ON_STREAM, kind_of
+
+ALPN = "splatwire/1"
+ALPN_HTTP = "h3"
+WEBTRANSPORT_PATH = "/splatwire"
+STREAM = 0
+"""Number of the reliable QUIC stream in a session without HTTP/3: the client's first bidirectional stream."""
+MAX_UDP_BYTES = 1232
+"""Maximum UDP payload of QUIC packets, bytes: fits the IPv6 minimum MTU of 1280. Leaves room for a datagram of
+`MAX_DATAGRAM` bytes and QUIC's headers.
+"""
+MAX_DATAGRAM_FRAME = 1 << 16
+WINDOW_BYTES = 4 << 20
+"""Maximum number of bytes in flight per connection, and flow-control window of the peer's streams in bytes."""
+UNREAD_BYTES = 1 << 16
+"""Maximum number of bytes, over all streams of a client, that are buffered because earlier bytes are missing."""
+OUTSIDE_BYTES = 1 << 13
+"""Maximum number of bytes that an HTTP/3 client may send during a connection outside the stream of its WebTransport
+session: settings, requests and header compression. The limit is needed because aioquic buffers incomplete HTTP/3 frames
+and parses an incomplete frame again with every fragment.
+"""
+LEAST_BYTES = 16
+"""Minimum number of bytes that a fragment of a frame counts towards `OUTSIDE_BYTES`."""
+STREAMS = 16
+"""Maximum number of open QUIC streams per client and direction."""
+RATE_CONTROL = "splatwire"
+
+REFUSED, MALFORMED, FULL, INTERNAL = 1, 2, 3, 4
+"""Application error codes with which the server closes connections."""
+
+
+@dataclass(frozen=True)
+class QuicLimits:
+    """Limits of a QUIC server on connections; `ServerLimits` limits the transfers.
+
+    Attributes:
+        connections: Maximum number of concurrent connections, including handshakes.
+        per_network: Maximum number of concurrent connections of one network: an IPv4 address or a /64 prefix of IPv6.
+        origins: Web origins whose pages may open WebTransport sessions, such as `https://example.org`; None allows all.
+    """
+
+    connections: int = 512
+    per_network: int = 32
+    origins: tuple[str, ...] | None = None
+
+
+class FrameReader:
+    """Splits a reliable byte stream into frames, each with a u16 little-endian size prefix."""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Adds received bytes and returns the frames that are complete.
+
+        Raises:
+            BitstreamError: If a frame size is invalid; the rest of the stream cannot be parsed.
+        """
+        self._buffer += data
+        frames, at = [], 0
+        while len(self._buffer) - at >= 2:
+            size = int.from_bytes(self._buffer[at : at + 2], "little")
+            if not 1 <= size <= MAX_DATAGRAM:
+                raise BitstreamError(f"a frame of {size} bytes on the stream")
+            if len(self._buffer) - at < 2 + size:
+                break
+            frames.append(bytes(self._buffer[at + 2 : at + 2 + size]))
+            at += 2 + size
+        del self._buffer[:at]
+        return frames
+
+
+def stream_frame(data: bytes) -> bytes:
+    """Returns the bytes of a frame on the reliable stream: u16 size prefix and frame."""
+    return len(data).to_bytes(2, "little") + data
+
+
+def on_stream(data: bytes) -> bool:
+    """True if a datagram of the protocol is sent on the reliable QUIC stream; False for a QUIC DATAGRAM frame."""
+    return kind_of(data) in ON_STREAM
+
+
+def send_on_stream(quic: Any, stream: int, data: bytes) -> bool:
+    """Writes bytes to a QUIC stream and returns True if QUIC accepted the bytes.
+
+    Returns False if the peer has reset the stream, which can happen before the event of the reset is processed.
+
+    Args:
+        quic: Connection of aioquic.
+        stream: Number of the stream.
+        data: Bytes to write.
+    """
+    try:
+        quic.send_stream_data(stream, data)
+    except (RuntimeError, ValueError):
+        return False
+    return True
+
+
+def configuration(*, is_client: bool, alpn: list[str], idle_s: float) -> Any:
+    """Returns an aioquic configuration for a client or server.
+
+    Args:
+        is_client: True for a client, False for a server.
+        alpn: Names of the application protocols for the TLS handshake.
+        idle_s: Idle timeout of connections, seconds.
+    """
+    _register_rate_control()
+    return QuicConfiguration(
+        is_client=is_client,
+        alpn_protocols=alpn,
+        idle_timeout=idle_s,
+        max_datagram_size=MAX_UDP_BYTES,
+        max_datagram_frame_size=MAX_DATAGRAM_FRAME,
+        max_data=WINDOW_BYTES if is_client else 1 << 18,
+        max_stream_data=WINDOW_BYTES if is_client else 1 << 16,
+        congestion_control_algorithm=RATE_CONTROL,
+    )
+
+
+@functools.cache
+def _register_rate_control() -> None:
+    """Registers a congestion controller in aioquic that leaves the sending rate to the transfer's own rate control.
+
+    QUIC's usual controllers treat every random loss as congestion. Here `pacing.RateControl` sets the rate of
+    everything that a session sends, including symbols on the reliable stream, by the receiver's feedback. This feedback
+    covers neither the reliable stream nor QUIC's retransmissions. The registered controller therefore bounds the bytes
+    in flight by the delivery rate.
+    """
+
+    class Bounded(QuicCongestionControl):
+        def __init__(self, *, max_datagram_size: int) -> None:
+            super().__init__(max_datagram_size=max_datagram_size)
+            self._window = DeliveryRateWindow()
+            self.congestion_window = int(self._window.bytes)
+
+        def on_packet_acked(self, *, now: float, packet: Any) -> None:
+            self.bytes_in_flight -= packet.sent_bytes
+            self._window.on_acked(now, float(packet.sent_bytes), now - packet.sent_time)
+            self.congestion_window = min(int(self._window.bytes), WINDOW_BYTES)
+
+        def on_packet_sent(self, *, packet: Any) -> None:
+            self.bytes_in_flight += packet.sent_bytes
+
+        def on_packets_expired(self, *, packets: Iterable[Any]) -> None:
+            self.bytes_in_flight -= sum(packet.sent_bytes for packet in packets)
+
+        def on_packets_lost(self, *, now: float, packets: Iterable[Any]) -> None:
+            self.bytes_in_flight -= sum(packet.sent_bytes for packet in packets)
+
+        def on_persistent_congestion(self) -> None:
+            pass  # the server's feedback timeout ends the transfer
+
+        def on_rtt_measurement(self, *, now: float, rtt: float) -> None:
+            pass
+
+    register_congestion_control(RATE_CONTROL, Bounded)
+    logging.getLogger("quic").addHandler(logging.NullHandler())  # errors are reported as events, not printed
+
+
+def has_token(data: bytes) -> bool:
+    """Returns True if a QUIC packet with long header contains a token, which the server has sent in a Retry packet."""
+    try:
+        return bool(pull_quic_header(Buffer(data=data)).token)
+    except ValueError:
+        return False

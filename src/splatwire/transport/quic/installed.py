@@ -1,0 +1,15 @@
+"""Check for the package `aioquic`, which the other modules of this package import at the top."""
+
+import importlib.util
+
+from splatwire.errors import BackendUnavailableError
+
+
+def need_aioquic() -> None:
+    """Checks that the package `aioquic` is installed.
+
+    Raises:
+        BackendUnavailableError: If it is not installed.
+    """
+    if importlib.util.find_spec("aioquic") is None:
+        raise BackendUnavailableError("aioquic", "pip install 'splatwire[relay]'")

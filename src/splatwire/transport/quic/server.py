@@ -1,0 +1,367 @@
+"""QUIC server around the protocol core: sessions of native clients, and WebTransport sessions of browsers."""
+
+import asyncio
+import os
+from collections import Counter
+from collections.abc import Callable, Hashable, Mapping
+from contextlib import suppress
+from typing import Any
+
+from aioquic.asyncio.protocol import QuicConnectionProtocol
+from aioquic.asyncio.server import QuicServer as AioquicServer
+from aioquic.quic import events
+from aioquic.quic.connection import QuicConnection
+from aioquic.quic.retry import QuicRetryTokenHandler
+
+from splatwire.transport.protocol.admission import Network, choose_eviction, network_of
+from splatwire.transport.protocol.sender import Server
+from splatwire.transport.protocol.served_stream import ServedStream
+from splatwire.transport.protocol.server_limits import ServerLimits
+from splatwire.transport.quic.certificate import FileIdentity, Identity
+from splatwire.transport.quic.common import (
+    ALPN,
+    ALPN_HTTP,
+    FULL,
+    INTERNAL,
+    MALFORMED,
+    STREAMS,
+    UNREAD_BYTES,
+    QuicLimits,
+    configuration,
+    has_token,
+)
+from splatwire.transport.quic.sessions import NativeSession, Session, WebTransportSessions
+from splatwire.transport.udp import SocketServer
+
+BATCH = 64
+"""Maximum number of datagrams passed to QUIC before the socket is read again."""
+SPARE = 16
+"""Number of connections that may start a handshake beyond twice `QuicLimits.connections`. A full server can then still
+tell clients the reason of its refusal, which needs a complete handshake.
+"""
+RETRY_HANDSHAKES = 4
+"""Number of concurrent handshakes from which on clients must first return a token (QUIC Retry)."""
+FULL_REASON = "the server is full, or your network has its share of it"
+REQUEST_TIMEOUT_S = 10.0
+"""Time after which a connection without a request is closed, seconds."""
+
+
+class QuicServer(SocketServer):
+    """QUIC server of streams on one UDP socket; runs until `close`. Requires a running event loop.
+
+    With `RETRY_HANDSHAKES` or more concurrent handshakes, new clients must first return a token (QUIC Retry), which
+    validates their address. With fewer handshakes, no Retry is sent, because it costs a round trip and can be lost. An
+    unvalidated client gets at most three times the bytes that it sent (RFC 9000, 8.1).
+
+    Args:
+        programs: Prepared streams by name; a client that requests no name gets the first.
+        host: Address to listen on.
+        port: UDP port; 0 selects a free port.
+        identity: Certificate and key, or a function that is called for each new connection and returns the current
+            certificate and key.
+        limits: Limits on the transfers of clients.
+        quic_limits: Limits on the connections of clients.
+
+    Raises:
+        InvalidValueError: If the address cannot be bound.
+    """
+
+    def __init__(
+        self, programs: Mapping[str, ServedStream], host: str, port: int, *,
+        identity: Identity | Callable[[], Identity], limits: ServerLimits | None = None,
+        quic_limits: QuicLimits | None = None,
+    ) -> None:  # fmt: skip
+        limits = limits or ServerLimits()
+        core = Server(programs, secret=os.urandom(32), random=os.urandom, limits=limits, on_failure=self._end_failed)
+        super().__init__(core, host, port)
+        self.limits = quic_limits or QuicLimits()
+        self.num_refused = 0
+        self.num_malformed = 0
+        self.connections: dict[_Connection, None] = {}  # the oldest first
+        self.networks: Counter[Network] = Counter()
+        self.greeting: set[_Connection] = set()
+        self._configuration = configuration(is_client=False, alpn=[ALPN, ALPN_HTTP], idle_s=limits.silence_s)
+        self._identity = identity if callable(identity) else lambda: identity
+        self.load_identity()
+        self._endpoint: _Endpoint | None = None
+
+    async def start(self) -> "QuicServer":
+        """Starts to listen for connections and returns this server."""
+        _, self._endpoint = await self._loop.create_datagram_endpoint(
+            lambda: _Endpoint(self, self._configuration), sock=self._socket
+        )
+        return self
+
+    def load_identity(self) -> None:
+        """Loads the current certificate, for connections that start from now on."""
+        self._configuration.certificate, chain, self._configuration.private_key = self._identity()
+        self._configuration.certificate_chain = list(chain)
+
+    def reload_identity(self) -> None:
+        """Reads the certificate from its files again, for connections that start from now on.
+
+        Keeps the current certificate if this raises an error. Has no effect without certificate files.
+
+        Raises:
+            InvalidValueError: If the files are invalid.
+            OSError: If a file cannot be read.
+        """
+        if isinstance(self._identity, FileIdentity):
+            self._identity.reload()
+        self.load_identity()
+
+    @property
+    def certificate_end(self) -> float:
+        """End of the validity of the current certificate, seconds since 1970."""
+        return float(self._identity()[0].not_valid_after_utc.timestamp())
+
+    def close(self) -> None:
+        """Closes all connections and stops the server."""
+        self._cancel_timer()
+        (self._endpoint or self._socket).close()
+
+    def sent(self, num_bytes: int) -> None:
+        """Counts the bytes of a UDP datagram that was sent."""
+        self.bytes_sent += num_bytes
+
+    def on_frame(self, session: Session, data: bytes) -> None:
+        """Processes a frame or DATAGRAM of a client; ignores it if the connection has been closed.
+
+        Args:
+            session: Session that received the frame.
+            data: Bytes of the frame.
+        """
+        if session.connection not in self.connections:
+            return
+        network = session.connection.network
+        answer = self.core.receive(session, data, self._loop.time(), reliable=True, network=network)
+        if answer is not None:
+            session.send(answer)
+        self.pump()
+
+    def on_closed(self, session: Hashable) -> None:
+        """Ends the transfers of a session whose connection was closed."""
+        self.core.forget(session)
+
+    def pump(self) -> None:
+        """Passes the datagrams that are due to QUIC, and sets a timer for the next datagrams."""
+        self._cancel_timer()
+        now = self._loop.time()
+        due = self.core.poll(now, BATCH)
+        touched: set[Any] = set()
+        for session, data in due:
+            assert isinstance(session, Session)
+            if session.connection not in self.connections:  # an earlier datagram of this batch closed it
+                continue
+            try:
+                session.send(data)
+            except Exception as error:  # a defect of the server must not end other clients' transfers
+                self.core.fail(session, error)
+            touched.add(session.connection)
+        for connection in touched:
+            connection.guarded(connection.transmit)
+        self._set_timer(now)
+
+    def _end_failed(self, address: Hashable) -> None:
+        """Closes the connection of a client after an internal error of the server.
+
+        Args:
+            address: Session or connection of the client, which the protocol core uses as its address.
+        """
+        connection = address.connection if isinstance(address, Session) else address
+        assert isinstance(connection, _Connection)
+        with suppress(Exception):  # closing sends too and may fail; the connection is already forgotten
+            connection.end(INTERNAL, "the server made an error and ended this transfer")
+
+    def accept(self, connection: "_Connection") -> None:
+        """Counts a new connection of a client and its network."""
+        self.connections[connection] = None
+        self.greeting.add(connection)
+        self.networks[connection.network] += 1
+
+    def leave(self, connection: "_Connection") -> None:
+        """Stops counting a closed connection; repeated calls have no effect."""
+        self.greeting.discard(connection)
+        if connection in self.connections:
+            del self.connections[connection]
+            self.networks -= Counter([connection.network])
+
+    def is_full(self, network: Network, *, begins: bool = False) -> bool:
+        """True if there are too many connections, in total or from one network.
+
+        Args:
+            network: Network of the client.
+            begins: True for a connection that starts its handshake. The maximum is then higher: twice the limit plus
+                `SPARE`.
+        """
+        counts = ((len(self.connections), self.limits.connections), (self.networks[network], self.limits.per_network))
+        return any(taken >= 2 * most + SPARE if begins else taken > most for taken, most in counts)
+
+    def connection_to_evict(self, network: Network, newcomer: "_Connection | None" = None) -> "_Connection | None":
+        """Chooses a connection to close when a new one starts: the newest one of the network with most connections.
+
+        Args:
+            network: Network of the new connection.
+            newcomer: The new connection, if it has already started.
+
+        Returns:
+            Connection to close. None if no other network has more connections than that of the new connection.
+        """
+        if self.networks[network] > self.limits.per_network:
+            return None
+        held = self.networks - Counter([] if newcomer is None else [network])
+        full = choose_eviction(held, network)
+        some = (other for other in reversed(self.connections) if other.network == full)
+        return next((other for other in some if other is not newcomer), None)
+
+
+class _Endpoint(AioquicServer):
+    """Listening socket of aioquic that limits new connections and counts sent bytes."""
+
+    def __init__(self, owner: QuicServer, settings: Any) -> None:
+        super().__init__(configuration=settings, create_protocol=self._accept)
+        self._owner = owner
+        self._network: Network = ()
+        self._retries: Any = QuicRetryTokenHandler()
+        self._retry: Any = None
+
+    def _accept(self, quic: QuicConnection, stream_handler: Any = None) -> "_Connection":
+        while self._owner.is_full(self._network, begins=True):  # the address has been validated by now
+            other = self._owner.connection_to_evict(self._network)
+            if other is None:
+                break
+            other.end(FULL, FULL_REASON)
+        connection = _Connection(quic, self._owner, self._network)
+        for limit in (quic._local_max_streams_bidi, quic._local_max_streams_uni):  # aioquic has no option for it
+            limit.value = limit.sent = STREAMS
+        self._owner.accept(connection)
+        return connection
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(_Watched(transport, self._owner.sent))
+
+    def datagram_received(self, data: bytes | str, addr: Any) -> None:
+        """Passes a UDP datagram to aioquic, or drops it if it starts a connection while there are far too many.
+
+        Above the limit on connections, new connections complete their handshake, so that a refused client receives a
+        close frame with the reason. Above twice the limit (plus `SPARE`), a new connection either replaces a connection
+        of a network with more connections, or its datagram is dropped.
+
+        Args:
+            data: Payload of the datagram.
+            addr: Socket address of the client.
+        """
+        assert isinstance(data, bytes)
+        if len(data) > 6 and data[0] & 0x80 and data[6 : 6 + data[5]] not in self._protocols:
+            self._network = network_of(addr)
+            is_full, token = self._owner.is_full(self._network, begins=True), has_token(data)
+            if is_full and token and self._owner.connection_to_evict(self._network) is None:
+                self._owner.num_refused += 1
+                return
+            self._owner.load_identity()
+            retried = is_full or token or len(self._owner.greeting) >= RETRY_HANDSHAKES
+            self._retry = self._retries if retried else None
+        super().datagram_received(data, addr)
+
+    def error_received(self, exc: Exception) -> None:
+        """Ignores an ICMP error about an earlier datagram, such as "port unreachable"."""
+
+
+class _Watched:
+    """Datagram transport of asyncio that calls a function with the size of each datagram sent."""
+
+    def __init__(self, transport: Any, sent: Callable[[int], None]) -> None:
+        self._transport, self._sent = transport, sent
+
+    def sendto(self, data: bytes, addr: Any = None) -> None:
+        self._sent(len(data))
+        self._transport.sendto(data, addr)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._transport, name)
+
+
+class _Connection(QuicConnectionProtocol):
+    """QUIC connection of one client.
+
+    The application protocol of the TLS handshake decides if it has a native session or WebTransport sessions.
+    """
+
+    def __init__(self, quic: QuicConnection, owner: QuicServer, network: Network) -> None:
+        super().__init__(quic)
+        self.network = network
+        self.quic = quic
+        self.owner = owner
+        self._sessions: NativeSession | WebTransportSessions | None = None
+        self._over = False
+        self._read = 0
+        self._patience = self._loop.call_later(REQUEST_TIMEOUT_S, self._impatient)
+
+    def datagram_received(self, data: bytes | str, addr: Any) -> None:
+        """Processes a UDP datagram of this connection.
+
+        Closes the connection if too many bytes are buffered, because aioquic extends flow-control windows even for data
+        that have not been read.
+
+        Args:
+            data: Payload of the datagram.
+            addr: Socket address of the client.
+        """
+        self.guarded(super().datagram_received, data, addr)
+        if not self._over and self.quic._local_max_data.used - self._read > UNREAD_BYTES:
+            self.malformed("too much waits for what is missing before it")
+
+    def quic_event_received(self, event: events.QuicEvent) -> None:
+        """Processes an event of aioquic; invalid input of the client closes only this connection."""
+        if isinstance(event, events.StreamDataReceived):
+            self._read += len(event.data)
+        match event:
+            case events.ProtocolNegotiated():
+                self._sessions = WebTransportSessions(self) if event.alpn_protocol == ALPN_HTTP else NativeSession(self)
+            case events.HandshakeCompleted():
+                self.owner.greeting.discard(self)
+                while not self._over and self.owner.is_full(self.network):
+                    # Not refused earlier: the reason would not reach the client before the handshake.
+                    self.owner.num_refused += 1
+                    (self.owner.connection_to_evict(self.network, self) or self).end(FULL, FULL_REASON)
+            case events.ConnectionTerminated():
+                self._ended()
+            case _ if self._sessions is not None and not self._over:
+                self._sessions.event(event)
+
+    def guarded(self, work: Callable[..., object], *arguments: object) -> None:
+        """Calls a function for this connection; an exception closes this connection only.
+
+        Args:
+            work: Function to call.
+            arguments: Arguments of the function.
+        """
+        try:
+            work(*arguments)
+        except Exception as error:  # asyncio would print a traceback for each datagram
+            self.owner.core.fail(self, error)
+
+    def _handle_timer(self) -> None:
+        self.guarded(super()._handle_timer)
+
+    def end(self, code: int, reason: str) -> None:
+        """Closes the connection with an application error code and a reason for the client."""
+        if not self._over:
+            self._ended()
+            self.close(code, reason)
+
+    def malformed(self, reason: str) -> None:
+        """Closes the connection because of invalid input of the client, and counts this."""
+        self.owner.num_malformed += 1
+        self.end(MALFORMED, reason[:200])
+
+    def _ended(self) -> None:
+        self._over = True
+        self._patience.cancel()
+        self.owner.leave(self)
+        if self._sessions is not None:
+            self._sessions.end()
+
+    def _impatient(self) -> None:
+        if self._sessions is None or not self._sessions.asked:
+            self.end(FULL, "nothing was asked for")

@@ -1,0 +1,223 @@
+"""Server sessions over a QUIC connection: with splatwire's own application protocol, or WebTransport over HTTP/3."""
+
+from typing import Any
+
+from aioquic.buffer import encode_uint_var
+from aioquic.h3.connection import H3Connection, ProtocolError
+from aioquic.h3.events import DatagramReceived, H3Event, HeadersReceived, WebTransportStreamDataReceived
+from aioquic.quic import events
+
+from splatwire.errors import BitstreamError
+from splatwire.transport.protocol.wire import MAX_DATAGRAM
+from splatwire.transport.quic.common import (
+    LEAST_BYTES,
+    OUTSIDE_BYTES,
+    STREAM,
+    WEBTRANSPORT_PATH,
+    FrameReader,
+    on_stream,
+    send_on_stream,
+    stream_frame,
+)
+
+REDUNDANT_FRAMES = 8
+"""Number of frames, the first of the reliable stream, that are also sent as DATAGRAM. For most streams these are the
+server's first response (welcome) and the init segment, without which nothing can be decoded. A loss on the reliable
+stream costs two round trips; with two copies, the first to arrive counts.
+"""
+HELD = 512
+"""Maximum number of frames that wait until the client opens the reliable stream: the client's request as DATAGRAM may
+overtake the opening of the stream. The side information of a large scene has some hundred frames.
+"""
+
+
+class Session:
+    """Session with one client: sends and receives frames on a reliable stream and as DATAGRAM.
+
+    Sessions are compared by identity, so that the protocol core uses the session as the address of the client.
+
+    Args:
+        connection: Connection with the attributes `quic`, `owner` (the server), `transmit`, `end` and `malformed`.
+        stream: Number of the reliable stream; None until the client opens the stream.
+        prefix: First bytes of every DATAGRAM of the session, which identify a WebTransport session.
+    """
+
+    def __init__(self, connection: Any, stream: int | None, prefix: bytes = b"") -> None:
+        self.connection = connection
+        self.stream = stream
+        self._prefix = prefix
+        self._reader = FrameReader()
+        self._copies = REDUNDANT_FRAMES
+        self._held: list[bytes] = []
+
+    def send(self, data: bytes) -> None:
+        """Queues a frame for sending, on the reliable stream or as DATAGRAM, depending on its kind.
+
+        `connection.transmit` sends it.
+        """
+        copied = on_stream(data) and self._copies > 0
+        if on_stream(data):
+            self._on_stream(stream_frame(data))
+        if copied or not on_stream(data):
+            self._copies -= copied
+            self.connection.quic.send_datagram_frame(self._prefix + data)
+
+    def _on_stream(self, frame: bytes) -> None:
+        if self.stream is not None:
+            if not send_on_stream(self.connection.quic, self.stream, frame):
+                self.connection.malformed("the stream was given up")
+        elif len(self._held) < HELD:
+            self._held.append(frame)
+        else:
+            self.connection.malformed("no stream for what was asked for")
+
+    def opened(self, stream: int) -> None:
+        """Stores the number of the reliable stream, which the client has opened, and sends the waiting frames."""
+        self.stream = stream
+        for frame in self._held:
+            self._on_stream(frame)
+        self._held.clear()
+
+    def stream_data(self, data: bytes) -> None:
+        """Processes bytes received on the reliable stream.
+
+        Raises:
+            BitstreamError: If the bytes contain an invalid frame.
+        """
+        for frame in self._reader.feed(data):
+            self.connection.owner.on_frame(self, frame)
+
+    def datagram(self, data: bytes) -> None:
+        """Processes a received DATAGRAM; ignores a DATAGRAM with more than `MAX_DATAGRAM` bytes."""
+        if len(data) <= MAX_DATAGRAM:
+            self.connection.owner.on_frame(self, data)
+
+
+class NativeSession:
+    """Session over splatwire's own application protocol, without HTTP/3: one reliable stream, and DATAGRAM frames.
+
+    Args:
+        connection: QUIC connection of the client.
+    """
+
+    def __init__(self, connection: Any) -> None:
+        self._connection = connection
+        self._session = Session(connection, STREAM)
+        self.asked = False
+
+    def event(self, event: events.QuicEvent) -> None:
+        """Processes a QUIC event."""
+        match event:
+            case events.StreamDataReceived():
+                if event.stream_id != STREAM:
+                    self._connection.malformed(f"a stream {event.stream_id}")
+                    return
+                self.asked = True
+                try:
+                    self._session.stream_data(event.data)
+                except BitstreamError as error:
+                    self._connection.malformed(str(error))
+            case events.DatagramFrameReceived():
+                self._session.datagram(event.data)
+            case events.StreamReset() | events.StopSendingReceived():
+                self._connection.malformed("the stream was given up")
+
+    def end(self) -> None:
+        """Ends the session after its connection has closed."""
+        self._connection.owner.on_closed(self._session)
+
+
+class WebTransportSessions:
+    """HTTP/3 connection with one WebTransport session at `WEBTRANSPORT_PATH`: one reliable stream, and datagrams.
+
+    Args:
+        connection: QUIC connection of the client.
+    """
+
+    def __init__(self, connection: Any) -> None:
+        self._connection = connection
+        self._http = H3Connection(connection.quic, enable_webtransport=True)
+        self._id: int | None = None
+        self._session: Session | None = None
+        self._answered: set[int] = set()
+        self._outside = 0
+        self.asked = False
+
+    def event(self, event: events.QuicEvent) -> None:
+        """Processes a QUIC event."""
+        if isinstance(event, (events.StreamDataReceived, events.StreamReset, events.StopSendingReceived)):
+            inside = self._session is not None and event.stream_id == self._session.stream
+            if isinstance(event, events.StopSendingReceived) and (inside or event.stream_id == self._id):
+                self._connection.malformed("the stream was given up")
+                return
+            self._outside += 0 if inside else max(LEAST_BYTES, len(getattr(event, "data", b"")))
+            if self._outside > OUTSIDE_BYTES:
+                self._connection.malformed("more than any session says outside its stream")
+                return
+        try:
+            heard = self._http.handle_event(event)
+        except (RuntimeError, ValueError):  # aioquic replies on a stream that the client has reset
+            self._connection.malformed("a stream was given up")
+            return
+        for told in heard:
+            self._told(told)
+        if isinstance(event, (events.StreamDataReceived, events.StreamReset)) and event.stream_id == self._id:
+            ended = isinstance(event, events.StreamReset) or event.end_stream
+            if ended:
+                self._connection.end(0, "the session was closed")
+
+    def end(self) -> None:
+        """Ends the session after its connection has closed."""
+        if self._session is not None:
+            self._connection.owner.on_closed(self._session)
+
+    def _told(self, event: H3Event) -> None:
+        match event:
+            case HeadersReceived() if event.stream_id not in self._answered:  # others are trailers
+                self._answer(event.stream_id, self._status(dict(event.headers)))
+            case WebTransportStreamDataReceived():
+                self._stream_data(event)
+            case DatagramReceived() if self._session is not None and event.stream_id == self._id:
+                self.asked = True
+                self._session.datagram(event.data)
+
+    def _status(self, headers: dict[bytes, bytes]) -> int:
+        """Returns the HTTP status with which a request for a WebTransport session is answered."""
+        wanted = headers.get(b":path", b"").split(b"?")[0]
+        if wanted.decode("ascii", "replace") != WEBTRANSPORT_PATH:
+            return 404
+        if headers.get(b":method") != b"CONNECT" or headers.get(b":protocol") not in (
+            b"webtransport",
+            b"webtransport-h3",
+        ):
+            return 405
+        origins = self._connection.owner.limits.origins
+        if origins is not None and headers.get(b"origin", b"").decode("ascii", "replace") not in origins:
+            return 403
+        return 200 if self._id is None else 429
+
+    def _answer(self, stream_id: int, status: int) -> None:
+        headers = [(b":status", str(status).encode())]
+        if status == 200:
+            self._id, self._session = stream_id, Session(self._connection, None, encode_uint_var(stream_id // 4))
+            headers.append((b"sec-webtransport-http3-draft", b"draft02"))
+        self._answered.add(stream_id)
+        try:
+            self._http.send_headers(stream_id, headers, end_stream=status != 200)
+        except (RuntimeError, ValueError, ProtocolError):  # the client has cancelled its request
+            self._connection.malformed("a request was given up")
+
+    def _stream_data(self, event: WebTransportStreamDataReceived) -> None:
+        if self._session is None or event.session_id != self._id or event.stream_id % 4:
+            self._connection.malformed(f"a stream {event.stream_id} of no session")
+            return
+        if self._session.stream is None:
+            self.asked = True
+            self._session.opened(event.stream_id)
+        if event.stream_id != self._session.stream:
+            self._connection.malformed("a second stream")
+            return
+        try:
+            self._session.stream_data(event.data)
+        except BitstreamError as error:
+            self._connection.malformed(str(error))

@@ -1,0 +1,91 @@
+"""A running server over UDP or QUIC, with its optional web page."""
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from splatwire.transport.http.access import Access
+from splatwire.transport.http.content import PageContent
+from splatwire.transport.http.server import PageServer
+from splatwire.transport.protocol.served_stream import ServedStream
+from splatwire.transport.udp import UdpServer
+
+if TYPE_CHECKING:
+    from splatwire.transport.quic.server import QuicServer
+
+
+DRAIN_INTERVAL_S = 0.05
+"""Interval at which a stopping server checks for running transfers, seconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunningServer:
+    """A running server.
+
+    Attributes:
+        server: The server over UDP or QUIC.
+        facts: Information that clients need to connect, such as the address and certificate fingerprint, by name.
+        page: Web server for the viewer page and the streams over HTTP; None if not requested.
+    """
+
+    server: "UdpServer | QuicServer"
+    facts: dict[str, str]
+    page: PageServer | None = None
+
+    @property
+    def _access(self) -> Access | None:
+        content = None if self.page is None else self.page.content
+        return content.access if isinstance(content, PageContent) else None
+
+    @property
+    def draining(self) -> bool:
+        """True while the server stops: it refuses new transfers, and running transfers continue."""
+        return self.server.core.draining
+
+    def replace(self, streams: Mapping[str, ServedStream]) -> None:
+        """Replaces all streams, and reads the certificate from its files again; running transfers are not affected.
+
+        If the certificate is invalid, nothing is replaced.
+
+        Args:
+            streams: Prepared streams by name.
+
+        Raises:
+            InvalidValueError: If the files of the certificate are invalid.
+            OSError: If a file of the certificate cannot be read.
+        """
+        if not isinstance(self.server, UdpServer):
+            self.server.reload_identity()
+        private = self._access.private if self._access is not None else ()
+        self.server.core.replace({name: stream for name, stream in streams.items() if name not in private})
+        if self.page is not None and isinstance(self.page.content, PageContent):
+            self.page.content = replace(self.page.content, programs=streams)
+
+    async def drain(self, most_s: float) -> None:
+        """Refuses new transfers, and waits until all transfers and HTTP responses have ended.
+
+        Meanwhile, new HTTP requests are still answered. A page loads a stream by several requests, and pages that have
+        started to load can thus finish.
+
+        Args:
+            most_s: Maximum duration, seconds.
+        """
+        loop = asyncio.get_running_loop()
+        self.server.core.draining, end = True, loop.time() + most_s
+        while loop.time() < end and (self.server.core.num_transfers or (self.page and self.page.num_active)):
+            await asyncio.sleep(DRAIN_INTERVAL_S)
+
+    def not_ready(self) -> str | None:
+        """Returns the reason why new clients should not be sent to this server; None if it accepts transfers."""
+        if self.draining:
+            return "the server is stopping"
+        known = self.server.core.num_streams or (self._access is not None and self._access.private)
+        return None if known else "no stream is available yet"
+
+    def served(self) -> str:
+        """Returns the number of clients, responses and bytes as text."""
+        text = f"served {self.server.core.num_served} clients, {self.server.bytes_sent:,} bytes"
+        if self.page is None:
+            return text
+        return f"{text}, and {self.page.num_answers:,} requests over HTTP, {self.page.bytes_sent:,} bytes"

@@ -1,0 +1,188 @@
+"""Anchor scenes: anchors, the networks that draw them, and the context model that codes them."""
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from jaxtyping import Bool, Float, Int8
+
+from splatwire.arguments import CheckedFields, check_fields
+from splatwire.reprs import summary_repr
+from splatwire.types.anchor_config import ModelConfig
+from splatwire.types.anchors import Anchors
+from splatwire.types.background import BLACK, Background, check_background
+from splatwire.types.causal_coding import CausalCoding
+from splatwire.types.metadata import NO_METADATA, SceneMetadata
+from splatwire.types.networks import Mlp
+from splatwire.types.rows import Rows, rows_of_anchors
+from splatwire.types.scene import Coverage, RenderHints
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianHeads(CheckedFields):
+    """The three networks that turn an anchor and a view into Gaussians (HAC++, decoding of a view).
+
+    The input of each network is `[feature (F), view direction (3), view distance (1)]`. K is the number of offsets per
+    anchor, i.e. of possible Gaussians.
+
+    Attributes:
+        opacity: K outputs, then tanh; Gaussians with values of 0 and below are not drawn.
+        covariance: 7 K outputs: three scale logits and a quaternion per offset.
+        color: 3 K outputs, then sigmoid.
+    """
+
+    opacity: Mlp
+    covariance: Mlp
+    color: Mlp
+
+    __repr__ = summary_repr
+
+
+@dataclass(frozen=True, eq=False)
+class HashGrid(CheckedFields):
+    """Values -1 or 1 of the binary hash grid; the table entries of all levels are concatenated (HAC++).
+
+    Attributes:
+        volume: The 3D table, values -1 or +1.
+        planes: The tables of xy, xz and yz, values -1 or +1.
+        bounds_min: Lower corner of the box that maps to [0, 1], world units.
+        bounds_max: Upper corner.
+    """
+
+    volume: Int8[Any, "rows3 D"]
+    planes: Int8[Any, "3 rows2 D"]
+    bounds_min: Float[Any, "3"]
+    bounds_max: Float[Any, "3"]
+
+    __repr__ = summary_repr
+
+
+@dataclass(frozen=True, eq=False)
+class ContextModel(CheckedFields):
+    """The networks and tables that predict an anchor's distribution for entropy coding.
+
+    Attributes:
+        grid: The hash grid.
+        prior: Network that maps the hash-grid feature (H) to `ModelConfig.prior_dim` outputs (HAC++, prior network).
+        channel: One network per group of feature channels. Its inputs are the groups decoded so far, and the prior's
+            mean, standard deviation and mixture weight of all F channels. Its outputs are mean, standard deviation and
+            mixture weight of the group's channels (HAC++, channel context).
+    """
+
+    grid: HashGrid
+    prior: Mlp
+    channel: tuple[Mlp, ...]
+
+    __repr__ = summary_repr
+
+
+@dataclass(frozen=True, eq=False)
+class HacppCoding(CheckedFields):
+    """Networks and quantisation steps of codec schema `hacpp`; renderers do not read them.
+
+    Attributes:
+        context: The networks that predict the anchors' attributes.
+        voxel_size: Spacing of anchor positions, world units; positions are integer multiples of it.
+        config: Layer and table sizes of the context model, and base quantisation steps.
+    """
+
+    context: ContextModel
+    voxel_size: float
+    config: ModelConfig
+
+    __repr__ = summary_repr
+
+
+@dataclass(frozen=True, eq=False)
+class AnchorScene:
+    """A scene of anchors that can be rendered and encoded.
+
+    Attributes:
+        anchors: The anchors.
+        heads: The networks that draw them.
+        coding: Parameters of the codec, specific to its schema (`hacpp` or `causal`).
+        hints: Factors on the size and opacity of each anchor's Gaussians, and hidden anchors, set by loss concealment.
+            None if no concealer was applied.
+        background: RGB of the background that the scene was trained with.
+        metadata: Title, author, license, and the initial view.
+    """
+
+    ELEMENTS: ClassVar[str] = "anchors"
+    """Name of the scene's elements in messages."""
+    COVERAGE: ClassVar[Coverage] = Coverage(size=1.0, opacity=0.0)
+    """Anchors cover surfaces, so only sizes grow until the received ones cover the surface again."""
+    anchors: Anchors
+    heads: GaussianHeads
+    coding: HacppCoding | CausalCoding
+    hints: RenderHints | None = None
+    background: Background = BLACK
+    metadata: SceneMetadata = NO_METADATA
+
+    __repr__ = summary_repr
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "background", check_background(self.background))
+        check_fields(self)
+
+    @property
+    def elements(self) -> Anchors:
+        """The anchors."""
+        return self.anchors
+
+    @property
+    def positions(self) -> Float[Any, "N 3"]:
+        """Position of each anchor."""
+        return self.anchors.positions
+
+    @property
+    def num_elements(self) -> int:
+        """Number of anchors, N."""
+        return self.anchors.num_anchors
+
+    def select(self, index: Any) -> "AnchorScene":
+        """Returns the scene with only the anchors at `index` (integers or mask), without `hints` of a concealer."""
+        return replace(self, anchors=self.anchors.select(index), hints=None)
+
+    def with_elements(self, elements: Anchors, hints: RenderHints | None = None) -> "AnchorScene":
+        """Returns the scene with other anchors and other `hints`.
+
+        Args:
+            elements: The new anchors.
+            hints: Factors on size and opacity, and hidden anchors, set by loss concealment; None for no changes.
+        """
+        return replace(self, anchors=elements, hints=hints)
+
+    @property
+    def drawable(self) -> Bool[np.ndarray, "N"]:
+        """Mask of the anchors that at least one view can draw; only these are encoded."""
+        return self.rows().kept
+
+    def rows(self) -> Rows:
+        """Classifies the anchors as drawable, invisible or invalid; only drawable ones are encoded."""
+        return rows_of_anchors(self.anchors)
+
+    @property
+    def num_gaussians(self) -> int:
+        """Number of Gaussians that the anchors can produce in a view."""
+        return int(self.anchors.mask.sum())
+
+    @property
+    def facts(self) -> dict[str, int | float]:
+        """Scene statistics for display: number of anchors, voxel size, feature channels and offsets per anchor."""
+        layout = self.coding.config.layout
+        return {
+            "num_anchors": self.num_elements, "voxel_size": self.coding.voxel_size,
+            "feature_dim": layout.feature_dim, "num_offsets": layout.num_offsets,
+        }  # fmt: skip
+
+    @property
+    def hacpp(self) -> HacppCoding:
+        """Codec parameters of schema `hacpp`; only valid for a scene of that schema."""
+        assert isinstance(self.coding, HacppCoding)
+        return self.coding
+
+    @property
+    def causal(self) -> CausalCoding:
+        """Codec parameters of schema `causal`; only valid for a scene of that schema."""
+        assert isinstance(self.coding, CausalCoding)
+        return self.coding

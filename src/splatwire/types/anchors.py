@@ -1,0 +1,115 @@
+"""The decoded attributes of a set of anchors."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from splatwire.arguments import check_fields
+from splatwire.ops.arrays import lower_median, to_numpy, where
+from splatwire.reprs import summary_repr
+from splatwire.types.attributes import Attribute
+from splatwire.types.erasures import Erasures
+from splatwire.types.shapes import Shape, check_arrays
+
+MIN_SIZE = 1e-9
+"""Lower bound of sizes before their logarithm is taken, world units."""
+_SMALLEST = 0.05
+"""Lower bound of predicted Gaussian sizes as a fraction of their median, because a prediction may be negative."""
+
+_SHAPES: dict[str, Shape] = {
+    "positions": ("N", 3), "features": ("N", "F"), "scalings": ("N", 6), "offsets": ("N", "K", 3), "mask": ("N", "K"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Anchors:
+    """Attributes of N anchors with K offsets and F feature channels each.
+
+    Fields are numpy arrays, or torch tensors during training.
+
+    Attributes:
+        positions: World coordinates.
+        features: Anchor features.
+        scalings: Linear (not logarithmic) sizes: the first three scale the offsets, the last three are the base size
+            of the Gaussians.
+        offsets: Gaussian centres relative to the anchor, in units of `scalings[:, :3]`; zero where masked out.
+        mask: True where the offset's Gaussian exists.
+    """
+
+    positions: Float[Any, "N 3"]
+    features: Float[Any, "N F"]
+    scalings: Float[Any, "N 6"]
+    offsets: Float[Any, "N K 3"]
+    mask: Bool[Any, "N K"]
+
+    __repr__ = summary_repr
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_arrays(self, _SHAPES, boolean=("mask",), positions="positions")
+
+    @property
+    def num_anchors(self) -> int:
+        """Number of anchors, N."""
+        return int(self.positions.shape[0])
+
+    @property
+    def present_offsets(self) -> Float[Any, "N K 3"]:
+        """Offsets with masked-out ones set to zero."""
+        return where(self.mask[:, :, None], self.offsets, 0)
+
+    def select(self, index: Any) -> "Anchors":
+        """Returns the anchors at `index` (integers or a boolean mask over N), in that order."""
+        return Anchors(**{f.name: getattr(self, f.name)[index] for f in dataclasses.fields(self)})
+
+    @property
+    def log_sizes(self) -> Float[Any, "N"]:
+        """Logarithm of the geometric mean of each anchor's three base Gaussian sizes (world units)."""
+        return mean_log_size(self.scalings)
+
+    def arrived(self, known: Bool[Any, "N"], places: Float[Any, "N 3"]) -> "Anchors":
+        """Simulates reception: sets all attributes of lost anchors to 0 and their positions to `places`.
+
+        Args:
+            known: Mask of received anchors.
+            places: Expected positions of the lost anchors, world coordinates; other rows are ignored.
+        """
+
+        def gap(values: Any, instead: Any = 0) -> Any:
+            return where(known.reshape(-1, *[1] * (values.ndim - 1)), values, instead)
+
+        places = gap(self.positions, places)
+        return Anchors(places, gap(self.features), gap(self.scalings), gap(self.offsets), gap(self.mask))
+
+    def kept(self, erasures: Erasures, proposed: "Anchors") -> "Anchors":
+        """Combines received attributes of this object with estimates of lost attributes.
+
+        Estimated offsets are set to 0 where the (received or estimated) offset mask is False.
+
+        Args:
+            erasures: Mask of received attributes.
+            proposed: All anchors, with estimates of lost attributes.
+        """
+        received = erasures.received
+
+        def merge(attribute: Attribute, decoded: Any, filled: Any) -> Any:
+            return where(received[:, int(attribute)].reshape(-1, *[1] * (decoded.ndim - 1)), decoded, filled)
+
+        mask = merge(Attribute.MASK, self.mask, proposed.mask)
+        return Anchors(
+            self.positions,
+            merge(Attribute.FEATURE, self.features, proposed.features),
+            merge(Attribute.SCALING, self.scalings, proposed.scalings),
+            merge(Attribute.OFFSET, self.offsets, proposed.offsets * mask[:, :, None]),
+            mask,
+        )
+
+
+def mean_log_size(scalings: Float[Any, "N 6"]) -> Float[Any, "N"]:
+    """Returns the mean logarithm of the three base Gaussian sizes of each anchor, from its scalings."""
+    size = to_numpy(scalings)[:, 3:]
+    typical = float(lower_median(np.maximum(size, 0).ravel())) if len(size) else 0.0
+    return np.log(np.maximum(size, size.dtype.type(max(_SMALLEST * typical, MIN_SIZE)))).mean(axis=1)

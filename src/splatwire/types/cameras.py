@@ -1,0 +1,120 @@
+"""Pinhole cameras: OpenCV world-to-camera matrices and intrinsics in pixels."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.arguments import check_fields
+from splatwire.errors import InvalidValueError, whole_number
+from splatwire.ops.arrays import to_numpy
+from splatwire.reprs import summary_repr
+from splatwire.types.origin import NO_ORIGIN, Origin
+from splatwire.types.shapes import check_arrays
+
+MAX_PIXELS = 1 << 27
+"""Maximum number of pixels of an image (134 million, more than any camera has); as float32 it takes 1.6 GB."""
+
+
+def check_size(width: int, height: int) -> None:
+    """Checks that an image size is positive and within the memory limit.
+
+    Raises:
+        InvalidValueError: If a side is below 1, or there are more than `MAX_PIXELS` pixels.
+    """
+    if width < 1 or height < 1:
+        raise InvalidValueError(f"pictures of {width} x {height} pixels have no pixels")
+    if width * height > MAX_PIXELS:
+        raise InvalidValueError(
+            f"pictures of {str(width)[:20]} x {str(height)[:20]} pixels are over the limit of {MAX_PIXELS:,} pixels"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Cameras:
+    """C pinhole cameras with the same image size.
+
+    Matrices are numpy arrays of float32; training uses torch tensors on its device instead.
+
+    Attributes:
+        viewmats: World-to-camera matrices, OpenCV axes (x right, y down, z forward).
+        Ks: Intrinsics in pixels; the centre of the top-left pixel is (0.5, 0.5).
+        width: Image width in pixels.
+        height: Image height in pixels.
+        names: One name per view, without a file suffix.
+        origin: World coordinates that the matrices are relative to.
+    """
+
+    viewmats: Float[Any, "C 4 4"]
+    Ks: Float[Any, "C 3 3"]
+    width: int
+    height: int
+    names: tuple[str, ...]
+    origin: Origin = NO_ORIGIN
+
+    __repr__ = summary_repr
+
+    def __post_init__(self) -> None:
+        check_arrays(self, {"viewmats": ("C", 4, 4), "Ks": ("C", 3, 3)})
+        for side in ("width", "height"):
+            object.__setattr__(self, side, whole_number(getattr(self, side), f"Cameras.{side}", 1))
+        check_fields(self)
+        if len(self.names) != self.viewmats.shape[0]:
+            raise InvalidValueError(f"{len(self.names)} names for {self.viewmats.shape[0]} cameras")
+        check_size(self.width, self.height)
+        for name in ("viewmats", "Ks"):
+            matrices = getattr(self, name)
+            if isinstance(matrices, np.ndarray) and not np.isfinite(matrices).all():
+                view = int(np.flatnonzero(~np.isfinite(matrices).all(axis=(1, 2)))[0])
+                raise InvalidValueError(f"Cameras.{name}: matrix {view} has a value that is not finite")
+
+    def __len__(self) -> int:
+        """Number of cameras, C."""
+        return len(self.names)
+
+    def __getitem__(self, views: int | slice) -> "Cameras":
+        """Returns the camera at an index, or the cameras of a slice, as `Cameras`.
+
+        Raises:
+            IndexError: If there is no such camera, as for any sequence.
+            InvalidValueError: If `views` is neither a whole number nor a slice.
+        """
+        if isinstance(views, slice):
+            return self.select(list(range(len(self)))[views])
+        view = whole_number(views, "the index of a camera", -len(self))
+        if view >= len(self):
+            raise IndexError(f"there is no camera {view}: there are {len(self)}, counted from 0")
+        return self.select([view])
+
+    @property
+    def num_views(self) -> int:
+        """Number of cameras, C."""
+        return len(self.names)
+
+    @property
+    def centers(self) -> Float[Any, "C 3"]:
+        """Camera centres in world coordinates, relative to `origin`."""
+        rotation, translation = self.viewmats[:, :3, :3], self.viewmats[:, :3, 3]
+        return -(rotation * translation[:, :, None]).sum(1)
+
+    def relative_to(self, origin: Origin) -> "Cameras":
+        """Returns the same cameras with matrices relative to another origin."""
+        if origin == self.origin:
+            return self
+        viewmats = to_numpy(self.viewmats)
+        poses = viewmats.astype(np.float64)
+        poses[:, :3, 3] += poses[:, :3, :3] @ (np.array(origin) - np.array(self.origin))
+        return replace(self, viewmats=poses.astype(viewmats.dtype), origin=origin)
+
+    def select(self, views: list[int]) -> "Cameras":
+        """Returns the cameras at the given indices, in that order."""
+        names = tuple(self.names[v] for v in views)
+        return replace(self, viewmats=self.viewmats[views], Ks=self.Ks[views], names=names)
+
+    def scaled(self, factor: float) -> "Cameras":
+        """Returns cameras of images `factor` times as wide and high (both sides rounded to whole pixels)."""
+        width, height = max(1, round(self.width * factor)), max(1, round(self.height * factor))
+        Ks = to_numpy(self.Ks)
+        scale = np.array([[width / self.width], [height / self.height], [1.0]], Ks.dtype)
+        return replace(self, Ks=Ks * scale, width=width, height=height)

@@ -1,0 +1,83 @@
+"""The causal context model predicts each value of an anchor from its position and its values decoded before.
+
+No anchor is predicted from another anchor, so each packet decodes independently. The values of an anchor are coded in
+this order: the feature channels in groups; the mask of existing offsets and their common scale; the base size of the
+Gaussians; the offsets. The first feature groups are single channels and serve as latents for all later values. The
+inputs of each network are the anchor's position and all of its values decoded so far. All values in this module are in
+units of their quantisation steps.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from jaxtyping import Float
+
+from splatwire.arguments import CheckedFields
+from splatwire.reprs import summary_repr
+from splatwire.types.attributes import AnchorLayout
+from splatwire.types.networks import Mlp
+
+OCTAVES = 4
+"""Number of frequencies per coordinate that the position network reads in addition to the coordinate itself."""
+INPUT_UNIT = 0.25
+"""Network input value of one quantisation step."""
+FORM = 4
+"""Number of size values of an anchor (its "form"): logarithms of the common scale of the offsets and of the base size
+of the Gaussians along three axes."""
+
+
+@dataclass(frozen=True)
+class CausalConfig(CheckedFields):
+    """Configuration of the causal context model.
+
+    Attributes:
+        layout: Number of feature channels and offsets per anchor.
+        context_dim: Length of the output of the network that encodes the anchor position.
+    """
+
+    layout: AnchorLayout = field(default_factory=lambda: AnchorLayout(32, 10, (1, 1, 2, 4, 8, 16)))
+    context_dim: int = 16
+
+    @property
+    def num_steps(self) -> int:
+        """Number of quantisation step sizes: one per feature group, then offset scale, base size and offsets."""
+        return len(self.layout.feature_groups) + 3
+
+    def shapes(self) -> dict[str, tuple[int, int]]:
+        """Returns the input and output size of every network by name, in evaluation order."""
+        features, offsets, c = self.layout.feature_dim, self.layout.num_offsets, self.context_dim
+        shapes, before = {"position": (3 * (1 + OCTAVES), c)}, 0
+        for group, size in enumerate(self.layout.feature_groups):
+            shapes[f"feature{group}"] = (c + before, 2 * size)
+            before += size
+        shapes["form"] = (c + features, offsets + 2)
+        shapes["size"] = (c + features + 1, 6)
+        shapes["offset"] = (c + features + FORM, 6 * offsets)
+        return shapes
+
+
+@dataclass(frozen=True, eq=False)
+class CausalCoding(CheckedFields):
+    """Networks and quantisation steps of codec schema `causal`; renderers do not read them.
+
+    Attributes:
+        networks: The networks of `CausalConfig.shapes`, by name.
+        steps: Quantisation step sizes: one for each feature group, then one each for offset scale, base size and
+            offsets. Offset scale and base size are quantised as logarithms.
+        centres: Value subtracted from each of the four logarithms (offset scale, and base size along three axes) before
+            quantisation.
+        middle: Centre of the scene, voxels.
+        spread: Extent along each axis, voxels: about half of the anchors are this close to the centre.
+        voxel_size: Spacing of anchor positions, world units.
+        config: Configuration that determines the layer sizes of the networks.
+    """
+
+    networks: dict[str, Mlp]
+    steps: Float[Any, "S"]
+    centres: Float[Any, "4"]
+    middle: Float[Any, "3"]
+    spread: Float[Any, "3"]
+    voxel_size: float
+    config: CausalConfig
+
+    __repr__ = summary_repr

@@ -1,0 +1,47 @@
+"""Masks of received attributes, per anchor and attribute."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool
+
+from splatwire.arguments import CheckedFields
+from splatwire.ops.arrays import to_numpy
+from splatwire.reprs import summary_repr
+from splatwire.types.attributes import Attribute
+
+
+@dataclass(frozen=True, eq=False)
+class Erasures(CheckedFields):
+    """Loss mask of N anchors: which of the four coded attributes of each anchor were received.
+
+    If each packet contains complete anchors, all four columns are equal. If attributes are sent in separate packets,
+    columns differ.
+
+    Attributes:
+        received: True if the attribute of the anchor was received, bool (N, 4); columns in the order of `Attribute`.
+    """
+
+    received: Bool[Any, "N 4"]
+
+    __repr__ = summary_repr
+
+    @property
+    def known(self) -> Bool[Any, "N"]:
+        """Mask of anchors with every attribute received."""
+        return self.received.all(1)
+
+    @property
+    def num_lost(self) -> int:
+        """Number of anchors with at least one missing attribute."""
+        return int((~self.known).sum())
+
+    def column(self, attribute: Attribute) -> Bool[Any, "N"]:
+        """Mask of anchors whose `attribute` was received."""
+        return self.received[:, int(attribute)]
+
+    @staticmethod
+    def of_anchors(known: Bool[Any, "N"]) -> "Erasures":
+        """Builds the mask for anchors that were received or lost as a whole."""
+        return Erasures(np.repeat(to_numpy(known)[:, None], len(Attribute), axis=1))

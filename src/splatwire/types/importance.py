@@ -1,0 +1,70 @@
+"""Importance of anchors: the fraction of the rendered images that each anchor contributes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from splatwire.reprs import summary_repr
+
+
+@dataclass(frozen=True, eq=False)
+class Importance:
+    """Relative importance of N anchors: opacity times projected area, summed over a set of views and normalised.
+
+    Attributes:
+        share: Fraction of the total that each anchor contributes, at least 0. The fractions add up to 1; all are 0 if
+            no anchor was visible in any view.
+    """
+
+    share: Float[np.ndarray, "N"]
+
+    __repr__ = summary_repr
+
+    def __post_init__(self) -> None:
+        if not bool((np.isfinite(self.share) & (self.share >= 0)).all()):
+            raise ValueError("shares of importance must be finite and not negative")
+
+    @staticmethod
+    def of_footprints(footprint: Float[np.ndarray, "N"]) -> "Importance":
+        """Normalises the opacity times projected area of each anchor (any unit) to fractions of the total."""
+        total = footprint.sum(dtype=np.float64)
+        share = footprint / max(total, 1e-300) if total > 0 else np.zeros(len(footprint))
+        return Importance(share.astype(footprint.dtype))
+
+    def top(self, fraction: float) -> Bool[np.ndarray, "N"]:
+        """Returns the mask of the most important anchors: `fraction` of all, rounded.
+
+        Ties are resolved in favour of the lower index.
+
+        Raises:
+            ValueError: If the fraction is not in [0, 1].
+        """
+        if not 0 <= fraction <= 1:
+            raise ValueError(f"a fraction of anchors must be in [0, 1], not {fraction!r}")
+        chosen = np.zeros(len(self.share), np.bool_)
+        order = np.argsort(-self.share, kind="stable")
+        chosen[order[: round(fraction * len(order))]] = True
+        return chosen
+
+    def tiers(self, fractions: Sequence[float], among: Bool[np.ndarray, "N"] | None = None) -> UInt8[np.ndarray, "N"]:
+        """Divides anchors into importance tiers; tier 0 is the most important, the last contains all others.
+
+        Args:
+            fractions: Share of the anchors in each tier except the last, 0 to 1; (0.05, 0.15) makes three tiers.
+            among: Mask of the anchors to classify, e.g. those that are encoded; the others get the last tier.
+
+        Raises:
+            ValueError: If a fraction is not in [0, 1], the sum exceeds 1, or there are more than 255 fractions.
+        """
+        if sum(fractions) > 1 + 1e-9 or len(fractions) > 255 or not all(0 <= f <= 1 for f in fractions):
+            raise ValueError(f"shares of tiers must be in [0, 1] and add up to at most 1, not {list(fractions)}")
+        counted = np.ones(len(self.share), np.bool_) if among is None else among
+        order = np.argsort(-np.where(counted, self.share, -1.0), kind="stable")
+        tiers = np.full(self.share.shape, len(fractions), np.uint8)
+        ends, number = [0], int(counted.sum())
+        for tier, fraction in enumerate(fractions):
+            ends.append(round(min(sum(fractions[:tier]) + fraction, 1) * number))
+            tiers[order[ends[-2] : ends[-1]]] = tier
+        return tiers

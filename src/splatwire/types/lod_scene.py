@@ -1,0 +1,61 @@
+"""Scenes with levels of detail: coarser Gaussians replace many fine ones that are far away or lost."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, UInt8
+
+from splatwire.reprs import summary_repr
+from splatwire.types.scene import RenderHints
+from splatwire.types.splat_scene import SplatScene
+
+
+@dataclass(frozen=True, eq=False)
+class LevelScene(SplatScene):
+    """Gaussians of all levels of detail of a scene, in coding order: coarsest level first, within a level by tile.
+
+    A tile is a spatial block of neighbouring Gaussians of one level.
+
+    Attributes:
+        level_sizes: Number of Gaussians per level, coarsest first.
+    """
+
+    level_sizes: tuple[int, ...] = ()
+
+    __repr__ = summary_repr
+
+    def select(self, index: np.ndarray) -> "LevelScene":
+        """Returns the scene with the Gaussians at `index` in ascending order; the order of levels and tiles is kept."""
+        chosen = np.zeros(self.num_elements, np.bool_)
+        chosen[index] = True
+        left = tuple(int(part.sum()) for part in np.split(chosen, np.cumsum(self.level_sizes)[:-1]))
+        return replace(super().select(chosen), level_sizes=left)
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """Level of detail and precision class of each Gaussian of a scene with levels of detail.
+
+    Attributes:
+        of: Level of each element; 0 is the finest level, the scene itself.
+        classes: Precision class of each element, 0 for the lowest precision.
+    """
+
+    of: UInt8[np.ndarray, "N"]
+    classes: UInt8[np.ndarray, "N"]
+
+    __repr__ = summary_repr
+
+    @property
+    def copied(self) -> Bool[np.ndarray, "N"]:
+        """Mask of Gaussians in coarser levels that are unchanged copies of finer Gaussians instead of merged ones.
+
+        Coarser levels have two precision classes; unchanged Gaussians have the higher precision.
+        """
+        coarser = self.of > 0
+        return coarser & (self.classes == self.classes[coarser].max()) if bool(coarser.any()) else coarser
+
+    @property
+    def hints(self) -> RenderHints:
+        """Drawing instructions that hide all levels of detail except the finest."""
+        return RenderHints(np.ones(len(self.of), np.float32), self.of > 0)

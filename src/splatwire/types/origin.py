@@ -1,0 +1,124 @@
+"""Origins of geo-referenced scenes: positions are float32 relative to a point with float64 coordinates.
+
+Adjacent float32 numbers differ by half a metre at map coordinates (UTM, ECEF: up to 7e6 m). The origin is therefore
+subtracted in float64 and stored with the Gaussians.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from splatwire.errors import InvalidValueError, shown
+
+Origin = tuple[float, float, float]
+"""World coordinates of the point that positions are relative to, float64."""
+NO_ORIGIN: Origin = (0.0, 0.0, 0.0)
+"""Origin of scenes with positions in world coordinates."""
+_MAX_COORDINATE = 1e12
+"""Largest absolute value of an origin's coordinates."""
+_SAMPLE = 1 << 16
+"""Maximum number of positions from which an origin is chosen."""
+_SPREAD_QUANTILES = (0.05, 0.95)
+"""Quantiles of the positions; the distance between the two is the spread, which a few far outliers do not change."""
+_WIDE_RATIO, _WIDE_LEAST = 8.0, 16.0
+"""Thresholds for float64 positions: minimum ratio of the distance from 0 to the spread, and minimum distance from 0. An
+origin is used if both are exceeded."""
+_NARROW_RATIO, _NARROW_LEAST = 256.0, 1000.0
+"""Thresholds for float32 positions: ratio of distance to spread, and distance from 0. Precision is already lost there,
+so only file formats with fewer bits benefit from an origin."""
+
+
+def check_origin(values: object) -> Origin:
+    """Validates an origin read from a file and returns it as three floats.
+
+    Raises:
+        InvalidValueError: If `values` is not three finite numbers of at most 1e12.
+    """
+    if (
+        not isinstance(values, Sequence)
+        or len(values) != 3
+        or not all(type(value) in (int, float) and abs(value) <= _MAX_COORDINATE for value in values)
+    ):
+        raise InvalidValueError(f"an origin is three numbers within {_MAX_COORDINATE:g}, not {shown(values)}")
+    x, y, z = (float(value) + 0.0 for value in values)  # no -0
+    return x, y, z
+
+
+def choose_origin(means: np.ndarray, *, wide: bool) -> Origin:
+    """Returns the origin to subtract from a set of positions, so that float32 is precise enough for the differences.
+
+    The origin is the median position in whole units. It is used only if it is far from 0 compared with the spread.
+
+    Args:
+        means: World coordinates, float (N, 3); rows that are not finite are ignored.
+        wide: True if positions are more precise than float32.
+
+    Returns:
+        The origin; `NO_ORIGIN` if none is needed.
+
+    Raises:
+        InvalidValueError: If the positions are farther from 0 than an origin may be.
+    """
+    some = np.asarray(means[:: max(1, -(-len(means) // _SAMPLE))], np.float64)
+    some = some[np.isfinite(some).all(axis=1)]
+    if not len(some):
+        return NO_ORIGIN
+    middle = np.median(some, axis=0)
+    low, high = np.quantile(some, _SPREAD_QUANTILES, axis=0)
+    far, spread = float(np.abs(middle).max()), float((high - low).max())
+    ratio, least = (_WIDE_RATIO, _WIDE_LEAST) if wide else (_NARROW_RATIO, _NARROW_LEAST)
+    if far <= max(ratio * spread, least):
+        return NO_ORIGIN
+    if far > _MAX_COORDINATE:
+        raise InvalidValueError(
+            f"positions are around {far:.4g} from 0, and origins end at {_MAX_COORDINATE:g}: subtract a point near them"
+        )
+    return check_origin(np.rint(middle).tolist())
+
+
+def check_precision(means: np.ndarray, name: str) -> None:
+    """Checks that positions passed by a caller lose no precision when they are converted to float32.
+
+    Args:
+        means: World coordinates, float (N, 3).
+        name: Name of the argument, for the message.
+
+    Raises:
+        InvalidValueError: If the positions are float64 and far from 0; the message explains how to subtract an origin.
+    """
+    if means.dtype.itemsize <= 4 or not len(means):
+        return
+    finite = means[np.isfinite(means).all(axis=1)]
+    far = float(np.abs(finite).max(initial=0.0))
+    if choose_origin(means, wide=True) == NO_ORIGIN:
+        return
+    raise InvalidValueError(
+        f"{name}: {means.dtype} coordinates up to {far:.6g}, which float32 would round to steps of "
+        f"{float(np.spacing(np.float32(min(far, 1e38)))):.2g}: subtract an origin near them, `origin = "
+        "tuple(np.median(means, axis=0).round().tolist())`, and state it: `SplatScene(Splats(means=(means - "
+        "origin).astype(np.float32), ...), origin=origin)`"
+    )
+
+
+def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
+    """Checks whether a declared origin is near the positions of a scene.
+
+    Args:
+        origin: The declared origin.
+        means: World coordinates, float64 (N, 3).
+
+    Returns:
+        None if float32 is precise enough for positions relative to the origin. Otherwise the distance of the median
+        position from the origin along the axis on which it is largest, world units.
+    """
+    apart = means - np.array(origin)
+    if choose_origin(apart, wide=False) == NO_ORIGIN:
+        return None
+    middle = np.median(apart[np.isfinite(apart).all(axis=1)], axis=0)
+    return float(np.abs(middle).max())
+
+
+def describe_origin(origin: Origin) -> str:
+    """Formats an origin for messages and comments: three numbers that parse to the same float64."""
+    return " ".join(str(int(value)) if value == math.floor(value) else repr(value) for value in origin)

@@ -1,0 +1,99 @@
+"""Predictions of an anchor's attributes from side information, available before any packet."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.arguments import CheckedFields
+from splatwire.ops.arrays import to_numpy, where
+from splatwire.reprs import summary_repr
+from splatwire.types.anchors import Anchors, mean_log_size
+from splatwire.types.attributes import Attribute
+from splatwire.types.erasures import Erasures
+
+MIN_SCALE = 1e-9
+"""Lower bound of predicted standard deviations."""
+
+
+@dataclass(frozen=True, eq=False)
+class AttributePrior(CheckedFields):
+    """Predicted normal distribution and quantisation step of one attribute of N anchors.
+
+    Attributes:
+        mean: Predicted value per channel.
+        scale: Predicted standard deviation per channel, positive.
+        step: Quantisation step, one per anchor.
+    """
+
+    mean: Float[Any, "N D"]
+    scale: Float[Any, "N D"]
+    step: Float[Any, "N 1"]
+
+    __repr__ = summary_repr
+
+
+@dataclass(frozen=True, eq=False)
+class Prior(CheckedFields):
+    """Predicted distributions of the attributes of N anchors, from the hash grid (HAC++, equation of `mu(x)`).
+
+    Attributes:
+        feature: Prior of the F feature channels.
+        scaling: Prior of the 6 scalings.
+        offset: Prior of the offsets, flattened offset-major to 3 K channels.
+        context: Interpolated hash-grid feature.
+    """
+
+    feature: AttributePrior
+    scaling: AttributePrior
+    offset: AttributePrior
+    context: Float[Any, "N H"]
+
+    __repr__ = summary_repr
+
+    @property
+    def num_elements(self) -> int:
+        """Number of anchors, N."""
+        return len(self.context)
+
+    def expected_log_sizes(self) -> Float[Any, "N"]:
+        """Returns the predicted mean logarithm of the three sizes of each anchor's Gaussians."""
+        return mean_log_size(self.scaling.mean)
+
+    def filled(self, elements: Anchors, erasures: Erasures) -> Anchors:
+        """Returns the anchors with every missing attribute replaced by the prior's mean.
+
+        If the offset mask of an anchor was lost, all of its offsets are marked as existing.
+        """
+        missing = ~erasures.received
+
+        def choose(attribute: Attribute, filled: Any, decoded: Any) -> Any:
+            return where(missing[:, int(attribute)].reshape(-1, *[1] * (decoded.ndim - 1)), filled, decoded)
+
+        scalings = plausible_scalings(elements, erasures, self.scaling.mean)
+        return replace(
+            elements,
+            features=choose(Attribute.FEATURE, self.feature.mean, elements.features),
+            scalings=choose(Attribute.SCALING, scalings, elements.scalings),
+            offsets=choose(Attribute.OFFSET, self.offset.mean.reshape(elements.offsets.shape), elements.offsets),
+            mask=elements.mask | missing[:, int(Attribute.MASK), None],
+        )
+
+
+def plausible_scalings(anchors: Anchors, erasures: Erasures, scalings: Float[Any, "M 6"]) -> Float[Any, "M 6"]:
+    """Clamps estimated scalings of lost anchors from below to the smallest received scaling of each channel.
+
+    Estimates may be negative. If nothing was received, the lower bound is zero.
+
+    Args:
+        anchors: The received anchors.
+        erasures: Mask of received attributes.
+        scalings: The estimates for M anchors.
+    """
+    received = anchors.scalings[erasures.column(Attribute.SCALING)]
+    if not len(received):
+        return where(scalings > 0, scalings, 0)
+    if isinstance(scalings, np.ndarray):
+        return np.maximum(scalings, to_numpy(received).min(axis=0))
+    return scalings.maximum(received.amin(0))

@@ -1,0 +1,222 @@
+"""Result of a decoder: a scene whose elements (Gaussians or anchors) may be lost in part, and its side information."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Float, Int64
+
+from splatwire.arguments import CheckedFields, check_fields
+from splatwire.errors import InvalidValueError, shown
+from splatwire.ops.arrays import to_numpy
+from splatwire.reprs import summary_repr
+from splatwire.types.erasures import Erasures
+from splatwire.types.scene import Scene
+from splatwire.types.splats import Splats
+
+S = TypeVar("S", bound=Scene)
+Record = TypeVar("Record")
+
+
+@runtime_checkable
+class Expectation(Protocol):
+    """Protocol of a prediction of all elements that needs only the side information, such as `Prior`.
+
+    An element is a Gaussian or an anchor. Lost and received elements are predicted alike.
+    """
+
+    @property
+    def num_elements(self) -> int:
+        """Number of elements, N."""
+
+    def expected_log_sizes(self) -> Float[np.ndarray, "N"]:
+        """Returns the expected logarithm of the size of each element."""
+
+    def filled(self, elements: Any, erasures: Erasures) -> Any:
+        """Returns the elements with missing attribute values replaced by predicted ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedPlaces(CheckedFields):
+    """Expected positions of elements, for streams that code positions inside packets.
+
+    Attributes:
+        positions: Expected positions of all elements, world coordinates; lost elements are placed at these positions.
+    """
+
+    positions: Float[Any, "N 3"]
+
+    __repr__ = summary_repr
+
+
+@dataclass(frozen=True, eq=False)
+class TierSizes(CheckedFields):
+    """Typical size of each element, sent by the encoder as one number for each importance tier.
+
+    The number is available for lost elements too, because the tier of every element is known.
+
+    Attributes:
+        sizes: Typical size of the elements in the tier of each element, above 0. Only ratios between tiers are
+            meaningful.
+    """
+
+    sizes: Float[Any, "N"]
+
+    __repr__ = summary_repr
+
+
+@dataclass(frozen=True, eq=False)
+class Copies(CheckedFields):
+    """Redundant copies of some Gaussians, sent in the side information, and the sender's concealment parameters.
+
+    Attributes:
+        places: Indices of the copied Gaussians in coding order, without duplicates.
+        splats: Attributes of the copies.
+        growth: Parameters of the enlargement of received Gaussians next to lost ones, chosen by the sender: exponents
+            of the factors on size and on opacity, and strength of the correction by the neural network of the concealer
+            `scene_free`.
+    """
+
+    places: Int64[np.ndarray, "C"]
+    splats: Splats
+    growth: tuple[float, float, float]
+
+    __repr__ = summary_repr
+
+
+@dataclass(frozen=True, eq=False)
+class ReceivedScene(Generic[S]):
+    """A received scene with possibly lost elements, and all side information on it.
+
+    Attributes:
+        scene: The scene. A lost element has the decoder's placeholder values and is never drawn without concealment.
+        erasures: Mask of received attributes.
+        sections: Sections of the side information added by the sender for concealers: content (bytes) by section name.
+        records: Further side information on the elements, with at most one record of each type: an `Expectation`,
+            `ExpectedPlaces`, `TierSizes`, `Copies`, `AnchorLayout`, or a schema-specific type.
+    """
+
+    scene: S
+    erasures: Erasures
+    sections: Mapping[str, bytes] = field(default_factory=dict)
+    records: tuple[Any, ...] = ()
+
+    __repr__ = summary_repr
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not hasattr(type(self.scene), "ELEMENTS"):
+            raise InvalidValueError(
+                f"ReceivedScene.scene: expected a scene (`decode_stream` returns one in a ReceivedScene), "
+                f"not {shown(self.scene)}"
+            )
+        rows = {self.scene.num_elements, len(self.erasures.received), *_rows(self.records)}
+        if len(rows) != 1:
+            raise InvalidValueError(f"scene, loss mask and records have different numbers of elements: {sorted(rows)}")
+
+    def find(self, kind: type[Record]) -> Record | None:
+        """Returns the side information record of a type, such as `TierSizes`; None if it is absent."""
+        return next((record for record in self.records if isinstance(record, kind)), None)
+
+    def __getitem__(self, kind: type[Record]) -> Record:
+        """Returns the side information record of a type, such as `TierSizes`. In contrast to `find`, it must exist.
+
+        Raises:
+            InvalidValueError: If the record is absent.
+        """
+        found = self.find(kind)
+        if found is None:
+            raise InvalidValueError(
+                f"the side information of this stream of {self.scene.ELEMENTS} has no {kind.__name__}"
+            )
+        return found
+
+    @property
+    def offers(self) -> frozenset[type]:
+        """Types of the available side information records, and the type of the elements, e.g. `Splats`."""
+        return frozenset(map(type, (self.scene.elements, *self.records)))
+
+    def with_records(self, *records: Any) -> "ReceivedScene[S]":
+        """Returns a copy with side information records added; a new record replaces the existing record of its type."""
+        kinds = tuple(map(type, records))
+        return replace(self, records=(*(old for old in self.records if not isinstance(old, kinds)), *records))
+
+    @property
+    def elements(self) -> Any:
+        """The scene's elements."""
+        return self.scene.elements
+
+    @property
+    def known(self) -> Bool[np.ndarray, "N"]:
+        """Mask of fully received elements."""
+        return self.erasures.known
+
+    @property
+    def places(self) -> Float[Any, "N 3"]:
+        """Positions for neighbour search, which are equally precise for lost and received elements.
+
+        If the side information contains approximate positions (`ExpectedPlaces`), these are returned, otherwise the
+        decoded positions.
+        """
+        expected = self.find(ExpectedPlaces)
+        return self.scene.positions if expected is None else expected.positions
+
+    @property
+    def expectation(self) -> Expectation | None:
+        """Prediction of every element, or None if the decoder already fills lost elements with expected values."""
+        return next((record for record in self.records if isinstance(record, Expectation)), None)
+
+    @property
+    def log_sizes(self) -> Float[np.ndarray, "N"]:
+        """Expected logarithm of the size of each element."""
+        expected = self.expectation
+        return to_numpy(self.elements.log_sizes if expected is None else expected.expected_log_sizes())
+
+    @property
+    def tier_sizes(self) -> Float[np.ndarray, "N"] | None:
+        """Typical size of the elements in each element's importance class (tier); None if it was not sent."""
+        tiers = self.find(TierSizes)
+        return None if tiers is None else tiers.sizes
+
+    @property
+    def sizes(self) -> Float[np.ndarray, "N"]:
+        """Size of each element for use as its weight in averages over neighbours, float64 (N), scene units.
+
+        This is the typical size of the elements in the same importance tier, if the stream contains typical sizes.
+        Otherwise it is the size expected for this element alone.
+        """
+        tiers = self.tier_sizes
+        return np.exp(self.log_sizes.astype(np.float64)) if tiers is None else to_numpy(tiers).astype(np.float64)
+
+    @property
+    def filled(self) -> Any:
+        """The elements with missing values replaced by expected ones."""
+        expected = self.expectation
+        return self.elements if expected is None else expected.filled(self.elements, self.erasures)
+
+    def masked(self, known: Bool[np.ndarray, "N"]) -> "ReceivedScene[S]":
+        """Simulates losses: returns a copy in which only the elements of the mask `known` count as received."""
+        there = self.scene.elements.arrived(known, self.places)
+        return replace(
+            self, scene=self.scene.with_elements(there, self.scene.hints), erasures=Erasures.of_anchors(known)
+        )
+
+
+def _rows(records: tuple[Any, ...]) -> set[int]:
+    """Returns the set of element counts of the side information records that have one entry per element.
+
+    All these records belong to one scene, so the set has at most one member if the records are consistent.
+
+    Args:
+        records: Side information records of a received scene, of any type; other types are ignored.
+    """
+    rows = set()
+    for record in records:
+        if isinstance(record, Expectation):
+            rows.add(record.num_elements)
+        elif isinstance(record, ExpectedPlaces):
+            rows.add(len(record.positions))
+        elif isinstance(record, TierSizes):
+            rows.add(len(record.sizes))
+    return rows

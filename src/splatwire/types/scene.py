@@ -1,0 +1,136 @@
+"""Protocol of every scene: the interface that codec, concealers and renderers use for Gaussians and for anchors."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from splatwire.arguments import CheckedFields
+from splatwire.reprs import summary_repr
+from splatwire.types.background import Background
+from splatwire.types.erasures import Erasures
+from splatwire.types.rows import Rows
+
+Own = TypeVar("Own")
+
+
+@dataclass(frozen=True, eq=False)
+class RenderHints(CheckedFields):
+    """Instructions of a loss concealer for drawing each element: factors on size and opacity, and hidden elements.
+
+    Attributes:
+        size_gain: Factor on the size of the element's Gaussians, 1 for no change.
+        left_out: Mask of elements (Gaussians or anchors) that are not drawn.
+        opacity_gain: Factor on the opacity of the element's Gaussians, clipped to at most 1; None for no change.
+    """
+
+    size_gain: Float[Any, "N"]
+    left_out: Bool[Any, "N"]
+    opacity_gain: Float[Any, "N"] | None = None
+
+    __repr__ = summary_repr
+
+
+@dataclass(frozen=True)
+class Coverage(CheckedFields):
+    """Strength of the changes of size and opacity by which received elements cover lost ones, for one type of scene.
+
+    Let r be the share of an element's neighbours that was received. The concealer `grow` (`splatwire.concealment.Grow`)
+    multiplies the size of the element by `r ** -(exponent * size)`.
+
+    The opacity o becomes `1 - (1 - o) ** (r ** -(exponent * opacity))`.
+
+    Attributes:
+        size: Factor on the exponent for the size of elements.
+        opacity: Factor on the exponent for their opacity; 0 leaves opacities unchanged.
+    """
+
+    size: float
+    opacity: float
+
+
+@runtime_checkable
+class Elements(Protocol):
+    """Protocol of N Gaussians or anchors with a position, a size and attribute arrays of length N."""
+
+    @property
+    def log_sizes(self) -> Float[Any, "N"]:
+        """Natural logarithm of each element's size, world units."""
+
+    def select(self: Own, index: np.ndarray) -> Own:
+        """Returns the elements at `index`."""
+
+    def arrived(self: Own, known: Bool[np.ndarray, "N"], places: Float[np.ndarray, "N 3"]) -> Own:
+        """Simulates reception: returns the elements with placeholder values for lost ones.
+
+        Args:
+            known: Mask of received elements.
+            places: Positions for the lost elements; rows of received elements are ignored.
+        """
+
+    def kept(self: Own, erasures: Erasures, proposed: Own) -> Own:
+        """Combines received values of this object with estimates of lost values.
+
+        Args:
+            erasures: Mask of received values.
+            proposed: All elements, with estimates of lost values.
+        """
+
+
+@runtime_checkable
+class Scene(Protocol):
+    """Protocol of a scene that can be drawn and encoded: elements, appearance, background."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+    ELEMENTS: ClassVar[str]
+    COVERAGE: ClassVar[Coverage]
+
+    @property
+    def hints(self) -> RenderHints | None:
+        """Factors on the size and opacity of each element, and hidden elements, set by loss concealment.
+
+        None if no concealer was applied.
+        """
+
+    @property
+    def background(self) -> Background:
+        """RGB of the background."""
+
+    @property
+    def elements(self) -> Any:
+        """The Gaussians or anchors of the scene, see `Elements`."""
+
+    @property
+    def positions(self) -> Float[Any, "N 3"]:
+        """Position of each element."""
+
+    @property
+    def num_elements(self) -> int:
+        """Number of elements, N."""
+
+    @property
+    def drawable(self) -> Bool[np.ndarray, "N"]:
+        """Mask of the elements that at least one view can draw; only these are encoded."""
+
+    def rows(self) -> Rows:
+        """Classifies the elements as drawable, invisible or invalid; only drawable ones are encoded."""
+
+    @property
+    def num_gaussians(self) -> int:
+        """Number of Gaussians that the elements can produce in a view."""
+
+    @property
+    def facts(self) -> dict[str, int | float]:
+        """Scene statistics for display, by name."""
+
+    def select(self: Own, index: np.ndarray) -> Own:
+        """Returns the scene with only the elements at `index`, without `hints` of a concealer."""
+
+    def with_elements(self: Own, elements: Any, hints: RenderHints | None = None) -> Own:
+        """Returns the scene with other elements and other `hints`.
+
+        Args:
+            elements: The new Gaussians or anchors.
+            hints: Factors on size and opacity, and hidden elements, set by loss concealment; None for no changes.
+        """

@@ -1,0 +1,207 @@
+"""Sequences of moving Gaussians, divided into groups of pictures (GOPs)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from splatwire.errors import InvalidValueError
+from splatwire.reprs import summary_repr
+from splatwire.types.background import BLACK, Background
+from splatwire.types.metadata import NO_METADATA, SceneMetadata
+from splatwire.types.origin import NO_ORIGIN, Origin
+from splatwire.types.rows import Rows
+from splatwire.types.scene import Coverage, RenderHints
+from splatwire.types.splat_scene import SplatScene
+from splatwire.types.splats import Splats
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Frame rate, length and groups of pictures (GOPs) of a sequence.
+
+    Attributes:
+        rate: Frames per second.
+        num_frames: Number of frames of the sequence.
+        group_frames: Number of frames per group; the last group may have fewer.
+    """
+
+    rate: Fraction
+    num_frames: int
+    group_frames: int
+
+    @property
+    def num_groups(self) -> int:
+        """Number of groups of pictures."""
+        return -(-self.num_frames // self.group_frames)
+
+    def frames_of(self, group: int) -> range:
+        """Returns the frame indices of a group of pictures."""
+        first = group * self.group_frames
+        return range(first, min(first + self.group_frames, self.num_frames))
+
+    def group_of(self, frame: int) -> int:
+        """Returns the group that contains a frame.
+
+        Raises:
+            InvalidValueError: If the sequence has no such frame.
+        """
+        if not 0 <= frame < self.num_frames:
+            raise InvalidValueError(f"the clip has the frames 0 to {self.num_frames - 1}, not {frame}")
+        return frame // self.group_frames
+
+
+@dataclass(frozen=True, eq=False)
+class GroupMotion:
+    """Received motion of one group of pictures (GOP).
+
+    Attributes:
+        tracks: Received tracks that exist in the group, ascending, int64 (n).
+        moving: Mask of moving tracks, bool (n); tracks that do not move stay at the position of their keyframe
+            Gaussians.
+        begins: First frame of each track, relative to the group's first frame, int64 (n).
+        ends: First frame after each track, relative to the group's first frame, int64 (n).
+        at: Returns the difference of each track from its keyframe Gaussian in a frame, float32 (n, C). The frame is
+            counted from the group's first. Channels: position (world units); rotation (axis times four times the
+            tangent of a quarter of the angle); natural logarithms of the scales (largest first) and of the opacity;
+            red, green and blue of the constant harmonic. Each call evaluates one frame, so that memory does not grow
+            with the group's length.
+        covered: Mask of tracks whose state in the group is known from received packets, bool (T). Of these, tracks that
+            are missing in `tracks` have ended.
+        complete: True if no packet is missing.
+        unchanged: True if the group has no motion: every track keeps its state.
+    """
+
+    tracks: np.ndarray
+    moving: np.ndarray
+    begins: np.ndarray
+    ends: np.ndarray
+    at: Callable[[int], np.ndarray]
+    covered: np.ndarray
+    complete: bool
+    unchanged: bool
+
+    __repr__ = summary_repr
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Tracks of a sequence, each of which is one Gaussian over time: keyframe Gaussians and lifetimes.
+
+    Attributes:
+        splats: The keyframe Gaussian of each track, that is, its state in its first frame.
+        born: Group of pictures in which each track begins, int64 (T).
+        received: Mask of received tracks, bool (T).
+        blocks: Index of the block (unit of packetisation) that contains each keyframe Gaussian, int64 (T).
+        rounding: Quantisation step of each track's position offsets, world units, float32 (T); 0 if the keyframe
+            Gaussian was not received.
+        begins: First frame of each track, relative to the first frame of its birth group, int64 (T). Read from the side
+            information; 0 if absent.
+        ends: First frame of the sequence after each track, int64 (T). Read from the side information; one past the
+            sequence's last frame if absent.
+    """
+
+    splats: Splats
+    born: np.ndarray
+    received: np.ndarray
+    blocks: np.ndarray
+    rounding: np.ndarray
+    begins: np.ndarray
+    ends: np.ndarray
+
+    __repr__ = summary_repr
+
+
+@dataclass(frozen=True, eq=False)
+class ClipScene:
+    """A received sequence of moving Gaussians.
+
+    The elements of a sequence are the keyframe Gaussians and, for each group of pictures, the motion of the tracks.
+
+    Attributes:
+        timeline: Frame rate, number of frames, and groups of pictures.
+        tracks: The keyframe Gaussians.
+        motion: Decodes the received motion of a group, given the mask of received keyframe Gaussians, bool (T). Packets
+            that refer to missing keyframe Gaussians are deferred. Every call decodes again, so that only the motion in
+            use takes memory.
+        count: Number of elements, N: keyframe Gaussians, and motions of a track in a group.
+        background: RGB of the background.
+        antialiased: True if training reduced opacity when Gaussians are widened to a pixel (Mip-Splatting).
+        origin: World coordinates of the point that positions are relative to.
+        metadata: Title, author, license, and the initial view.
+    """
+
+    ELEMENTS: ClassVar[str] = "tracks"
+    COVERAGE: ClassVar[Coverage] = SplatScene.COVERAGE
+    timeline: Timeline
+    tracks: Tracks
+    motion: Callable[[int, np.ndarray], GroupMotion]
+    count: int
+    background: Background = BLACK
+    antialiased: bool = False
+    hints: RenderHints | None = None
+    origin: Origin = NO_ORIGIN
+    metadata: SceneMetadata = NO_METADATA
+
+    __repr__ = summary_repr
+
+    @property
+    def elements(self) -> Splats:
+        """The keyframe Gaussians."""
+        return self.tracks.splats
+
+    @property
+    def positions(self) -> Float[np.ndarray, "T 3"]:
+        """Position of each track at its birth."""
+        return self.tracks.splats.means
+
+    @property
+    def num_elements(self) -> int:
+        """Number of elements, N: keyframe Gaussians, and motions of a track in a group of pictures."""
+        return self.count
+
+    @property
+    def num_gaussians(self) -> int:
+        """Number of tracks, each of which is one Gaussian over time."""
+        return self.tracks.splats.num_gaussians
+
+    @property
+    def drawable(self) -> Bool[np.ndarray, "T"]:
+        """Mask of the keyframe Gaussians that at least one view can draw."""
+        return self.rows().kept
+
+    def rows(self) -> Rows:
+        """Classifies the keyframe Gaussians as drawable, invisible or invalid."""
+        return self.bases().rows()
+
+    @property
+    def facts(self) -> dict[str, int | float]:
+        """Statistics for display: degree of the harmonics, numbers of frames and groups, frames per second."""
+        time = self.timeline
+        return {
+            "degree": self.tracks.splats.degree,
+            "frames": time.num_frames,
+            "groups": time.num_groups,
+            "frame_rate": float(time.rate),
+        }
+
+    def bases(self) -> SplatScene:
+        """Returns the keyframe Gaussians as a static scene."""
+        return SplatScene(
+            self.tracks.splats,
+            background=self.background,
+            antialiased=self.antialiased,
+            origin=self.origin,
+            metadata=self.metadata,
+        )
+
+    def select(self, index: np.ndarray) -> "ClipScene":
+        """Returns the sequence unchanged; elements cannot be removed, because motion refers to all of them by index."""
+        return self
+
+    def with_elements(self, elements: Splats, hints: RenderHints | None = None) -> "ClipScene":
+        """Returns the sequence with other keyframe Gaussians."""
+        return replace(self, tracks=replace(self.tracks, splats=elements), hints=hints)

@@ -1,0 +1,64 @@
+"""Checks of type and shape of arrays that users pass in; errors name the expected type and shape."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from splatwire.errors import InvalidValueError
+from splatwire.ops.arrays import to_numpy
+from splatwire.reprs import summarize
+from splatwire.types.origin import check_precision
+
+Shape = tuple[int | str, ...]
+"""Expected shape of an array. A letter is a free dimension; the same letter means the same size in all arrays of a
+record."""
+
+
+def check_arrays(
+    record: Any,
+    shapes: Mapping[str, Shape],
+    *,
+    boolean: tuple[str, ...] = (),
+    tensors: bool = True,
+    positions: str | None = None,
+) -> None:
+    """Checks the type and shape of array fields of a dataclass instance.
+
+    Arrays are floating-point, or boolean for the fields in `boolean`.
+
+    Args:
+        record: Dataclass instance with array fields, e.g. `Splats`.
+        shapes: Expected shape of each array, by field name.
+        boolean: Names of the boolean fields.
+        tensors: If True, accepts torch tensors too, for training.
+        positions: Field with world coordinates whose precision is checked.
+
+    Raises:
+        InvalidValueError: If a field is not an array or has the wrong type or shape, or if positions are float64 and
+            far from 0.
+    """
+    extents: dict[str, int] = {}
+    for name, shape in shapes.items():
+        value = getattr(record, name)
+        kind = "bool" if name in boolean else "float32"
+        tensor = hasattr(value, "is_floating_point")
+        if not isinstance(value, np.ndarray) and not (tensors and tensor):
+            how = ": `.detach().cpu().float().numpy()` makes one" if tensor else ""
+            raise _wrong(record, name, kind, shape, f"{type(value).__module__}.{type(value).__name__}{how}")
+        values = str(value.dtype).removeprefix("torch.")
+        right = values == "bool" if name in boolean else "float" in values
+        fits = len(value.shape) == len(shape) and all(
+            extent == (wanted if isinstance(wanted, int) else extents.setdefault(wanted, extent))
+            for extent, wanted in zip(value.shape, shape, strict=True)
+        )
+        if not (right and fits):
+            known = ", ".join(f"{letter} = {extent}" for letter, extent in extents.items() if letter in shape)
+            raise _wrong(record, name, kind, shape, summarize(value) + (f" ({known})" if known else ""))
+    if positions is not None and "float64" in str(getattr(record, positions).dtype):
+        check_precision(to_numpy(getattr(record, positions)), f"{type(record).__name__}.{positions}")
+
+
+def _wrong(record: Any, name: str, kind: str, shape: Shape, found: str) -> InvalidValueError:
+    extents = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
+    return InvalidValueError(f"{type(record).__name__}.{name}: expected a {kind} array ({extents}), not {found}")

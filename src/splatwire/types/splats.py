@@ -1,0 +1,161 @@
+"""Explicit Gaussians with view-dependent colour, as in a 3DGS file."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from splatwire.files.large import large_empty
+from splatwire.ops.sort3 import sort3
+from splatwire.ops.spherical_harmonics import degree_of, num_functions, sh_basis
+from splatwire.reprs import summary_repr
+from splatwire.types.anchors import MIN_SIZE
+from splatwire.types.erasures import Erasures
+from splatwire.types.gaussians import Gaussians
+from splatwire.types.origin import Origin
+from splatwire.types.shapes import Shape, check_arrays
+
+ROWS = 1 << 16
+"""Number of Gaussians copied at a time."""
+
+_SHAPES: dict[str, Shape] = {
+    "means": ("G", 3), "quats": ("G", 4), "scales": ("G", 3), "opacities": ("G",), "sh": ("G", "D", 3),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Splats:
+    """Attributes of G anisotropic Gaussians; their colour depends on the view by spherical harmonics.
+
+    Attributes:
+        means: World coordinates of the centres.
+        quats: Unit quaternions, (w, x, y, z).
+        scales: Standard deviations along the principal axes, world units (linear, not logarithms).
+        opacities: Opacity at the centre, in (0, 1) (not logits).
+        sh: Coefficients of red, green and blue, ordered as in `splatwire.ops.spherical_harmonics`; the colour is 0.5
+            plus their sum.
+    """
+
+    means: Float[np.ndarray, "G 3"]
+    quats: Float[np.ndarray, "G 4"]
+    scales: Float[np.ndarray, "G 3"]
+    opacities: Float[np.ndarray, "G"]
+    sh: Float[np.ndarray, "G D 3"]
+
+    __repr__ = summary_repr
+
+    def __post_init__(self) -> None:
+        check_arrays(self, _SHAPES, tensors=False, positions="means")
+        degree_of(self.sh.shape[1])
+
+    @property
+    def num_gaussians(self) -> int:
+        """Number of Gaussians, G."""
+        return int(self.means.shape[0])
+
+    @property
+    def degree(self) -> int:
+        """Degree of the spherical harmonics."""
+        return degree_of(self.sh.shape[1])
+
+    @staticmethod
+    def empty(count: int, degree: int) -> "Splats":
+        """Allocates `count` Gaussians with undefined values; large arrays are backed by a temporary file."""
+        shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (num_functions(degree), 3)}
+        rows = {name: large_empty((count, *shape), np.float32) for name, shape in shapes.items()}
+        return Splats(**rows)
+
+    def run(self, begin: int, end: int) -> "Splats":
+        """Returns the Gaussians from index `begin` to `end` (exclusive) as views that share memory with this object."""
+        return Splats(**{f.name: getattr(self, f.name)[begin:end] for f in dataclasses.fields(self)})
+
+    def gathered(self, index: np.ndarray) -> "Splats":
+        """Returns the Gaussians at `index` (integers or a boolean mask over G), in that order.
+
+        In contrast to `select`, a large result is backed by a temporary file (see `empty`).
+        """
+        places = np.flatnonzero(index) if index.dtype == np.bool_ else index
+        found = Splats.empty(len(places), self.degree)
+        for begin in range(0, len(places), ROWS):
+            found.fill(begin, self.select(places[begin : begin + ROWS]))
+        return found
+
+    def fill(self, begin: int, some: "Splats") -> None:
+        """Overwrites the Gaussians from index `begin` on with the Gaussians `some`, in place."""
+        for name, values in vars(self.run(begin, begin + some.num_gaussians)).items():
+            values[:] = getattr(some, name)
+
+    def select(self, index: np.ndarray) -> "Splats":
+        """Returns the Gaussians at `index` (integers or a boolean mask over G), in that order."""
+        places = np.flatnonzero(index) if index.dtype == np.bool_ else index
+        # indexing with brackets is several times slower than `take`
+        return Splats(**{f.name: getattr(self, f.name).take(places, axis=0) for f in dataclasses.fields(self)})
+
+    def at_most_degree(self, degree: int) -> "Splats":
+        """Returns the Gaussians with spherical harmonics truncated to `degree`.
+
+        Raises:
+            InvalidValueError: If the degree is not supported.
+        """
+        return dataclasses.replace(self, sh=self.sh[:, : num_functions(degree)])
+
+    def moved_origin(self, before: Origin, after: Origin) -> "Splats":
+        """Converts positions from coordinates relative to the origin `before` to coordinates relative to `after`.
+
+        Positions are computed in float64 and rounded once to float32.
+        """
+        if before == after:
+            return self
+        shift = np.array(before) - np.array(after)
+        means = large_empty((self.num_gaussians, 3), np.float32)
+        for begin in range(0, self.num_gaussians, ROWS):
+            means[begin : begin + ROWS] = self.means[begin : begin + ROWS].astype(np.float64) + shift
+        return dataclasses.replace(self, means=means)
+
+    @property
+    def log_axes(self) -> Float[np.ndarray, "G 3"]:
+        """Natural logarithms of the standard deviations along the axes, largest first."""
+        low, middle, high = sort3(np.log(np.maximum(self.scales, np.float32(MIN_SIZE))))
+        return np.stack([high, middle, low], axis=1)
+
+    @property
+    def log_sizes(self) -> Float[np.ndarray, "G"]:
+        """Logarithm of each Gaussian's size, the geometric mean of its axes."""
+        return self.log_axes.mean(axis=1)
+
+    def arrived(self, known: Bool[np.ndarray, "G"], places: Float[np.ndarray, "G 3"]) -> "Splats":
+        """Simulates reception: lost Gaussians move to `places`, get opacity 0 and keep their other attributes.
+
+        Args:
+            known: Mask of received Gaussians.
+            places: Positions for the lost Gaussians; rows of received Gaussians are ignored.
+        """
+        opacities = np.where(known, self.opacities, np.float32(0))
+        return dataclasses.replace(self, means=np.where(known[:, None], self.means, places), opacities=opacities)
+
+    def kept(self, erasures: Erasures, proposed: "Splats") -> "Splats":
+        """Combines received Gaussians of this object with estimates of lost ones.
+
+        Args:
+            erasures: Mask of received Gaussians.
+            proposed: All Gaussians, with estimates of lost ones.
+        """
+        if proposed is self:
+            return self
+        known, merged = erasures.known, {}
+        for name, own in vars(self).items():
+            merged[name] = np.where(known.reshape(-1, *[1] * (own.ndim - 1)), own, getattr(proposed, name))
+        return Splats(**merged)
+
+    def seen_from(self, camera_center: Float[np.ndarray, "3"]) -> Gaussians:
+        """Returns the Gaussians with the colours seen by a camera at `camera_center`.
+
+        Colours are clipped at 0, as in every 3DGS renderer, and may exceed 1.
+        """
+        rays = self.means - camera_center
+        with np.errstate(over="ignore"):  # the distance of a very far Gaussian overflows
+            distances = np.linalg.norm(rays, axis=1, keepdims=True)
+        directions = rays / np.maximum(distances, np.float32(1e-12))
+        colors = np.einsum("gd,gdc->gc", sh_basis(directions, self.degree), self.sh) + np.float32(0.5)
+        return Gaussians(self.means, self.quats, self.scales, self.opacities, np.maximum(colors, np.float32(0)))

@@ -1,0 +1,66 @@
+"""Tokens of the command line, and private scenes of a running server."""
+
+import json
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+
+import pytest
+
+from explicit import ball_of_gaussians
+from splatwire.io.formats import write_splats
+
+pytest.importorskip("jwt", reason="PyJWT is not installed")
+pytest.importorskip("aioquic", reason="aioquic is not installed")
+
+
+@pytest.fixture
+def folder(run, tmp_path):
+    write_splats([ball_of_gaussians()], tmp_path / "cloud.ply")
+    for name in ("room", "garden"):
+        assert run("encode", tmp_path / "cloud.ply", "-o", tmp_path / f"{name}.swz", "--preset", "datagram").status == 0
+    (tmp_path / "key").write_text("ab" * 32)
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_a_private_scene_is_served_over_http_with_a_token_and_not_over_quic(run, folder):
+    token = run("token", "room", "--key", folder / "key", "--json").json["token"]
+    words = ["serve", folder / "garden.swz", folder / "room.swz", "--port", 0, "--page", 0, "--private", "room"]
+    words += ["--token-key", folder / "key", "--json"]
+    command = [sys.executable, "-m", "splatwire", *map(str, words)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            ready = json.loads(server.stdout.readline())
+            page = ready["page"]
+            with urllib.request.urlopen(f"{page}private/room.swz?token={token}", timeout=60) as answer:
+                assert answer.status == 200
+                assert len(answer.read()) > 1000
+            with pytest.raises(urllib.error.HTTPError, match="401"):
+                urllib.request.urlopen(f"{page}private/room.swz", timeout=60)
+            url = f"quic://127.0.0.1:{ready['port']}"
+            trust = ("--fingerprint", ready["fingerprint"])
+            assert run("receive", f"{url}/garden", "-o", folder / "seen.swz", *trust).status == 0
+            assert run("receive", f"{url}/room", "-o", folder / "stolen.swz", *trust).status != 0
+            assert not (folder / "stolen.swz").exists()
+        finally:
+            server.terminate()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--private", "room", "--page", 0], "--private and --token-key belong together"),
+        (["--token-key", "key", "--page", 0], "--token-key is for --private"),
+        (["--private", "room", "--token-key", "key"], "--private and --unlisted are for --page"),
+        (["--unlisted", "rom", "--page", 0], "no stream is called rom"),
+        (["--private", "room", "--token-key", "none", "--page", 0], "none"),
+    ],
+)
+def test_wrong_words_are_one_error_line(run, folder, monkeypatch, words, message):
+    monkeypatch.chdir(folder)
+    done = run("serve", "room.swz", *words)
+    assert done.status == 2
+    assert message in done.err
+    assert len(done.err.splitlines()) == 1

@@ -1,0 +1,33 @@
+"""Every public function and constructor answers wrong arguments with one error that names the argument.
+
+`hostile_arguments` makes the calls in a process of its own: this suite's checks of annotations would come first.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hostile_arguments import ROOMS
+
+pytestmark = pytest.mark.slow
+
+PROGRAM = Path(__file__).resolve().parents[1] / "hostile_arguments.py"
+
+
+@pytest.fixture(scope="module")
+def problems(tmp_path_factory) -> dict[str, dict[str, str]]:
+    """Raw errors by package and call."""
+    folder = tmp_path_factory.mktemp("hostile")
+    command = [sys.executable, str(PROGRAM), str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.mark.needs_torch
+@pytest.mark.parametrize("room", ROOMS, ids=lambda room: room or "splatwire")
+def test_wrong_arguments_of_public_names_are_one_clear_error(problems, room):
+    assert problems[room] == {}

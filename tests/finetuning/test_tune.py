@@ -1,0 +1,140 @@
+"""Fine-tuning makes pictures of views that it did not use better, and depends only on its arguments."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shells import shell
+from splatwire.channel import parse_loss, transmit
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.concealment import conceal
+from splatwire.errors import InvalidValueError
+from splatwire.evaluation.views import held_out_cameras
+from splatwire.finetuning import FineTuning, Pictures, fine_tune, fitting_cameras, own_pictures, prune_and_tune
+from splatwire.render import render_scene
+from splatwire.render.pruning import prune
+from splatwire.types import SplatScene
+
+
+def _psnr(ours: SplatScene, source: SplatScene) -> float:
+    cameras = held_out_cameras(source).scaled(0.2)
+    difference = render_scene(ours, cameras) - render_scene(source, cameras)
+    return float(-10 * np.log10(np.square(difference).mean(axis=(1, 2, 3))).mean())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degree", [0, 1])
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_fine_tuned_scene_is_closer_to_the_source_in_views_not_used(degree: int, antialiased: bool) -> None:
+    source = replace(shell(600, degree), antialiased=antialiased)
+    left, quality = prune(source, 0.5).scene, Quality(level=6.5)
+    assert isinstance(left, SplatScene)
+    pictures = own_pictures(source, fitting_cameras(source, 24, 80))
+    tuned = fine_tune(left, pictures, FineTuning(quality, iterations=200, rate=0.8))
+    before = decode_stream(encode_scene(left, quality=quality)).scene
+    after = decode_stream(encode_scene(tuned)).scene
+    assert _psnr(after, source) > _psnr(before, source) + 2
+
+
+@pytest.mark.slow
+def test_fine_tuning_with_packet_loss_helps_a_receiver_with_losses() -> None:
+    source = shell(2000)
+    pictures = own_pictures(source, fitting_cameras(source, 24, 80))
+    found = []
+    for loss in (None, parse_loss("bernoulli:0.3")):
+        tuned = fine_tune(source, pictures, FineTuning(Quality(level=7.0), iterations=240, rate=2.0, loss=loss))
+        stream = encode_scene(tuned)
+        received = [decode_stream(transmit(stream, "bernoulli:0.3", seed=seed)[0]) for seed in range(3)]
+        found.append(np.mean([_psnr(conceal(partial, "grow"), source) for partial in received]))
+    assert found[1] > found[0] + 0.4
+
+
+def test_equal_arguments_give_equal_scenes_and_another_seed_another() -> None:
+    scene = shell(200)
+    pictures = own_pictures(scene, fitting_cameras(scene, 4, 32))
+    options = FineTuning(iterations=12, loss=parse_loss("bernoulli:0.2"), seed=3)
+    first, again = fine_tune(scene, pictures, options), fine_tune(scene, pictures, options)
+    other = fine_tune(scene, pictures, replace(options, seed=4))
+    for name, values in vars(first.splats).items():
+        assert (values == getattr(again.splats, name)).all()
+    assert (first.splats.means != other.splats.means).any()
+
+
+def test_source_scene_stays_unchanged() -> None:
+    scene = shell(60)
+    before = {name: values.copy() for name, values in vars(scene.splats).items()}
+    fine_tune(scene, own_pictures(scene, fitting_cameras(scene, 2, 16)), FineTuning(iterations=3))
+    assert all((values == before[name]).all() for name, values in vars(scene.splats).items())
+
+
+def test_pixels_outside_of_masks_have_no_influence() -> None:
+    scene = shell(60)
+    pictures = own_pictures(scene, fitting_cameras(scene, 2, 16))
+    masks = np.zeros(pictures.images.shape[:3], np.bool_)
+    masks[:, 4:] = True
+    other = np.where(masks[..., None], pictures.images, np.uint8(200))
+    first, second = (
+        fine_tune(scene, Pictures(pictures.cameras, images, masks), FineTuning(iterations=4))
+        for images in (pictures.images, other)
+    )
+    assert (first.splats.means == second.splats.means).all()
+
+
+def test_a_higher_psnr_keeps_more_gaussians() -> None:
+    scene, tasks = shell(200), set()
+    pictures, options = own_pictures(scene, fitting_cameras(scene, 6, 32)), FineTuning(iterations=2)
+    few, many = (
+        prune_and_tune(scene, pictures, options, psnr=psnr, progress=lambda task, done: tasks.add(task.split(",")[0]))
+        for psnr in (24.0, 40.0)
+    )
+    assert few.num_elements < many.num_elements < 200
+    assert tasks == {"measuring Gaussians", "pruning", "fine-tuning"}
+    assert prune_and_tune(scene, pictures, options, share=0.25).num_elements == 50
+
+
+@pytest.mark.parametrize("chosen", [{}, {"share": 0.5, "psnr": 40.0}, {"share": 0.0}, {"share": 1.5}])
+def test_share_and_psnr_that_make_no_sense_are_refused(chosen: dict[str, float]) -> None:
+    scene = shell(20)
+    pictures = own_pictures(scene, fitting_cameras(scene, 2, 16))
+    with pytest.raises(InvalidValueError, match="fine-tuning: "):
+        prune_and_tune(scene, pictures, **chosen)
+
+
+def test_progress_reaches_all_iterations() -> None:
+    scene, seen = shell(50), []
+    fine_tune(scene, own_pictures(scene, fitting_cameras(scene, 2, 16)), FineTuning(iterations=5), seen.append)
+    assert [(report.iteration, report.iterations) for report in seen] == [(k + 1, 5) for k in range(5)]
+
+
+def test_fitting_cameras_differ_from_held_out_cameras() -> None:
+    scene = shell(100)
+    centers, held_out = fitting_cameras(scene).centers, held_out_cameras(scene).centers
+    assert np.linalg.norm(centers[:, None] - held_out[None], axis=2).min() > 1e-3
+
+
+def test_pictures_of_another_size_are_refused() -> None:
+    cameras = fitting_cameras(shell(20), 4, 16)
+    with pytest.raises(InvalidValueError, match="4 cameras of 16 x 16 pixels, but pictures of shape"):
+        Pictures(cameras, np.zeros((3, 16, 16, 3), np.uint8))
+
+
+def test_cameras_with_another_origin_are_refused() -> None:
+    scene = shell(20)
+    pictures = own_pictures(scene, fitting_cameras(scene, 2, 16))
+    with pytest.raises(InvalidValueError, match="another origin"):
+        fine_tune(replace(scene, origin=(1.0, 0.0, 0.0)), pictures)
+
+
+def test_scene_without_gaussians_is_refused() -> None:
+    scene = shell(20)
+    pictures = own_pictures(scene, fitting_cameras(scene, 2, 16))
+    with pytest.raises(InvalidValueError, match="no Gaussians"):
+        fine_tune(scene.select(np.zeros(0, np.int64)), pictures)
+
+
+@pytest.mark.parametrize("options", [{"iterations": 0}, {"refresh": 0}, {"seed": -1}, {"rate": 0.0}, {"rate": 100.0}])
+def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
+    with pytest.raises(InvalidValueError, match="fine-tuning"):
+        FineTuning(**options)

@@ -1,0 +1,46 @@
+"""Models of other software with unexpected bytes and numbers are read, or rejected with one clear error."""
+
+import json
+import random
+
+import pytest
+
+from attacks import HOSTILE, attack, mutated_bytes
+from splatwire.errors import DatasetError
+from splatwire.neural.importers.hacpp import import_hacpp
+
+SEEDS = range(2)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("name", ["point_cloud.ply", "checkpoint.pth", "x_bound_min.pkl", "xyz_gpcc.npz"])
+def test_hostile_model_folder_files_are_one_error(model, name, seed):
+    model.write()
+    path = next(model.root.rglob(name))
+    data, rng = path.read_bytes(), random.Random(seed)
+    attack(path, lambda: mutated_bytes(data, rng), lambda: import_hacpp(model.root), 60)
+
+
+@pytest.mark.parametrize("value", [*HOSTILE, 1e6, 0.0199, 0.02, "0.02"], ids=lambda value: repr(value)[:20])
+@pytest.mark.parametrize("name", ["metrics.json", "cfg_args"])
+def test_hostile_voxel_sizes_are_one_error(model, name, value):
+    """A wrong voxel size is an error, and a missing one is inferred."""
+    model.write()
+    (model.root / "bitstreams" / "xyz_gpcc.npz").unlink()
+    text = json.dumps({"voxel_size": value})
+    (model.root / name).write_text(
+        text if name == "metrics.json" else f"Namespace(voxel_size={value!r})".replace("\ud800", "")
+    )
+    try:
+        assert import_hacpp(model.root).coding.voxel_size == 0.02
+    except DatasetError as error:
+        assert str(model.root) in str(error)  # noqa: PT017
+        assert value not in (0.02, None)
+
+
+def test_voxel_size_larger_than_the_scene_is_refused(model):
+    model.write()
+    (model.root / "bitstreams" / "xyz_gpcc.npz").unlink()
+    (model.root / "cfg_args").write_text("Namespace(voxel_size=1e6)")
+    with pytest.raises(DatasetError, match=r"not whole multiples.*voxel size comes from .*cfg_args"):
+        import_hacpp(model.root)

@@ -1,0 +1,98 @@
+"""Training of a finished scene with fixed anchors."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from scenes import tiny_causal_scene, tiny_scene
+from splatwire.anchors.scene_file import load_scene, save_scene
+from splatwire.cli.main import main
+from splatwire.data import Dataset
+from splatwire.errors import InvalidValueError
+from splatwire.neural.training import create_config
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.export import export_scene
+from splatwire.neural.training.finetune import fine_tuning, state_of_scene
+from splatwire.neural.training.initial import initial_state
+from splatwire.neural.training.losses import prepare_photo
+from splatwire.neural.training.step import TrainingStep
+from splatwire.types import Linear, Mlp
+
+pytestmark = pytest.mark.slow
+
+
+def _finished(dataset: Dataset, config: TrainConfig):
+    state, step = initial_state(dataset, config), TrainingStep(config, dataset.cameras)
+    photo = prepare_photo(torch.from_numpy(dataset.image(1)))
+    for _ in range(config.marks.iterations):
+        step(state, 1, photo)
+    return export_scene(state, config)
+
+
+def test_state_of_a_scene_exports_the_same_scene(dataset: Dataset, config: TrainConfig) -> None:
+    scene = _finished(dataset, config)
+    recipe = fine_tuning(create_config(iterations=30, losses=("bernoulli:0.2",)), scene)
+    assert (recipe.marks.iterations, recipe.losses.models) == (30, ("bernoulli:0.2",))
+    again = export_scene(state_of_scene(scene, dataset, recipe), recipe)
+    for name, value in vars(scene.anchors).items():
+        found = getattr(again.anchors, name)
+        assert np.allclose(found, value, rtol=1e-6) if name == "scalings" else np.array_equal(found, value), name
+    old, new = scene.coding, again.coding
+    assert (old.voxel_size, old.config) == (new.voxel_size, new.config)
+    assert np.array_equal(old.context.grid.volume, new.context.grid.volume)
+    assert np.array_equal(old.context.grid.planes, new.context.grid.planes)
+    assert np.array_equal(old.context.channel[-1].output.weight, new.context.channel[-1].output.weight)
+    assert np.array_equal(scene.heads.color.hidden.bias, again.heads.color.hidden.bias)
+
+
+def test_finetuning_keeps_anchors_and_improves_pictures(dataset: Dataset, config: TrainConfig) -> None:
+    scene = _finished(dataset, config)
+    recipe = fine_tuning(config, scene)
+    state, step = state_of_scene(scene, dataset, recipe), TrainingStep(recipe, dataset.cameras)
+    photo = prepare_photo(torch.from_numpy(dataset.image(2)))
+    found = [step(state, 2, photo).l1 for _ in range(60)]
+    assert sum(found[-5:]) < sum(found[:5])
+    kept = export_scene(state, recipe).anchors.positions
+    assert {tuple(row) for row in kept.tolist()} <= {tuple(row) for row in scene.anchors.positions.tolist()}
+
+
+def test_other_networks_are_refused(dataset: Dataset) -> None:
+    scene = tiny_scene(num_anchors=50)
+    opacity = scene.heads.opacity
+    for wrong, message in (
+        (Mlp(opacity.hidden, opacity.output, 0.2), "activation"),
+        (Mlp(opacity.hidden, Linear(opacity.output.weight[:-1], opacity.output.bias[:-1])), "heads.opacity.output"),
+    ):
+        other = dataclasses.replace(scene, heads=dataclasses.replace(scene.heads, opacity=wrong))
+        with pytest.raises(InvalidValueError, match=message):
+            state_of_scene(other, dataset, fine_tuning(create_config(iterations=30), other))
+
+
+def test_finetune_command_runs(
+    dataset: Dataset, config: TrainConfig, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    start, output = tmp_path / "start.scene", tmp_path / "out.scene"
+    scene = _finished(dataset, config)
+    save_scene(dataclasses.replace(scene, background=(0.0, 0.5, 0.0)), start)
+    words = ["train", folder, "-o", output, "--init", start, "--iterations", 20, "--json"]
+    with pytest.raises(SystemExit) as stopped:
+        main([*map(str, words), "--loss", "bernoulli:0.2", "gilbert:0.2,3"])
+    assert stopped.value.code == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["recipe"]["losses"]["models"] == ["bernoulli:0.2", "gilbert:0.2,3"]
+    assert told["recipe"]["background"] == [0.0, 0.5, 0.0]
+    assert load_scene(output).anchors.num_anchors <= scene.anchors.num_anchors
+    for option in (("--voxel-size", "0.1"), ("--loss-share", "0.5")):
+        with pytest.raises(SystemExit) as stopped:
+            main([*map(str, words), *option])
+        assert stopped.value.code == 2
+        assert option[0] in capsys.readouterr().err
+
+
+def test_format_1_scenes_are_finetuned_without_averaging() -> None:
+    assert fine_tuning(create_config(model="hacpp"), tiny_scene()).averaged == 0
+    assert fine_tuning(create_config(), tiny_causal_scene()).averaged == create_config().averaged > 0

@@ -1,0 +1,64 @@
+import dataclasses
+import math
+
+import pytest
+
+from splatwire.neural.training.config import LearningRate, LearningRates, Marks
+from splatwire.neural.training.presets import create_config
+from splatwire.neural.training.schedule import (
+    Phase,
+    changes_anchors,
+    gathers_statistics,
+    learning_rate_at,
+    learning_rates,
+    phase_of,
+)
+
+
+def test_phases_equal_the_published_schedule() -> None:
+    marks = Marks()
+    changes = {i: phase_of(marks, i) for i in (1, 3000, 3001, 10_000, 10_001, 30_000)}
+    expected = [Phase.PLAIN, Phase.PLAIN, Phase.NOISE, Phase.NOISE, Phase.CONTEXT, Phase.CONTEXT]
+    assert list(changes.values()) == expected
+
+
+def test_growth_has_pauses_and_an_end() -> None:
+    marks = Marks()
+    events = [i for i in range(1, 30_001) if changes_anchors(marks, i)]
+    assert events[0] == 1600
+    assert events[-1] == 14_900
+    assert all(i % 100 == 0 and not 3000 <= i < 4000 for i in events)
+    assert 2900 in events
+    assert 4000 in events
+    assert not gathers_statistics(marks, 500)
+    assert gathers_statistics(marks, 501)
+    assert not gathers_statistics(marks, 15_000)
+
+
+def test_learning_rates_decay_exponentially() -> None:
+    rate = LearningRate(0.01, 0.0001)
+    assert math.isclose(learning_rate_at(rate, 0.0), 0.01)
+    assert math.isclose(learning_rate_at(rate, 0.5), 0.001)
+    assert math.isclose(learning_rate_at(rate, 1.0), 0.0001)
+    assert math.isclose(learning_rate_at(rate, 2.0), 0.0001)
+
+
+def test_only_offset_and_mask_rates_scale_with_the_scene() -> None:
+    config = create_config()
+    small, large = (learning_rates(config, 100, extent) for extent in (1.0, 3.0))
+    for name, rate in small.items():
+        assert large[name] == pytest.approx(rate * (3 if name in ("offsets", "mask_logits") else 1))
+
+
+def test_resumed_finished_scene_uses_rates_of_the_second_half() -> None:
+    plain, longer = create_config(iterations=600), create_config(iterations=600, losses=("bernoulli:0.2",))
+    assert (longer.marks.settled, longer.marks.tuning, longer.marks.iterations) == (600, 180, 780)
+    assert dataclasses.replace(longer.marks, iterations=600, tuning=0) == plain.marks
+    for iteration in (1, 301, 600):
+        assert learning_rates(longer, iteration, 1.0) == learning_rates(plain, iteration, 1.0)
+    after, end = (learning_rates(longer, iteration, 1.0) for iteration in (601, 780))
+    for name, rate in vars(LearningRates()).items():
+        if name != "mask_logits":
+            assert after[name] == pytest.approx(math.sqrt(rate.initial * rate.final), rel=0.03)
+            assert end[name] == pytest.approx(rate.final)
+    assert create_config(model="hacpp", losses=("bernoulli:0.2",)).marks.tuning == 0

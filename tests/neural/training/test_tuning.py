@@ -1,0 +1,78 @@
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from splatwire.data import Dataset
+from splatwire.neural.training import Listener, RunOptions, load_checkpoint, train_scene
+from splatwire.neural.training.averaging import gather_mean, start_of_mean
+from splatwire.neural.training.config import TrainConfig
+from splatwire.neural.training.context import AnchorCache
+from splatwire.neural.training.export import export_scene
+from splatwire.neural.training.initial import initial_state
+from splatwire.neural.training.kernels import choose_kernels
+from splatwire.neural.training.models import trained_model
+from splatwire.neural.training.packet_loss import PacketLosses
+from splatwire.neural.training.presets import loss_training
+from splatwire.neural.training.tuning import settle
+
+pytestmark = pytest.mark.slow
+
+
+def going_on(config: TrainConfig) -> TrainConfig:
+    marks = dataclasses.replace(config.marks, iterations=80, tuning=20)
+    return dataclasses.replace(config, marks=marks, averaged=4, losses=loss_training(("bernoulli:0.3",)))
+
+
+def test_settled_state_equals_its_exported_scene(dataset: Dataset, config: TrainConfig) -> None:
+    config = going_on(config)
+    state = initial_state(dataset, config)
+    for value in (0.0, 0.1):
+        state.iteration = start_of_mean(config) + 1 + round(10 * value)
+        for parameter in state.parameters.values():
+            parameter.data.add_(value)
+        gather_mean(state, config)
+    state.means["mask_logits"][::3] = -20.0
+    before = export_scene(state, config)
+    settle(state, config)
+    after = export_scene(state, config)
+    assert not state.means
+    assert not state.moments
+    assert state.num_anchors == before.anchors.num_anchors < len(dataset.points.positions)
+    assert np.array_equal(after.anchors.mask, before.anchors.mask)
+    assert np.array_equal(after.anchors.features, before.anchors.features)
+    assert np.array_equal(after.heads.color.hidden.weight, before.heads.color.hidden.weight)
+
+
+def test_resumed_run_averages_only_its_own_iterations(config: TrainConfig) -> None:
+    config = going_on(config)
+    assert [start_of_mean(config, iteration) for iteration in (1, 60, 61, 80)] == [52, 52, 72, 72]
+    assert start_of_mean(dataclasses.replace(config, averaged=50), 61) == 60
+
+
+def test_resumed_run_resumes_after_another_stop(dataset: Dataset, config: TrainConfig, tmp_path: Path) -> None:
+    config, path, seen = going_on(config), tmp_path / "run.checkpoint", []
+    listener = Listener(progress=seen.append, should_stop=lambda: len(seen) == 70)
+    assert train_scene(dataset, None, config, options=RunOptions(checkpoint=path), listener=listener).stopped
+    state, recipe = load_checkpoint(path)
+    assert recipe == config
+    resumed, straight = train_scene(dataset, None, recipe, state=state), train_scene(dataset, None, config)
+    assert resumed.state.iteration == straight.state.iteration == 80
+    assert np.array_equal(resumed.scene.anchors.features, straight.scene.anchors.features)
+
+
+def test_losses_start_with_the_resumed_run_and_importance_from_its_middle(
+    dataset: Dataset, config: TrainConfig
+) -> None:
+    config = going_on(config)
+    state, kernels = initial_state(dataset, config), choose_kernels(torch.device("cpu"))
+    for losses, begin in ((("bernoulli:0.3",), 60), (("bernoulli:0.3", "first:0.3"), 50)):
+        recipe = dataclasses.replace(config, losses=loss_training(losses, 1.0))
+        cache = AnchorCache(recipe)
+        drawn = PacketLosses(recipe, trained_model(recipe, kernels, cache), cache)
+        active = []
+        for state.iteration in range(1, 81):
+            active.append(drawn.active(state))
+        assert active == [iteration > begin for iteration in range(1, 81)]

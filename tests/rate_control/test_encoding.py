@@ -1,0 +1,152 @@
+"""`encode_controlled` and `splatwire.encode` with targets: accuracy, efforts, monotonic quality."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatwire
+from explicit import ball_of_gaussians
+from random_numbers import Numbers
+from splatwire.codec import encode_scene
+from splatwire.codec.gaussians.quality import quality_of
+from splatwire.errors import InvalidValueError
+from splatwire.rate_control import EncodedScene, Target, encode_controlled
+from splatwire.types import SplatScene
+from splatwire.types.splats import Splats
+
+BUNDLED = Path(splatwire.__file__).parent / "assets" / "snowmiku_gaussians.swz"
+
+
+def shell(count: int = 1500, degree: int = 0) -> SplatScene:
+    """Gaussians near a sphere, of which many are small or faint."""
+    rng = Numbers(11)
+    places = rng.randn(count, 3)
+    quats = rng.randn(count, 4)
+    return SplatScene(
+        Splats(
+            places / np.linalg.norm(places, axis=1, keepdims=True),
+            quats / np.linalg.norm(quats, axis=1, keepdims=True),
+            np.exp(rng.randn(count, 3) * 0.5 - 3.5).astype(np.float32),
+            (0.02 + 0.95 * rng.rand(count) ** 2).astype(np.float32),
+            0.4 * rng.randn(count, (degree + 1) ** 2, 3),
+        ),
+        background=(0.2, 0.4, 0.6),
+    )
+
+
+def encoded(scene: SplatScene, effort: str = "default", **target: object) -> EncodedScene:
+    def encode(some: SplatScene, classes: np.ndarray, quality: object) -> splatwire.SceneStream:
+        return encode_scene(some, classes=classes, quality=quality)
+
+    return encode_controlled(scene, Target(**target), encode, effort=effort)
+
+
+@pytest.fixture(scope="module")
+def bundled() -> SplatScene:
+    """An eighth of the Gaussians of the bundled scene."""
+    scene = splatwire.open_scene(BUNDLED)
+    return scene.select(np.arange(0, scene.num_elements, 8))
+
+
+@pytest.mark.parametrize("effort", ["fast", "default"])
+def test_streams_have_the_size_that_was_asked_for(effort):
+    scene = shell()
+    whole = encoded(scene, effort, quality=quality_of("default")).stream.num_bytes
+    size = 9 * whole // 10
+    assert 0.97 * size <= encoded(scene, effort, size=size).stream.num_bytes <= size
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degree", [0, 1])
+def test_streams_have_the_psnr_that_was_asked_for(degree):
+    scene = shell(degree=degree)
+    assert abs(encoded(scene, psnr=40.0).psnr - 40.0) <= 0.2
+
+
+@pytest.mark.slow
+def test_targets_of_the_bundled_scene_are_reached(bundled):
+    assert 24_250 <= encoded(bundled, size=25_000).stream.num_bytes <= 25_000
+    assert abs(encoded(bundled, psnr=38.0).psnr - 38.0) <= 0.2
+
+
+@pytest.mark.slow
+def test_pruning_takes_fewer_bytes_at_equal_psnr(bundled):
+    fast = encoded(bundled, "fast", quality=quality_of("small"))
+    default = encoded(bundled, "default", quality=quality_of("small"))
+    assert default.kept < 0.9
+    assert fast.kept == 1
+    assert default.psnr > fast.psnr
+    assert default.stream.num_bytes < 0.9 * fast.stream.num_bytes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effort", ["fast", "default"])
+def test_bytes_and_quality_grow_with_the_quality_number(effort):
+    scene = shell()
+    found = [encoded(scene, effort, quality=quality_of(float(number))) for number in (0, 40, 60, 85, 100)]
+    sizes, psnrs = [each.stream.num_bytes for each in found], [each.psnr for each in found]
+    assert sizes == sorted(sizes)
+    assert psnrs == sorted(psnrs)
+    assert psnrs[-1] - psnrs[0] > 25
+
+
+def test_gaussians_that_draw_nothing_do_not_matter():
+    scene = shell()
+    faint = Splats(**{name: np.concatenate([v, v[:50]]) for name, v in vars(scene.splats).items()})
+    faint.opacities[-50:] = 0
+    more = SplatScene(faint, background=scene.background)
+    target = {"quality": quality_of("small")}
+    assert (
+        encoded(more, **target).stream.manifest.symbols_digest
+        == encoded(scene, **target).stream.manifest.symbols_digest
+    )
+
+
+def test_impossible_targets_name_what_is_possible():
+    scene = SplatScene(ball_of_gaussians())
+    with pytest.raises(InvalidValueError, match=r"cannot be encoded to 100 bytes: the smallest stream has \d"):
+        encoded(scene, size=100)
+    with pytest.raises(InvalidValueError, match=r"cannot be encoded to 150 dB: the finest stream has \d\d\.\d dB"):
+        encoded(scene, psnr=150.0)
+    nothing = SplatScene(scene.splats.select(np.zeros(0, np.int64)))
+    with pytest.raises(InvalidValueError, match="nothing to encode"):
+        encoded(nothing, size=1000)
+
+
+def test_a_size_above_the_finest_stream_is_not_filled():
+    scene = SplatScene(ball_of_gaussians())
+    found = encoded(scene, size=10_000_000)
+    assert found.stream.num_bytes < 100_000
+    assert found.psnr > 60
+
+
+def test_splatwire_encode_takes_targets():
+    scene = shell()
+    plain = splatwire.encode(scene)
+    assert plain.manifest.num_elements == scene.num_elements
+    size = plain.num_bytes // 3
+    assert 0.95 * size <= splatwire.encode(scene, size=size).num_bytes <= size
+    assert splatwire.encode(scene, size=f"{size}B").num_bytes <= size
+    assert splatwire.encode(scene, effort="default").manifest.num_elements < scene.num_elements
+    assert splatwire.encode(scene, effort="fast").manifest.num_elements == scene.num_elements
+    named = splatwire.encode(scene, quality=40)
+    assert splatwire.encode(scene, splatwire.GaussianOptions(quality="small")).packets == named.packets
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"size": 1000, "psnr": 40.0},
+        {"size": 1000, "quality": 50},
+        {"size": "many"},
+        {"effort": "best"},
+        {"quality": 101},
+        {"options": splatwire.GaussianOptions(quality="small"), "quality": 40},
+        {"options": splatwire.GaussianOptions(classes=np.zeros(1500, np.int8)), "size": 1000},
+        {"options": splatwire.ClipOptions(), "size": 1000},
+    ],
+)
+def test_contradictory_targets_are_refused(arguments):
+    with pytest.raises(InvalidValueError):
+        splatwire.encode(shell(), **arguments)

@@ -1,0 +1,158 @@
+"""Clips of other programs, checked by their own packages: `.4dgs` (fourdgs) and `.splat4d` (splats4d)."""
+
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from random_numbers import Numbers
+from splatwire.errors import DatasetError
+from splatwire.files.kinds import FOURDGS, SPLAT4D, file_kind
+from splatwire.io.formats.content import FileContent
+from splatwire.sequence.clip_files import clip_format_for
+from splatwire.sequence.frames import is_sequence, open_sequence
+from splatwire.types.splats import Splats
+
+PROGRAM = shutil.which("splat4d", path=str(Path(sys.executable).parent)) or shutil.which("splat4d")
+needs_splat4d = pytest.mark.skipif(PROGRAM is None, reason="splats4d is not installed")
+
+
+def cloud(count=200, degree=1):
+    rng = Numbers(5)
+    quats = rng.randn(count, 4)
+    return Splats(
+        rng.randn(count, 3),
+        quats / np.linalg.norm(quats, axis=1, keepdims=True),
+        0.02 + 0.05 * rng.rand(count, 3),
+        0.3 + 0.6 * rng.rand(count),
+        0.3 * rng.randn(count, (degree + 1) ** 2, 3).clip(-1.4, 1.4),
+    )
+
+
+def clip(degree=1, frames=4, count=200):
+    """Half of the Gaussians move, the others rest."""
+    first, moves = cloud(count, degree), np.arange(count) % 2 == 0
+    for number in range(frames):
+        shift = np.float32([0.1 * number, 0, 0]) * moves[:, None]
+        yield FileContent(replace(first, means=(first.means + shift).astype(np.float32)))
+
+
+def write(frames, path, rate=24.0):
+    return clip_format_for(str(path)).write(frames, path, rate)
+
+
+def nearest(found, expected):
+    """Indices of the Gaussians of `found` that are nearest to those of `expected`."""
+    return np.array([int(np.argmin(((found.means - mean) ** 2).sum(axis=1))) for mean in expected.means])
+
+
+def assert_close(found, expected, *, scales, colors):
+    assert found.num_gaussians == expected.num_gaussians
+    order = nearest(found, expected)
+    assert len(set(order.tolist())) == len(order)
+    found = found.select(order)
+    np.testing.assert_allclose(found.means, expected.means, atol=4e-3)
+    np.testing.assert_allclose(found.scales, expected.scales, rtol=scales)
+    np.testing.assert_allclose(found.opacities, expected.opacities, atol=0.03)
+    np.testing.assert_allclose(np.abs((found.quats * expected.quats).sum(axis=1)), 1, atol=2e-3)
+    np.testing.assert_allclose(found.sh[:, 0], expected.sh[:, 0], atol=colors)
+
+
+def test_4dgs_keeps_the_frames(tmp_path):
+    fourdgs = pytest.importorskip("fourdgs", reason="fourdgs is not installed")
+    path = tmp_path / "a.4dgs"
+    assert write(clip(), path) == 4
+    assert file_kind(path) == FOURDGS
+    assert is_sequence(path)
+    scene = fourdgs.read(str(path))
+    assert scene.duration_sec == pytest.approx(4 / 24)
+    assert scene.gaussians.count == 100 + 4 * 100  # those that rest have one record
+    sequence = open_sequence(path)
+    assert (sequence.num_frames, sequence.rate) == (4, 24.0)
+    for frame, expected in zip(sequence.read(), clip(), strict=True):
+        assert_close(frame.splats, expected.splats, scales=0.03, colors=0.03)
+        found = frame.splats.select(nearest(frame.splats, expected.splats))
+        np.testing.assert_allclose(found.sh, expected.splats.sh, atol=0.04)
+
+
+def test_4dgs_files_of_other_programs_keep_their_axes(tmp_path):
+    fourdgs = pytest.importorskip("fourdgs", reason="fourdgs is not installed")
+    splats = cloud(degree=0)
+    ones = np.ones(200, np.float32)
+    records = fourdgs.GaussianSet(
+        positions=splats.means, scales=splats.scales, rotations=np.roll(splats.quats, -1, axis=1),
+        colors=np.concatenate([np.clip(0.5 + 0.2820948 * splats.sh[:, 0], 0, 1), splats.opacities[:, None]], axis=1),
+        motions=np.tile(np.float32([3, 0, 0]), (200, 1)), mu_t=0 * ones, sigma_t=np.inf * ones, win_lo=0 * ones,
+        win_hi=ones,
+    )  # fmt: skip
+    for axes, flips in (("", [1, 1, 1]), ("z-up-right-handed", [1, 1, 1]), ("y-up-right-handed", [1, -1, -1])):
+        options = fourdgs.WriteOptions(metadata={"coordinate_system": axes} if axes else None)
+        fourdgs.write(str(tmp_path / "a.4dgs"), records, 1.0, options=options)
+        sequence = open_sequence(tmp_path / "a.4dgs")
+        assert (sequence.num_frames, sequence.rate) == (30, 30.0)
+        last = list(sequence.read())[-1]
+        moved = (splats.means + np.float32([3 * 29.5 / 30, 0, 0])) * np.float32(flips)
+        np.testing.assert_allclose(np.sort(last.splats.means, axis=0), np.sort(moved, axis=0), atol=0.01)
+        assert last.metadata.up == ("z" if axes.startswith("z") else None)
+
+
+def test_damaged_4dgs_is_one_error(tmp_path):
+    pytest.importorskip("fourdgs", reason="fourdgs is not installed")
+    write(clip(), tmp_path / "a.4dgs")
+    data = (tmp_path / "a.4dgs").read_bytes()
+    for cut in (9, 60, len(data) // 2):
+        (tmp_path / "b.4dgs").write_bytes(data[:cut])
+        with pytest.raises(DatasetError, match=r"b\.4dgs"):
+            list(open_sequence(tmp_path / "b.4dgs").read())
+
+
+def test_a_4dgs_file_that_announces_too_many_gaussians_is_refused_before_it_is_decoded(tmp_path, monkeypatch):
+    fourdgs = pytest.importorskip("fourdgs", reason="fourdgs is not installed")
+    count = 300_000
+    zeros, ones = np.zeros((count, 4), np.float32), np.ones((count, 4), np.float32)
+    same = fourdgs.GaussianSet(
+        positions=zeros[:, :3], scales=ones[:, :3], rotations=np.eye(4, dtype=np.float32)[[3] * count], colors=ones,
+        motions=zeros[:, :3], mu_t=zeros[:, 0], sigma_t=ones[:, 0], win_lo=zeros[:, 0], win_hi=ones[:, 0],
+        sh=None, sh_degree=0,
+    )  # fmt: skip
+    fourdgs.write(str(tmp_path / "a.4dgs"), same, 1.0)
+    assert (tmp_path / "a.4dgs").stat().st_size < 10_000
+    monkeypatch.setattr(fourdgs, "read", None)
+    with pytest.raises(DatasetError, match="a count of 300000 Gaussians is more than"):
+        open_sequence(tmp_path / "a.4dgs")
+
+
+@needs_splat4d
+def test_splat4d_keeps_the_frames(tmp_path):
+    path = tmp_path / "a.splat4d"
+    assert write(clip(degree=0), path) == 4
+    assert file_kind(path) == SPLAT4D
+    assert is_sequence(path)
+    done = subprocess.run([str(PROGRAM), "info", str(path)], capture_output=True, text=True, check=True)
+    header = json.loads(done.stdout[: done.stdout.rindex("}") + 1])
+    assert (header["n"], header["t"], header["fps"]) == (200, 4, 24)
+    sequence = open_sequence(path)
+    assert (sequence.num_frames, sequence.rate) == (4, 24.0)
+    for frame, expected in zip(sequence.read(), clip(degree=0), strict=True):
+        assert_close(frame.splats, expected.splats, scales=0.04, colors=0.06)
+
+
+@needs_splat4d
+def test_splat4d_needs_the_same_gaussians_in_all_frames(tmp_path, caplog):
+    frames = [next(clip()), FileContent(cloud(100))]
+    with pytest.raises(DatasetError, match="same Gaussians in all frames"):
+        write(frames, tmp_path / "a.splat4d")
+    assert not (tmp_path / "a.splat4d").exists()
+    assert "harmonics are left out" in caplog.text
+
+
+@pytest.mark.parametrize("head", [b"SP4D", b"SP4D\1\0\0\0\xff\xff\xff\xff{", b"SP4D\1\0\0\0\2\0\0\0{}"])
+def test_damaged_splat4d_is_one_error(tmp_path, head):
+    (tmp_path / "a.splat4d").write_bytes(head)
+    with pytest.raises(DatasetError, match="header is damaged"):
+        open_sequence(tmp_path / "a.splat4d")

@@ -1,0 +1,349 @@
+"""Live clips decode to the same frames as recorded clips."""
+
+import dataclasses
+import gc
+import itertools
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatwire
+from greedy import of_tracks
+from live_path import FRAME_RATE, STREAM_ID, LivePath
+from moving_clips import darkened, moving_frames
+from splatwire.bitstream import packet_from_bytes, read_stream
+from splatwire.bitstream.limits import TRACKS
+from splatwire.bitstream.sections import split_sections
+from splatwire.bitstream.tiers import TierShape
+from splatwire.codec import decode_stream
+from splatwire.codec.memory import VARIABLE
+from splatwire.codec.viewpoint import EXTENT_SECTION
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.sequence import ClipEncoder, ClipOptions, decode_frames
+from splatwire.sequence.importance import stream_importance
+from splatwire.sequence.live import LiveDecoder
+from splatwire.sequence.live_encoder import LiveEncoder
+from splatwire.transport import Receiver, ServerLimits
+from splatwire.transport.protocol.frames import TierHead, Welcome
+from splatwire.transport.protocol.layout import parity_groups
+from splatwire.transport.protocol.live_session import PROTECTION, LiveSession
+from splatwire.transport.protocol.sender import Server
+from splatwire.transport.protocol.wire import DATA, PARITY, decode, encode, kind_of
+
+pytestmark = pytest.mark.slow
+
+GROUP = 5
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return moving_frames(2500, 33)
+
+
+def same(frame, other) -> bool:
+    """Returns True if two frames show the same Gaussians."""
+    ours, theirs = frame.scene.splats, other.scene.splats
+    return len(frame.tracks) == len(other.tracks) and all(
+        np.array_equal(getattr(ours, name), getattr(theirs, name)) for name in vars(ours)
+    )
+
+
+def test_live_frames_without_loss_equal_the_offline_clip(frames):
+    watched, stream = LivePath(frames, GROUP).run()
+    whole = list(decode_frames(decode_stream(stream).scene))
+    assert watched.reason == "complete"
+    assert [frame.number for frame in watched.frames] == list(range(len(frames)))
+    assert all(same(frame, other) for frame, other in zip(watched.frames, whole, strict=True))
+    late = [at - ((n // GROUP + 1) * GROUP - 1) / FRAME_RATE for n, at in enumerate(watched.times)]
+    assert max(late[GROUP:]) < GROUP / FRAME_RATE  # shown before the next group arrives
+
+
+def test_every_frame_is_shown_once_and_lost_bases_are_retransmitted(frames):
+    frames = [*frames, *reversed(frames)]
+    watched, stream = LivePath(frames, GROUP, loss=0.2).run()
+    whole = list(decode_frames(decode_stream(stream).scene))
+    numbers = [frame.number for frame in watched.frames]
+    assert numbers == list(range(numbers[0], len(frames)))
+    assert numbers[0] < len(frames) - GROUP  # greetings are lost as well
+    last = watched.frames[-1]
+    assert len(last.tracks) == len(whole[-1].tracks)
+
+
+@pytest.mark.parametrize("period_groups", [3, 100])
+@pytest.mark.parametrize("joins", [0.0, 0.5, 0.9])
+def test_receiver_misses_nothing_of_a_clip_since_it_joined(frames, joins, period_groups):
+    watched, _ = LivePath(frames, GROUP, joins=joins, period_groups=period_groups).run()
+    assert watched.missed == 0
+    assert watched.reason in ("complete", "sent")
+
+
+@pytest.mark.parametrize("joins", [0.0, 0.5])
+@pytest.mark.parametrize("period_groups", [3, 100])
+def test_lost_packets_of_a_clip_count_as_missed(frames, joins, period_groups):
+    frames = [*frames, *reversed(frames), *frames]
+    path = LivePath(frames, GROUP, loss=0.3, joins=joins, asks=False, period_groups=period_groups)
+    watched, _ = path.run()
+    assert watched.missed > 0
+
+
+def test_empty_frames_are_shown_empty(frames):
+    watched, _ = LivePath(darkened(frames, range(8, 16)), GROUP).run()
+    assert [frame.number for frame in watched.frames] == list(range(len(frames)))
+    assert [not len(frame.tracks) for frame in watched.frames] == [
+        number in range(8, 16) for number in range(len(frames))
+    ]
+
+
+def test_late_receiver_starts_with_the_current_group(frames):
+    watched, stream = LivePath(frames, GROUP, joins=0.5).run()
+    whole = {frame.number: frame for frame in decode_frames(decode_stream(stream).scene)}
+    first = watched.frames[0].number
+    assert first == (0.5 * FRAME_RATE) // GROUP * GROUP - GROUP
+    assert [frame.number for frame in watched.frames] == list(range(first, len(frames)))
+    assert all(same(frame, whole[frame.number]) for frame in watched.frames)
+
+
+@pytest.mark.parametrize(("loss", "joins"), [(0.0, 0.0), (0.2, 0.0), (0.0, 0.9)])
+def test_receiver_continues_across_periods(frames, loss, joins):
+    frames = [*frames, *reversed(frames)]
+    path = LivePath(frames, GROUP, loss=loss, joins=joins, period_groups=3)
+    watched, _ = path.run()
+    numbers = [frame.number for frame in watched.frames]
+    gaps = set(range(numbers[0], len(frames))) - set(numbers)
+    assert numbers == sorted(set(numbers))
+    assert not gaps if not loss else {gap % (3 * GROUP) for gap in gaps} <= set(range(GROUP))  # a welcome was lost
+    assert joins * FRAME_RATE - 2 * GROUP <= numbers[0] <= joins * FRAME_RATE + (5 if loss else 2) * GROUP
+    chapter, end = numbers[0] // (3 * GROUP), len(frames) // (3 * GROUP)
+    assert [stream.manifest.stream_id - STREAM_ID for stream in watched.left] == list(range(chapter, end))
+    if not loss:
+        assert not any(frame.concealed.any() for frame in watched.frames)
+        for stream in watched.left[1:]:  # each period is a complete clip
+            assert len(stream.packets) == stream.manifest.num_packets
+    else:
+        shown = [frame for frame in watched.frames if end * 3 * GROUP - GROUP <= frame.number < end * 3 * GROUP]
+        drawn = [int((frames[frame.number].opacities > 0).sum()) for frame in shown]
+        assert all(len(frame.tracks) > 0.7 * count for frame, count in zip(shown, drawn, strict=True))  # half a second
+
+
+def test_memory_of_an_endless_live_clip_is_bounded():
+    few = moving_frames(60, 4)
+    LivePath(few, 2, period_groups=1).run(keep=False)  # excludes libraries and kernels that are loaded once
+    path = LivePath(few * 10, 2, loss=0.05, period_groups=2)
+    held = []
+    path.each_group = lambda: held.append(_held())
+    tracemalloc.start()
+    try:
+        watched, _ = path.run(keep=False)
+    finally:
+        tracemalloc.stop()
+    sizes = [sum(line.size for line in snapshot.statistics("filename")) for snapshot in held]
+    early, late = sizes[4:12], sizes[-6:]
+    assert len(held) == 21
+    grew = held[-1].compare_to(held[11], "lineno")[:5]
+    assert max(late) < 1.2 * max(early), "\n".join(map(str, grew))
+    assert watched.reason == "complete"
+
+
+def _held() -> tracemalloc.Snapshot:
+    """Counts only memory of the live code, because other libraries allocate in other threads."""
+    gc.collect()
+    ours = str(Path(splatwire.__file__).parent / "*")
+    return tracemalloc.take_snapshot().filter_traces([tracemalloc.Filter(True, ours)])
+
+
+def test_slow_path_drops_motion_and_never_bases(frames):
+    path = LivePath(frames, GROUP, rate=60_000.0)
+    watched, stream = path.run()
+    assert [frame.number for frame in watched.frames][-1] == len(frames) - 1
+    assert any(frame.concealed.any() for frame in watched.frames)
+    left = {place for place, _ in watched.sent}
+    assert {place for place, lasts in enumerate(path.persistent) if lasts} <= left
+    assert len(left) < len(stream.packets)
+    for place, newest in watched.sent:
+        assert path.persistent[place] or place >= path.first_packets[newest]
+    # of each group's motion, only its most important first part is sent
+    for begin, end in itertools.pairwise(path.first_packets):
+        motion = [place in left for place in range(begin, end) if not path.persistent[place]]
+        assert motion == sorted(motion, reverse=True)
+
+
+def test_packets_of_each_block_are_sent_by_importance():
+    encoder = ClipEncoder(ClipOptions(group_frames=2), lambda splats: np.zeros(splats.num_gaussians, np.int64))
+    for splats in moving_frames(24000, 2):
+        packets = encoder.push(splats)
+    manifest, _ = encoder.so_far(STREAM_ID)
+    stream = encoder.finish()
+    persistent = [manifest.plan.persistent(packet.id.block) for packet in packets]
+    assert persistent == sorted(persistent, reverse=True)
+    told, found = stream_importance(stream), encoder.importance(packets)
+    motion = [worth for worth, lasts in zip(found, persistent, strict=True) if not lasts]
+    assert len(motion) > 3
+    blocks = [packet.id.block for packet, lasts in zip(packets, persistent, strict=True) if not lasts]
+    turns = [blocks[:place].count(block) for place, block in enumerate(blocks)]
+    assert turns == sorted(turns)
+    for _, some in itertools.groupby(zip(turns, motion, strict=True), lambda pair: pair[0]):
+        worth = [own for _, own in some]
+        assert worth == sorted(worth, reverse=True)
+    for block in set(blocks):
+        worth = [own for own, other in zip(motion, blocks, strict=True) if other == block]
+        assert worth == sorted(worth, reverse=True)
+    wanted = [told[packet.id] for packet, lasts in zip(packets, persistent, strict=True) if not lasts]
+    assert motion == pytest.approx(wanted, rel=0.2)
+    bases = found[: len(found) - len(motion)]
+    assert bases == sorted(bases, reverse=True)
+
+
+def test_recorded_live_stream_decodes_as_a_clip(frames):
+    encoder, broadcast = ClipEncoder(ClipOptions(group_frames=GROUP)), LiveSession()
+    for splats in frames[: 2 * GROUP]:
+        packets = encoder.push(splats)
+        if packets:
+            edition = broadcast.add(*encoder.so_far(STREAM_ID), packets)
+    manifest, side_info = encoder.so_far(STREAM_ID)
+    assert len(edition.packets) == manifest.num_packets
+    whole = encoder.finish()
+    assert manifest.symbols_digest == whole.manifest.symbols_digest
+    said, sections = split_sections(whole.side_info, TRACKS)
+    assert sections.pop(EXTENT_SECTION)  # excludes clips that have ended
+    assert split_sections(side_info, TRACKS) == (said, sections)
+    assert not any(edition.packets[n] for n in range(edition.newest) if not edition.persistent[n])
+
+
+def test_decoder_refuses_a_manifest_that_contradicts_earlier_ones(frames):
+    encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
+    for splats in frames[:GROUP]:
+        encoder.push(splats)
+    manifest, side_info = encoder.so_far(STREAM_ID)
+    decoder = LiveDecoder()
+    list(decoder.grow(manifest, side_info))
+    first, second = manifest.tiers
+    other = dataclasses.replace(
+        manifest, tiers=(TierShape(first.num_elements - 1, 1), TierShape(second.num_elements + 1, 1))
+    )
+    with pytest.raises(BitstreamError, match="contradicts the previous one"):
+        list(decoder.grow(other, side_info))
+
+
+def test_editions_with_a_wrong_packet_count_are_refused(frames):
+    encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
+    packets = [packet for splats in frames[:GROUP] for packet in encoder.push(splats)]
+    with pytest.raises(InvalidValueError, match="packets, and the manifest says"):
+        LiveSession().add(*encoder.so_far(STREAM_ID), packets[1:])
+
+
+def test_receiver_waits_while_the_server_is_not_ready():
+    server = Server({}, secret=bytes(16), random=bytes)
+    receiver, now = Receiver(5, 0.0), 0.0
+    while now < 40:
+        now += 0.05
+        for data in receiver.poll(now)[0]:
+            answer = server.receive("client", data, now)
+            while answer is not None:
+                out, _ = receiver.receive(answer, now)
+                answer = server.receive("client", out[0], now) if out else None
+    assert receiver.finished is None
+    while not receiver.finished:  # no peer answers after this point
+        now += 0.05
+        receiver.poll(now)
+    assert "no answer" in receiver.finished.reason
+    assert now < 55
+
+
+def test_receiver_accepts_only_growing_welcomes():
+    def welcome(session: int, count: int, digest: bytes = b"a" * 32, more: bool = True) -> Welcome:
+        tiers = (TierHead(count, 0, 0),)
+        return Welcome(5, session, 9, 1000, digest, 256, count, 1150, 0, tiers, is_live=more)
+
+    receiver = Receiver(5, 0.0, reliable=True)
+    receiver.poll(0.0)
+    receiver.receive(encode(welcome(1, 10)), 0.1)
+    for wrong in (welcome(2, 20), welcome(1, 9, b"b" * 32)):
+        before = receiver.num_rejected
+        receiver.receive(encode(wrong), 0.2)
+        assert receiver.num_rejected == before + 1
+        assert receiver.welcome == welcome(1, 10)
+    assert receiver.receive(encode(welcome(1, 10)), 0.3) == ([], [])
+    _, events = receiver.receive(encode(welcome(1, 20, b"b" * 32)), 0.4)
+    assert (events[0].num_packets, events[0].is_live) == (20, True)
+    receiver.receive(encode(welcome(1, 20, b"c" * 32, more=False)), 0.5)
+    assert receiver.receive(encode(welcome(1, 30)), 0.6) == ([], [])
+    assert decode(encode(welcome(1, 3))).is_live
+
+
+def test_packets_ahead_of_their_welcome_are_kept(frames):
+    ids, found = itertools.count(STREAM_ID), []
+    clip = LiveEncoder(ClipOptions(group_frames=GROUP), lambda: next(ids), period_groups=2)
+    for splats in frames[: 3 * GROUP]:
+        found += [edition] if (edition := clip.push(splats)) else []
+    server = Server({"live": found[0]}, secret=bytes(16), random=bytes, limits=ServerLimits(fixed_rate=1e6))
+    receiver, left, now = Receiver(5, 0.0, reliable=True), [], 0.0
+
+    def deliver(some: list[bytes]) -> None:
+        for data in some:
+            for answer in receiver.receive(data, now)[0]:
+                server.receive("client", answer, now, reliable=True)
+
+    for edition in found:
+        server.update("live", edition)
+        for _ in range(200):
+            now += 0.01
+            for data in receiver.poll(now)[0]:
+                answer = server.receive("client", data, now, reliable=True)
+                left += [answer] if answer else []
+            left += [data for _, data in server.poll(now)]
+            if receiver.welcome is None:
+                deliver(left)
+                left = []
+        deliver([data for data in left if kind_of(data) == DATA])
+        deliver([data for data in left if kind_of(data) != DATA])
+        left = []
+        stream = receiver.stream()
+        assert stream is not None
+        assert (stream.manifest.stream_id, receiver.num_rejected) == (edition.stream_id, 0)
+        assert len(stream.packets) == len(edition.packets)
+
+
+def test_parity_restores_motion_without_retransmission(frames):
+    bare, _ = LivePath(frames, GROUP, loss=0.1, asks=False).run()
+    protection = dataclasses.replace(PROTECTION, motion=((1.0, 1.0),))
+    watched, stream = LivePath(frames, GROUP, loss=0.1, protection=protection, asks=False).run()
+    motion = {p.id for p in stream.packets if not stream.manifest.plan.persistent(p.id.block)}
+    assert bare.repaired == 0
+    assert watched.repaired > 0
+    assert len(motion - watched.arrived) < len(motion - bare.arrived) / 2
+
+
+def test_group_code_numbers_are_stable_and_protect_the_most_important_packets(frames):
+    encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
+    broadcast = LiveSession(dataclasses.replace(PROTECTION, motion=((0.5, 0.5),)), encoder.importance)
+    found = None
+    for splats in frames[: 3 * GROUP]:
+        packets = encoder.push(splats)
+        if not packets:
+            continue
+        edition = broadcast.add(*encoder.so_far(STREAM_ID), packets)
+        groups = parity_groups(edition.tiers)
+        alive = [number for number, group in enumerate(groups) if group.repair]
+        assert len(alive) == 1
+        assert found is None or alive[0] > found
+        found, own = alive[0], groups[alive[0]]
+        assert {group for kind, group, _ in edition.schedule if kind == PARITY} == {found}
+        newest = [packet_from_bytes(data, STREAM_ID) for data in edition.packets[edition.newest :]]
+        worth = encoder.importance(newest)
+        start = own.start - edition.newest
+        inside = worth[start : start + own.size]
+        outside = worth[start + own.size :]
+        assert inside
+        assert not outside or min(inside) >= max(outside)
+
+
+def test_announced_millions_of_tracks_allocate_no_memory():
+    real, _ = read_stream(Path(__file__).parents[1] / "golden" / "tiny_clip.swz")
+    greedy = of_tracks(real, 1600, 64, bases=False, motion=1)
+    decoder = LiveDecoder()
+    assert list(decoder.grow(greedy.manifest, greedy.side_info)) == []
+    assert list(decoder.add(greedy.packets)) == []
+    with pytest.raises(BitstreamError, match=VARIABLE):
+        list(decoder.finish())

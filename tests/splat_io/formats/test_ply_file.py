@@ -1,0 +1,192 @@
+import lzma
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from splat_io.formats.handmade import FORMATS, ply
+from splatwire.errors import DatasetError
+from splatwire.io.formats.ply_file import read_ply, read_ply_elements
+
+HEAD = (
+    b"ply\nformat binary_little_endian 1.0\ncomment by hand\nelement vertex 2\nproperty float x\nproperty float w_0\n"
+)
+BODY = struct.pack("<4f", 1.5, -2.0, 3.25, 1e-30)
+GOOD = HEAD + b"end_header\n" + BODY
+
+
+def test_handmade_ply_is_read(tmp_path):
+    (tmp_path / "a.ply").write_bytes(GOOD)
+    vertices = read_ply(tmp_path / "a.ply")
+    assert vertices.names == ("x", "w_0")
+    assert np.array_equal(vertices.select(["x", "w_0"]), np.float32([[1.5, -2.0], [3.25, 1e-30]]))
+    assert vertices.columns("w_", 1).tolist() == [[-2.0], [np.float32(1e-30)]]
+
+
+def test_xz_is_unpacked(tmp_path):
+    (tmp_path / "a.ply.xz").write_bytes(lzma.compress(GOOD))
+    assert read_ply(tmp_path / "a.ply.xz").rows["x"][1] == 3.25
+
+
+BAD = {
+    "truncated": (GOOD[:-1], "ends early"),
+    "too long": (GOOD + b"\0", "goes on after the last row"),
+    "no header end": (b"ply\n" * 30, "no end_header"),
+    "endless header": (b"ply\n" * 100_000, "the PLY header is longer than 65,536 bytes"),
+    "empty": (b"", "no end_header"),
+    "ascii": (GOOD.replace(b"binary_little_endian", b"ascii"), "stands where a number should be"),
+    "another format": (GOOD.replace(b"little", b"middle"), r"not a PLY file of version 1.0 \(it starts with"),
+    "another version": (GOOD.replace(b"1.0", b"1.1"), r"not a PLY file of version 1.0"),
+    "double": (GOOD.replace(b"float w_0", b"double w_0") + bytes(8), "float64 w_0"),
+    "list": (GOOD.replace(b"float w_0", b"list uchar int w_0"), "element vertex has lists"),
+    "same name": (GOOD.replace(b"w_0", b"x"), "all different"),
+    "negative": (GOOD.replace(b"vertex 2", b"vertex -2"), "no element with a number of rows"),
+    "huge": (GOOD.replace(b"vertex 2", b"vertex 99999999999"), "more than the limit"),
+    "large": (GOOD.replace(b"vertex 2", b"vertex 9999999"), "cannot hold"),
+    "faces": (GOOD.replace(b"end_h", b"element face 0\nproperty int a\nend_h"), "element face 0"),
+    "no properties": (b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nend_header\n", "0 properties"),
+    "zeros in it": (GOOD.replace(b"by hand\n", b"by hand\nelement x\0y 1\n"), "no line of a PLY header"),
+    "umlaut": (GOOD.replace(b"w_0", b"w\xc3\xbc"), "not ASCII"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_errors_name_the_file_and_the_problem(name, tmp_path):
+    content, reason = BAD[name]
+    (tmp_path / "a.ply").write_bytes(content)
+    with pytest.raises(DatasetError, match=reason) as caught:
+        read_ply(tmp_path / "a.ply")
+    assert "a.ply" in str(caught.value)
+
+
+def test_absent_and_damaged_packed_files_are_refused(tmp_path):
+    packed = lzma.compress(GOOD)
+    for name, content in {
+        "cut": packed[:-9],
+        "noise": b"\1" * 80,
+        "flipped": packed[:40] + b"\xff" + packed[41:],
+    }.items():
+        (tmp_path / f"{name}.xz").write_bytes(content)
+        with pytest.raises(DatasetError, match=name):
+            read_ply(tmp_path / f"{name}.xz")
+    with pytest.raises(DatasetError, match="absent"):
+        read_ply(tmp_path / "absent.ply")
+
+
+def test_decompression_bomb_is_refused(tmp_path):
+    head = GOOD.replace(b"vertex 2", b"vertex 15000000")[: -len(BODY)]
+    (tmp_path / "a.ply.xz").write_bytes(lzma.compress(head + bytes(1 << 20)))
+    with pytest.raises(DatasetError, match="cannot hold"):
+        read_ply(tmp_path / "a.ply.xz")
+
+
+def test_missing_columns_are_named(tmp_path):
+    (tmp_path / "a.ply").write_bytes(GOOD)
+    vertices = read_ply(tmp_path / "a.ply")
+    with pytest.raises(DatasetError, match="property y is missing"):
+        vertices.select(["x", "y"])
+    with pytest.raises(DatasetError, match=r"1 properties w_\*, expected 3"):
+        vertices.columns("w_", 3)
+    with pytest.raises(DatasetError, match="property f_0 is missing"):
+        vertices.columns("f_")
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(at=st.integers(0, len(GOOD) - 1), flip=st.integers(1, 255), cut=st.booleans())
+def test_damage_is_one_error_or_the_announced_number_of_values(at, flip, cut, tmp_path):
+    raw = bytearray(GOOD)
+    raw[at] ^= flip
+    (tmp_path / "a.ply").write_bytes(raw[:at] if cut else raw)
+    try:
+        vertices = read_ply(tmp_path / "a.ply")
+    except DatasetError:
+        return
+    assert vertices.rows.nbytes == len(BODY)
+
+
+MIXED = np.array(
+    [(1.5, -2, 200, 1e-30, 4_000_000_000, -7), (0.1, 3, 0, -1e30, 1, 9)],
+    dtype=[("x", "<f4"), ("n", "<i4"), ("red", "u1"), ("d", "<f8"), ("u", "<u4"), ("s", "<i2")],
+)
+
+
+@pytest.mark.parametrize("newline", [b"\n", b"\r\n", b"\r"])
+@pytest.mark.parametrize("form", FORMATS)
+def test_every_number_encoding_gives_equal_values(form, newline, tmp_path):
+    other = np.array([(5,), (6,), (7,)], dtype=[("label", "u1")])
+    comments = ("comment von Jürgen: end_header".encode(), b"obj_info \xff\xfe", b"comment")
+    (tmp_path / "a.ply").write_bytes(ply(form, {"other": other, "vertex": MIXED}, newline, comments))
+    found = read_ply_elements(tmp_path / "a.ply")
+    assert list(found) == ["other", "vertex"]
+    for name, rows in (("other", other), ("vertex", MIXED)):
+        assert found[name].names == rows.dtype.names
+        for field in rows.dtype.names:
+            assert found[name].rows[field].tolist() == rows[field].tolist()
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_elements_with_lists_are_skipped_only_after_the_vertices(form, tmp_path):
+    plain = ply(form, {"vertex": MIXED})
+    faces = b"element face 1\nproperty list uchar int vertex_indices\nelement more 1\nproperty float a\nend_header\n"
+    body = b"3 0 1 1\n2.5\n" if form == "ascii" else b"\3" + bytes(12 + 4)
+    (tmp_path / "a.ply").write_bytes(plain.replace(b"end_header\n", faces) + body)
+    found = read_ply_elements(tmp_path / "a.ply")
+    assert list(found) == ["vertex"]
+    assert found["vertex"].rows["d"].tolist() == MIXED["d"].tolist()
+    before = b"element face 1\nproperty list uchar int vertex_indices\nelement vertex"
+    (tmp_path / "a.ply").write_bytes(plain.replace(b"element vertex", before))
+    with pytest.raises(
+        DatasetError, match=r"a\.ply: no vertices: element face has lists, so neither it nor what follows"
+    ):
+        read_ply_elements(tmp_path / "a.ply")
+
+
+TEXT = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty uchar y\nend_header\n"
+
+
+@pytest.mark.parametrize(
+    ("body", "reason"),
+    [
+        (b"1 2 3", "ends early: 2 vertex rows of 2 numbers were promised"),
+        (b"1 2 3 4 5", "goes on after the last row"),
+        (b"1 2 3 x", "'x' stands where a number should be"),
+        (b"1 2 3 " + b"1" * 5000, "stands where a number should be"),
+        (b"1 2 3 " + b"1" * (3 << 20), "stands where a number should be"),
+        (b"1 2 3 256", r"256\.0 as y is no uint8"),
+        (b"1 2 3 -1", r"-1\.0 as y is no uint8"),
+        (b"1 2 3 0.5", r"0\.5 as y is no uint8"),
+        (b"1 2 3 nan", r"nan as y is no uint8"),
+    ],
+)
+def test_text_ply_errors_name_the_problem(body, reason, tmp_path):
+    (tmp_path / "a.ply").write_bytes(TEXT + body)
+    with pytest.raises(DatasetError, match=reason) as caught:
+        read_ply_elements(tmp_path / "a.ply")
+    assert "a.ply" in str(caught.value)
+
+
+def test_text_numbers_across_chunk_borders_are_read(tmp_path):
+    """Contains more than one chunk of numbers, with line breaks anywhere."""
+    count = 150_000
+    values = np.random.default_rng(1).integers(0, 256, (count, 2))
+    words = [str(value) for value in values.ravel().tolist()]
+    breaks = [" ", "\n", "\t", "  \r\n"]
+    body = "".join(word + breaks[place % 4] for place, word in enumerate(words))
+    assert len(body) > 1 << 20
+    (tmp_path / "a.ply").write_bytes(TEXT.replace(b"vertex 2", b"vertex %d" % count) + body.encode() + b" \n" * 9)
+    rows = read_ply_elements(tmp_path / "a.ply")["vertex"].rows
+    assert np.array_equal(rows["x"], values[:, 0])
+    assert np.array_equal(rows["y"], values[:, 1])
+
+
+@pytest.mark.parametrize(("kind", "dtype"), [("half", "f2"), ("float16", "f2"), ("int64", "i8"), ("uint64", "u8")])
+def test_types_beyond_the_standard_are_read(kind, dtype, tmp_path):
+    values = np.array([3, 1000], dtype)
+    data = HEAD.replace(b"float w_0", f"{kind} w_0".encode()) + b"end_header\n"
+    for x, value in zip((1.5, 3.25), values, strict=True):
+        data += struct.pack("<f", x) + value.tobytes()
+    (tmp_path / "a.ply").write_bytes(data)
+    rows = read_ply_elements(tmp_path / "a.ply")["vertex"].rows
+    assert (rows["x"].tolist(), rows["w_0"].tolist()) == ([1.5, 3.25], [3, 1000])

@@ -1,0 +1,232 @@
+"""SPZ of every version, with extensions."""
+
+import dataclasses
+import gzip
+import itertools
+import logging
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from close import assert_close, unit
+from random_numbers import Numbers
+from splat_io.formats.handmade import legacy_spz, modern_spz, ply, some_splats, write
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.io.formats import read_rows, read_splats, write_splats
+from splatwire.io.formats._axes import flip_axes
+from splatwire.io.formats.spz_writer import write_spz
+from splatwire.ops.quaternions import rotation_matrices
+from splatwire.ops.spherical_harmonics import sh_basis
+from splatwire.types.splats import Splats
+
+FRAMES = [
+    *(x + y + z for z, y, x in itertools.product("BF", "DU", "LR")),
+    *(x + y + z for y, z, x in itertools.product("BF", "DU", "LR")),
+]
+"""Coordinate systems in the order of the extension's codes, from 1."""
+RIGHT, DOWN, FORWARD = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+MEANING = {"R": RIGHT, "D": DOWN, "F": FORWARD} | {
+    name: tuple(-v for v in axis) for name, axis in (("L", RIGHT), ("U", DOWN), ("B", FORWARD))
+}
+
+
+def extended(data: bytes, *records: tuple[int, bytes]) -> bytes:
+    """SPZ of version 4 with extension records."""
+    block = b"".join(struct.pack("<II", kind, len(content)) + content for kind, content in records)
+    head = bytearray(data[:32])
+    head[14] |= 2
+    struct.pack_into("<I", head, 16, 32 + len(block))
+    return bytes(head) + block + data[32:]
+
+
+def every_row(path: Path) -> Splats:
+    """All Gaussians of a file, including those without opacity."""
+    return read_rows(path)[0]
+
+
+def covariances(splats: Splats) -> np.ndarray:
+    axes = rotation_matrices(splats.quats.astype(np.float64)) * splats.scales.astype(np.float64)[:, None, :]
+    return axes @ axes.swapaxes(1, 2)
+
+
+def colours(splats: Splats, directions: np.ndarray) -> np.ndarray:
+    """Colour of each Gaussian in some directions, (directions, Gaussians, 3)."""
+    return np.einsum("kd,gdc->kgc", sh_basis(directions, splats.degree), splats.sh.astype(np.float64))
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_named_coordinate_system_is_converted(frame: str, tmp_path: Path) -> None:
+    write_splats([some_splats(40)], tmp_path / "a.spz")
+    stored = flip_axes(read_splats(tmp_path / "a.spz"), (1.0, -1.0, -1.0))  # numbers as stored in the file
+    code = struct.pack("<I", FRAMES.index(frame) + 1)
+    path = write(tmp_path / "b.spz", extended((tmp_path / "a.spz").read_bytes(), (0xADBE0003, code)))
+    found = read_splats(path)
+    matrix = np.array([MEANING[letter] for letter in frame]).astype(np.float64).T
+    assert_close(found.means.astype(np.float64), stored.means.astype(np.float64) @ matrix.T)
+    expected = matrix @ covariances(stored) @ matrix.T
+    assert_close(covariances(found), expected, atol=1e-7, rtol=1e-5)
+    directions = unit(Numbers(1).randn(9, 3))
+    directions = directions.astype(np.float64)
+    assert_close(colours(found, directions), colours(stored, directions @ matrix), atol=1e-5, rtol=1e-5)
+
+
+def test_coordinate_systems_equal_those_of_the_extension() -> None:
+    assert [FRAMES.index(name) + 1 for name in ("LDB", "RUB", "RDF", "LUF", "LBD", "RFU")] == [1, 4, 6, 7, 9, 16]
+
+
+def test_unspecified_coordinate_system_is_the_default(tmp_path: Path) -> None:
+    data = modern_spz(legacy_spz(3))
+    plain = every_row(write(tmp_path / "a.spz", data))
+    found = every_row(write(tmp_path / "b.spz", extended(data, (0xADBE0003, bytes(4)))))
+    assert np.array_equal(found.means, plain.means)
+
+
+@pytest.mark.parametrize("content", [struct.pack("<I", 17), b"\7", bytes(5)])
+def test_unknown_coordinate_system_is_refused(content: bytes, tmp_path: Path) -> None:
+    path = write(tmp_path / "a.spz", extended(modern_spz(legacy_spz(3)), (0xADBE0003, content)))
+    with pytest.raises(DatasetError, match="SPZ_ADOBE_coordinate_system"):
+        every_row(path)
+
+
+def test_coordinate_system_after_version_3_columns_is_converted(tmp_path: Path) -> None:
+    raw = bytearray(gzip.decompress(legacy_spz(3)))
+    raw[14] |= 2
+    raw += struct.pack("<III", 0xADBE0003, 4, 6)  # RDF
+    found = every_row(write(tmp_path / "a.spz", gzip.compress(bytes(raw))))
+    assert found.means.tolist() == [[1, 2, 3], [-1, -2, -3]]
+
+
+def test_unknown_extensions_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = write(tmp_path / "a.spz", extended(modern_spz(legacy_spz(3)), (0x12340001, b"abc")))
+    with caplog.at_level(logging.WARNING):
+        assert every_row(path).num_gaussians == 2
+    assert "0x12340001 of 3 bytes" in caplog.text
+
+
+def test_known_extensions_give_no_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    orbit = struct.pack("<3f", -0.5, 0.5, 1)
+    path = write(tmp_path / "a.spz", extended(modern_spz(legacy_spz(3)), (0xADBE0002, orbit)))
+    with caplog.at_level(logging.WARNING):
+        assert every_row(path).num_gaussians == 2
+    assert not caplog.records
+
+
+@pytest.mark.parametrize(
+    "block",
+    [b"\1\2\3", struct.pack("<II", 0x12340001, 99), struct.pack("<IIB", 0, 1, 5), struct.pack("<IIII", 7, 0, 7, 0)],
+)
+def test_damaged_extensions_are_refused(block: bytes, tmp_path: Path) -> None:
+    data = bytearray(extended(modern_spz(legacy_spz(3))))
+    struct.pack_into("<I", data, 16, 32 + len(block))
+    with pytest.raises(DatasetError, match="extension"):
+        every_row(write(tmp_path / "a.spz", bytes(data[:32]) + block + bytes(data[32:])))
+
+
+def test_version_3_extensions_that_are_there_twice_are_refused(tmp_path: Path) -> None:
+    raw = bytearray(gzip.decompress(legacy_spz(3)))
+    raw[14] |= 2
+    raw += struct.pack("<III", 0xADBE0003, 4, 6) + struct.pack("<III", 0xADBE0003, 4, 1)
+    with pytest.raises(DatasetError, match="extension 0xADBE0003 is there twice"):
+        every_row(write(tmp_path / "a.spz", gzip.compress(bytes(raw))))
+
+
+def test_version_3_extensions_without_sizes_are_ignored(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    raw = bytearray(gzip.decompress(legacy_spz(3)))
+    raw[14] |= 2
+    raw += struct.pack("<I3f", 0xADBE0002, -0.5, 0.5, 1)
+    with caplog.at_level(logging.WARNING):
+        assert every_row(write(tmp_path / "a.spz", gzip.compress(bytes(raw)))).num_gaussians == 2
+    assert "extensions are left out" in caplog.text
+
+
+def test_unknown_flags_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    data = bytearray(modern_spz(legacy_spz(3)))
+    data[14] = 0x10
+    with caplog.at_level(logging.WARNING):
+        every_row(write(tmp_path / "a.spz", bytes(data)))
+    assert "flags 0x10" in caplog.text
+
+
+def test_embedded_coarser_levels_are_refused(tmp_path: Path) -> None:
+    raw = bytearray(gzip.decompress(legacy_spz(3)))
+    raw[14] = 0x80
+    with pytest.raises(DatasetError, match="levels"):
+        every_row(write(tmp_path / "a.spz", gzip.compress(bytes(raw))))
+
+
+def test_positions_of_version_1_are_in_half_precision(tmp_path: Path) -> None:
+    raw = gzip.decompress(legacy_spz(2))
+    positions = np.array([[1, 2, 3], [-1, -2, -3.5]], "<f2").tobytes()
+    raw = raw[:4] + struct.pack("<I", 1) + raw[8:16] + positions + raw[16 + 18 :]
+    found = every_row(write(tmp_path / "a.spz", gzip.compress(raw)))
+    second = every_row(write(tmp_path / "b.spz", legacy_spz(2)))
+    assert found.means.tolist() == [[1, -2, -3], [-1, 2, 3.5]]
+    assert np.array_equal(found.sh, second.sh)
+    assert np.array_equal(found.quats, second.quats)
+
+
+@pytest.mark.parametrize("make", [lambda data: data, modern_spz])
+def test_degree_4_is_read_up_to_degree_3(make: object, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    assert callable(make)
+    with caplog.at_level(logging.WARNING):
+        found = every_row(write(tmp_path / "a.spz", make(legacy_spz(3, degree=4))))
+    three = every_row(write(tmp_path / "b.spz", legacy_spz(3, degree=3)))
+    assert np.array_equal(found.sh, three.sh)
+    assert "27 of 75 coefficients" in caplog.text
+
+
+def test_degree_4_of_a_ply_is_read_up_to_degree_3(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    rng = np.random.default_rng(0)
+    names = ["x", "y", "z", "opacity", *(f"{word}_{n}" for word, count in
+             (("f_dc", 3), ("scale", 3), ("rot", 4), ("f_rest", 72)) for n in range(count))]  # fmt: skip
+    rows = np.zeros(5, [(name, "f4") for name in names])
+    for name in names:
+        rows[name] = rng.normal(size=5)
+    with caplog.at_level(logging.WARNING):
+        found = read_splats(write(tmp_path / "a.ply", ply("binary_little_endian", {"vertex": rows})))
+    assert found.degree == 3
+    for channel, k in ((0, 0), (1, 7), (2, 14)):
+        assert np.array_equal(found.sh[:, 1 + k, channel], rows[f"f_rest_{24 * channel + k}"])
+    assert "27 of 75 coefficients" in caplog.text
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_both_versions_hold_the_same_numbers(version: int, tmp_path: Path) -> None:
+    splats = some_splats(50)
+    write_spz([splats], tmp_path / "a.spz", version=version, antialiased=True)
+    write_spz([splats], tmp_path / "b.spz", version=7 - version, antialiased=True)
+    data = (tmp_path / "a.spz").read_bytes()
+    plain = gzip.decompress(data) if version == 3 else data
+    assert struct.unpack_from("<4sII", plain) == (b"NGSP", version, 50)
+    assert plain[14] == 1
+    one, two = (read_splats(tmp_path / name) for name in ("a.spz", "b.spz"))
+    for field in dataclasses.fields(Splats):
+        assert np.array_equal(getattr(one, field.name), getattr(two, field.name))
+
+
+def test_other_versions_are_not_written(tmp_path: Path) -> None:
+    with pytest.raises(InvalidValueError, match="version 3 or 4"):
+        write_spz([some_splats(5)], tmp_path / "a.spz", version=2)
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_records_that_the_flags_do_not_name_give_a_warning(
+    version: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    record = struct.pack("<III", 0xADBE0003, 4, 6)
+    if version == 3:
+        data = gzip.compress(gzip.decompress(legacy_spz(3)) + record)
+    else:
+        unflagged = bytearray(extended(modern_spz(legacy_spz(3)), (0xADBE0003, record[8:])))
+        unflagged[14] &= ~2
+        data = bytes(unflagged)
+    assert every_row(write(tmp_path / "a.spz", data)).num_gaussians == 2
+    assert "12 bytes may be extensions, but its flags name none" in caplog.text
+
+
+def test_a_cut_file_is_named_as_cut(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.spz", modern_spz(legacy_spz(3))[:-1])
+    with pytest.raises(DatasetError, match="is cut: stream sh has"):
+        every_row(path)

@@ -1,0 +1,216 @@
+"""OpenUSD scenes, checked by usd-core itself."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pxr", reason="usd-core is not installed")
+from pxr import Gf, Usd, UsdGeom, UsdValidation, UsdVol, Vt
+
+from splatwire.errors import DatasetError
+from splatwire.io.formats import read_content, read_splats, write_splats
+from splatwire.io.formats._columns import concatenate
+from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.usd import usd_frames, write_usd_frames
+from splatwire.types.metadata import SceneMetadata, StartView
+
+from .handmade import some_splats
+
+FIELDS = ("means", "quats", "scales", "opacities", "sh")
+SUFFIXES = ("usd", "usda", "usdc", "usdz")
+
+
+def assert_same(found, expected, tolerance=1e-7):
+    for name in FIELDS:
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0, atol=tolerance, err_msg=name)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("up", [None, "-y", "y", "z"])
+def test_written_scenes_are_read_unchanged(tmp_path, suffix, up):
+    splats = some_splats(degree=3)
+    view = StartView((0.0, 1.0, -4.0), (0.0, 0.0, 0.0), (0.0, -1.0, 0.0))
+    metadata = SceneMetadata(title="a room", author="Jane", license="CC-BY-4.0", up=up, view=view)
+    write_splats([splats], tmp_path / f"a.{suffix}", metadata=metadata)
+    found = read_content(tmp_path / f"a.{suffix}")
+    assert_same(found.splats, splats)
+    assert found.metadata == metadata
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_usd_core_sees_a_valid_prim_of_its_schema(tmp_path, degree):
+    write_splats([some_splats(degree=degree)], tmp_path / "a.usdc")
+    stage = Usd.Stage.Open(str(tmp_path / "a.usdc"))
+    prim = UsdVol.ParticleField3DGaussianSplat(stage.GetPrimAtPath("/Scene/Gaussians"))
+    assert prim
+    assert len(prim.GetPositionsAttr().Get()) == 20
+    assert len(prim.GetRadianceSphericalHarmonicsCoefficientsAttr().Get()) == 20 * (degree + 1) ** 2
+    assert UsdGeom.GetStageUpAxis(stage) == "Y"
+    assert stage.GetDefaultPrim().GetPath() == "/Scene"
+    registry = UsdValidation.ValidationRegistry()
+    context = UsdValidation.ValidationContext(registry.GetOrLoadAllValidators())
+    assert [str(error.GetMessage()) for error in context.Validate(stage)] == []
+
+
+def test_a_scene_is_upright_in_a_stage_with_y_up(tmp_path):
+    """Axes of a PLY are right, down, forward; y up and the camera's view along -z are right, up, back."""
+    splats = some_splats(degree=0)
+    write_splats([splats], tmp_path / "a.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
+    positions = np.array(stage.GetPrimAtPath("/Scene/Gaussians").GetAttribute("positions").Get())
+    np.testing.assert_array_equal(positions, splats.means * np.float32([1, -1, -1]))
+
+
+def test_an_origin_is_a_translation_in_double_precision(tmp_path):
+    origin = (500_000.25, 4_500_000.5, 120.0)
+    write_splats([some_splats()], tmp_path / "a.usdc", origin=origin)
+    found = read_content(tmp_path / "a.usdc")
+    step = np.abs(np.array(found.origin) - origin).max()
+    np.testing.assert_allclose(found.splats.means + (np.array(found.origin) - origin), some_splats().means, atol=1e-5)
+    assert step < 1000
+
+
+def foreign(path, splats, *, up="Z", half=False, matrix=None, harmonics=True, count=None):
+    """A file as another program may write it."""
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(stage, up)
+    prim = UsdVol.ParticleField3DGaussianSplat.Define(stage, "/World/Cloud")
+    if matrix is not None:
+        UsdGeom.Xformable(prim).AddTransformOp().Set(Gf.Matrix4d(matrix.T.tolist()))
+    vectors = Vt.Vec3hArray.FromNumpy if half else Vt.Vec3fArray.FromNumpy
+    (prim.CreatePositionshAttr if half else prim.CreatePositionsAttr)(vectors(cast(splats.means, half)))
+    (prim.CreateScaleshAttr if half else prim.CreateScalesAttr)(vectors(cast(splats.scales, half)))
+    prim.CreateOrientationsAttr(Vt.QuatfArray([Gf.Quatf(*map(float, quat)) for quat in splats.quats]))
+    prim.CreateOpacitiesAttr(Vt.FloatArray.FromNumpy(np.array(splats.opacities)))
+    prim.CreateRadianceSphericalHarmonicsDegreeAttr(splats.degree)
+    if harmonics:
+        values = cast(splats.sh.reshape(-1, 3)[:count], half)
+        name = f"CreateRadianceSphericalHarmonicsCoefficients{'h' * half}Attr"
+        getattr(prim, name)(vectors(values))
+    stage.Save()
+    return path
+
+
+def cast(values, half):
+    return np.ascontiguousarray(values, np.float16 if half else np.float32)
+
+
+def test_files_of_other_programs_keep_their_axes_where_z_is_up(tmp_path):
+    splats = some_splats()
+    found = read_content(foreign(tmp_path / "a.usda", splats))
+    assert_same(found.splats, splats, 1e-6)
+    assert found.metadata.up == "z"
+
+
+def test_numbers_of_type_half_are_read(tmp_path):
+    assert_same(read_splats(foreign(tmp_path / "a.usdc", some_splats(), half=True)), some_splats(), 4e-3)
+
+
+def test_transforms_of_prims_are_applied(tmp_path):
+    splats = some_splats(degree=0)
+    matrix = np.eye(4)
+    matrix[:3, :3] = 2 * np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    matrix[:3, 3] = 1, 2, 3
+    found = read_splats(foreign(tmp_path / "a.usda", splats, matrix=matrix))
+    np.testing.assert_allclose(found.means, splats.means @ matrix[:3, :3].T + [1, 2, 3], atol=1e-5)
+    np.testing.assert_allclose(found.scales, 2 * splats.scales, rtol=1e-5)
+
+
+def test_invisible_prims_are_left_out(tmp_path):
+    foreign(tmp_path / "a.usda", some_splats())
+    stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
+    UsdGeom.Imageable(stage.GetPrimAtPath("/World/Cloud")).MakeInvisible()
+    stage.Save()
+    with pytest.raises(DatasetError, match="no visible prim"):
+        read_splats(tmp_path / "a.usda")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"PXR-USDC" + bytes(200), "usd-core cannot open it"),
+        (b"#usda 1.0\nbroken {", "usd-core cannot open it"),
+        (b'#usda 1.0\ndef Xform "a" {}\n', "no visible prim of the type"),
+        (
+            b'#usda 1.0\ndef ParticleField3DGaussianSplat "a" {\n point3f[] positions = [(0, 0, 0)]\n}\n',
+            "has no orientations",
+        ),
+    ],
+)
+def test_damaged_and_incomplete_files_are_one_error(tmp_path, content, message):
+    (tmp_path / "a.usd").write_bytes(content)
+    with pytest.raises(DatasetError, match=message):
+        read_splats(tmp_path / "a.usd")
+
+
+def test_harmonics_that_contradict_their_degree_are_refused(tmp_path):
+    with pytest.raises(DatasetError, match="which have 16 each"):
+        read_splats(foreign(tmp_path / "a.usda", some_splats(), count=-1))
+    with pytest.raises(DatasetError, match="has no radiance:sphericalHarmonicsCoefficients"):
+        read_splats(foreign(tmp_path / "b.usda", some_splats(), harmonics=False))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_frames_are_time_samples(tmp_path, suffix):
+    first = some_splats(degree=1)
+    frames = [
+        FileContent(replace(first, means=first.means + np.float32([0.1 * t, 0, 0])).run(0, 20 - t)) for t in range(3)
+    ]
+    path = tmp_path / f"a.{suffix}"
+    assert write_usd_frames(iter(frames), path, 24.0) == 3
+    stage = Usd.Stage.Open(str(path))
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode(), stage.GetTimeCodesPerSecond()) == (0, 2, 24)
+    assert stage.GetPrimAtPath("/Scene/Gaussians").GetAttribute("positions").GetTimeSamples() == [0, 1, 2]
+    found = usd_frames(path)
+    assert found.rate == 24
+    for frame, expected in zip(found.read(), frames, strict=True):
+        assert_same(frame.splats, expected.splats)
+    assert_same(read_splats(path), first)
+
+
+def test_a_still_scene_has_no_frames(tmp_path):
+    write_splats([some_splats()], tmp_path / "a.usdc")
+    assert usd_frames(tmp_path / "a.usdc") is None
+
+
+def test_hostile_times_and_metadata_are_one_error_or_ignored(tmp_path):
+    path = foreign(tmp_path / "a.usda", some_splats())
+    stage = Usd.Stage.Open(str(path))
+    stage.GetRootLayer().customLayerData = {"splatwire": "[" * 100_000}
+    stage.GetRootLayer().Save()
+    assert_same(read_splats(path), some_splats())
+    positions = stage.GetPrimAtPath("/World/Cloud").GetAttribute("positions")
+    for time in (0.0, 5e-324):
+        positions.Set(positions.Get(), Usd.TimeCode(time))
+    stage.GetRootLayer().Save()
+    with pytest.raises(DatasetError, match="2 frames at inf per second are out of range"):
+        usd_frames(path)
+
+
+def test_prims_that_are_referred_to_many_times_are_counted_before_all_are_read(tmp_path, monkeypatch):
+    stage = Usd.Stage.Open(str(foreign(tmp_path / "a.usdc", some_splats())))
+    for number in range(400):
+        stage.DefinePrim(f"/Many/c{number}").GetReferences().AddInternalReference("/World/Cloud")
+    stage.GetRootLayer().Save()
+    monkeypatch.setattr("splatwire.io.formats._columns.FREE_GAUSSIANS", 100)
+    assert (tmp_path / "a.usdc").stat().st_size // 4 < 8000
+    with pytest.raises(DatasetError, match="is more than") as raised:
+        read_splats(tmp_path / "a.usdc")
+    assert int(re.search(r"a count of (\d+)", str(raised.value))[1]) < 20 * 401
+
+
+@pytest.mark.parametrize("suffix", ["usda", "usdc", "usdz"])
+def test_a_file_that_cannot_be_written_is_one_error_and_leaves_nothing(tmp_path, suffix):
+    resource = pytest.importorskip("resource", reason="limits of the file size are those of Unix")
+    (tmp_path / "out").mkdir()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    splats = concatenate([some_splats(degree=3)] * 100)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+        with pytest.raises(DatasetError, match="usd-core cannot write it"):
+            write_splats([splats], tmp_path / "out" / f"a.{suffix}")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list((tmp_path / "out").iterdir())

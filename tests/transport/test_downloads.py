@@ -1,0 +1,149 @@
+"""Files of other formats that the page server makes at their first request."""
+
+import asyncio
+import re
+from contextlib import suppress
+
+import pytest
+
+from explicit import ball_of_gaussians, encode_splats
+from splatwire.bitstream import Packetization
+from splatwire.cli._downloads import MadeDownloads
+from splatwire.errors import SplatwireError
+from splatwire.io.formats import read_splats
+from splatwire.transport import Protection, make_served_stream
+from splatwire.transport.http.content import PageContent
+from splatwire.transport.http.downloads import DownloadedFile
+from splatwire.transport.http.server import PageServer
+
+SPZ = bytes(range(256)) * 40
+
+
+class Counted:
+    """Files that take a moment to make; counts how often."""
+
+    formats = ("spz", "ply")
+
+    def __init__(self, error=None):
+        self.made, self._error = 0, error
+
+    async def file(self, stream, tag, form):
+        self.made += 1
+        await asyncio.sleep(0)
+        if self._error:
+            raise self._error
+        return DownloadedFile(SPZ, "tag-of-content")
+
+
+@pytest.fixture(scope="module")
+def program():
+    stream = encode_splats(ball_of_gaussians(), Packetization(block_size=100, lanes=2))
+    return make_served_stream(stream, Protection())
+
+
+async def ask(port, path, method="GET", headers=""):
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    writer.write(f"{method} {path} HTTP/1.1\r\nHost: 127.0.0.1\r\n{headers}\r\n".encode())
+    head, _, body = (await asyncio.wait_for(reader.read(), 60)).partition(b"\r\n\r\n")
+    writer.close()
+    return head.decode(), body
+
+
+def served(content, *requests):
+    async def work():
+        async with PageServer(content) as server:
+            return [await ask(server.port, *request) for request in requests]
+
+    return asyncio.run(work())
+
+
+def test_a_file_has_ranges_a_tag_and_a_name(program):
+    content = PageContent({"a room": program}, downloads=Counted())
+    whole, part, head, same, wrong = served(
+        content,
+        ("/a%20room.spz",),
+        ("/a%20room.spz", "GET", "Range: bytes=10-19\r\n"),
+        ("/a%20room.spz", "HEAD"),
+        ("/a%20room.spz", "GET", 'If-None-Match: "tag-of-content"\r\n'),
+        ("/a%20room.spz", "POST"),
+    )
+    assert "200 OK" in whole[0]
+    assert whole[1] == SPZ
+    assert "filename*=UTF-8''a%20room.spz" in whole[0]
+    assert 'ETag: "tag-of-content"' in whole[0]
+    assert "206 Partial" in part[0]
+    assert part[1] == SPZ[10:20]
+    assert f"Content-Length: {len(SPZ)}" in head[0]
+    assert head[1] == b""
+    assert "304 Not Modified" in same[0]
+    assert "405" in wrong[0]
+
+
+def test_only_offered_formats_of_known_streams_are_made(program):
+    downloads = Counted()
+    content = PageContent({"room": program}, downloads=downloads)
+    for path in ("/room.sog", "/other.spz", "/room", "/.spz", "/room%2espz"):
+        assert "404" in served(content, (path,))[0][0], path
+    assert downloads.made == 0
+    assert "404" in served(PageContent({"room": program}), ("/room.spz",))[0][0]
+
+
+def test_the_page_links_to_the_files(program):
+    ((_, body),) = served(PageContent({"a room": program}, downloads=Counted()), ("/",))
+    assert re.findall(rb'href="(/a%20room[^"]*)" download', body) == [b"/a%20room.spz", b"/a%20room.ply"]
+    ((_, body),) = served(PageContent({"a room": program}), ("/",))
+    assert b"download" not in body
+
+
+def test_a_failure_is_an_error_of_the_server(program):
+    content = PageContent({"room": program}, downloads=Counted(SplatwireError("no")))
+    assert "500 Internal Server Error" in served(content, ("/room.spz",))[0][0]
+
+
+@pytest.mark.slow
+def test_a_file_is_made_once_by_a_process_of_its_own(program, tmp_path):
+    async def work():
+        downloads = MadeDownloads(tmp_path, ("ply", "spz"), most_bytes=1)
+        content = PageContent({"room": program}, downloads=downloads)
+        async with PageServer(content) as server:
+            first, second = await asyncio.gather(*(ask(server.port, "/room.ply") for _ in range(2)))
+            assert first[1] == second[1]
+            assert [path.name for path in tmp_path.iterdir()] != []
+            await ask(server.port, "/room.spz")  # over the limit: the older file is removed
+            assert [path.suffix for path in tmp_path.iterdir()] == [".spz"]
+        await downloads.close()
+        return first[1]
+
+    (tmp_path / "a.ply").write_bytes(asyncio.run(work()))
+    assert read_splats(tmp_path / "a.ply").num_gaussians == ball_of_gaussians().num_gaussians
+
+
+@pytest.mark.slow
+def test_a_stream_that_cannot_be_converted_fails_once_and_close_ends_the_process(tmp_path):
+    async def work():
+        downloads = MadeDownloads(tmp_path, ("ply",))
+        for _ in range(2):
+            with pytest.raises(SplatwireError, match="splatwire: error"):
+                await downloads.file(b"no stream", "tag", "ply")
+        waiting = asyncio.ensure_future(downloads.file(b"no stream", "other", "ply"))
+        await asyncio.sleep(0.05)
+        await downloads.close()
+        with suppress(asyncio.CancelledError):
+            await waiting
+
+    asyncio.run(asyncio.wait_for(work(), 120))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_an_error_of_the_request_and_the_next_one_tries_again(program, tmp_path, monkeypatch):
+    downloads, written = MadeDownloads(tmp_path, ("ply",)), []
+
+    def full(path, data):
+        written.append(path)
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    answers = served(PageContent({"room": program}, downloads=downloads), ("/room.ply",), ("/room.ply",))
+    assert ["500 Internal Server Error" in head for head, _ in answers] == [True, True]
+    assert len(written) == 2
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,145 @@
+"""Methods, conditions and names of the page server follow HTTP (RFC 9110) and CORS (Fetch standard)."""
+
+import socket
+
+import pytest
+
+from splatwire.transport.http.content import PageContent
+from splatwire.transport.monitoring import MonitoringContent
+
+BODY = bytes(range(200))
+LOCAL = PageContent({"city": BODY})
+PUBLIC = PageContent({"city": BODY}, host="0.0.0.0")
+ONE_ORIGIN = PageContent({"city": BODY}, host="0.0.0.0", origins=("https://a.org",))
+STREAM = "/streams/city.swz"
+
+
+def ask(
+    content: PageContent, method: str = "GET", target: str = STREAM, host: str = "127.0.0.1", **headers: str
+) -> tuple[int, dict[str, str], bytes]:
+    """Status, headers by name and body of a response; underscores in names of headers stand for hyphens."""
+    lines = [f"{method} {target} HTTP/1.1", f"Host: {host}"]
+    lines += [f"{name.replace('_', '-')}: {value}" for name, value in headers.items()]
+    answer = content.answer(("\r\n".join(lines) + "\r\n\r\n").encode("latin-1"))
+    status, *fields = answer.head.decode("latin-1").removesuffix("\r\n\r\n").split("\r\n")
+    return int(status.split()[1]), dict(field.split(": ", 1) for field in fields), bytes(answer.body)
+
+
+TAG = ask(LOCAL)[1]["ETag"]
+
+
+@pytest.mark.parametrize("target", [STREAM, "/", "/streams.json", "/page.css", "/splatwire.js"])
+@pytest.mark.parametrize("method", ["GET", "HEAD"])
+def test_if_none_match_with_a_star_is_not_modified(target: str, method: str):
+    status, _, body = ask(LOCAL, method, target, If_None_Match="*")
+    assert (status, body) == (304, b"")
+
+
+@pytest.mark.parametrize(
+    ("value", "status"),
+    [
+        (TAG, 304), (f"W/{TAG}", 304), (f'"other", {TAG}', 304), (f'"other" , W/{TAG} ', 304), (f'"a{TAG[1:]}', 200),
+        (TAG[1:-1], 200), ('"other"', 200), ("", 200), ("*x", 200),
+    ],
+)  # fmt: skip
+def test_if_none_match_compares_entity_tags(value: str, status: int):
+    assert ask(LOCAL, If_None_Match=value)[0] == status
+
+
+def test_a_missing_stream_is_not_found_whatever_the_condition():
+    for name in ("If_None_Match", "If_Match"):
+        assert ask(LOCAL, target="/streams/no.swz", **{name: "*"})[0] == 404
+
+
+@pytest.mark.parametrize(
+    ("value", "status"), [("*", 200), (TAG, 200), (f'"x", {TAG}', 200), (f"W/{TAG}", 412), ('"x"', 412)]
+)
+def test_if_match_compares_entity_tags_strongly(value: str, status: int):
+    assert ask(LOCAL, If_Match=value)[0] == status
+
+
+def test_repeated_headers_are_one_list():
+    head = f'GET {STREAM} HTTP/1.1\r\nHost: a\r\nIf-None-Match: {TAG}\r\nIf-None-Match: "x"\r\n\r\n'
+    assert PageContent({"city": BODY}, host="a").answer(head.encode()).head.startswith(b"HTTP/1.1 304 ")
+
+
+def test_head_has_the_headers_of_get_and_no_body():
+    for target in (STREAM, "/", "/streams.json", "/splatwire.js", "/streams/no.swz"):
+        for host in ("127.0.0.1", "evil.example"):
+            status, headers, body = ask(LOCAL, "HEAD", target, host)
+            found = ask(LOCAL, "GET", target, host)
+            assert (status, headers, body) == (*found[:2], b"")
+            assert int(headers["Content-Length"]) == len(found[2])
+    monitoring = MonitoringContent.__new__(MonitoringContent)
+    head = monitoring.answer(b"HEAD /none HTTP/1.1\r\nHost: a\r\n\r\n")
+    assert head.head.startswith(b"HTTP/1.1 404 ")
+    assert head.body == b""
+
+
+def test_ranges_are_for_get_only():
+    assert ask(LOCAL, "GET", Range="bytes=0-9")[0] == 206
+    assert ask(LOCAL, "GET", Range="Bytes=0-9")[0] == 206
+    status, headers, _ = ask(LOCAL, "HEAD", Range="bytes=0-9")
+    assert (status, headers["Content-Length"]) == (200, str(len(BODY)))
+
+
+@pytest.mark.parametrize(
+    "host", ["localhost", "localhost.", "LOCALHOST.", "localhost.:80", "127.0.0.1", "127.0.0.1.", "[::1]",
+             "scene.localhost", f"{socket.gethostname()}."]
+)  # fmt: skip
+def test_names_of_this_machine_are_served(host: str):
+    assert ask(LOCAL, target="/", host=host)[0] == 200
+
+
+@pytest.mark.parametrize("host", ["evil.example", "localhost.evil.example", "localhost..", "notlocalhost", "."])
+def test_other_names_are_refused(host: str):
+    assert ask(LOCAL, target="/", host=host)[0] == 403
+
+
+def test_a_public_name_is_served_with_a_final_dot():
+    content = PageContent({"city": BODY}, public_origin="https://splats.example")
+    assert ask(content, host="splats.example.")[0] == 200
+
+
+PREFLIGHT = {"Access_Control_Request_Method": "GET", "Access_Control_Request_Headers": "if-range,range"}
+
+
+@pytest.mark.parametrize(
+    ("content", "origin", "allowed"),
+    [
+        (PUBLIC, "https://b.org", "*"),
+        (ONE_ORIGIN, "https://a.org", "https://a.org"),
+        (ONE_ORIGIN, "https://b.org", None),
+        (LOCAL, "http://localhost:8080", "http://localhost:8080"),
+        (LOCAL, "https://b.org", None),
+    ],
+)
+@pytest.mark.parametrize("target", [STREAM, "/streams.json", "/splatwire.js"])
+def test_a_preflight_succeeds_exactly_where_a_page_may_read(
+    content: PageContent, origin: str, allowed: str | None, target: str
+):
+    status, headers, body = ask(content, "OPTIONS", target, Origin=origin, **PREFLIGHT)
+    assert (status, body) == (204, b"")
+    assert headers["Allow"] == "GET, HEAD, OPTIONS"
+    assert "Content-Length" not in headers
+    assert headers.get("Access-Control-Allow-Origin") == allowed
+    assert headers.get("Access-Control-Allow-Origin") == ask(content, "GET", target, Origin=origin)[1].get(
+        "Access-Control-Allow-Origin"
+    )
+    assert ("Vary" in headers) == (content is not PUBLIC)
+    if allowed:
+        names = {name.strip().lower() for name in headers["Access-Control-Allow-Headers"].split(",")}
+        assert {"range", "if-range", "if-none-match", "if-match", "cache-control"} <= names
+        assert headers["Access-Control-Allow-Methods"] == "GET, HEAD"
+    else:
+        assert not any(name.startswith("Access-Control") for name in headers)
+
+
+def test_options_of_the_page_other_hosts_and_missing_streams():
+    status, headers, _ = ask(PUBLIC, "OPTIONS", "/", Origin="https://b.org")
+    assert status == 204
+    assert "Access-Control-Allow-Methods" not in headers
+    assert ask(PUBLIC, "OPTIONS", host="evil.example")[0] == 403
+    status, headers, _ = ask(PUBLIC, "OPTIONS", "/streams/no.swz", Origin="https://b.org")
+    assert (status, headers["Access-Control-Allow-Origin"]) == (404, "*")
+    assert ask(PUBLIC, "POST")[1]["Allow"] == "GET, HEAD, OPTIONS"

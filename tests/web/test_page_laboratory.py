@@ -1,0 +1,133 @@
+"""The laboratory compares the current picture: not an earlier one, and with the losses of every tile."""
+
+import asyncio
+import json
+from collections.abc import Callable
+
+import pytest
+
+from codec.gaussians.test_gaussians import some_splats
+from explicit import encode_splats
+from scenes import tiny_cameras
+from splatwire.bitstream import Packetization, stream_to_bytes
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.lod import encode_levels
+from splatwire.types import SplatScene
+from transport.chromium import Browser, browser, executable
+from web.host import hosting
+from web.pictures import ELEMENT
+from web.test_page import SMALL, ball, run
+
+pytestmark = [pytest.mark.skipif(executable() is None, reason="Chromium is not installed"), pytest.mark.slow]
+TAG = '<splat-wire src="{}" panel="open" style="width: 600px; height: 400px"></splat-wire>'
+PAGES = {
+    name: f'<script type="module" src="splatwire.js"></script>{TAG.format(f"{name}.swz")}'
+    for name in ("ball", "levels")
+}
+OVER = f"{ELEMENT}.shadowRoot.querySelector('.over').classList.contains('shown')"
+CAMERA = {"viewmat": tiny_cameras(1, 64, 48).viewmats[0].tolist(), "focal": 60.0, "width": 64, "height": 48}
+SPY = f"""(() => {{
+  const {{ view }} = {ELEMENT}, plain = view.setGains;
+  window.gains = [];
+  view.setGains = function (given) {{ gains.push(given && given.length); return plain.call(this, given); }};
+}})()"""
+"""Records the sizes of all gains, null for a picture without losses."""
+
+
+@pytest.fixture(scope="module")
+def streams() -> dict[str, bytes]:
+    plain = encode_splats(ball(), SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0))
+    levels = encode_levels(SplatScene(some_splats(6000)), Packetization(block_size=400, lanes=2))
+    return {"ball.swz": stream_to_bytes(plain), "levels.swz": stream_to_bytes(levels)}
+
+
+def driven(streams: dict[str, bytes], name: str, work: Callable[[Browser], None]) -> None:
+    async def serve() -> None:
+        async with hosting(PAGES, streams) as host:
+
+            def drive() -> None:
+                with browser() as page:
+                    page.open(f"{host.url}{name}")
+                    page.wait_for(
+                        f"{ELEMENT}?.status?.finished !== null && {ELEMENT}?.status?.gaussians && {ELEMENT}.view"
+                    )
+                    work(page)
+
+            await asyncio.to_thread(drive)
+
+    run(serve())
+
+
+@pytest.mark.parametrize(("width", "height"), [(400, 300), (240, 400)])
+def test_laboratory_of_a_narrow_element_is_below_the_scene(streams: dict[str, bytes], width: int, height: int) -> None:
+    """The window is wide; the scene keeps half of the height."""
+    sizes = f"""['.scene', '.laboratory'].flatMap((one) => {{
+      const {{ clientWidth, clientHeight }} = {ELEMENT}.shadowRoot.querySelector(one);
+      return [clientWidth, clientHeight];
+    }})"""
+
+    def work(page: Browser) -> None:
+        page.wait_for(f"{ELEMENT}.status.verified")
+        page.evaluate(f"{ELEMENT}.style.cssText = 'width: {width}px; height: {height}px'")
+        scene_width, scene_height, side_width, side_height = page.evaluate(sizes)
+        assert scene_width == side_width == width
+        assert scene_height >= height / 2
+        assert side_height >= height / 4
+        assert scene_height + side_height <= height
+
+    driven(streams, "ball", work)
+
+
+def test_difference_disappears_once_its_picture_changes(streams: dict[str, bytes]) -> None:
+    changes = (
+        f"{ELEMENT}.view.orbit.focus({{x: 300, y: 180}})",
+        f"{ELEMENT}.setAttribute('viewpoint', '0 0 -6 0 0 0 0 -1 0')",
+        f"{ELEMENT}.setAttribute('up', 'z')",
+        f"{ELEMENT}.style.width = '500px'",
+    )
+    watch = f"""new MutationObserver((changes) => {{ window.hidden ||= !{OVER}; }}).observe(
+      {ELEMENT}.shadowRoot.querySelector('.over'), {{ attributes: true }})"""
+
+    def work(page: Browser) -> None:
+        page.evaluate(f"{ELEMENT}.panel.set({{dropped: 0.5, show: 'difference'}}); {watch}")
+        for change in changes:
+            page.wait_for(OVER)
+            page.evaluate(f"window.hidden = false; {change}; 0")
+            page.wait_for("window.hidden")
+
+    driven(streams, "ball", work)
+
+
+def test_picture_without_losses_stays_if_it_is_chosen_during_a_comparison(streams: dict[str, bytes]) -> None:
+    hold = f"""(() => {{
+      const {{ view }} = {ELEMENT}, plain = view.frame;
+      window.held = 0;
+      const gate = new Promise((open) => (window.open_ = open));
+      view.frame = function () {{ held++; return gate.then(() => plain.call(this)); }};
+    }})()"""
+
+    def work(page: Browser) -> None:
+        page.evaluate(SPY)
+        page.evaluate(f"{hold}; {ELEMENT}.panel.set({{dropped: 0.5}})")
+        page.wait_for("held === 1")  # the comparison waits for its picture without losses
+        page.evaluate(f"gains.length = 0; {ELEMENT}.panel.set({{show: 'lossless'}})")
+        page.wait_for("gains.length > 0")
+        page.evaluate("open_()")
+        page.resolve(f"{ELEMENT}.picture({json.dumps(CAMERA)})")  # after the comparison
+        assert page.evaluate("gains.at(-1)") is None
+
+    driven(streams, "ball", work)
+
+
+def test_tiles_of_a_new_view_have_the_chosen_losses(streams: dict[str, bytes]) -> None:
+    def work(page: Browser) -> None:
+        page.wait_for(f"{ELEMENT}.status.verified")
+        page.evaluate(f"{ELEMENT}.setAttribute('viewpoint', '0 0 -900 0 0 0 0 -1 0')")
+        page.wait_for(f"{ELEMENT}.view.count < 3000")
+        page.evaluate(SPY)
+        page.evaluate(f"{ELEMENT}.panel.set({{dropped: 0.5}})")
+        page.wait_for(f"gains.includes(2 * {ELEMENT}.view.count)")
+        page.evaluate(f"{ELEMENT}.setAttribute('viewpoint', '0 0 -30 0 0 0 0 -1 0')")
+        page.wait_for(f"{ELEMENT}.view.count > 4000 && gains.includes(2 * {ELEMENT}.view.count)")
+
+    driven(streams, "levels", work)

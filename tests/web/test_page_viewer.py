@@ -1,0 +1,192 @@
+"""The element as a viewer: playback, views, notices, hotspots, help and automatic rotation."""
+
+import json
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from explicit import encode_splats
+from moving_clips import moving_frames
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.sequence import ClipOptions, encode_clip
+from splatwire.transport.http.pack import pack_stream
+from transport.chromium import Browser, browser, executable
+from web.node import lacking
+from web.pictures import ELEMENT
+from web.test_page import SMALL, ball
+from web.test_page_visitors import opened
+
+pytestmark = [pytest.mark.skipif(executable() is None, reason="Chromium is not installed"), pytest.mark.slow]
+ROOT = f"{ELEMENT}.shadowRoot"
+NEXT_FRAMES = "new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve)))"
+RATE, FRAMES = 8, 6
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory: pytest.TempPathFactory) -> str:
+    if reason := lacking():
+        pytest.skip(reason)
+    packed = tmp_path_factory.mktemp("viewer") / "ball.html"
+    packed.write_bytes(pack_stream(encode_splats(ball(), SMALL, quality=Quality(10.0)), "a ball"))
+    return packed.as_uri()
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> str:
+    if reason := lacking():
+        pytest.skip(reason)
+    stream, _ = encode_clip(moving_frames(300, FRAMES), ClipOptions(Fraction(RATE), 3))
+    packed = tmp_path_factory.mktemp("viewer") / "clip.html"
+    packed.write_bytes(pack_stream(stream, "a clip"))
+    return packed.as_uri()
+
+
+def view_of(page: Browser) -> list[float]:
+    return [float(number) for number in page.evaluate(f"{ELEMENT}.saveView()").split()]
+
+
+def test_a_clip_is_played_paused_and_sought_from_a_program(clip: str) -> None:
+    with browser() as page:
+        opened(page, clip)
+        assert page.evaluate(f"{ELEMENT}.duration") == FRAMES / RATE
+        page.evaluate(f"{ELEMENT}.pause()")
+        assert page.evaluate(f"{ELEMENT}.paused")
+        page.evaluate(f"{ELEMENT}.currentTime = 4 / {RATE}")
+        page.wait_for(f"{ROOT}.querySelector('.player output').textContent === 'frame 5 of {FRAMES}'", 60)
+        assert page.evaluate(f"{ELEMENT}.currentTime") == 4 / RATE
+        page.evaluate(f"{ELEMENT}.play()")
+        page.wait_for(f"!{ELEMENT}.paused && {ELEMENT}.currentTime !== 4 / {RATE}", 60)
+        page.evaluate(f"{ROOT}.querySelector('.scene').focus()")
+        page.key(" ")
+        page.wait_for(f"{ELEMENT}.paused", 60)
+
+
+def test_a_still_has_no_duration_and_does_not_play(still: str) -> None:
+    with browser() as page:
+        opened(page, still)
+        page.evaluate(f"{ELEMENT}.play(); {ELEMENT}.currentTime = 1")
+        assert page.evaluate(f"[{ELEMENT}.duration, {ELEMENT}.currentTime, {ELEMENT}.paused]") == [0, 0, True]
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_saved_view_and_a_link_restore_the_camera(still: str, turned: bool) -> None:
+    with browser() as page:
+        opened(page, still)
+        page.evaluate(f"{ROOT}.querySelector('.scene').focus()")
+        for key in ("ArrowLeft", "ArrowUp", "+", *("f" if turned else "")):
+            page.key(key)
+        page.resolve(NEXT_FRAMES)
+        matrix = f"JSON.stringify({ELEMENT}.view.camera.viewmat)"
+        wanted, saved = json.loads(page.evaluate(matrix)), page.evaluate(f"{ELEMENT}.saveView()")
+        link = page.evaluate(f"{ELEMENT}.link()")
+        opened(page, link)
+        assert np.allclose(json.loads(page.evaluate(matrix)), wanted, atol=1e-3)
+        opened(page, still)
+        assert not np.allclose(json.loads(page.evaluate(matrix)), wanted, atol=1e-3)
+        page.evaluate(f"{ELEMENT}.viewpoint = '{saved}'")
+        assert np.allclose(json.loads(page.evaluate(matrix)), wanted, atol=1e-3)
+
+
+def test_a_failed_stream_shows_a_notice_whose_button_tries_again(still: str) -> None:
+    notice = f"{ROOT}.querySelector('.notice')"
+    with browser() as page:
+        opened(page, still)
+        assert page.evaluate(f"{notice}.hidden"), "there is a picture"
+        page.evaluate(f"{ELEMENT}.removeAttribute('data')")
+        page.wait_for(f"{notice}.className === 'notice error' && {notice}.textContent.includes('no src')", 60)
+        assert page.evaluate(f"{notice}.querySelector('button').getClientRects().length") == 1
+        page.evaluate(f"{ELEMENT}.setAttribute('data', 'stream'); {notice}.querySelector('button').click()")
+        page.wait_for(f"{ELEMENT}.status.verified && {notice}.hidden", 60)
+
+
+def test_hotspots_follow_their_point_and_hide_behind_the_camera(still: str) -> None:
+    """The camera of the view is the reference for the positions."""
+    with browser() as page:
+        opened(page, still)
+        page.evaluate(
+            f"{ELEMENT}.insertAdjacentHTML('beforeend', "
+            "'<b slot=hotspot id=seen data-position=\"0.1 0.2 0\">a</b><b slot=hotspot id=wrong data-position=x>b</b>')"
+        )
+        eye, target = np.split(np.array(view_of(page)[:6]), 2)
+        behind = " ".join(map(str, eye + (eye - target)))
+        hidden = f"<b slot=hotspot id=gone data-position='{behind}'></b>"
+        page.evaluate(f"{ELEMENT}.insertAdjacentHTML('beforeend', `{hidden}`)")
+        page.evaluate(f"{ROOT}.querySelector('.scene').focus()")
+        for _ in range(2):
+            page.key("ArrowRight")
+            page.resolve(NEXT_FRAMES)
+            numbers = "({viewmat, focal, width, height}) => ({viewmat, focal, width, height})"
+            camera = page.evaluate(f"({numbers})({ELEMENT}.view.camera)")
+            x, y, z = (np.array(camera["viewmat"]) @ [0.1, 0.2, 0, 1])[:3]
+            wanted = [camera["width"] / 2 + camera["focal"] * x / z, camera["height"] / 2 + camera["focal"] * y / z]
+            box = page.evaluate("document.getElementById('seen').getBoundingClientRect().toJSON()")
+            scale = page.evaluate(f"{ELEMENT}.clientWidth") / camera["width"]
+            centre = [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2]
+            assert np.allclose(centre, np.multiply(wanted, scale), atol=2), (centre, wanted)
+            shown = "['seen', 'wrong', 'gone'].map((id) => getComputedStyle(document.getElementById(id)).visibility)"
+            assert page.evaluate(shown) == ["visible", "hidden", "hidden"]
+
+
+def test_automatic_rotation_turns_the_camera_and_stops(still: str) -> None:
+    with browser() as page:
+        page.emulate(800, 600, prefers_reduced_motion="no-preference")
+        opened(page, still)
+        before = view_of(page)
+        page.evaluate(f"window.moved = 0; {ELEMENT}.addEventListener('camerachange', () => window.moved++)")
+        page.evaluate(f"{ELEMENT}.autorotate = ''")
+        page.wait_for("window.moved > 3", 60)
+        after = view_of(page)
+        assert np.allclose(before[3:], after[3:]), "target and up axis stay"
+        assert not np.allclose(before[:3], after[:3])
+        button = f"{ROOT}.querySelector('[aria-pressed]')"
+        assert page.evaluate(f"{button}.ariaPressed") == "true"
+        page.evaluate(f"{button}.click()")
+        page.resolve(NEXT_FRAMES)
+        stopped = view_of(page)
+        page.resolve(NEXT_FRAMES)
+        assert view_of(page) == stopped
+        assert page.evaluate(f"{ELEMENT}.autorotate") is None
+
+
+def test_reduced_motion_preference_prevents_automatic_rotation(still: str) -> None:
+    with browser() as page:
+        page.emulate(800, 600, prefers_reduced_motion="reduce")
+        opened(page, still)
+        before = view_of(page)
+        page.evaluate(f"{ELEMENT}.autorotate = '90'")
+        page.resolve(NEXT_FRAMES)
+        assert view_of(page) == before
+
+
+def test_help_opens_by_its_key_and_closes_by_escape(still: str) -> None:
+    shown = f"!{ROOT}.querySelector('.help').hidden"
+    with browser() as page:
+        opened(page, still)
+        page.evaluate(f"{ROOT}.querySelector('.scene').focus()")
+        page.key("?")
+        page.wait_for(shown)
+        page.key("Escape")
+        page.wait_for(f"!({shown})")
+        assert page.evaluate(f"{ROOT}.activeElement.title") == "help", "the focus returns to the button"
+
+
+def test_controls_fade_without_input_and_return_with_the_pointer(still: str) -> None:
+    idle = f"{ROOT}.querySelector('.whole').classList.contains('idle')"
+    with browser() as page:
+        opened(page, still)
+        page.wait_for(idle, 60)
+        page.evaluate(f"{ELEMENT}.dispatchEvent(new PointerEvent('pointermove', {{bubbles: true}}))")
+        assert not page.evaluate(idle)
+
+
+def test_a_poster_is_visible_until_the_first_picture(still: str, tmp_path: Path) -> None:
+    dot = "data:image/gif;base64,R0lGODlhAQABAAAAACH5BAEKAAEALAAAAAABAAEAAAICTAEAOw=="
+    posters = f"{ROOT}.querySelectorAll('.poster').length"
+    with browser() as page:
+        opened(page, still)
+        page.evaluate(f"{ELEMENT}.removeAttribute('data'); {ELEMENT}.poster = '{dot}'")
+        page.wait_for(f"{ELEMENT}.status.failed && {posters} === 1", 60)
+        page.evaluate(f"{ELEMENT}.setAttribute('data', 'stream')")
+        page.wait_for(f"{ELEMENT}.status.verified && {posters} === 0", 60)

@@ -1,0 +1,646 @@
+// Packet decoder of explicit Gaussians, compiled to WebAssembly by `npm run native`. It is the counterpart of
+// `src/codec/gaussians/packet.ts`, which decodes bit for bit the same where a page forbids WebAssembly.
+//
+// One instance decodes the packets of one stream. The caller fills the tables below, then for each packet copies the
+// payload to the address that `begin` returns. It calls `decode`, which returns the address of the integers.
+
+#include <stdint.h>
+#include <wasm_simd128.h>
+
+#define INLINE static inline __attribute__((always_inline))
+#define EXPORT(name) __attribute__((export_name(#name)))
+#define NUM_SCALES 320
+#define MEANS 8
+#define CONTEXTS (8 * SPREADS * SECONDS)
+#define SPREADS 12
+#define SECONDS 16
+#define COLUMNS 17
+#define WINDOW 64
+#define NEIGHBOURS 6
+#define LANES 8
+#define PREDICTED 8
+#define NONE 0x7fffffff
+#define FAR ((1 << 25) - 1)       // above all squared distances of narrow cells
+#define NOWHERE (-30000 & 0xffff)  // x of the places before the first Gaussian; the square of its distance fits
+#define NARROW_BITS 11
+#define TOTAL (1 << 24)
+#define ESCAPE 16
+#define GUESSES 256
+#define GUESS_SHIFT 16
+#define MOST_BOUNDS 512  // of a distribution that are stored
+#define ZEROS 16         // bytes behind a payload that may be read
+#define FIRST_CLASS 32
+#define FIRST_HARMONIC (FIRST_CLASS + 18 * 8)
+#define FIRST_MAGNITUDE (FIRST_HARMONIC + 8 + 64)
+#define NUM_CONTEXTS (FIRST_MAGNITUDE + 24)
+#define BITS 12
+#define DIRECTION_BITS 14
+#define ONE (1 << DIRECTION_BITS)
+#define MAX_LOG (40 << BITS)
+#define MAX_THIN 5903
+#define MAX_COLOUR (1 << (BITS + 8))
+#define MAX_RESIDUAL (1 << 24)
+#define MAX_HARMONIC (1 << 24)
+#define Z_LIMIT (6 * 65536)
+
+enum { LATTICE = 0, CLASS = 3, OPACITY = 4, AXIS = 8, PRIMARY = 11, SPIN_BITS = 12, SPIN = 13, LUMA = 14 };
+enum { S_POSITION = 4, S_DIRECTION = 5, S_SPIN = 6, S_COLOUR = 7, S_HARMONICS = 8, STEPS = 9 };
+
+// Tables that the caller fills: of the range coder, of the codec, of the stream, and the block's means.
+int32_t normal[2 * 768 + 1], inverses[NUM_SCALES], widths[NUM_SCALES];
+int32_t thinness[MAX_THIN + 1], coefficients[4 * STEPS];
+int32_t bases[8 * STEPS], scales[CONTEXTS], initial[2 * NUM_CONTEXTS];
+int32_t defaults[7];
+
+static int32_t models[2 * NUM_CONTEXTS];
+static const int32_t running_bounds[7] = {2, 6, 13, 24, 42, 74, 135};
+
+// Memory: distributions grow from the end of the program's data, arrays of a packet lie behind a fixed distance.
+
+extern uint8_t __heap_base;
+static uint32_t heap_end;
+
+static void reserve(uint32_t end) {
+  uint32_t pages = (end + 65535) >> 16, now = __builtin_wasm_memory_size(0);
+  if (pages > now && __builtin_wasm_memory_grow(0, pages - now) == (uint32_t)-1) __builtin_trap();
+}
+
+static inline int32_t clip(int32_t value, int32_t low, int32_t high) {
+  return value < low ? low : value > high ? high : value;
+}
+static inline int32_t bits_of(uint32_t value) { return value ? 32 - __builtin_clz(value) : 0; }
+static inline int32_t smaller(int32_t a, int32_t b) { return a < b ? a : b; }
+static inline int32_t larger(int32_t a, int32_t b) { return a > b ? a : b; }
+static inline double magnitude(double value) { return __builtin_fabs(value); }
+
+// Range decoder; see `src/entropy/decoder.ts`. The payload is reversed, so that one load gives the next eight bytes with
+// the first of them as the highest. The zeros before it are read after its last byte.
+
+static uint64_t code, span;
+static const uint8_t *next, *last;
+
+INLINE void take(uint64_t start, uint64_t size) {
+  uint64_t rest = code - start, word;
+  if (rest > size - 1) rest = size - 1;
+  // As few whole bytes as give a range of at least 2^40; `size` is below 2^48. There are no branches, because half of
+  // them would be mispredicted.
+  uint32_t bits = (uint32_t)(__builtin_clzll(size) - 16) & 56;
+  __builtin_memcpy(&word, next, 8);
+  code = rest << bits | (word >> 8) >> (56 - bits);
+  span = size << bits;
+  next -= bits >> 3;
+  if (next < last) next = last;
+}
+
+INLINE uint32_t target(uint64_t unit, uint32_t most) {
+  uint64_t found = code / unit;
+  return found < most ? (uint32_t)found : most;
+}
+
+static int bit(int32_t context) {
+  int32_t *model = models + 2 * context, slow = model[0], fast = model[1];
+  uint64_t zero = (uint64_t)clip((slow + fast) >> 1, 32, 65536 - 32), unit = span >> 16;
+  if (code >= zero * unit) {
+    take(zero * unit, (65536 - zero) * unit);
+    model[0] = slow - (slow >> 7);
+    model[1] = fast - (fast >> 4);
+    return 1;
+  }
+  take(0, zero * unit);
+  model[0] = slow + ((65536 - slow) >> 7);
+  model[1] = fast + ((65536 - fast) >> 4);
+  return 0;
+}
+
+// At most 16 bits.
+INLINE uint32_t few(int32_t bits) {
+  uint64_t unit = span >> bits, part = target(unit, (1u << bits) - 1);
+  take(unit * part, unit);
+  return (uint32_t)part;
+}
+
+static uint64_t raw(int32_t bits) {
+  uint64_t value = 0;
+  while (bits > 0) {
+    int32_t some = smaller(bits, 16);
+    value = value << some | few(some);
+    bits -= some;
+  }
+  return value;
+}
+
+static uint32_t below(uint32_t count) {
+  uint64_t unit = span >> 16;
+  if (count == 1) {  // the whole range, which is too large for `take`
+    span = unit << 16;
+    if (code > span - 1) code = span - 1;
+    return 0;
+  }
+  uint32_t value = (uint32_t)(((uint64_t)(target(unit, 65535) + 1) * count - 1) >> 16);
+  uint32_t start = (uint32_t)(((uint64_t)value << 16) / count);
+  uint32_t after = (uint32_t)(((uint64_t)(value + 1) << 16) / count);
+  take(unit * start, unit * (after - start));
+  return value;
+}
+
+static uint64_t gamma_code(void) {
+  int32_t length = 0;
+  uint64_t value = 1;
+  while (length < 32 && raw(1)) length++;
+  for (; length > 0; length--) value = 2 * value + raw(1);
+  return value - 1;
+}
+
+// Integers under mixtures of two normals; see `src/entropy/mixture.ts`.
+
+static int64_t cdf(int64_t distance, int32_t inverse) {
+  int64_t z = (distance * inverse) >> 16;
+  if (z <= -Z_LIMIT) return 0;
+  if (z >= Z_LIMIT) return TOTAL;
+  int32_t cell = (int32_t)((z + Z_LIMIT) >> 9);
+  int64_t base = normal[cell];
+  return base + (((normal[cell + 1] - base) * ((z + Z_LIMIT) & 511)) >> 9);
+}
+
+static int32_t half_width(int32_t scale) { return widths[smaller(scale + 24, NUM_SCALES - 1)]; }
+
+static int32_t bound_of(int32_t place, int32_t scale, int32_t mean, int32_t half) {
+  int32_t count = 2 * half + 1;
+  if (place <= 0) return 0;
+  if (place >= count) return TOTAL - ESCAPE;
+  int64_t distance = (int64_t)(place - half) * 4096 - 2048 - mean * 512;
+  int64_t sum = cdf(distance, inverses[scale]) * 45875 +
+                cdf(distance, inverses[smaller(scale + 24, NUM_SCALES - 1)]) * (65536 - 45875);
+  return (int32_t)((((sum >> 16) * (TOTAL - ESCAPE - count)) >> 24) + place);
+}
+
+// Bounds of every `1 << shift`-th symbol's interval, and for each position's high bits the first bound to try.
+typedef struct {
+  uint16_t guesses[GUESSES];
+  int32_t bounds[];
+} Distribution;
+// Distributions of one context for all means: their address and size. Narrow ones have a `shift` of 0.
+typedef struct {
+  const uint8_t *first;
+  int32_t stride, half, scale, shift;
+} Context;
+static Context contexts[CONTEXTS];
+
+static void tabulate(Distribution *table, int32_t scale, int32_t mean, int32_t half, int32_t shift) {
+  int32_t count = 2 * half + 1, most = (count + (1 << shift) - 1) >> shift;
+  for (int32_t place = 0; place <= most; place++) table->bounds[place] = bound_of(place << shift, scale, mean, half);
+  for (int32_t guess = 0, place = 0; guess < GUESSES; guess++) {
+    while (place < most - 1 && table->bounds[place + 1] <= guess << GUESS_SHIFT) place++;
+    table->guesses[guess] = (uint16_t)place;
+  }
+}
+
+static int32_t outside(int32_t half) {
+  uint64_t unit = span >> 24;
+  take(unit * (TOTAL - ESCAPE), unit * ESCAPE);
+  int above = (int)raw(1);
+  uint64_t value = half + 1 + gamma_code();
+  int32_t found = value > MAX_RESIDUAL ? MAX_RESIDUAL : (int32_t)value;
+  return above ? found : -found;
+}
+
+// Finds the symbol between two stored bounds, `start` and `after`. The first guess interpolates them.
+static int32_t between(
+    const Context *context, int32_t place, int32_t start, int32_t after, int32_t mean, int32_t position) {
+  int32_t scale = context->scale, half = context->half, first = place << context->shift;
+  place = first + (int32_t)(((int64_t)(position - start) << context->shift) / (after - start));
+  start = bound_of(place, scale, mean, half);
+  while (start > position) start = bound_of(--place, scale, mean, half);
+  for (;; place++, start = after) {
+    after = bound_of(place + 1, scale, mean, half);
+    if (after > position) break;
+  }
+  uint64_t unit = span >> 24;
+  take(unit * start, unit * (after - start));
+  return place - half;
+}
+
+INLINE int32_t symbol(const Context *context, int32_t mean) {
+  uint64_t unit = span >> 24;
+  int32_t position = (int32_t)target(unit, TOTAL - 1);
+  if (position >= TOTAL - ESCAPE) return outside(context->half);
+  const Distribution *table = (const Distribution *)(context->first + (mean + 4) * context->stride);
+  int32_t place = table->guesses[position >> GUESS_SHIFT];
+  int32_t start = table->bounds[place], after = table->bounds[place + 1];
+  while (after <= position) {
+    place++;
+    start = after;
+    after = table->bounds[place + 1];
+  }
+  if (context->shift) return between(context, place, start, after, mean, position);
+  take(unit * start, unit * (after - start));
+  return place - context->half;
+}
+
+// Cells; see `src/codec/gaussians/cells.ts`.
+
+static uint64_t *codes;
+static int32_t *cells;
+static uint32_t count;
+
+static void read_codes(int32_t bits) {
+  struct { uint32_t begin, end; int32_t bit, run; uint64_t prefix; } stack[68], node;
+  int32_t top = 0;
+  stack[0].begin = 0, stack[0].end = count, stack[0].bit = bits - 1, stack[0].run = 0, stack[0].prefix = 0;
+  while (top >= 0) {
+    node = stack[top--];
+    uint32_t n = node.end - node.begin;
+    if (n == 0) continue;
+    if (node.bit < 0 || n == 1) {
+      uint64_t value = node.prefix;
+      if (node.bit >= 0) value = value << (node.bit + 1) | raw(node.bit + 1);
+      for (uint32_t i = node.begin; i < node.end; i++) codes[i] = value;
+      continue;
+    }
+    int32_t size = smaller(bits_of(n) - 1, 8), together = bit((size - 1) * 4 + node.run);
+    uint32_t zeros = together ? (raw(1) ? n : 0) : 1 + below(n - 1);
+    int32_t run = together ? smaller(node.run + 1, 3) : 0;
+    top++;
+    stack[top].begin = node.begin + zeros, stack[top].end = node.end, stack[top].bit = node.bit - 1;
+    stack[top].run = run, stack[top].prefix = node.prefix << 1 | 1;
+    top++;
+    stack[top].begin = node.begin, stack[top].end = node.begin + zeros, stack[top].bit = node.bit - 1;
+    stack[top].run = run, stack[top].prefix = node.prefix << 1;
+  }
+}
+
+static int32_t coordinate(uint64_t value) {
+  value &= 0x1249249249249249;
+  value = (value | value >> 2) & 0x10C30C30C30C30C3;
+  value = (value | value >> 4) & 0x100F00F00F00F00F;
+  value = (value | value >> 8) & 0x1F0000FF0000FF;
+  value = (value | value >> 16) & 0x1F00000000FFFF;
+  return (int32_t)((value | value >> 32) & 0x1FFFFF);
+}
+
+static void read_cells(int32_t depth) {
+  int32_t spread = (int32_t)raw(1), size = spread ? smaller(3 * depth, 8) : 0;
+  uint32_t first = (uint32_t)raw(size), slots = (uint32_t)raw(size) + 1;
+  read_codes(3 * depth - size);
+  for (uint32_t i = 0; i < count; i++) {
+    uint64_t value = codes[i];
+    if (spread) {
+      uint32_t slot = first + below(slots);
+      for (int32_t b = size - 1; b >= 0; b--) value = value << 1 | ((slot >> (size - 1 - b)) & 1);
+    }
+    for (int32_t a = 0; a < 3; a++) cells[a * count + i] = coordinate(value >> a);
+  }
+}
+
+// Neighbours; see `src/codec/gaussians/neighbours.ts`.
+
+static int32_t indices[NEIGHBOURS], num_near;
+static double weights[NEIGHBOURS];
+static int32_t means[PREDICTED], deviations[PREDICTED];
+static double *values;
+static int32_t *axes;
+
+// Cells as pairs of 16 bits, x and y in one array, z and 0 in the other, behind `WINDOW` places that are far away.
+static int32_t *narrow_xy, *narrow_z;
+
+static void find_narrow(uint32_t i) {
+  int32_t keys[WINDOW];
+  const int32_t *xys = narrow_xy + i, *zs = narrow_z + i;
+  v128_t xy = wasm_i32x4_splat(xys[WINDOW]), z = wasm_i32x4_splat(zs[WINDOW]);
+  v128_t age = wasm_i32x4_const(WINDOW - 1, WINDOW - 2, WINDOW - 3, WINDOW - 4), four = wasm_i32x4_const_splat(4);
+  v128_t far = wasm_i32x4_const_splat(FAR), most[2] = {wasm_i32x4_const_splat(NONE), wasm_i32x4_const_splat(NONE)};
+  for (int32_t k = 0; k < WINDOW; k += 4) {
+    v128_t a = wasm_i16x8_sub(xy, wasm_v128_load(xys + k)), c = wasm_i16x8_sub(z, wasm_v128_load(zs + k));
+    v128_t d = wasm_i32x4_add(wasm_i32x4_dot_i16x8(a, a), wasm_i32x4_dot_i16x8(c, c));
+    v128_t key = wasm_v128_or(wasm_i32x4_shl(wasm_i32x4_min(d, far), 6), age);
+    wasm_v128_store(keys + k, key);
+    most[k >> 2 & 1] = wasm_i32x4_min(most[k >> 2 & 1], key);
+    age = wasm_i32x4_sub(age, four);
+  }
+  // Two of the least keys of eight groups are at most the larger one of their pair, so that six of them are at most the
+  // third smallest, the second largest, of four pairs.
+  v128_t pairs = wasm_i32x4_max(most[0], most[1]), swapped = wasm_i32x4_shuffle(pairs, pairs, 1, 0, 3, 2);
+  v128_t low = wasm_i32x4_min(pairs, swapped), high = wasm_i32x4_max(pairs, swapped);
+  int32_t bound = larger(larger(wasm_i32x4_extract_lane(low, 0), wasm_i32x4_extract_lane(low, 2)),
+                         smaller(wasm_i32x4_extract_lane(high, 0), wasm_i32x4_extract_lane(high, 2)));
+  v128_t bounds = wasm_i32x4_splat(bound);
+  int32_t k0 = NONE, k1 = NONE, k2 = NONE, k3 = NONE, k4 = NONE, k5 = NONE;
+  uint64_t close = 0;
+  for (int32_t k = 0; k < WINDOW; k += 16) {
+    v128_t near[4];
+    for (int32_t four = 0; four < 4; four++) near[four] = wasm_i32x4_le(wasm_v128_load(keys + k + 4 * four), bounds);
+    v128_t half = wasm_i16x8_narrow_i32x4(near[0], near[1]), rest = wasm_i16x8_narrow_i32x4(near[2], near[3]);
+    close |= (uint64_t)wasm_i8x16_bitmask(wasm_i8x16_narrow_i16x8(half, rest)) << k;
+  }
+  for (; close; close &= close - 1) {
+    int32_t key = keys[__builtin_ctzll(close)], rest;
+#define SORT(place) rest = larger(place, key), place = smaller(place, key), key = rest
+    SORT(k0);
+    SORT(k1);
+    SORT(k2);
+    SORT(k3);
+    SORT(k4);
+    k5 = smaller(k5, key);
+  }
+  indices[0] = k0, indices[1] = k1, indices[2] = k2, indices[3] = k3, indices[4] = k4, indices[5] = k5;
+  int32_t found = smaller((int32_t)i, NEIGHBOURS);
+  double nearest = ((k0 >> 6) + 1) * 4096.0;
+  for (int32_t m = 0; m < found; m++) {
+    int32_t key = indices[m];
+    weights[m] = __builtin_floor(nearest / ((key >> 6) + 1));
+    indices[m] = (int32_t)i - 1 - (key & 63);
+  }
+  num_near = found;
+}
+
+static void find_wide(uint32_t i) {
+  const int32_t *xs = cells, *ys = xs + count, *zs = ys + count;
+  int32_t found = 0, last = i < WINDOW ? 0 : (int32_t)i - WINDOW;
+  for (int32_t j = (int32_t)i - 1; j >= last; j--) {
+    double x = xs[i] - xs[j], y = ys[i] - ys[j], z = zs[i] - zs[j], d = x * x + y * y + z * z;
+    if (d > 1099511627776.0) d = 1099511627776.0;
+    if (found == NEIGHBOURS && d >= weights[NEIGHBOURS - 1]) continue;
+    int32_t place = found < NEIGHBOURS ? found++ : NEIGHBOURS - 1;
+    for (; place > 0 && weights[place - 1] > d; place--) {
+      weights[place] = weights[place - 1];
+      indices[place] = indices[place - 1];
+    }
+    weights[place] = d;
+    indices[place] = j;
+  }
+  double nearest = (weights[0] + 1) * 4096;
+  for (int32_t m = 0; m < found; m++) weights[m] = __builtin_floor(nearest / (weights[m] + 1));
+  num_near = found;
+}
+
+// Returns the context of the class.
+static int32_t predict(void) {
+  if (!num_near) {
+    for (int32_t c = 0; c < PREDICTED - 1; c++) means[c] = defaults[c], deviations[c] = 0;
+    return 0;
+  }
+  double total = 0, sums[PREDICTED] = {0}, floors[PREDICTED], apart[PREDICTED] = {0};
+  for (int32_t m = 0; m < num_near; m++) {
+    const double *row = values + PREDICTED * indices[m], w = weights[m];
+    total += w;
+    for (int32_t c = 0; c < PREDICTED; c++) sums[c] += w * row[c];
+  }
+  for (int32_t c = 0; c < PREDICTED; c++) floors[c] = __builtin_floor(sums[c] / total);
+  for (int32_t m = 0; m < num_near; m++) {
+    const double *row = values + PREDICTED * indices[m], w = weights[m];
+    for (int32_t c = 0; c < PREDICTED; c++) apart[c] += w * magnitude(row[c] - floors[c]);
+  }
+  for (int32_t c = 0; c < PREDICTED; c++) {
+    means[c] = (int32_t)floors[c];
+    deviations[c] = (int32_t)(apart[c] / total);
+  }
+  return 1 + (int32_t)((4 * sums[7] + total) / (2 * total));
+}
+
+static double axis[3];
+static int32_t axis_deviation, axis_count;
+
+static void predict_axis(int32_t primary) {
+  double total = 0, x = 0, y = 0, z = 0;
+  const int32_t *nearest = 0;
+  int32_t same = 0;
+  for (int32_t m = 0; m < num_near; m++) {
+    const int32_t *u = axes + 4 * indices[m];
+    if (u[3] != primary) continue;
+    if (!same++) nearest = u;
+    double w = u[0] * nearest[0] + u[1] * nearest[1] + u[2] * nearest[2] >= 0 ? weights[m] : -weights[m];
+    x += w * u[0];
+    y += w * u[1];
+    z += w * u[2];
+    total += weights[m];
+  }
+  axis_deviation = axis_count = 0;
+  axis[0] = axis[1] = 0;
+  axis[2] = ONE;
+  if (!same || (x == 0 && y == 0 && z == 0)) return;
+  double mx = __builtin_floor(x / total), my = __builtin_floor(y / total), mz = __builtin_floor(z / total), sum = 0;
+  for (int32_t m = 0; m < num_near; m++) {
+    const int32_t *u = axes + 4 * indices[m];
+    if (u[3] != primary) continue;
+    double near = magnitude(u[0] - mx) + magnitude(u[1] - my) + magnitude(u[2] - mz);
+    double opposite = magnitude(u[0] + mx) + magnitude(u[1] + my) + magnitude(u[2] + mz);
+    sum += weights[m] * (near < opposite ? near : opposite);
+  }
+  axis[0] = x, axis[1] = y, axis[2] = z;
+  axis_deviation = (int32_t)(sum / total);
+  axis_count = same;
+}
+
+// A Gaussian; see `src/codec/gaussians/packet.ts`.
+
+static int32_t absolute, running;
+
+static int32_t exponent(int32_t which, int32_t level, int32_t area, int32_t length, int32_t thin, int32_t opacity) {
+  const int32_t *c = coefficients + 4 * which;
+  return (c[0] * area + c[1] * length + c[2] * thin + c[3] * opacity + bases[8 * which + level]) >> 18;
+}
+
+static int32_t spread_context(int32_t near, int32_t deviation, int32_t shift) {
+  if (near < 3) return near == 0 ? 0 : 1;
+  return 2 + smaller(bits_of((uint32_t)((deviation * 8) >> shift)), SPREADS - 3);
+}
+
+static int32_t value_of(int32_t stream, int32_t spread, int32_t mean, int32_t shift) {
+  int32_t second = stream < 2 ? shift : smaller(bits_of((uint32_t)running), SECONDS - 1);
+  int32_t context = (stream * SPREADS + spread) * SECONDS + second, near = 0, eighths = 0;
+  if (absolute) {
+    eighths = (8 * mean + ((1 << shift) >> 1)) >> shift;
+    near = (eighths + 4) >> 3;
+    eighths -= 8 * near;
+  }
+  int32_t steps = symbol(contexts + context, eighths), size = steps < 0 ? -steps : steps;
+  running = (running + 16 * smaller(size, 1 << 14)) >> 1;
+  // at most 2^24 steps of at most 2^14: more than 32 bits, but all values are clipped to fewer
+  int64_t value = ((int64_t)(near + steps) << shift) + (absolute ? 0 : mean);
+  return value > NONE ? NONE : value < -NONE ? -NONE : (int32_t)value;
+}
+
+static void read_axis(double *row, int32_t *stored, int32_t primary, int32_t shift) {
+  predict_axis(primary);
+  int32_t pole = 0;
+  for (int32_t a = 1; a < 3; a++)
+    if (magnitude(axis[a]) > magnitude(axis[pole])) pole = a;
+  double side = axis[pole] < 0 ? -1 : 1;
+  int32_t first = (pole + 1) % 3, second = (pole + 2) % 3;
+  double norm = magnitude(axis[0]) + magnitude(axis[1]) + magnitude(axis[2]);
+  double p = side * axis[first], q = side * axis[second];
+  if (!absolute) {
+    double sum = p + q;
+    q = p - q;
+    p = sum;
+  }
+  int32_t spread = spread_context(axis_count, axis_deviation, shift);
+  int32_t x = clip(value_of(4, spread, (int32_t)__builtin_floor(p * ONE / norm), shift), -ONE, ONE);
+  int32_t most = absolute ? ONE - (x < 0 ? -x : x) : ONE;
+  int32_t y = clip(value_of(4, spread, (int32_t)__builtin_floor(q * ONE / norm), shift), -most, most);
+  if (!absolute) {
+    int32_t sum = x + y;
+    y = (x - y) >> 1;
+    x = sum >> 1;
+  }
+  int32_t found[3], rest = ONE - (x < 0 ? -x : x) - (y < 0 ? -y : y);
+  found[first] = x, found[second] = y, found[pole] = rest > 0 ? rest : 0;
+  if (absolute) {
+    int32_t sizes[3], top = 0;
+    for (int32_t a = 0; a < 3; a++) sizes[a] = found[a] < 0 ? -found[a] : found[a];
+    for (int32_t a = 1; a < 3; a++)
+      if (sizes[a] > sizes[top]) top = a;
+    if (found[top] < 0)
+      for (int32_t a = 0; a < 3; a++) found[a] = -found[a];
+  }
+  for (int32_t a = 0; a < 3; a++) row[AXIS + a] = stored[a] = found[a];
+  row[PRIMARY] = stored[3] = primary;
+}
+
+static void read_harmonics(int32_t *found, int32_t number, int32_t level, int32_t shift) {
+  if (!bit(FIRST_HARMONIC + level)) {
+    for (int32_t j = 0; j < number; j++) found[j] = 0;
+    return;
+  }
+  int32_t recent = 0;
+  for (int32_t j = 0; j < number; j++) {
+    int32_t group = j < 3 ? 0 : j < 9 ? 1 : j < 21 ? 2 : 3, context = 0, size = 0, negative = 0;
+    while (context < 7 && recent >= running_bounds[context]) context++;
+    if (bit(FIRST_HARMONIC + 8 + (context * 4 + group) * 2 + (j % 3 ? 1 : 0))) {
+      negative = (int32_t)raw(1);
+      int32_t base = FIRST_MAGNITUDE + context * 3;
+      for (size = 1; size < 15 && bit(base + smaller(size - 1, 2)); size++) continue;
+      if (size == 15) {
+        uint64_t more = gamma_code();
+        size += more > 1 << 20 ? 1 << 20 : (int32_t)more;
+      }
+    }
+    int32_t value = clip(size << shift, 0, MAX_HARMONIC);
+    found[j] = negative ? -value : value;
+    recent = ((recent * 13) >> 4) + smaller(size, 65536) * 16;
+  }
+}
+
+static void read_gaussian(uint32_t i, double *row, int32_t start, int32_t box_bits, int32_t unit, int32_t coarsest) {
+  double *own = values + PREDICTED * i;
+  int32_t class_context = predict(), node = 1;
+  for (int32_t b = 0; b < 3; b++) node = 2 * node + bit(FIRST_CLASS + 8 * class_context + node);
+  int32_t level = node - 8, found[4] = {0, 0, 0, 0}, thin = 0, area = 0;
+  row[CLASS] = own[7] = level;
+  running = 16;
+  for (int32_t stream = 0; stream < 4; stream++) {
+    int32_t s0 = found[1], length = found[2], low = 0, high = MAX_LOG, most = BITS - 1;
+    area = 0;
+    if (stream == 0) low = -(10 << BITS), high = -1, most = BITS;
+    else if (stream == 1) area = absolute ? 0 : 2 * means[1] - (2 << BITS), low = -MAX_LOG;
+    else area = stream == 2 ? 2 * s0 - (2 << BITS) : 2 * s0 - length;
+    int32_t shift = clip(BITS - exponent(stream, level, area, length, 0, found[0]), 0, most);
+    int32_t spread = spread_context(num_near, deviations[stream], shift);
+    int32_t value = value_of(stream, spread, means[stream], shift);
+    if (stream == 3) high = absolute ? (MAX_THIN >> shift) << shift : MAX_THIN;
+    row[OPACITY + stream] = own[stream] = found[stream] = clip(value, low, high);
+  }
+  int32_t opacity = found[0], s0 = found[1], length = found[2];
+  thin = thinness[found[3]];
+  area = 2 * s0 - length;
+  int32_t finest = exponent(S_POSITION, level, area, length, thin, opacity), least = 1 - ((s0 - length) >> BITS);
+  if (least > finest) finest = least;
+  int32_t shift = clip(unit - finest, 0, absolute ? coarsest : box_bits), fine = smaller(start, shift);
+  for (int32_t a = 0; a < 3; a++) {
+    uint64_t place = (uint64_t)cells[a * count + i] << (start - fine) | raw(start - fine);
+    int32_t size = absolute ? shift : fine;
+    row[LATTICE + a] = (double)(int64_t)((place >> (size - fine)) << (size + 1) | 1ULL << size);
+  }
+  int32_t primary = thin >= length ? 2 : 0;
+  shift = clip(DIRECTION_BITS - exponent(S_DIRECTION, level, area, length, thin, opacity), 0, DIRECTION_BITS - 2);
+  read_axis(row, axes + 4 * i, primary, shift);
+  int32_t bits = clip(exponent(S_SPIN, level, area, length, thin, opacity), 0, DIRECTION_BITS);
+  row[SPIN_BITS] = bits;
+  row[SPIN] = (double)(int64_t)raw(bits);
+  shift = clip(BITS - exponent(S_COLOUR, level, 0, 0, 0, 0), 0, BITS - 2);
+  for (int32_t c = 0; c < 3; c++) {
+    int32_t spread = spread_context(num_near, deviations[4 + c], shift);
+    row[LUMA + c] = own[4 + c] = clip(value_of(5 + c, spread, means[4 + c], shift), -MAX_COLOUR, MAX_COLOUR);
+  }
+}
+
+/// Computes the distributions of the stream's contexts, once all tables but `defaults` are filled.
+EXPORT(prepare) void prepare(void) {
+  heap_end = ((uint32_t)&__heap_base + 15) & ~15u;
+  Context found[NUM_SCALES];
+  for (int32_t scale = 0; scale < NUM_SCALES; scale++) found[scale].first = 0;
+  for (int32_t c = 0; c < CONTEXTS; c++) {
+    Context *own = found + scales[c];
+    if (!own->first) {
+      int32_t half = half_width(scales[c]), shift = 0;
+      while ((2 * half >> shift) >= MOST_BOUNDS) shift++;
+      uint32_t stride = (sizeof(Distribution) + 4 * ((2 * half >> shift) + 2) + 15) & ~15u;
+      reserve(heap_end + MEANS * stride);
+      own->first = (const uint8_t *)heap_end;
+      own->stride = stride, own->half = half, own->scale = scales[c], own->shift = shift;
+      for (int32_t mean = -4; mean < 4; mean++, heap_end += stride)
+        tabulate((Distribution *)heap_end, scales[c], mean, half, shift);
+    }
+    contexts[c] = *own;
+  }
+}
+
+/// Returns the address for a payload of `bytes` bytes.
+EXPORT(begin) uint32_t begin(uint32_t bytes) {
+  reserve(heap_end + bytes);
+  return heap_end;
+}
+
+/// Decodes a packet of `number` Gaussians with `harmonics` harmonics each from the payload at `begin`. Returns the
+/// address of `COLUMNS` doubles for each Gaussian. The harmonics follow them, and the same numbers as 64-bit integers.
+EXPORT(decode) uint32_t decode(
+    uint32_t bytes, uint32_t number, uint32_t harmonics, int32_t box_bits, int32_t unit, int32_t coarsest) {
+  uint32_t rows_at = (heap_end + bytes + 15) & ~15u, harmonics_at = rows_at + 8 * COLUMNS * number;
+  uint32_t integers_at = (harmonics_at + 4 * harmonics * number + 7) & ~7u;
+  uint32_t values_at = (integers_at + 8 * COLUMNS * number + 15) & ~15u;
+  uint32_t axes_at = values_at + 8 * PREDICTED * number, codes_at = axes_at + 16 * number;
+  uint32_t cells_at = codes_at + 8 * number;
+  reserve(cells_at + 20 * number + 12 * WINDOW + ZEROS + bytes);
+  narrow_xy = (int32_t *)(cells_at + 12 * number + 4 * WINDOW);
+  narrow_z = narrow_xy + number + WINDOW;
+  double *rows = (double *)rows_at;
+  int64_t *integers = (int64_t *)integers_at;
+  values = (double *)values_at;
+  axes = (int32_t *)axes_at;
+  codes = (uint64_t *)codes_at;
+  cells = (int32_t *)cells_at;
+  count = number;
+  absolute = coarsest >= 0;
+  for (int32_t i = 0; i < 2 * NUM_CONTEXTS; i++) models[i] = initial[i];
+  const uint8_t *payload = (const uint8_t *)heap_end;
+  uint8_t *reversed = (uint8_t *)(narrow_z + number + WINDOW);
+  for (uint32_t i = 0; i < ZEROS; i++) reversed[i] = 0;
+  for (uint32_t i = 0; i < bytes; i++) reversed[ZEROS + i] = payload[bytes - 1 - i];
+  last = reversed;
+  next = reversed + ZEROS + bytes - 8;
+  __builtin_memcpy(&code, next, 8);
+  code >>= 16;
+  next -= 6;
+  span = 1ULL << 48;
+  int32_t least = box_bits - 21, start = clip((int32_t)raw(6), least > 0 ? least : 0, box_bits);
+  read_cells(box_bits - start);
+  if (box_bits - start <= NARROW_BITS) {
+    for (uint32_t i = 0; i < WINDOW; i++) narrow_xy[i] = NOWHERE, narrow_z[i] = 0;
+    for (uint32_t i = 0; i < number; i++) {
+      narrow_xy[WINDOW + i] = cells[i] | cells[number + i] << 16;
+      narrow_z[WINDOW + i] = cells[2 * number + i];
+    }
+  }
+  for (uint32_t i = 0; i < number; i++) {
+    if (box_bits - start <= NARROW_BITS) find_narrow(i);
+    else find_wide(i);
+    read_gaussian(i, rows + COLUMNS * i, start, box_bits, unit, coarsest);
+    for (uint32_t c = COLUMNS * i; c < COLUMNS * (i + 1); c++) integers[c] = (int64_t)rows[c];
+    if (harmonics) {
+      int32_t level = (int32_t)values[PREDICTED * i + 7];
+      int32_t shift = clip(BITS - exponent(S_HARMONICS, level, 0, 0, 0, 0), 0, BITS - 2);
+      read_harmonics((int32_t *)harmonics_at + harmonics * i, (int32_t)harmonics, level, shift);
+    }
+  }
+  return rows_at;
+}

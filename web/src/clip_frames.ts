@@ -1,0 +1,87 @@
+// Frames of clips and live clips, decoded in the worker for the page.
+
+import type { DecodedFrame } from "./codec/schema.ts";
+import type { Head } from "./packets/container.ts";
+import type { Packet } from "./packets/packet.ts";
+import { buffersOf, pack } from "./render/packed.ts";
+import type { DecodedStream } from "./transport/decoded_stream.ts";
+import { type Choice, shownPackets } from "./transport/losses.ts";
+import type { FromWorker, ToWorker } from "./transport/messages.ts";
+import { Periods } from "./transport/periods.ts";
+
+/** Time for decoding following frames after each requested one, milliseconds. */
+const PREFETCH_MS = 40;
+
+type PostMessage = (message: FromWorker, hand?: ArrayBuffer[]) => void;
+
+export class ClipFrames {
+  /** Periods of a live clip; null for other clips. */
+  #periods: Periods | null = null;
+  #reportedEnd = -1;
+  #shown: { key: string; count: number; shown: (packet: Packet) => boolean } | null = null;
+
+  constructor(readonly post: PostMessage) {}
+
+  /** True for live clips. They have no file and no last packet. */
+  get live(): boolean {
+    return this.#periods !== null;
+  }
+
+  /** Processes a new head of a live clip: its first one, one with more groups, or that of the next period. */
+  follow(head: Head, received: DecodedStream, known: boolean): void {
+    if (known && head.manifest.numPackets >= received.decoder.head.manifest.numPackets) received.decoder.grow(head);
+    this.#periods ??= new Periods();
+    if (!known) this.#periods.addPeriod(received);
+  }
+
+  /** Sends the range of playable frames of a live clip if it changed. */
+  reportPlayable(): void {
+    const playable = this.#periods?.playable;
+    if (!playable || playable.end === this.#reportedEnd) return;
+    this.#reportedEnd = playable.end;
+    this.post({ kind: "playable", ...playable, late: this.#periods!.late });
+  }
+
+  /** Sends a frame, taken from `received` unless the clip is live. `size` is the size of the scene, world units. */
+  frame({ number, choice }: ToWorker & { kind: "frame" }, received: DecodedStream | null, size: number): void {
+    const place = this.#periods?.at(number),
+      schema = (this.#periods ? place?.received : received)?.decoder.schema,
+      moving = schema?.moving;
+    if (!schema || !moving) return;
+    const began = performance.now(),
+      own = place?.number ?? number,
+      { shown, count } = this.#shownMotion(moving.packets, choice),
+      frame = this.#frameOf(() => moving.frame(own, shown, choice.concealer));
+    const packed = pack(frame ? [frame.splats] : [], schema.degree, size),
+      drawMs = performance.now() - began;
+    this.post(
+      { kind: "frame", number, packed, concealed: frame?.concealed ?? 0, shownPackets: count, drawMs },
+      buffersOf(packed),
+    );
+    setTimeout(() => moving.prefetch(own, PREFETCH_MS));
+  }
+
+  /** Returns a frame. Reports the error and returns null if the frame needs too much memory. */
+  #frameOf(make: () => DecodedFrame): DecodedFrame | null {
+    try {
+      return make();
+    } catch (error) {
+      this.post({ kind: "note", text: `This frame cannot be shown: ${(error as Error).message}.` });
+      return null;
+    }
+  }
+
+  /**
+   * Returns a filter for the motion packets of a choice of losses. The same choice and packets give the same function.
+   */
+  #shownMotion(packets: readonly Packet[], choice: Choice): { shown: (packet: Packet) => boolean; count: number } {
+    const last = packets.at(-1),
+      key = JSON.stringify([packets.length, last?.block, last?.lane, { ...choice, concealer: "" }]);
+    if (this.#shown?.key !== key) {
+      const kept = shownPackets(packets, choice),
+        some = new Set(packets.filter((_, n) => kept[n]));
+      this.#shown = { key, count: some.size, shown: (packet) => some.has(packet) };
+    }
+    return this.#shown;
+  }
+}

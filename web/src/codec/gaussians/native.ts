@@ -1,0 +1,103 @@
+// Packet decoder in WebAssembly, several times as fast as the plain one and bit for bit the same.
+
+import { HALF_WIDTHS, INVERSE_SCALES, NORMAL } from "../../entropy/tables.ts";
+import { COEFFICIENTS, COLUMNS } from "./layout.ts";
+import { MODULE } from "./native_module.ts";
+import { type Decoded, type GaussianPackets, PacketDecoder } from "./packet.ts";
+import type { SideInfo } from "./side_info.ts";
+import { stepBases } from "./steps.ts";
+import { THINNESS } from "./tables.ts";
+
+/** Functions of `native/gaussians.c`, and addresses of its tables. */
+interface Exports {
+  readonly memory: WebAssembly.Memory;
+  prepare(): void;
+  begin(bytes: number): number;
+  decode(bytes: number, count: number, harmonics: number, boxBits: number, unit: number, coarsest: number): number;
+  readonly [table: string]: unknown;
+}
+
+let compiled: WebAssembly.Module | null | undefined;
+
+/** Returns the compiled module; null if the page's policy or the engine does not allow it. */
+function moduleOf(): WebAssembly.Module | null {
+  if (compiled !== undefined) return compiled;
+  try {
+    compiled = new WebAssembly.Module(Uint8Array.from(atob(MODULE), (letter) => letter.charCodeAt(0)));
+  } catch {
+    compiled = null;
+  }
+  return compiled;
+}
+
+/** Decodes the packets of one stream: in WebAssembly if possible. Memory is only taken for the first packet. */
+export class FastPackets implements GaussianPackets {
+  #decoder: GaussianPackets | null = null;
+
+  constructor(readonly info: SideInfo) {}
+
+  decode(payload: Uint8Array, block: number, count: number, brief = false): Decoded {
+    this.#decoder ??= NativePackets.of(this.info) ?? new PacketDecoder(this.info);
+    try {
+      return this.#decoder.decode(payload, block, count, brief);
+    } catch (error) {
+      if (!(error instanceof WebAssembly.RuntimeError)) throw error;
+      // its memory cannot grow; the plain decoder needs less at once
+      this.#decoder = new PacketDecoder(this.info);
+      return this.#decoder.decode(payload, block, count, brief);
+    }
+  }
+}
+
+/** Decodes the packets of one stream in WebAssembly. */
+export class NativePackets implements GaussianPackets {
+  readonly #exports: Exports;
+
+  private constructor(
+    readonly info: SideInfo,
+    module: WebAssembly.Module,
+  ) {
+    this.#exports = new WebAssembly.Instance(module).exports as unknown as Exports;
+    const tables = {
+      normal: NORMAL,
+      inverses: INVERSE_SCALES,
+      widths: HALF_WIDTHS,
+      thinness: THINNESS,
+      coefficients: Int32Array.from(COEFFICIENTS.flat()),
+      bases: stepBases(info.bases),
+      scales: info.scales,
+      initial: info.models,
+    };
+    for (const [name, values] of Object.entries(tables)) this.#fill(name, values);
+    this.#exports.prepare();
+  }
+
+  /** Returns a decoder; null where there is no WebAssembly. */
+  static of(info: SideInfo): NativePackets | null {
+    const module = moduleOf();
+    try {
+      return module && new NativePackets(info, module);
+    } catch {
+      return null; // no memory for another instance
+    }
+  }
+
+  #fill(table: string, values: Int32Array): void {
+    const address = (this.#exports[table] as WebAssembly.Global).value as number;
+    new Int32Array(this.#exports.memory.buffer, address, values.length).set(values);
+  }
+
+  decode(payload: Uint8Array, block: number, count: number, brief = false): Decoded {
+    const { boxes, defaults, numHarmonics, unit, coarsest } = this.info,
+      { memory, begin, decode } = this.#exports,
+      address = begin(payload.length);
+    this.#fill("defaults", defaults.subarray(7 * block, 7 * block + 7));
+    new Uint8Array(memory.buffer, address, payload.length).set(payload);
+    const at = decode(payload.length, count, numHarmonics, boxes.bits[block], unit, coarsest),
+      rows = new Float64Array(memory.buffer, at, COLUMNS * count),
+      harmonics = new Int32Array(memory.buffer, at + rows.byteLength, numHarmonics * count);
+    if (!brief) return { rows: rows.slice(), harmonics: harmonics.slice() };
+    const after = Math.ceil((harmonics.byteOffset + harmonics.byteLength) / 8) * 8;
+    return { rows, harmonics, integers: new Uint8Array(memory.buffer, after, rows.byteLength) };
+  }
+}

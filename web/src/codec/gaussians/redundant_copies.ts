@@ -1,0 +1,53 @@
+// Redundant copies of Gaussians in the side information, drawn where packets are lost. Counterpart of
+// `splatwire.codec.gaussians.copies`.
+
+import { BitstreamError, ByteReader } from "../../bytes.ts";
+import type { Growth } from "../../conceal/scene_free.ts";
+import { MAX_COPIES } from "../../packets/limits.ts";
+import type { Splats } from "../splats.ts";
+import { FastPackets } from "./native.ts";
+import { readBlocks, type SideInfo } from "./side_info.ts";
+import { toSplats } from "./to_splats.ts";
+
+const VERSION = 1,
+  GROWTH_UNIT = 64,
+  WHAT = "section 'sketch'";
+
+export interface RedundantGaussians {
+  /** Index of each copied Gaussian, all different. */
+  readonly places: Int32Array;
+  readonly splats: Splats;
+  /** Growth of received Gaussians, fitted to these copies. */
+  readonly growth: Growth;
+}
+
+/** Reads the copies of a stream of `count` Gaussians. Any bytes after the indices decode to some Gaussians. */
+export function readRedundantGaussians(bytes: Uint8Array, info: SideInfo, count: number): RedundantGaussians {
+  const reader = new ByteReader(bytes, WHAT),
+    version = reader.u8();
+  if (version !== VERSION) throw new BitstreamError(`${WHAT} has version ${version}, this version reads ${VERSION}`);
+  const [size, opacity, trust] = [0, 1, 2].map(() => reader.u8() / GROWTH_UNIT),
+    copies = reader.unsigned();
+  if (copies < 1 || copies > Math.min(count, MAX_COPIES))
+    throw new BitstreamError(
+      `${WHAT}: ${copies} copies for ${count} Gaussians, not 1 to ${Math.min(count, MAX_COPIES)}`,
+    );
+  const here: SideInfo = { ...info, ...readBlocks(reader.blob(), 1) },
+    places = readPlaces(reader, copies, count);
+  const splats = toSplats(new FastPackets(here).decode(reader.rest(), 0, copies), here, 0);
+  return { places, splats, growth: { base: [size, opacity], trust } };
+}
+
+/** Reads the indices. Each has as many bits as the largest possible index, high bits first. */
+function readPlaces(reader: ByteReader, copies: number, count: number): Int32Array {
+  const width = Math.max(32 - Math.clz32(count - 1), 1),
+    bytes = reader.take(Math.ceil((copies * width) / 8)),
+    places = new Int32Array(copies);
+  for (let bit = 0; bit < copies * width; bit++) {
+    const at = Math.floor(bit / width);
+    places[at] = (places[at] << 1) | ((bytes[bit >> 3] >> (7 - (bit & 7))) & 1);
+  }
+  if (places.some((place) => place >= count) || new Set(places).size < copies)
+    throw new BitstreamError(`${WHAT}: an index of a copy is repeated or out of range`);
+  return places;
+}

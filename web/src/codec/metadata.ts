@@ -1,0 +1,41 @@
+// Texts about a scene, read as `splatwire.types.metadata` reads them.
+
+/** Largest number of characters of a text; longer ones are cut. */
+const MAX_TEXT = 500;
+/** Largest size of the section, bytes. */
+const MAX_BYTES = 1 << 16;
+const SPACES = /[\p{Cc}\p{Zl}\p{Zp}]/gu;
+/** Invisible characters, which can reorder or hide others. */
+const INVISIBLE = /[\p{Cf}\p{Cs}\p{Co}\p{Cn}]/gu;
+
+export interface Texts {
+  readonly title: string;
+  readonly author: string;
+  readonly license: string;
+}
+
+/** Returns the texts in the section `metadata`. A text that is missing or damaged is empty. */
+export function textsOf(section: Uint8Array | undefined): Texts {
+  const content = parsed(section);
+  return { title: clean(content["title"]), author: clean(content["author"]), license: clean(content["license"]) };
+}
+
+function parsed(section: Uint8Array | undefined): Record<string, unknown> {
+  if (!section || section.length > MAX_BYTES) return {};
+  try {
+    const content: unknown = JSON.parse(new TextDecoder("utf-8", { fatal: true }).decode(section));
+    return typeof content === "object" && content !== null ? (content as Record<string, unknown>) : {};
+  } catch {
+    return {}; // the texts are not needed to draw the scene
+  }
+}
+
+/** Returns a text as one line without control characters; empty if the value is no text. */
+function clean(value: unknown): string {
+  if (typeof value !== "string") return "";
+  const visible = value
+    .slice(0, 4 * MAX_TEXT)
+    .replace(SPACES, " ")
+    .replace(INVISIBLE, "");
+  return [...visible.split(/\s+/).filter(Boolean).join(" ")].slice(0, MAX_TEXT).join("").trim();
+}

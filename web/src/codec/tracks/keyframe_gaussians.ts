@@ -1,0 +1,93 @@
+// Received base Gaussians of tracks, in growing arrays. Memory is proportional to the received tracks, not to the
+// announced ones.
+
+import { BitstreamError } from "../../bytes.ts";
+import { COLUMNS, LATTICE } from "../gaussians/layout.ts";
+import { emptySplats, type Splats } from "../splats.ts";
+import { NUM_CHANNELS } from "./layout.ts";
+import type { ClipInfo } from "./side_info.ts";
+import { MotionSteps } from "./steps.ts";
+
+/** Largest number of tracks. Each announced track takes four bytes. */
+const MAX_TRACKS = 1 << 24;
+const MIN_CAPACITY = 1024;
+/** Memory of a track in addition to its Gaussian, bytes. */
+export const TRACK_BYTES = 4 + 24 + 4 * NUM_CHANNELS;
+
+export class KeyframeGaussians {
+  /** Slot of each track; -1 if its base was not received. */
+  slots: Int32Array;
+  /** Track of each slot. */
+  tracks = new Int32Array(MIN_CAPACITY);
+  /** Birth group of each track, by slot. */
+  birthGroups = new Int32Array(MIN_CAPACITY);
+  /** Positions in half lattice units of the scene, shape (slots, 3). */
+  places = new Float64Array(3 * MIN_CAPACITY);
+  /** log2 of the motion steps, shape (slots, channels). */
+  shifts = new Int32Array(NUM_CHANNELS * MIN_CAPACITY);
+  splats: Splats;
+  count = 0;
+  readonly #steps: MotionSteps;
+
+  constructor(public info: ClipInfo) {
+    this.slots = slotsOf(info);
+    this.splats = emptySplats(MIN_CAPACITY, info.bases.degree);
+    this.#steps = new MotionSteps(info.bases, info.coarser);
+  }
+
+  /** Continues with a longer clip, which has more tracks. */
+  grow(info: ClipInfo): void {
+    const slots = slotsOf(info);
+    slots.set(this.slots);
+    this.slots = slots;
+    this.info = info;
+  }
+
+  /**
+   * Adds the Gaussians of consecutive tracks, beginning with track `first`. `rows` are their integers, `corner` is that
+   * of their block.
+   */
+  add(first: number, rows: Float64Array, corner: Float64Array, splats: Splats): void {
+    const { count } = splats,
+      group = this.info.groups.findIndex(({ firstNew, births }) => first < firstNew + births);
+    this.#reserve(this.count + count);
+    for (let i = 0; i < count; i++) {
+      const slot = this.count++,
+        row = i * COLUMNS;
+      this.slots[first + i] = slot;
+      this.tracks[slot] = first + i;
+      this.birthGroups[slot] = group;
+      for (let a = 0; a < 3; a++) this.places[3 * slot + a] = rows[row + LATTICE + a] + 2 * corner[a];
+      this.#steps.of(rows, row, this.shifts, NUM_CHANNELS * slot);
+    }
+    const from = this.count - count;
+    for (const name of ["means", "quats", "scales", "opacities", "colours", "harmonics"] as const) {
+      const width = splats[name].length / Math.max(count, 1);
+      this.splats[name].set(splats[name], width * from);
+    }
+  }
+
+  #reserve(count: number): void {
+    const room = this.tracks.length;
+    if (count <= room) return;
+    const larger = Math.max(count, 2 * room),
+      wider = emptySplats(larger, this.splats.degree);
+    for (const name of ["means", "quats", "scales", "opacities", "colours", "harmonics"] as const)
+      wider[name].set(this.splats[name]);
+    this.splats = wider;
+    this.tracks = copyInto(this.tracks, new Int32Array(larger));
+    this.birthGroups = copyInto(this.birthGroups, new Int32Array(larger));
+    this.places = copyInto(this.places, new Float64Array(3 * larger));
+    this.shifts = copyInto(this.shifts, new Int32Array(NUM_CHANNELS * larger));
+  }
+}
+
+function copyInto<T extends Int32Array | Float64Array>(old: T, larger: T): T {
+  larger.set(old as never);
+  return larger;
+}
+
+function slotsOf({ numTracks }: ClipInfo): Int32Array {
+  if (numTracks > MAX_TRACKS) throw new BitstreamError(`${numTracks} tracks exceed the limit of ${MAX_TRACKS}`);
+  return new Int32Array(numTracks).fill(-1);
+}

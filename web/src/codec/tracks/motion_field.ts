@@ -1,0 +1,165 @@
+// Motion at any position, interpolated from the nearest tracks with received motion.
+
+import { KdTree } from "../../conceal/kd_tree.ts";
+import { DC } from "../splats.ts";
+import { NUM_CHANNELS } from "./layout.ts";
+import { COLOUR, changedKinds, FIRST_SHAPE, type NeighbourSet, NeighbourSums, POSE, SHAPE } from "./neighbours.ts";
+import type { PreviousState, TrackOffsets } from "./poses.ts";
+import { proximityWeights, Quadratic } from "./quadratic.ts";
+
+export const NEIGHBOURS = 40;
+/** Squared colour contrast at which the correction by contrast is halved. */
+const COLOUR_RIDGE = 0.1 * DC * DC;
+
+/** Motion field of a set of tracks. */
+export class MotionField {
+  readonly #tree: KdTree;
+  readonly #fit: Quadratic;
+  readonly #currentSums: NeighbourSums;
+  readonly #previousSums: NeighbourSums;
+  /** Kinds of channels that change in each neighbour, and kinds with a non-zero offset before the group. */
+  readonly #kinds: Uint8Array;
+  readonly #previousKinds: Uint8Array;
+  /**
+   * Neighbours of the last query by row, the same by slot for the state before the group, and their positions relative
+   * to the query.
+   */
+  readonly #neighbours: NeighbourSet;
+  readonly #previousNeighbours: NeighbourSet;
+  readonly #offsets: Float64Array;
+  readonly #contrast = new Float64Array(3);
+  readonly #own = new Float32Array(NUM_CHANNELS);
+  readonly #found: Float32Array;
+
+  /** Rows `observedRows` of the received motion are placed at `origins` and contribute their changes from there. */
+  constructor(
+    readonly arrived: TrackOffsets,
+    readonly observedRows: Int32Array,
+    readonly origins: Float32Array,
+    readonly past: PreviousState,
+    readonly frames: number,
+  ) {
+    const points = new Float32Array(3 * observedRows.length),
+      count = Math.min(NEIGHBOURS, observedRows.length),
+      slots = observedRows.map((row) => arrived.slots[row]),
+      from = changedKinds(origins, Int32Array.from(observedRows.keys()), NUM_CHANNELS),
+      still = from.every((kind) => !kind);
+    for (let n = 0; n < observedRows.length; n++)
+      for (let a = 0; a < 3; a++)
+        points[3 * n + a] = past.splats.means[3 * slots[n] + a] + origins[n * NUM_CHANNELS + a];
+    this.#tree = new KdTree(points, count);
+    this.#fit = new Quadratic(count);
+    this.#currentSums = new NeighbourSums(frames, count, arrived.offsets, still ? null : origins);
+    this.#previousSums = new NeighbourSums(1, count, past.lastOffsets, null);
+    this.#kinds = changedKinds(arrived.offsets, observedRows, frames * NUM_CHANNELS).map((kind, n) => kind | from[n]);
+    this.#previousKinds = changedKinds(past.lastOffsets, slots, NUM_CHANNELS);
+    this.#neighbours = emptyNeighbours(count);
+    this.#previousNeighbours = { ...this.#neighbours, rows: new Int32Array(count), kinds: new Uint8Array(count) };
+    this.#offsets = new Float64Array(3 * count);
+    this.#found = new Float32Array(frames * NUM_CHANNELS);
+  }
+
+  /**
+   * Predicts a track's offsets: the neighbours' motion plus the track's earlier deviation from it. The deviation counts
+   * less if it is small compared with its quantisation step.
+   */
+  predict(slot: number, out: Float32Array): void {
+    const { lastOffsets, wasExtrapolated, positionStep } = this.past,
+      own = this.#own,
+      changed = this.#queryNeighbours(slot, 0),
+      had = unionOf(this.#previousNeighbours.kinds) & POSE;
+    this.#computeWeights(slot, changed | had);
+    this.#currentSums.of(this.#neighbours, changed, this.#contrast, out);
+    if (wasExtrapolated?.[slot]) return;
+    this.#previousSums.of(this.#previousNeighbours, had, this.#contrast, own);
+    let apart = 0;
+    for (let c = 0; c < FIRST_SHAPE; c++) own[c] = lastOffsets[slot * NUM_CHANNELS + c] - own[c];
+    for (let a = 0; a < 3; a++) apart += own[a] * own[a];
+    if (!apart) return;
+    const trust = apart / (apart + positionStep(slot) ** 2 + 1e-30);
+    for (let frame = 0; frame < this.frames; frame++)
+      for (let c = 0; c < FIRST_SHAPE; c++) out[frame * NUM_CHANNELS + c] += trust * own[c];
+  }
+
+  /** Adds the neighbours' changes to a track's offsets. */
+  addChanges(slot: number, out: Float32Array): void {
+    const found = this.#found,
+      changed = this.#queryNeighbours(slot, 1);
+    this.#computeWeights(slot, changed);
+    this.#currentSums.of(this.#neighbours, changed, this.#contrast, found);
+    for (let k = 0; k < out.length; k++) out[k] += found[k];
+  }
+
+  /**
+   * Finds the neighbours of a track. `moved` is 1 if its last offset applies, otherwise 0. Returns the kinds of
+   * channels that change.
+   */
+  #queryNeighbours(slot: number, moved: number): number {
+    const { observedRows, arrived, past } = this,
+      { points } = this.#tree,
+      { means } = past.splats,
+      here = this.#own,
+      offsets = this.#offsets,
+      { rows, origins, kinds } = this.#neighbours,
+      last = this.#previousNeighbours;
+    for (let a = 0; a < 3; a++) here[a] = means[3 * slot + a] + moved * past.lastOffsets[slot * NUM_CHANNELS + a];
+    const near = this.#tree.nearest(here[0], here[1], here[2]);
+    for (let i = 0; i < near.length; i++) {
+      const n = near[i],
+        row = observedRows[n];
+      for (let a = 0; a < 3; a++) offsets[3 * i + a] = points[3 * n + a] - here[a];
+      rows[i] = row;
+      origins[i] = n;
+      kinds[i] = this.#kinds[n];
+      last.rows[i] = arrived.slots[row];
+      last.kinds[i] = this.#previousKinds[n];
+    }
+    return unionOf(kinds);
+  }
+
+  /** Computes the neighbours' weights for the kinds of channels that change. */
+  #computeWeights(slot: number, changed: number): void {
+    const { closeness, weights } = this.#neighbours;
+    if (!changed) return;
+    const unit = proximityWeights(this.#offsets, closeness);
+    if (changed & (POSE | SHAPE)) this.#fit.weights(this.#offsets, closeness, unit, weights);
+    if (changed & COLOUR) this.#computeContrasts(slot);
+  }
+
+  /** Computes the colour contrasts of the neighbours and of the track to the neighbours' mean. */
+  #computeContrasts(slot: number): void {
+    const { colours } = this.past.splats,
+      { closeness, contrasts } = this.#neighbours,
+      slots = this.#previousNeighbours.rows,
+      mean = this.#contrast.fill(0);
+    for (let i = 0; i < slots.length; i++)
+      for (let a = 0; a < 3; a++) mean[a] += closeness[i] * colours[3 * slots[i] + a];
+    let square = COLOUR_RIDGE;
+    for (let i = 0; i < slots.length; i++) {
+      for (let a = 0; a < 3; a++) {
+        const apart = colours[3 * slots[i] + a] - mean[a];
+        square += closeness[i] * apart * apart;
+        contrasts[3 * i + a] = closeness[i] * apart;
+      }
+    }
+    for (let k = 0; k < contrasts.length; k++) contrasts[k] /= square;
+    for (let a = 0; a < 3; a++) this.#contrast[a] = colours[3 * slot + a] - mean[a];
+  }
+}
+
+function emptyNeighbours(count: number): NeighbourSet {
+  return {
+    rows: new Int32Array(count),
+    origins: new Int32Array(count),
+    kinds: new Uint8Array(count),
+    weights: new Float64Array(count),
+    closeness: new Float64Array(count),
+    contrasts: new Float64Array(3 * count),
+  };
+}
+
+function unionOf(kinds: Uint8Array): number {
+  let found = 0;
+  for (let i = 0; i < kinds.length; i++) found |= kinds[i];
+  return found;
+}

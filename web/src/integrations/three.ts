@@ -1,0 +1,57 @@
+// `splatwire/three`: Gaussians for three.js, drawn by Spark (https://sparkjs.dev) together with meshes.
+
+import { ExtSplats, utils } from "@sparkjsdev/spark";
+
+import { type Gaussians, type ReceiveOptions, receive } from "../decoder.ts";
+
+/**
+ * Returns Gaussians for Spark: `new SplatMesh({ splats: splatsOf(gaussians) })`. Keeps the axes of the stream, where y
+ * usually points down.
+ */
+export function splatsOf(gaussians: Gaussians): ExtSplats {
+  const { count, degree, centres, rotations, scales, opacities, colours } = gaussians,
+    length = 4 * utils.getTextureSize(Math.max(count, 1)).maxSplats,
+    arrays: [Uint32Array, Uint32Array] = [new Uint32Array(length), new Uint32Array(length)];
+  for (let i = 0; i < count; i++) {
+    const [x, y, z] = centres.subarray(3 * i, 3 * i + 3),
+      [sx, sy, sz] = scales.subarray(3 * i, 3 * i + 3),
+      [qw, qx, qy, qz] = rotations.subarray(4 * i, 4 * i + 4),
+      [r, g, b] = colours.subarray(3 * i, 3 * i + 3);
+    utils.encodeExtSplat(arrays, i, x, y, z, sx, sy, sz, qx, qy, qz, qw, opacities[i], r, g, b);
+  }
+  const extra = degree > 0 ? harmonicsOf(gaussians, length) : {};
+  return new ExtSplats({ extArrays: arrays, numSplats: count, extra });
+}
+
+/** Returns the blur options of a `SparkRenderer` for these Gaussians. Spark's defaults assume antialiased ones. */
+export const blurOf = ({ antialiased }: Gaussians): { preBlurAmount: number; blurAmount: number } =>
+  antialiased ? { preBlurAmount: 0, blurAmount: 0.3 } : { preBlurAmount: 0.3, blurAmount: 0 };
+
+/** Texture and component of coefficients 1 to 15 in Spark's shader. Spark's own encoder misplaces degree 2. */
+const PLACES = [
+  ...[0, 1, 2, 3].map((word) => ["sh1", word] as const),
+  ...[0, 1, 2, 3].map((word) => ["sh2", word] as const),
+  ...[0, 1, 2, 3].map((word) => ["sh3a", word] as const),
+  ...[0, 1, 2].map((word) => ["sh3b", word] as const),
+];
+
+function harmonicsOf({ count, degree, harmonics }: Gaussians, length: number): Record<string, Uint32Array> {
+  const number = (degree + 1) ** 2 - 1,
+    found: Record<string, Uint32Array> = {};
+  for (const [j, [name, word]] of PLACES.slice(0, number).entries()) {
+    const texels = (found[name] ??= new Uint32Array(length));
+    for (let i = 0; i < count; i++) {
+      const at = 3 * (i * number + j);
+      texels[4 * i + word] = utils.encodeExtRgb(harmonics[at], harmonics[at + 1], harmonics[at + 2]);
+    }
+  }
+  return found;
+}
+
+/** Loads a whole stream. The default concealer is `grow`. */
+export async function loadSplats(url: string | URL, options: ReceiveOptions = {}): Promise<ExtSplats> {
+  let last: Gaussians | null = null;
+  for await (const { gaussians } of receive(url, { concealer: "grow", ...options })) last = gaussians;
+  if (!last) throw new Error(`nothing arrived from ${url}`);
+  return splatsOf(last);
+}

@@ -1,0 +1,58 @@
+// Automatic rotation of the camera around the scene.
+
+import type { Orbit } from "../render/orbit.ts";
+
+/** Default speed, degrees per second. */
+const DEFAULT_SPEED = 12;
+/** Time after the last input of the visitor before the rotation goes on, milliseconds. */
+const PAUSE_MS = 3000;
+
+export class AutoRotation {
+  /** Radians per second; 0 stops. */
+  #speed = 0;
+  #frame = 0;
+  #last = 0;
+  #inputAt = -Infinity;
+  #isVisible = true;
+
+  constructor(readonly orbit: Orbit) {}
+
+  /** Sets the speed by an attribute: degrees per second, the default for an empty text, none for null or no number. */
+  set(value: string | null): void {
+    const degrees = value === null ? 0 : value.trim() === "" ? DEFAULT_SPEED : Number(value),
+      still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    this.#speed = Number.isFinite(degrees) && !still ? (degrees * Math.PI) / 180 : 0;
+    this.#run();
+  }
+
+  get running(): boolean {
+    return this.#speed !== 0;
+  }
+
+  /** Pauses the rotation for some seconds, because the visitor uses the scene. */
+  onInput(): void {
+    this.#inputAt = performance.now();
+  }
+
+  setVisible(isVisible: boolean): void {
+    this.#isVisible = isVisible;
+    this.#run();
+  }
+
+  destroy(): void {
+    cancelAnimationFrame(this.#frame);
+  }
+
+  #run(): void {
+    cancelAnimationFrame(this.#frame);
+    this.#last = 0;
+    if (this.#speed && this.#isVisible) this.#frame = requestAnimationFrame((now) => this.#step(now));
+  }
+
+  #step(now: number): void {
+    const seconds = this.#last ? Math.min((now - this.#last) / 1000, 0.1) : 0;
+    this.#last = now;
+    if (seconds && performance.now() - this.#inputAt > PAUSE_MS) this.orbit.drift(this.#speed * seconds);
+    this.#frame = requestAnimationFrame((later) => this.#step(later));
+  }
+}

@@ -1,0 +1,104 @@
+// Playback of clips in the element: the player and its statistics in the panel.
+
+import type { Facts, FromWorker } from "../transport/messages.ts";
+import { LivePlayer } from "./live_player.ts";
+import type { Panel } from "./panel.ts";
+import { Player, type RequestFrame } from "./player.ts";
+
+export class ClipPlayback {
+  #player: Player | LivePlayer | null = null;
+
+  /** `panel` returns the panel, `requestFrame` requests a frame. */
+  constructor(
+    readonly panel: () => Panel,
+    readonly requestFrame: RequestFrame,
+  ) {}
+
+  /** Creates a player for a stream. `seen` is true if the element is visible. */
+  begin(moving: Facts["moving"], seen: boolean): void {
+    this.#player?.destroy();
+    this.#player =
+      moving && (moving.live ? new LivePlayer(moving.rate, this.requestFrame) : new Player(moving, this.requestFrame));
+    if (!this.#player) return;
+    this.panel().add(this.#player.element);
+    this.#player.setVisible(seen);
+  }
+
+  destroy(): void {
+    this.#player?.destroy();
+  }
+
+  /** True if the stream is a clip. */
+  get isClip(): boolean {
+    return this.#player !== null;
+  }
+
+  get live(): boolean {
+    return this.#player instanceof LivePlayer;
+  }
+
+  setVisible(seen: boolean): void {
+    this.#player?.setVisible(seen);
+  }
+
+  /** Starts or stops the playback; without effect on a still. */
+  play(playing: boolean): void {
+    this.#player?.play(playing);
+  }
+
+  /** True if the clip does not play. A still does not. */
+  get paused(): boolean {
+    return !this.#player?.started;
+  }
+
+  /** Time of the frame on the screen, seconds; 0 for a still. */
+  get currentTime(): number {
+    return this.#player?.time ?? 0;
+  }
+
+  /** Shows the frame at a time in seconds and pauses; without effect on stills and live clips. */
+  seek(seconds: number): void {
+    if (this.#player instanceof Player) this.#player.seek(seconds * this.#player.rate);
+  }
+
+  /** Duration in seconds; 0 for a still, infinite for a live clip. */
+  get duration(): number {
+    if (this.#player instanceof Player) return this.#player.times.numFrames / this.#player.rate;
+    return this.#player ? Infinity : 0;
+  }
+
+  /** Redraws the current frame, which has changed. */
+  redraw(): void {
+    this.#player?.redraw();
+  }
+
+  /** Announces the end of a live clip. */
+  end(): void {
+    if (this.#player instanceof LivePlayer) this.#player.end();
+  }
+
+  /** Announces playable frames of a live clip. */
+  playable({ begin, end, late }: FromWorker & { kind: "playable" }): void {
+    if (!(this.#player instanceof LivePlayer)) return;
+    this.#player.playable(begin, end);
+    this.panel().setRow("late", `${late.toLocaleString()} packets, ${this.#player.facts.late} frames`);
+  }
+
+  /** Shows a frame's statistics in the panel. */
+  showStatistics({ concealed, shownPackets, drawMs }: FromWorker & { kind: "frame" }): void {
+    const panel = this.panel();
+    panel.setRow("motion concealed", concealed ? `${concealed.toLocaleString()} tracks` : "none");
+    panel.setRow("motion shown", `${shownPackets.toLocaleString()} packets`);
+    if (this.#player instanceof LivePlayer) {
+      const { held, buffer } = this.#player.facts;
+      panel.setRow("stalled", held ? `${held} frames` : "none");
+      panel.setRow("buffer", `${(1000 * buffer).toFixed(0)} ms`);
+    } else panel.setRow("late", `${this.#player?.skipped ?? 0} frames`);
+    panel.setRow("frame time", `${drawMs.toFixed(0)} ms`);
+  }
+
+  /** Announces that a frame is on the screen, so that the next one is requested. */
+  shown(number: number): void {
+    this.#player?.shown(number);
+  }
+}

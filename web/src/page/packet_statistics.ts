@@ -1,0 +1,33 @@
+// Packet statistics and metadata in the panel.
+
+import type { Facts, FromWorker } from "../transport/messages.ts";
+import type { Panel } from "./panel.ts";
+
+export function showPacketStatistics(
+  panel: Panel,
+  { counts, decodeMs, corrupt }: FromWorker & { kind: "counts" },
+): void {
+  const { packets, expected, bytes, seconds, lost, way } = counts,
+    damaged = corrupt ? `, ${corrupt} damaged` : "";
+  panel.progress(expected ? packets / expected : 0);
+  panel.setRow("packets", `${packets.toLocaleString()} of ${expected.toLocaleString()}${damaged}`);
+  panel.setRow("missing", expected > packets ? `${(expected - packets).toLocaleString()} packets` : "none");
+  panel.setRow("received", `${(bytes / 1e6).toFixed(2)} MB`);
+  panel.setRow("rate", seconds > 0 ? `${((bytes * 8) / 1e6 / seconds).toFixed(1)} Mbit/s` : "-");
+  panel.setRow("lost on the way", lost ? `${lost} datagrams` : "none");
+  panel.setRow("time", `${seconds.toFixed(2)} s`);
+  panel.setRow("decoding", `${(decodeMs / 1000).toFixed(2)} s`);
+  panel.setRow("way", way);
+}
+
+/**
+ * Shows the texts of a scene, and its origin if it is georeferenced. The title goes into the bar unless the page names
+ * the scene itself (`isNamed`).
+ */
+export function showMetadata(panel: Panel, { texts, origin }: Facts, isNamed: boolean): void {
+  if (texts.title && !isNamed) panel.title = texts.title;
+  panel.setRow("title", texts.title, true);
+  panel.setRow("author", texts.author, true);
+  panel.setRow("license", texts.license, true);
+  panel.setRow("origin", origin.some((value) => value !== 0) ? origin.join(", ") : "", true);
+}

@@ -1,0 +1,81 @@
+// State of a transfer, reported in the status, in the panel and as events.
+
+import type { Dispatch, Status } from "./events.ts";
+import type { Panel } from "./panel.ts";
+
+export class SessionStatus {
+  #disconnects = 0;
+  #digestWaiters: ((same: boolean) => void)[] = [];
+
+  constructor(
+    readonly status: Status,
+    readonly panel: Panel,
+    readonly tell: Dispatch,
+  ) {}
+
+  /** Reports a fatal error. */
+  fail(text: string): void {
+    const { status } = this;
+    status.failed = text;
+    this.panel.setMessage(text, "bad");
+    if (!status.gaussians) this.panel.showNotice("error", text);
+    this.tell("error", { message: text });
+  }
+
+  /** Reports a disconnect. */
+  lost(reason: string, retryMs: number): void {
+    this.status.lost = reason;
+    this.panel.setRow(
+      "link",
+      `dropped ${++this.#disconnects === 1 ? "once" : `${this.#disconnects} times`}: ${reason}`,
+    );
+    const text = `Connection lost (${reason}); next attempt in ${Math.round(retryMs / 1000) || 1} s.`;
+    this.panel.setMessage(text, "bad");
+    if (!this.status.gaussians) this.panel.showNotice("offline", navigator.onLine ? text : `You are offline. ${text}`);
+    this.tell("lost", { reason, retryMs });
+  }
+
+  /** Reports progress; `live` is true for live clips. */
+  progress(live: boolean): void {
+    const { status, panel } = this,
+      { packets, expected } = status;
+    if (status.lost && !status.finished) status.lost = null;
+    if (!packets || !expected || status.finished || status.failed) return;
+    panel.setMessage(live ? "Live." : "Receiving ...");
+    if (!status.gaussians) panel.showNotice("loading", "Receiving ...");
+  }
+
+  /** Reports the end of the transfer. `text` describes it. */
+  finished(text: string, complete: boolean, live: boolean): void {
+    const { status, panel } = this;
+    status.finished = text;
+    status.complete = complete;
+    status.lost = null;
+    if (status.failed) return;
+    if (live)
+      panel.setMessage(
+        text === "complete" || text === "sent" ? "The live clip has ended." : `The live clip ended: ${text}.`,
+      );
+    else if (complete) return panel.setMessage("All packets received; checking them.");
+    else panel.setMessage(`The transfer ended early: ${text}. Missing packets are concealed.`);
+    this.tell("load", { complete, verified: false });
+  }
+
+  /** Reports the result of the digest check. */
+  verified(same: boolean): void {
+    const { status } = this;
+    for (const resolve of this.#digestWaiters.splice(0)) resolve(same);
+    if (!status.complete || status.verified !== null) return;
+    status.verified = same;
+    if (!same) this.fail("All packets were received, but their digest is wrong: the stream was altered or is damaged.");
+    else if (!status.failed) this.panel.setMessage("Complete and verified.", "done");
+    this.tell("load", { complete: true, verified: same });
+  }
+
+  /** Resolves to the result of the digest check. `ask` starts the check if there is none yet. */
+  verify(ask: () => void): Promise<boolean> {
+    if (this.status.verified !== null) return Promise.resolve(this.status.verified);
+    ask();
+    return new Promise((resolve) => this.#digestWaiters.push(resolve));
+  }
+}

@@ -1,0 +1,41 @@
+// Render target with 16 bits per channel. A canvas would round hundreds of thin layers to eight bits and clamp
+// intermediate sums at 1, which costs 6 to 14 dB.
+
+import {
+  type CameraComponent,
+  PIXELFORMAT_RGB10A2,
+  PIXELFORMAT_RGBA16F,
+  RenderTarget,
+  Texture,
+  type WebglGraphicsDevice,
+} from "playcanvas";
+
+/** Half-float render target, copied to the canvas after each frame. */
+export class HalfFloatTarget {
+  #target: RenderTarget | null = null;
+
+  constructor(
+    readonly device: WebglGraphicsDevice,
+    readonly camera: CameraComponent,
+  ) {}
+
+  resize(width: number, height: number): void {
+    if (this.#target?.width === width && this.#target.height === height) return;
+    this.destroy();
+    const format = this.device.textureHalfFloatRenderable ? PIXELFORMAT_RGBA16F : PIXELFORMAT_RGB10A2,
+      colorBuffer = new Texture(this.device, { name: "precise", width, height, format, mipmaps: false });
+    this.#target = new RenderTarget({ name: "precise", colorBuffer, depth: true });
+    this.camera.renderTarget = this.#target;
+  }
+
+  /** Copies the picture to the canvas. */
+  show(): void {
+    if (this.#target) this.device.copyRenderTarget(this.#target, undefined, true, false);
+  }
+
+  destroy(): void {
+    this.#target?.destroyTextureBuffers();
+    this.#target?.destroy();
+    this.#target = null;
+  }
+}

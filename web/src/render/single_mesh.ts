@@ -1,0 +1,127 @@
+// GPU mesh of a static scene or of one frame of a clip.
+
+import { type AppBase, Entity, WORKBUFFER_UPDATE_ONCE } from "playcanvas";
+
+import { GpuGaussians } from "./gpu_gaussians.ts";
+import type { Packed } from "./packed.ts";
+
+const MIN_CAPACITY = 4096;
+/** Largest number of Gaussians that memory is reserved for before they arrive. */
+const MAX_RESERVED = 1 << 18;
+
+export class SingleMesh {
+  readonly #entity: Entity;
+  #parts: Packed[] = [];
+  #count = 0;
+  #gains: Float32Array | null = null;
+  #drawn: GpuGaussians | null = null;
+  /** Larger memory with everything added, which replaces `#drawn` when it is shown; null if there is enough room. */
+  #larger: GpuGaussians | null = null;
+  /** Replaced Gaussians, on the screen until the new ones are sorted. Their memory is then reused. */
+  #previous: GpuGaussians | null = null;
+
+  /** Number of Gaussians that are expected in total; 0 if it is unknown. */
+  expected = 0;
+
+  constructor(readonly app: AppBase) {
+    this.#entity = new Entity("scene", app);
+    app.root.addChild(this.#entity);
+  }
+
+  get count(): number {
+    return this.#drawn?.count ?? 0;
+  }
+
+  /** True if Gaussians exist that others can replace. */
+  get hasGaussians(): boolean {
+    return this.#drawn !== null;
+  }
+
+  /** Uploads Gaussians. They are drawn after `show`. Returns the number of uploaded bytes. */
+  add(packed: Packed): number {
+    const target = this.#larger ?? this.#drawn;
+    this.#parts.push(packed);
+    this.#count += packed.count;
+    if (!target || target.capacity < this.#count) return this.#enlarge(packed.degree);
+    const before = target.bytes;
+    target.append(packed);
+    return target.bytes - before;
+  }
+
+  /** Draws everything added. It is sorted first. */
+  show(): void {
+    const larger = this.#larger;
+    if (larger) {
+      if (this.#entity.gsplat) this.#entity.removeComponent("gsplat");
+      this.#entity.addComponent("gsplat", { resource: larger });
+      this.releaseSpare();
+      this.#drawn?.destroy();
+      this.#drawn = larger;
+      this.#larger = null;
+    }
+    if (this.#gains) this.#drawn?.setGains(this.#gains);
+    this.#drawn?.show();
+  }
+
+  /**
+   * Starts a new set of Gaussians in separate memory. Overwriting the drawn ones would mix them with another set's
+   * depth order.
+   *
+   * @param sorted True if the current set is on the screen, false if it is still the one before.
+   */
+  replace(sorted: boolean): void {
+    this.#parts = [];
+    this.#count = 0;
+    this.#gains = null;
+    this.#larger?.destroy();
+    this.#larger = null;
+    const last = this.#drawn;
+    if (!last) return;
+    this.#drawn = (sorted && this.#previous) || new GpuGaussians(this.app.graphicsDevice, last.capacity, last.degree);
+    this.#drawn.clear();
+    this.#entity.gsplat!.resource = this.#drawn;
+    if (sorted) this.#previous = last;
+    else last.destroy();
+  }
+
+  /**
+   * Applies gains of size and opacity, shape (count, 2), by order of arrival; null resets them. Later Gaussians keep
+   * gain 1.
+   */
+  setGains(gains: Float32Array | null): void {
+    this.#gains = gains;
+    this.#drawn?.setGains(gains ?? new Float32Array(2 * this.count).fill(1));
+  }
+
+  /** Requests another copy and depth sort. */
+  resort(): void {
+    if (this.#entity.gsplat) this.#entity.gsplat.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
+  }
+
+  /** Releases memory that is needed only during replacement. */
+  releaseSpare(): void {
+    this.#previous?.destroy();
+    this.#previous = null;
+  }
+
+  clear(): void {
+    if (this.#entity.gsplat) this.#entity.removeComponent("gsplat");
+    this.releaseSpare();
+    this.#drawn?.destroy();
+    this.#larger?.destroy();
+    this.#drawn = this.#larger = this.#gains = null;
+    this.#parts = [];
+    this.#count = 0;
+  }
+
+  /** Uploads everything added to larger memory. Returns the number of uploaded bytes. */
+  #enlarge(degree: number): number {
+    const count = this.#count,
+      expected = Math.min(this.expected, MAX_RESERVED),
+      room = count <= expected ? expected : Math.max(MIN_CAPACITY, 2 ** Math.ceil(Math.log2(count)));
+    this.#larger?.destroy();
+    this.#larger = new GpuGaussians(this.app.graphicsDevice, room, degree);
+    for (const part of this.#parts) this.#larger.append(part);
+    return this.#larger.bytes;
+  }
+}

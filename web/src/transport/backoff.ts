@@ -1,0 +1,47 @@
+// Retries a failing transfer with exponential backoff.
+
+const INITIAL_MS = 500,
+  MAX_MS = 15_000;
+
+export interface BackoffOptions {
+  /** Returns true if a retry may succeed. */
+  readonly isRetryable: (error: unknown) => boolean;
+  /** Returns a number that grows with the received packets. Progress resets the backoff. */
+  readonly progress: () => number;
+  /** Called with the reason and the delay before each retry. */
+  readonly lost: (reason: string, retryMs: number) => void;
+  readonly wait: (ms: number) => Promise<void>;
+}
+
+/** Repeats an attempt until it succeeds. Throws errors that a retry cannot resolve. */
+export async function withBackoff<T>(
+  attempt: () => Promise<T>,
+  { isRetryable, progress, lost, wait }: BackoffOptions,
+): Promise<T> {
+  for (let failures = 0; ; failures++) {
+    const before = progress();
+    try {
+      return await attempt();
+    } catch (error) {
+      if (!isRetryable(error)) throw error;
+      if (progress() > before) failures = 0;
+      const least = (error as { retryMs?: number }).retryMs ?? 0, // requested by the server
+        ms = Math.max(Math.min(INITIAL_MS * 2 ** failures, MAX_MS), least);
+      lost((error as Error).message, ms);
+      await wait(ms);
+    }
+  }
+}
+
+/** Waits, or returns earlier when the browser is online again. */
+export function waitOrOnline(ms: number): Promise<void> {
+  return new Promise((resolve) => {
+    const go = (): void => {
+      clearTimeout(timer);
+      globalThis.removeEventListener?.("online", go);
+      resolve();
+    };
+    const timer = setTimeout(go, ms);
+    globalThis.addEventListener?.("online", go); // not available in node
+  });
+}

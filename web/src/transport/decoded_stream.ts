@@ -1,0 +1,228 @@
+// Decoded elements of a stream in order of arrival, the drawn part of them, and their gains under simulated losses.
+
+import { StreamDecoder } from "../codec/decoder.ts";
+import type { Verification } from "../codec/gaussians/digest.ts";
+import { type Swap, swapsOf } from "../codec/levels/swaps.ts";
+import type { Copies, Part } from "../codec/part.ts";
+import type { DecodedPacket } from "../codec/schema.ts";
+import type { Splats } from "../codec/splats.ts";
+import type { Camera } from "../model/camera.ts";
+import type { Head } from "../packets/container.ts";
+import type { Packet } from "../packets/packet.ts";
+import type { Pause } from "../scheduler.ts";
+import { type Choice, shownPackets } from "./losses.ts";
+
+/** Name of the concealer that draws redundant copies. */
+const SKETCH = "sketch";
+
+/** Gaussians to draw, part by part. */
+export interface ShownGaussians {
+  readonly parts: readonly Splats[];
+  /** True to replace all drawn Gaussians, false to add to them. */
+  readonly instead: boolean;
+  /** True if some are from packets that were not drawn before. */
+  readonly fresh: boolean;
+  /** Number of elements that are drawn now, at least in part. */
+  readonly elements: number;
+  /** Number of redundant Gaussians among all that are drawn now. */
+  readonly copies: number;
+}
+
+export class DecodedStream {
+  readonly decoder: StreamDecoder;
+  readonly #parts: Part[] = [];
+  /** Index of the first element of each part, in order of arrival. */
+  readonly #firsts: number[] = [];
+  #count = 0;
+  /** Number of drawn parts, and the element of each drawn Gaussian; null if Gaussian n is element n. */
+  #drawn = 0;
+  #owners: Int32Array[] | null = null;
+  /** Redundant copies among the parts, and the index of their first element. */
+  #copies: (Copies & { readonly first: number }) | null = null;
+  /** Number of drawn redundant Gaussians. */
+  #drawnCopies = 0;
+  /** Gains of size and opacity of the elements; null before the first concealment. */
+  #gains: Float32Array | null = null;
+
+  constructor(head: Head, verify: Verification = null) {
+    this.decoder = new StreamDecoder(head, verify);
+  }
+
+  /** True if some elements are not drawn yet. */
+  get hasNew(): boolean {
+    return this.#drawn < this.#parts.length;
+  }
+
+  /** Decodes one packet. */
+  addPacket(bytes: Uint8Array): void {
+    const part = this.decoder.addPacket(bytes);
+    if (part) this.#push(part);
+  }
+
+  /** Adds a packet that `decoder.admit` returned, once it is decoded; null to have it decoded here. */
+  accept(packet: Packet, decoded: DecodedPacket | null): void {
+    const { schema } = this.decoder;
+    this.#push(decoded ? schema.accept!(packet, decoded) : schema.read(packet));
+  }
+
+  /**
+   * Prepares the redundant copies if the concealer needs them. Throws `BitstreamError` for damaged copies, or if
+   * concealment needs too much memory.
+   */
+  async prepare({ concealer }: Choice, pause: Pause): Promise<void> {
+    if (concealer !== "drop") this.decoder.checkConcealmentMemory();
+    if (concealer !== SKETCH || this.#copies || !this.decoder.schema.concealers[concealer]) return;
+    const copies = await this.decoder.schema.copies(pause);
+    if (!copies || this.#copies) return;
+    this.#copies = { ...copies, first: this.#count };
+    this.#push(copies.part);
+  }
+
+  #push(part: Part): void {
+    this.#parts.push(part);
+    this.#firsts.push(this.#count);
+    this.#count += part.count;
+  }
+
+  /**
+   * Returns the Gaussians for a camera: all of them, or those of new packets. Resolves to null if the result is no
+   * longer needed.
+   */
+  async gaussiansFor(camera: Camera, all: boolean, pause: Pause): Promise<ShownGaussians | null> {
+    const { tiling } = this.decoder.schema;
+    all = tiling?.look(camera) || all; // the view has changed to other tiles
+    const first = all ? 0 : this.#drawn,
+      end = this.#parts.length,
+      found: Splats[] = [],
+      owners: Int32Array[] = [];
+    let copied = all ? 0 : this.#drawnCopies;
+    for (let p = first; p < end; p++) {
+      if (!(await pause())) return null;
+      const part = this.#parts[p],
+        seen = part.seen(camera);
+      found.push(seen.splats);
+      if (part === this.#copies?.part) copied = seen.splats.count;
+      if (seen.owners) owners.push(seen.owners.map((owner) => owner + this.#firsts[p]));
+    }
+    const fresh = this.#drawn < end;
+    this.#drawn = end;
+    this.#drawnCopies = copied;
+    if (this.decoder.schema.viewDependent) this.#owners = all ? owners : [...(this.#owners ?? []), ...owners];
+    const reached = this.#firsts[end] ?? this.#count,
+      copies = this.#copies;
+    return {
+      parts: found,
+      instead: all,
+      fresh,
+      elements: reached - (copies && copies.first < reached ? copies.part.count : 0),
+      copies: copied,
+    };
+  }
+
+  /**
+   * Returns the steps from the drawn units (with their numbers of packets) to those of a camera. Each step shows every
+   * part of the scene exactly once. A unit with new packets replaces itself.
+   */
+  swaps(camera: Camera, held: ReadonlyMap<number, number>): Swap[] {
+    const tiling = this.decoder.schema.tiling!;
+    tiling.look(camera);
+    this.#drawn = this.#parts.length;
+    const drawn = new Set(tiling.drawn),
+      grown = tiling.drawn.filter((piece) => tiling.packetsOf(piece) > (held.get(piece) ?? Infinity));
+    return [
+      ...swapsOf(tiling.pieces.parents, new Set(held.keys()), drawn),
+      ...grown.map((piece) => ({ gone: [piece], come: [piece] })),
+    ];
+  }
+
+  /** Returns the gains of the Gaussians of some units, in order; null before the first concealment. */
+  gainsOfPieces(pieces: readonly number[]): Float32Array | null {
+    const gains = this.#gains,
+      parts = pieces.flatMap((piece) => this.decoder.schema.tiling!.partsOf(piece));
+    if (!gains) return null;
+    const firsts = new Map(this.#parts.map((part, p) => [part, this.#firsts[p]])),
+      all = new Float32Array(2 * parts.reduce((sum, { which }) => sum + which.length, 0)).fill(1);
+    let at = 0;
+    for (const { part, which } of parts) {
+      const first = firsts.get(part)!;
+      for (const n of which) {
+        if (2 * (first + n) < gains.length) all.set(gains.subarray(2 * (first + n), 2 * (first + n + 1)), at);
+        at += 2;
+      }
+    }
+    return all;
+  }
+
+  /**
+   * Computes the gains of all elements under simulated losses, 0 for lost ones. Resolves to the number of received
+   * packets, or to null if the result is no longer needed.
+   */
+  async conceal(choice: Choice, pause: Pause): Promise<number | null> {
+    const gains = new Float32Array(2 * this.#count),
+      { schema } = this.decoder;
+    const came = this.#parts.flatMap((part, p) =>
+      part.packet ? [{ part, packet: part.packet, first: this.#firsts[p] }] : [],
+    );
+    const shown = shownPackets(
+        came.map(({ packet }) => packet),
+        choice,
+      ),
+      parts = came.filter((_, p) => shown[p]);
+    const there = parts.map(({ part }) => part),
+      copies = choice.concealer === SKETCH ? this.#copies : null,
+      which = this.#copiesOfMissing(there);
+    const drawn = copies ? [...there, copies.select(which)] : there,
+      received = drawn.reduce((sum, part) => sum + part.count, 0);
+    const found = await (schema.concealers[choice.concealer] ?? schema.concealers["drop"])(
+      received,
+      () => schema.elements(drawn, pause),
+      pause,
+    );
+    if (!found) return null;
+    let at = 0;
+    for (const { part, first } of parts) {
+      gains.set(found.subarray(2 * at, 2 * (at + part.count)), 2 * first);
+      at += part.count;
+    }
+    if (copies)
+      which.forEach((n, i) => gains.set(found.subarray(2 * (at + i), 2 * (at + i + 1)), 2 * (copies.first + n)));
+    this.#gains = gains;
+    return parts.length;
+  }
+
+  /** Returns the indices of the redundant copies of elements that are not in these parts. */
+  #copiesOfMissing(parts: readonly Part[]): Int32Array {
+    const there = new Uint8Array(this.decoder.head.manifest.count),
+      copied = this.#copies?.part.places ?? new Int32Array();
+    for (const { places } of parts) for (const place of places) there[place] = 1;
+    return copied.map((_, n) => n).filter((n) => !there[copied[n]]);
+  }
+
+  /** Gains of the drawn Gaussians, in their order. Elements that arrived after the last concealment have gain 1. */
+  get gains(): Float32Array | null {
+    return this.#gains && this.#gainsOfDrawn(this.#gains);
+  }
+
+  /** Gains that hide only the redundant Gaussians; null if there are none. */
+  get gainsWithoutCopies(): Float32Array | null {
+    const copies = this.#copies;
+    if (!copies) return null;
+    const gains = new Float32Array(2 * this.#count).fill(1);
+    return this.#gainsOfDrawn(gains.fill(0, 2 * copies.first, 2 * (copies.first + copies.part.count)));
+  }
+
+  /** Maps the gains of elements to the drawn Gaussians. */
+  #gainsOfDrawn(gains: Float32Array): Float32Array {
+    const owners = this.#owners;
+    if (!owners) return gains.slice();
+    const all = new Float32Array(2 * owners.reduce((sum, part) => sum + part.length, 0)).fill(1);
+    let at = 0;
+    for (const part of owners) {
+      for (const owner of part) {
+        if (2 * owner < gains.length) all.set(gains.subarray(2 * owner, 2 * owner + 2), at);
+        at += 2;
+      }
+    }
+    return all;
+  }
+}

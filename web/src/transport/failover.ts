@@ -1,0 +1,188 @@
+// Failover between the sources of a stream, with retries, until all available packets are received.
+
+import { BitstreamError } from "../bytes.ts";
+import { waitOrOnline, withBackoff } from "./backoff.ts";
+import type { Listener } from "./events.ts";
+import { HttpError } from "./http_error.ts";
+import { HttpFile } from "./http_file.ts";
+import { receiveFile } from "./http_source.ts";
+import type { PacketStore } from "./packet_store.ts";
+import { FINAL_REFUSALS } from "./transfer.ts";
+import { lookUpSession, NoWebTransport, receiveDatagrams, type Session } from "./webtransport.ts";
+
+/** Largest number of requests for a file that the server delivered before and refuses now. */
+const MAX_REFUSALS = 4;
+/** Largest number of sessions that end as complete although packets are missing. */
+const MAX_INCOMPLETE = 3;
+
+/** Sources of a stream: WebTransport session and file. */
+export interface Source {
+  readonly session: Session | null;
+  readonly name: string;
+  readonly file: string;
+}
+
+/** Listener with the received packets and the state of the connection. */
+export interface Receiver extends Listener {
+  readonly held: PacketStore;
+  /** True for live clips, which have no file. */
+  readonly live: boolean;
+  note(text: string): void;
+  lost(reason: string, retryMs: number): void;
+}
+
+/** Transports, replaceable in tests. */
+export interface Transports {
+  readonly receiveDatagrams: typeof receiveDatagrams;
+  readonly lookUpSession: typeof lookUpSession;
+  readonly wait: (ms: number) => Promise<void>;
+  readonly openFile: (url: string) => HttpFile;
+}
+
+const TRANSPORTS: Transports = {
+  receiveDatagrams,
+  lookUpSession,
+  wait: waitOrOnline,
+  openFile: (url) => new HttpFile(url),
+};
+
+/**
+ * Receives a stream and returns how it ended: `complete`, `sent`, `stopped` or a reason. Throws errors that a retry
+ * cannot resolve.
+ */
+export function receiveAll(source: Source, receiver: Receiver, ways = TRANSPORTS): Promise<string> {
+  const attempts = new Failover(source, receiver, ways);
+  return withBackoff(() => attempts.attempt(), {
+    isRetryable: (error) => !receiver.stopped() && attempts.canRetry(error),
+    progress: () => receiver.held.count,
+    lost: (reason, retryMs) => receiver.lost(reason, retryMs),
+    wait: ways.wait,
+  });
+}
+
+class Failover {
+  readonly #file: HttpFile;
+  #session: Session | null;
+  #incomplete = 0;
+  #numSessions = 0;
+  /** True once the server has refused the file, as for live clips. */
+  #isWithoutFile = false;
+
+  constructor(
+    readonly source: Source,
+    readonly receiver: Receiver,
+    readonly ways: Transports,
+  ) {
+    this.#file = ways.openFile(source.file);
+    this.#session = source.session;
+  }
+
+  canRetry(error: unknown): boolean {
+    if (error instanceof BitstreamError) return false;
+    // a file that was delivered before may be in the middle of its replacement
+    return !(error instanceof HttpError && error.final) || (this.#file.given && ++this.#file.refusals <= MAX_REFUSALS);
+  }
+
+  /**
+   * Makes one attempt: missing packets are received over a session or, without one, from the file. A session that
+   * breaks after delivering packets is retried.
+   */
+  async attempt(): Promise<string> {
+    const { receiver } = this,
+      { held } = receiver,
+      { count } = held,
+      begun = this.#session !== null && !held.complete;
+    let broken: unknown = null;
+    if (begun) {
+      try {
+        return await this.#receiveSession(this.#session!);
+      } catch (error) {
+        broken = error;
+      }
+      const reason = (broken as Error).message;
+      if (receiver.live || held.count > count) throw broken;
+      receiver.note(`${held.hasHead ? "The rest comes" : "The stream comes"} by HTTP: ${reason}.`);
+    }
+    try {
+      return await receiveFile(this.#file, receiver, held);
+    } catch (error) {
+      if (!(error instanceof HttpError && error.final)) throw error;
+      return this.#withoutFile(error, begun, broken as Error | null);
+    }
+  }
+
+  /**
+   * Continues without a file, as for live clips. A session that failed because of the connection is retried, and its
+   * reason is reported.
+   */
+  async #withoutFile(refused: HttpError, begun: boolean, broken: Error | null): Promise<string> {
+    this.#isWithoutFile = true;
+    if (broken && !(broken instanceof NoWebTransport) && !FINAL_REFUSALS.includes(broken.message))
+      throw new Error(`${broken.message}; and ${refused.message}`);
+    if (broken instanceof NoWebTransport) refused.message += `, and ${broken.message}`;
+    if (begun) throw refused;
+    // The server may have been unreachable when its session was looked up.
+    this.#session ??= await this.ways.lookUpSession(new URL(this.source.file));
+    if (!this.#session) throw refused;
+    return this.#receiveSession(this.#session);
+  }
+
+  /**
+   * Receives over a session. A server that was restarted has another self-signed certificate, which is looked up:
+   * before another attempt at a live clip, otherwise after a failure. Throws unless the session ends normally.
+   */
+  async #receiveSession(session: Session): Promise<string> {
+    const { receiver } = this;
+    if (receiver.live && session.fingerprint) return this.#begin((await this.#renewed(session)) ?? session);
+    try {
+      return await this.#begin(session);
+    } catch (error) {
+      if (receiver.live || !session.fingerprint || error instanceof NoWebTransport) throw error;
+      const renewed = await this.#renewed(session);
+      if (!renewed) throw error;
+      return this.#begin(renewed);
+    }
+  }
+
+  async #begin(session: Session): Promise<string> {
+    const { receiver, source } = this,
+      { held } = receiver,
+      before = held.head && {
+        head: held.head,
+        object: held.object,
+        bitsOf: (order: string): Uint8Array | null => held.bitsOf(order),
+      },
+      opening = { isRetry: this.#numSessions++ > 0, isOnlySource: receiver.live || this.#isWithoutFile },
+      ended = await this.ways.receiveDatagrams(session, source.name, receiver, before, opening);
+    if (!["complete", "sent", "stopped"].includes(ended)) throw new Error(ended);
+    const isShort = ended === "complete" && !receiver.live && held.hasHead && !held.complete;
+    if (isShort && ++this.#incomplete <= MAX_INCOMPLETE) throw new Error("the session ended without all packets");
+    return isShort ? "sent" : ended;
+  }
+
+  /**
+   * Returns the session that the server publishes if its certificate differs from that of the session in use, else
+   * null. A session on another host than the file keeps its URL.
+   */
+  async #renewed(session: Session): Promise<Session | null> {
+    const published = await this.ways.lookUpSession(new URL(this.source.file)),
+      fingerprint = published?.fingerprint;
+    if (!published || !fingerprint || fingerprint === session.fingerprint) return null;
+    const isSameHost = new URL(published.url).hostname === new URL(session.url).hostname;
+    return (this.#session = isSameHost ? published : { ...session, fingerprint });
+  }
+}
+
+/** Returns the sources for the URL of a file. The server may publish its session next to the file. */
+export async function sourceOf(file: URL, given: Session | null): Promise<Source> {
+  const last = file.pathname.split("/").pop() ?? "";
+  return { session: given ?? (await lookUpSession(file)), name: decoded(last).replace(/\.swz$/, ""), file: file.href };
+}
+
+function decoded(name: string): string {
+  try {
+    return decodeURIComponent(name);
+  } catch {
+    return name; // the file name contains a literal percent sign
+  }
+}

@@ -1,0 +1,23 @@
+// HTTP errors.
+
+/** Upper bound of the delay that a server may request with `Retry-After`, milliseconds. */
+const MAX_WAIT_MS = 60_000;
+
+/** Error for an HTTP error status. `final` is true if a retry cannot help. */
+export class HttpError extends Error {
+  readonly final: boolean;
+  /** Delay requested by the server before the next attempt, milliseconds; 0 if none. */
+  readonly retryMs: number;
+
+  constructor(url: string, { status, statusText, headers }: Response) {
+    super(`${url} answers ${status} ${statusText}`.trim());
+    this.final = status >= 400 && status < 500 && status !== 408 && status !== 425 && status !== 429;
+    const ms = retryDelay(headers.get("retry-after") ?? "");
+    this.retryMs = ms > 0 ? Math.min(ms, MAX_WAIT_MS) : 0;
+  }
+}
+
+/** Returns the delay of a `Retry-After` header, seconds or a date, in milliseconds; NaN if it is invalid. */
+function retryDelay(header: string): number {
+  return /^\d+$/.test(header) ? 1000 * Number(header) : Date.parse(header) - Date.now();
+}

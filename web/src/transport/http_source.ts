@@ -1,0 +1,315 @@
+// Reliable source of a stream: its file, over HTTP or embedded in the page. Packets are delivered on arrival.
+
+import { BitstreamError } from "../bytes.ts";
+import { isStream } from "../packets/container.ts";
+import type { Listener } from "./events.ts";
+import { HttpError } from "./http_error.ts";
+import { type Answer, type HttpFile, PastEnd, RangeUnsupported, readBytes } from "./http_file.ts";
+import { Damaged, PacketReader } from "./packet_reader.ts";
+import type { Gap, PacketStore } from "./packet_store.ts";
+import { DamagedTiles, OtherOrder, receiveTiles } from "./tiles.ts";
+
+const WAY = "HTTP, in order and without loss";
+/**
+ * Largest number of repeated requests for damaged bytes without progress, and of replacements of the file during a
+ * transfer.
+ */
+const MAX_REPEATS = 2;
+const MAX_CHANGES = 3;
+
+const NOT_A_STREAM = "the server answers with something that is no splatwire stream";
+
+/** Largest number of restarts because the file's packets have another order than assumed. */
+const MAX_REORDERED = 2;
+
+/** Error for a file other than that of the stored packets. */
+class FileReplaced extends Error {}
+
+/** Error for a file with another order of packets than assumed. */
+class Reordered extends Error {}
+
+/**
+ * Receives the missing packets of a stream's file and returns how it ended.
+ *
+ * Damaged bytes are requested again, and a replaced file is received from the beginning. The whole file is requested if
+ * range requests are unsupported or fail repeatedly. Throws if the connection breaks, the server refuses, or the file
+ * is not a stream.
+ */
+export async function receiveFile(file: HttpFile, listener: Listener, held: PacketStore): Promise<string> {
+  let fallback = false;
+  for (;;) {
+    const { count } = held;
+    try {
+      if ((file.ranges === "unusable" || file.isTryingWhole) && !(held.complete && file.compared))
+        return await receiveWhole(file, listener, held);
+      if (!held.hasHead) return await receiveFresh(file, listener, held);
+      if (!file.compared) await compare(file, listener, held);
+      if (file.ranges === "unusable" && !held.complete) continue;
+      const { fetching } = listener;
+      return fetching && !file.isLinear
+        ? await receiveTiles(file, listener, held, fetching)
+        : await receiveGaps(file, listener, held);
+    } catch (error) {
+      if (held.count > count) file.damages = file.useless = 0;
+      if (error instanceof RangeUnsupported && file.ranges !== "unusable") {
+        file.ranges = "unusable";
+        fallback = true;
+      } else if (error instanceof FileReplaced) {
+        file.noteChange();
+        if (file.changes > MAX_CHANGES)
+          throw new BitstreamError(`${file.url} is replaced again and again while it is read`);
+        held.clear();
+        listener.changed?.();
+        file.damagedTiles.clear();
+      } else if (error instanceof Reordered) {
+        held.forgetOffsets();
+      } else if (error instanceof OtherOrder) {
+        file.isLinear = true;
+      } else if (error instanceof DamagedTiles) {
+        file.compared = false;
+        await file.wait(1);
+      } else if (error instanceof Damaged || error instanceof PastEnd) {
+        const { cause } = error;
+        if (++file.damages > MAX_REPEATS) {
+          if (cause instanceof BitstreamError) throw cause;
+          if (!held.hasHead) throw new BitstreamError(error.message);
+          return missingIn(held);
+        }
+        if (!held.hasHead) file.ranges = "unusable"; // a range response may contain other bytes than declared
+        file.compared = false;
+        await file.wait(file.damages);
+      } else {
+        // the connection or the file caused the failure
+        if (fallback && (error instanceof TypeError || error instanceof HttpError)) file.ranges = "unknown";
+        file.noteFailure(error as Error, held.count > count);
+        throw error;
+      }
+    }
+  }
+}
+
+/** Revalidates the stored manifest against the file. Throws `Changed` for a different one. */
+async function compare(file: HttpFile, listener: Listener, held: PacketStore): Promise<void> {
+  const known = held.manifestBytes,
+    answer = await file.request(0, known.length, file.cache === "default" ? "no-cache" : file.cache);
+  try {
+    const bytes = await readBytes(answer, known.length);
+    if (bytes.length < known.length || !isStream(bytes)) {
+      file.noteUseless("the server gives too few bytes");
+      throw new Damaged(NOT_A_STREAM, { cause: new BitstreamError(NOT_A_STREAM) });
+    }
+    if (!held.isSame(bytes)) throw new FileReplaced();
+    file.compared = true;
+    listener.confirmed?.();
+  } finally {
+    answer.cancel();
+  }
+}
+
+/** Reads the file from its beginning: a first range and, unless a view selects tiles, the rest. */
+async function receiveFresh(file: HttpFile, listener: Listener, held: PacketStore): Promise<string> {
+  const { firstBytes } = file.limits;
+  let answer = await file.request(0, firstBytes),
+    begin = 0,
+    end = 0;
+  const reader = new PacketReader(listener, held, answer.keep),
+    tally = new ProgressReporter(listener, held);
+  for (;;) {
+    try {
+      for (let piece = await answer.read(); piece; piece = await answer.read()) {
+        end += piece.length;
+        if (listener.stopped()) return "stopped";
+        reader.feed(piece);
+        if (reader.head) file.compared = true;
+        tally.add(piece.length);
+        if (held.complete) return "complete";
+      }
+    } finally {
+      answer.cancel();
+    }
+    // a server may return a shorter range than requested
+    if (answer.whole || end === begin || (answer.total === null && end - begin < firstBytes)) break;
+    if (reader.head && listener.fetching) return receiveTiles(file, listener, held, listener.fetching);
+    begin = end;
+    try {
+      answer = await file.request(end, reader.head ? null : end + firstBytes);
+    } catch (error) {
+      if (error instanceof PastEnd) break; // the last range ended at the end of the file
+      throw error;
+    }
+  }
+  reader.finish();
+  if (held.complete) return "complete";
+  if (!reader.head) throw new Damaged("the file ends before its side information does");
+  throw missing(held);
+}
+
+/** Reads the missing packets of a file, run by run. Throws `Reordered` if they are not at the expected offsets. */
+async function receiveGaps(file: HttpFile, listener: Listener, held: PacketStore): Promise<string> {
+  const tally = new ProgressReporter(listener, held);
+  tally.add(0);
+  for (let before = -1; held.count > before; ) {
+    before = held.count; // a server may return a shorter range than requested
+    const { gaps } = held;
+    if (held.isReordered) restart(file); // the cache may have offsets of two orders, which hide missing packets
+    for (const gap of gaps) {
+      if (listener.stopped()) return "stopped";
+      await receiveGap(file, gap, listener, held, tally);
+    }
+  }
+  if (held.complete) return "complete";
+  if (held.isReordered) restart(file);
+  throw missing(held);
+}
+
+/** Restarts without the known offsets. After too many restarts, the whole file is requested. */
+function restart(file: HttpFile): never {
+  checkOrder(file, false);
+  throw new RangeUnsupported(`${file.url} has its packets in another order in every answer`);
+}
+
+/** Throws `Reordered` if packets are not at the expected offsets and a restart may help. */
+function checkOrder(file: HttpFile, isAsKnown: boolean): void {
+  if (!isAsKnown && ++file.reordered <= MAX_REORDERED) throw new Reordered();
+}
+
+/**
+ * Reads one gap and the packet before it, which verifies the order of the file. A response with only that packet is
+ * requested again once.
+ */
+async function receiveGap(
+  file: HttpFile,
+  gap: Gap,
+  listener: Listener,
+  held: PacketStore,
+  tally: ProgressReporter,
+): Promise<void> {
+  const first = gap.before ?? gap.offset,
+    read = await readPart(file, gap, first, listener, held, tally);
+  if (read.size) checkOrder(file, isAsKnown(gap, held, read.reader));
+  if (held.isReordered && !held.complete) restart(file);
+  const isDone = held.complete || listener.stopped() || gap.before === null || read.reader.intact > 1;
+  if (!isDone && read.size && first + read.size < (gap.end ?? Infinity))
+    await readPart(file, gap, gap.offset, listener, held, tally);
+}
+
+async function readPart(
+  file: HttpFile,
+  gap: Gap,
+  begin: number,
+  listener: Listener,
+  held: PacketStore,
+  tally: ProgressReporter,
+): Promise<{ size: number; reader: PacketReader }> {
+  const answer = await file.request(begin, gap.end),
+    reader = new PacketReader(listener, held, answer.keep, held.head, begin);
+  let size = 0;
+  try {
+    for (let piece = await answer.read(); piece; piece = await answer.read()) {
+      reader.feed(piece);
+      tally.add(piece.length);
+      size += piece.length;
+      if (reader.intact) file.ranges = "usable";
+      if (held.complete || listener.stopped()) return { size, reader };
+    }
+    reader.finish();
+  } catch (error) {
+    if (!(error instanceof Damaged)) throw error;
+    if (gap.end === null && !reader.intact) file.noteUseless(error.message);
+    checkOrder(file, isAsKnown(gap, held, reader) || begin === gap.offset);
+    if (gap.end === null) throw error;
+  } finally {
+    answer.cancel();
+  }
+  return { size, reader };
+}
+
+/** Returns true if the packet before a gap is at the expected offset. */
+function isAsKnown({ before }: Gap, held: PacketStore, { first }: PacketReader): boolean {
+  return before === null || (first !== null && first.position === before && held.isAt(before, first.bytes));
+}
+
+/** Reads the whole file with one request and skips the stored packets. */
+async function receiveWhole(file: HttpFile, listener: Listener, held: PacketStore): Promise<string> {
+  const answer = await file.request(null);
+  try {
+    const ended = await readAll(answer, listener, held, new ProgressReporter(listener, held));
+    if (ended) return ended;
+  } finally {
+    answer.cancel();
+  }
+  throw missing(held);
+}
+
+/** Reads a stream that is embedded in the page. */
+export async function receiveBytes(
+  bytes: Uint8Array<ArrayBuffer>,
+  listener: Listener,
+  held: PacketStore,
+): Promise<string> {
+  const stream = new Response(bytes).body!.getReader(),
+    read = async (): Promise<Uint8Array | null> => (await stream.read()).value ?? null,
+    answer = { offset: 0, whole: true, total: bytes.length, keep: false, read, cancel: () => undefined };
+  try {
+    return (
+      (await readAll(answer, listener, held, new ProgressReporter(listener, held, "in this file"))) ?? missingIn(held)
+    );
+  } catch (error) {
+    if (!(error instanceof Damaged) || !held.hasHead) throw (error as Error).cause ?? error;
+    return error.message;
+  }
+}
+
+/** Reads a response that begins with the file. Returns how it ended, or null if packets are missing. */
+async function readAll(
+  answer: Answer,
+  listener: Listener,
+  held: PacketStore,
+  tally: ProgressReporter,
+): Promise<string | null> {
+  const reader = new PacketReader(listener, held, answer.keep);
+  for (let piece = await answer.read(); piece; piece = await answer.read()) {
+    if (listener.stopped()) return "stopped";
+    reader.feed(piece);
+    tally.add(piece.length);
+    if (reader.head && held.complete) return "complete";
+  }
+  if (!reader.head) throw new Damaged("the file ends before its side information does");
+  reader.finish();
+  return held.complete ? "complete" : null;
+}
+
+/** Returns the error for missing packets. Stored ones may belong to another version of the stream. */
+function missing(held: PacketStore): Error {
+  return held.conflicts ? new FileReplaced() : new Damaged(missingIn(held));
+}
+
+function missingIn({ head, count }: PacketStore): string {
+  const missing = (head?.manifest.numPackets ?? 0) - count;
+  return `${missing} ${missing === 1 ? "packet is" : "packets are"} damaged or not in the file`;
+}
+
+/** Reports bytes and packets to the listener. */
+class ProgressReporter {
+  #bytes = 0;
+  readonly #began = performance.now();
+
+  constructor(
+    readonly listener: Listener,
+    readonly held: PacketStore,
+    readonly way = WAY,
+  ) {}
+
+  add(bytes: number): void {
+    this.#bytes += bytes;
+    this.listener.counts({
+      way: this.way,
+      bytes: this.#bytes,
+      packets: this.held.count,
+      expected: this.held.head?.manifest.numPackets ?? 0,
+      lost: 0,
+      rejected: 0,
+      seconds: (performance.now() - this.#began) / 1000,
+    });
+  }
+}

@@ -1,0 +1,237 @@
+// Received packets of a stream by block and lane, with their positions in each source. Sources may have different
+// orders. Only missing packets are requested.
+
+import type { Head } from "../packets/container.ts";
+import { identityOf, readPacket } from "../packets/packet.ts";
+import { Intake, planOf } from "../packets/plan.ts";
+import { type Arrived, FILE, NO_SOURCE } from "./events.ts";
+
+/** Bytes of a packet's size field in a file. */
+export const SIZE_BYTES = 4;
+/** Bytes of a file before its manifest. */
+const PREFIX_BYTES = 9;
+/** Largest number of session orders with stored positions. */
+const MAX_ORDERS = 2;
+
+/** A run of bytes of the file without known packets. */
+export interface Gap {
+  /** Offset of its first byte, where a packet begins. */
+  readonly offset: number;
+  /** Offset after its last byte; null for the end of the file. */
+  readonly end: number | null;
+  /** Offset of the packet before it, which is used to verify the file's order; null before the first packet. */
+  readonly before: number | null;
+}
+
+/** Parses the packet. Returns null if its checksum is wrong or it belongs to another stream. */
+export function packetOf(bytes: Uint8Array, { manifest }: Head): ReturnType<typeof readPacket> {
+  const packet = readPacket(bytes, manifest.streamId);
+  return packet && planOf(manifest).fits(packet) ? packet : null;
+}
+
+/** Returns true if the packet is intact and belongs to the stream. */
+export function isIntact(packet: Uint8Array, head: Head): boolean {
+  return packetOf(packet, head) !== null;
+}
+
+export class PacketStore {
+  /** Manifest and side information; null before they arrive. */
+  head: Head | null = null;
+  #file: Uint8Array = new Uint8Array();
+  #intake: Intake | null = null;
+  /** Bytes of each received packet by its identity. */
+  readonly #packets = new Map<number, Arrived>();
+  #map = new FileMap();
+  /** True if the file has another order than assumed. */
+  #isOwnOrder = false;
+  /** Packet identities by position, for each session order. */
+  readonly #orders = new Map<string, (number | undefined)[]>();
+  /** Number of intact packets that contradict stored ones, as after a change of the stream. */
+  conflicts = 0;
+
+  /** Number of received packets. */
+  get count(): number {
+    return this.#intake?.size ?? 0;
+  }
+
+  /** Bytes of the file before its first packet. */
+  get headBytes(): number {
+    return this.#file.length;
+  }
+
+  get hasHead(): boolean {
+    return this.head !== null;
+  }
+
+  /** True if all packets were received. */
+  get complete(): boolean {
+    return this.#intake?.complete ?? false;
+  }
+
+  /** First bytes of the file up to the end of its manifest. They identify the content. */
+  get manifestBytes(): Uint8Array {
+    return this.#file.subarray(0, this.#file.length - (this.head?.sideInfo.length ?? 0));
+  }
+
+  /** Init segment without bundled packets: manifest and side information. */
+  get object(): Uint8Array {
+    return this.#file.subarray(PREFIX_BYTES - SIZE_BYTES);
+  }
+
+  /** Returns true if a file that begins with these bytes, at least up to its first packet, is the stored one. */
+  isSame(file: Uint8Array): boolean {
+    const known = this.manifestBytes;
+    return known.length > PREFIX_BYTES && isEqual(known, file.subarray(0, known.length));
+  }
+
+  /** Starts again with a file up to its first packet. */
+  begin(file: Uint8Array, head: Head): void {
+    this.clear();
+    this.head = head;
+    this.#file = file;
+    this.#intake = new Intake(planOf(head.manifest));
+  }
+
+  clear(): void {
+    this.head = this.#intake = null;
+    this.#file = new Uint8Array();
+    this.#packets.clear();
+    this.#orders.clear();
+    this.#map = new FileMap();
+    this.#isOwnOrder = false;
+    this.conflicts = 0;
+  }
+
+  /** Adds packets with their positions. Returns the new ones and ignores damaged ones. */
+  add(packets: readonly Arrived[]): Arrived[] {
+    const { head } = this,
+      fresh: Arrived[] = [];
+    if (!head) return fresh;
+    for (const one of packets) {
+      const packet = packetOf(one.bytes, head);
+      if (!packet) continue;
+      const identity = identityOf(packet),
+        known = this.#packets.get(identity);
+      if (!known && this.#intake!.admit(packet)) {
+        this.#packets.set(identity, one);
+        fresh.push(one);
+      } else if (!known || !isEqual(known.bytes, one.bytes)) {
+        this.conflicts++;
+        continue;
+      }
+      this.#locate(one, identity);
+    }
+    return fresh;
+  }
+
+  #locate({ source, position, bytes }: Arrived, identity: number): void {
+    if (source === FILE) return this.#map.add(position, SIZE_BYTES + bytes.length, identity);
+    if (source === NO_SOURCE || position >= this.head!.manifest.numPackets) return;
+    let order = this.#orders.get(source);
+    if (!order) this.#orders.set(source, (order = []));
+    order[position] = identity;
+    for (const old of this.#orders.keys()) if (this.#orders.size > MAX_ORDERS) this.#orders.delete(old);
+  }
+
+  /** All received packets. */
+  get packets(): Arrived[] {
+    return [...this.#packets.values()];
+  }
+
+  /**
+   * Returns one bit per received packet in a session's order, the lowest bit of a byte first. Returns null if the order
+   * is unknown or has a packet twice.
+   */
+  bitsOf(source: string): Uint8Array | null {
+    const order = this.#orders.get(source);
+    if (!order) return null;
+    const bits = new Uint8Array(Math.ceil(order.length / 8)),
+      found = new Set<number>();
+    order.forEach((identity, position) => {
+      found.add(identity!);
+      bits[position >> 3] |= 1 << (position & 7);
+    });
+    return found.size === order.filter((identity) => identity !== undefined).length ? bits : null;
+  }
+
+  /** True if known packets of the file overlap, because its order has changed since some were read. */
+  get isReordered(): boolean {
+    return this.#map.contradicts;
+  }
+
+  /** Returns true if the packet is the one stored at an offset of the file. */
+  isAt(offset: number, bytes: Uint8Array): boolean {
+    const packet = this.head && packetOf(bytes, this.head);
+    return packet !== null && this.#map.identityAt(offset) === identityOf(packet);
+  }
+
+  /** Discards the positions of packets in the file but keeps the packets. */
+  forgetOffsets(): void {
+    this.#map = new FileMap();
+    this.#isOwnOrder = true;
+  }
+
+  /** Returns the byte ranges of the file that may contain missing packets, in order. */
+  get gaps(): Gap[] {
+    if (!this.head || this.complete) return [];
+    if (this.#map.isEmpty && !this.#isOwnOrder) this.#assumeOrder();
+    return this.#map.gaps(this.headBytes);
+  }
+
+  /**
+   * Predicts offsets in a file that has a session's order, up to the first missing packet. The packet before each gap
+   * verifies the prediction.
+   */
+  #assumeOrder(): void {
+    const order = [...this.#orders.values()].at(-1) ?? [];
+    let offset = this.headBytes;
+    for (const identity of order) {
+      const packet = identity === undefined ? undefined : this.#packets.get(identity);
+      if (!packet) break;
+      const size = SIZE_BYTES + packet.bytes.length;
+      this.#map.add(offset, size, identity!);
+      offset += size;
+    }
+  }
+}
+
+function isEqual(one: Uint8Array, other: Uint8Array): boolean {
+  return one.length === other.length && one.every((byte, n) => byte === other[n]);
+}
+
+/** Offsets of the packets in a file. */
+class FileMap {
+  readonly #sizes = new Map<number, { readonly size: number; readonly identity: number }>();
+  readonly #offsets = new Map<number, number>();
+  contradicts = false;
+
+  get isEmpty(): boolean {
+    return this.#sizes.size === 0;
+  }
+
+  /** Records a packet of `size` bytes, including its size field. */
+  add(offset: number, size: number, identity: number): void {
+    const known = this.#sizes.get(offset);
+    this.contradicts ||= (this.#offsets.get(identity) ?? offset) !== offset;
+    this.contradicts ||= known !== undefined && (known.size !== size || known.identity !== identity);
+    this.#sizes.set(offset, { size, identity });
+    this.#offsets.set(identity, offset);
+  }
+
+  identityAt(offset: number): number | undefined {
+    return this.#sizes.get(offset)?.identity;
+  }
+
+  gaps(begin: number): Gap[] {
+    const found: Gap[] = [];
+    let offset = begin,
+      before: number | null = null;
+    for (const next of [...this.#sizes.keys()].sort((a, b) => a - b)) {
+      if (next > offset) found.push({ offset, end: next, before });
+      this.contradicts ||= next < offset;
+      before = next;
+      offset = Math.max(offset, next + this.#sizes.get(next)!.size);
+    }
+    return [...found, { offset, end: null, before }];
+  }
+}

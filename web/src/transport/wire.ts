@@ -1,0 +1,36 @@
+// Made by web/scripts/make_tables.py; do not edit.
+
+// Constants of the wire protocol. Counterpart of `splatwire.transport.protocol`, which describes them.
+
+export const VERSION = 4;
+export const REQUEST = 3;
+export const WELCOME = 4;
+export const SIDE = 5;
+export const DATA = 6;
+export const FEEDBACK = 8;
+export const BYE = 9;
+export const REFUSE = 10;
+export const END = 11;
+export const HAVE = 12;
+export const VIEW = 13;
+export const OPEN = 1;
+export const VIEWABLE = 2;
+export const MAX_DATAGRAM = 1200;
+export const REFUSALS = [
+  "",
+  "no such stream",
+  "the server is full",
+  "the server stopped",
+  "too many transfers from this network",
+  "nothing is there yet",
+  "the server has another protocol version",
+];
+export const NOT_YET = 5;
+export const OTHER_VERSION = 6;
+export const MAX_NACKS = 250;
+export const MAX_TIERS = 130;
+export const MAX_DECLARED = 1104;
+export const MAX_PREVIEW = 1024;
+export const MAX_HELD_BYTES = 1100;
+export const MAX_HEAD_BYTES = 268435456;
+export const MAX_PACKETS = 2097152;

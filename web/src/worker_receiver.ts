@@ -1,0 +1,503 @@
+// State of a stream in the worker: received packets, decoder, concealer, and the messages with Gaussians for the page.
+
+import { ClipFrames } from "./clip_frames.ts";
+import { readPreview } from "./codec/preview.ts";
+import type { Camera } from "./model/camera.ts";
+import { type DecodedBatch, type HelperThread, numHelpers, PacketPool } from "./packet_pool.ts";
+import { ContainerReader, type Head } from "./packets/container.ts";
+import type { Packet } from "./packets/packet.ts";
+import { buffersOf, pack } from "./render/packed.ts";
+import { nextTask, periodicPause, SLICE_MS } from "./scheduler.ts";
+import { DecodedStream } from "./transport/decoded_stream.ts";
+import type { Arrived, Counts, Fetching } from "./transport/events.ts";
+import type { Receiver } from "./transport/failover.ts";
+import type { FromWorker, ToWorker } from "./transport/messages.ts";
+import { PacketCache } from "./transport/packet_cache.ts";
+import { isIntact, PacketStore } from "./transport/packet_store.ts";
+
+const SHOW_MS = 30,
+  COUNT_MS = 200;
+
+const KEPT = "kept by this browser",
+  VIEW_COMPLETE = "Everything that this view needs is there.";
+/** Memory for integers that are compared with the digest later, bytes. */
+const VERIFICATION = { keptBytes: 32 << 20 };
+/** Camera for Gaussians that do not depend on the view. */
+const ANY_CAMERA: Camera = { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
+
+/** Starts another thread with the script of this one. Throws if this thread cannot start threads. */
+const startHelper = (): HelperThread => new Worker(self.location.href);
+
+export const say = (message: FromWorker, hand: ArrayBuffer[] = []): void =>
+  self.postMessage(message, { transfer: hand });
+
+const buffersOfGains = (...arrays: (Float32Array | null)[]): ArrayBuffer[] =>
+  arrays.flatMap((gains) => (gains ? [gains.buffer as ArrayBuffer] : []));
+
+/** Packets that a helper decodes. */
+interface Batch {
+  readonly of: DecodedStream;
+  readonly packets: readonly Packet[];
+  readonly decoded: Promise<DecodedBatch | null>;
+}
+
+export class WorkerReceiver implements Receiver {
+  /** Received packets of the stream. */
+  readonly held = new PacketStore();
+  /** Browser cache for the next visit; null if unavailable. */
+  kept: PacketCache | null = null;
+  /** Error that ended decoding; null without one. */
+  failed: Error | null = null;
+  #received: DecodedStream | null = null;
+  readonly #clipFrames = new ClipFrames(say);
+  #size = 1;
+  #shownAt = 0;
+  #ask = 0;
+  /** Camera of the page, its request number, and the number of the last answered request. */
+  #camera = ANY_CAMERA;
+  #viewRequest = 0;
+  #answeredRequest = 0;
+  #drawing: Promise<void> | null = null;
+  /** Drawn units of a scene with levels, and the number of packets that each was drawn from. */
+  readonly #pieces = new Map<number, number>();
+  #decodeMs = 0;
+  #counts: Counts | null = null;
+  /** State restored completely from the cache; null otherwise. */
+  #before: DecodedStream | null = null;
+  #bytesBefore = 0;
+  readonly #began = performance.now();
+  #countedAt = 0;
+  #moved: (() => void)[] = [];
+  /** Packets that are not decoded yet, and the running decoding loop. */
+  readonly #waiting: { readonly bytes: Uint8Array; readonly of: DecodedStream }[] = [];
+  #working: Promise<void> | null = null;
+  /** Helper threads, and the batches that they decode, in order of arrival. */
+  #pool: PacketPool | null = null;
+  readonly #batches: Batch[] = [];
+  /** True once everything was compared with the digest. */
+  #isVerified = false;
+  /** True while all packets are from the cache and the file may have been replaced since. */
+  #unconfirmed = false;
+
+  /** Shows a preview. An invalid one is reported but is no failure. */
+  preview(bytes: Uint8Array): void {
+    try {
+      const { splats, background } = readPreview(bytes),
+        packed = pack([splats], 0, 1);
+      say({ kind: "preview", packed, background }, buffersOf(packed));
+    } catch (error) {
+      say({ kind: "note", text: (error as Error).message });
+    }
+  }
+
+  /** Processes a head. A second source may repeat it; live clips send longer ones and those of new periods. */
+  head(head: Head, file: Uint8Array, keep: boolean, live = false): void {
+    const known = this.#knows(head, file, live),
+      received = known ? this.#received : new DecodedStream(head, live ? null : VERIFICATION);
+    if (!keep) this.kept = null;
+    if (live && received?.decoder.schema.moving) return this.#onLiveHead(head, received, known);
+    if (!known || !this.held.hasHead) {
+      this.held.begin(file, head);
+      this.kept?.begin(file);
+    }
+    if (!received || known) return;
+    this.#received = received;
+    this.#pieces.clear();
+    this.#waiting.length = 0; // left over from another stream
+    this.#viewRequest = this.#answeredRequest = 0;
+    this.#unconfirmed = false;
+    this.#startPool(received, file);
+    this.#reportFacts(received);
+  }
+
+  /** Starts helpers for a stream whose packets other threads can decode. `file` has the bytes of its head. */
+  #startPool({ decoder }: DecodedStream, file: Uint8Array): void {
+    this.#closePool();
+    this.#isVerified = false;
+    const { navigator: device = {} } = globalThis as Partial<typeof globalThis>, // node 20 has none
+      count = decoder.schema.decode ? numHelpers(decoder.head.manifest.count, device) : 0;
+    if (count) this.#pool = new PacketPool(file, startHelper, count);
+  }
+
+  #closePool(): void {
+    this.#pool?.close();
+    this.#pool = null;
+  }
+
+  /** Returns true if the head is that of the current stream. A growing stream keeps only its id. */
+  #knows({ manifest }: Head, file: Uint8Array, live: boolean): boolean {
+    const before = this.#received?.decoder.head.manifest;
+    return before?.streamId === manifest.streamId && (live || !this.held.hasHead || this.held.isSame(file));
+  }
+
+  /** Shows the cached packets after successful revalidation. */
+  confirmed(): void {
+    if (!this.#unconfirmed) return;
+    this.#unconfirmed = false;
+    this.#reportFacts(this.#received!);
+    void this.#draw();
+  }
+
+  /** Discards all packets, because their file was replaced. */
+  changed(): void {
+    this.held.clear();
+    void this.kept?.clear();
+    this.#received = this.#before = null;
+    this.#waiting.length = 0;
+    this.#closePool();
+    this.#pieces.clear();
+    this.#viewRequest = this.#answeredRequest = 0;
+    this.#unconfirmed = false;
+    this.failed = null; // it belonged to the replaced file
+  }
+
+  /** Processes a head of a live clip: its first one, one with more groups, or that of the next period. */
+  #onLiveHead(head: Head, received: DecodedStream, known: boolean): void {
+    const begins = !this.live;
+    this.#received = received;
+    this.#clipFrames.follow(head, received, known);
+    if (begins) this.#reportFacts(received);
+    this.#clipFrames.reportPlayable();
+  }
+
+  /** True for live clips. They have no file and no last packet. */
+  get live(): boolean {
+    return this.#clipFrames.live;
+  }
+
+  #reportFacts({ decoder }: DecodedStream): void {
+    const { head } = decoder,
+      { manifest } = head,
+      section = decoder.schema.sections.get("preview");
+    if (section) this.preview(section);
+    const facts = {
+      gaussians: decoder.schema.tiling?.baseCount ?? manifest.count,
+      packets: manifest.numPackets,
+      degree: decoder.schema.degree,
+      viewDependent: decoder.schema.viewDependent,
+      size: decoder.schema.size,
+      middle: decoder.schema.middle,
+      background: decoder.background,
+      viewpoint: decoder.viewpoint,
+      extent: decoder.extent,
+      antialiased: decoder.antialiased,
+      up: decoder.up,
+      texts: decoder.texts,
+      origin: decoder.origin,
+      sideInfoBytes: manifest.sideInfoBytes,
+      concealers: decoder.schema.moving?.concealers ?? Object.keys(decoder.schema.concealers),
+      moving: decoder.schema.moving && { ...decoder.schema.moving.times, live: this.live },
+    };
+    this.#size = facts.size;
+    say({ kind: "facts", facts });
+  }
+
+  packets(packets: readonly Arrived[]): void {
+    const fresh = this.live ? packets : this.held.add(packets);
+    this.kept?.add(fresh);
+    this.#enqueue(fresh);
+  }
+
+  #enqueue(packets: readonly Arrived[]): void {
+    for (const { bytes } of packets) this.#waiting.push({ bytes, of: this.#received! });
+    this.#working ??= this.#decode();
+  }
+
+  /** Restores the cached packets of an earlier visit. They are shown once the file is revalidated. */
+  async resume(file: string): Promise<void> {
+    this.kept = await PacketCache.open(file);
+    const before = (await this.kept?.read()) ?? null;
+    if (!before) return;
+    try {
+      const container = new ContainerReader();
+      container.feed(before.head);
+      if (!container.head) throw new Error("a part of a head was kept");
+      this.#resume(container.head, before.head, before.packets);
+    } catch {
+      this.changed(); // the cache entry is damaged or of another version
+    }
+  }
+
+  #resume(head: Head, file: Uint8Array, kept: readonly Arrived[]): void {
+    const expected = head.manifest.numPackets,
+      intact = kept.filter(({ bytes }) => isIntact(bytes, head));
+    this.#received = new DecodedStream(head, VERIFICATION);
+    this.#unconfirmed = true;
+    this.#startPool(this.#received, file);
+    this.held.begin(file, head);
+    this.#enqueue(this.held.add(intact));
+    const { count } = this.held;
+    this.#counts = { way: KEPT, bytes: 0, packets: count, expected, lost: 0, rejected: 0, seconds: 0 };
+    if (count === expected) this.#before = this.#received;
+    if (intact.length === kept.length) return;
+    this.kept?.begin(file); // removes damaged records from the cache
+    this.kept?.add(this.held.packets);
+  }
+
+  counts(counts: Counts): void {
+    // another source counts from 0
+    if (this.#counts && counts.bytes < this.#counts.bytes) this.#bytesBefore += this.#counts.bytes;
+    this.#counts = counts;
+    if (performance.now() - this.#countedAt > COUNT_MS) this.#reportCounts(counts);
+  }
+
+  #reportCounts(counts: Counts): void {
+    if (this.#unconfirmed) return;
+    this.#countedAt = performance.now();
+    const intake = this.#received?.decoder.intake,
+      held = this.live ? counts.packets : this.held.count,
+      packets = Math.max(held, intake?.size ?? 0),
+      bytes = this.#bytesBefore + counts.bytes,
+      seconds = (performance.now() - this.#began) / 1000,
+      expected = this.#received?.decoder.head.manifest.numPackets ?? counts.expected,
+      way = this.#before && this.#before === this.#received ? KEPT : counts.way;
+    say({
+      kind: "counts",
+      counts: { ...counts, packets, bytes, seconds, expected, way },
+      decodeMs: this.#decodeMs,
+      corrupt: intake?.counts.corrupt ?? 0,
+    });
+  }
+
+  /** Resolves when all received packets are decoded and sent to the page. */
+  async settled(): Promise<void> {
+    while (this.#working) await this.#working;
+    await this.#draw();
+    await this.kept?.flush();
+    if (this.#counts) this.#reportCounts(this.#counts);
+  }
+
+  /** Decodes waiting packets here or in helpers, in order. Stops at an error. */
+  async #decode(): Promise<void> {
+    await nextTask(); // `#working` must be set before this function can end
+    while ((this.#waiting.length || this.#batches.length) && !this.failed) {
+      try {
+        this.#handOut();
+        if (this.#batches.length) await this.#acceptBatch();
+        else this.#decodeSlice();
+      } catch (error) {
+        this.failed = error as Error;
+      }
+      this.#clipFrames.reportPlayable();
+      if (performance.now() - this.#shownAt > SHOW_MS) void this.#draw();
+      await nextTask();
+    }
+    this.#waiting.length = this.#batches.length = 0;
+    if (this.complete || this.failed) this.#closePool();
+    this.#working = null;
+  }
+
+  /** Decodes in this thread for a short time, so that the session stays responsive. */
+  #decodeSlice(): void {
+    const began = performance.now();
+    while (this.#waiting.length && performance.now() - began < SLICE_MS) {
+      const { bytes, of } = this.#waiting.shift()!;
+      of.addPacket(bytes);
+    }
+    this.#decodeMs += performance.now() - began;
+  }
+
+  /** Gives waiting packets of the current stream to the helpers. */
+  #handOut(): void {
+    const pool = this.#pool,
+      of = this.#received!;
+    while (pool && this.#waiting[0]?.of === of && this.#batches.length < pool.capacity) {
+      const packets: Packet[] = [];
+      for (let left = pool.batchSize(this.#waiting.length); left && this.#waiting[0]?.of === of; left--) {
+        const packet = of.decoder.admit(this.#waiting.shift()!.bytes);
+        if (packet) packets.push(packet);
+      }
+      this.#batches.push({ of, packets, decoded: pool.decode(packets) });
+    }
+  }
+
+  /** Waits for the oldest batch and adds its packets. Decodes it in this thread if no helper could. */
+  async #acceptBatch(): Promise<void> {
+    const { of, packets, decoded } = this.#batches.shift()!,
+      batch = await decoded,
+      began = performance.now();
+    if (of !== this.#received) return; // another stream has replaced it
+    for (const [n, packet] of packets.entries()) of.accept(packet, batch?.packets[n] ?? null);
+    this.#decodeMs += (batch?.ms ?? 0) + performance.now() - began;
+  }
+
+  note(text: string): void {
+    say({ kind: "note", text });
+  }
+
+  /** Reports a disconnect. Cached packets are shown without revalidation while the server is unreachable. */
+  lost(reason: string, retryMs: number): void {
+    this.confirmed();
+    void this.settled().then(() => say({ kind: "lost", reason, retryMs }));
+  }
+
+  stopped(): boolean {
+    return this.failed !== null;
+  }
+
+  look({ camera, ask }: ToWorker & { kind: "look" }): void {
+    this.#camera = camera;
+    this.#viewRequest = ask;
+    if (this.#answeredRequest === ask) this.#answeredRequest = 0; // the page restarts its numbering with a new stream
+    void this.#draw().then(() => {
+      for (const resolve of this.#moved.splice(0)) resolve();
+    });
+  }
+
+  /** Sends the newly decoded Gaussians, or all Gaussians again after a change of the view. */
+  #draw(): Promise<void> {
+    return (this.#drawing ??= this.#drawAll().finally(() => (this.#drawing = null)));
+  }
+
+  async #drawAll(): Promise<void> {
+    this.#shownAt = performance.now();
+    for (let drawn: DecodedStream | null = null; drawn !== this.#received; ) {
+      drawn = this.#received;
+      if (drawn) await this.#drawOne(drawn); // another stream may have replaced it meanwhile
+    }
+  }
+
+  async #drawOne(received: DecodedStream): Promise<void> {
+    const { schema } = received.decoder;
+    if (this.#unconfirmed || schema.moving || (schema.viewDependent && !this.#viewRequest)) return;
+    if (schema.tiling) return this.#drawTiles(received);
+    while (received.hasNew || this.#answeredRequest !== this.#viewRequest) {
+      const ask = this.#viewRequest,
+        shown = await received.gaussiansFor(this.#camera, this.#answeredRequest !== ask, periodicPause());
+      if (!shown || received !== this.#received) return;
+      this.#answeredRequest = ask;
+      const { parts, instead, fresh, elements, copies } = shown,
+        gains = instead ? received.gains : null,
+        lossless = instead ? received.gainsWithoutCopies : null,
+        { degree, size } = schema;
+      const packed = pack(parts, degree, size),
+        hand = [...buffersOf(packed), ...buffersOfGains(gains, lossless)];
+      say({ kind: "splats", packed, instead, fresh, elements, copies, gains, lossless, ask }, hand);
+    }
+  }
+
+  /** Sends tile replacements. Starts again after a swap if the view has changed. */
+  async #drawTiles(received: DecodedStream): Promise<void> {
+    const { degree, size, tiling } = received.decoder.schema,
+      pause = periodicPause();
+    while (received.hasNew || this.#answeredRequest !== this.#viewRequest) {
+      const ask = this.#viewRequest;
+      let fresh = received.hasNew;
+      for (const { gone, come } of received.swaps(this.#camera, this.#pieces)) {
+        const tiles = [];
+        for (const tile of gone) this.#pieces.delete(tile);
+        for (const tile of come) {
+          await pause();
+          if (received !== this.#received) return;
+          const parts = tiling!.splatsOf(tile);
+          tiles.push({ tile, packed: pack(parts, degree, size) });
+          this.#pieces.set(tile, parts.length);
+        }
+        const hand = tiles.flatMap(({ packed }) => buffersOf(packed));
+        say({ kind: "tiles", gone, come: tiles, fresh, ask }, hand);
+        fresh = false;
+        if (ask !== this.#viewRequest) break; // the view has changed
+      }
+      if (ask === this.#viewRequest) this.#answeredRequest = ask;
+      say({ kind: "tiles", gone: [], come: [], fresh, ask });
+    }
+  }
+
+  /** Sends a frame of a clip. */
+  frame(message: ToWorker & { kind: "frame" }): void {
+    this.#clipFrames.frame(message, this.#received, this.#size);
+  }
+
+  async conceal({ choice, ask }: ToWorker & { kind: "conceal" }): Promise<void> {
+    const received = this.#received;
+    if (!received) return;
+    const pause = periodicPause(() => this.#ask === ask);
+    this.#ask = ask;
+    try {
+      await received.prepare(choice, pause);
+    } catch (error) {
+      say({
+        kind: "note",
+        text: `Concealment failed: ${(error as Error).message}.`,
+      });
+      choice = { ...choice, concealer: "drop" };
+    }
+    await this.#draw();
+    const shownPackets = await received.conceal(choice, pause),
+      pieces = [...this.#pieces.keys()].sort((a, b) => a - b),
+      gains = received.decoder.schema.tiling ? received.gainsOfPieces(pieces) : received.gains;
+    if (shownPackets === null || !gains) return;
+    const lossless = received.gainsWithoutCopies;
+    say({ kind: "gains", gains, lossless, shownPackets, ask }, buffersOfGains(gains, lossless));
+  }
+
+  /** Stops computing gains, because all packets are there. */
+  cancelConcealment(): void {
+    this.#ask = 0;
+  }
+
+  /** True if every packet was received and decoded. */
+  get complete(): boolean {
+    return this.#received?.decoder.intake.complete ?? false;
+  }
+
+  /** Reports whether the digest of all decoded integers is that of the manifest. */
+  async digest(): Promise<void> {
+    const received = this.#received,
+      same = await this.#isSameDigest();
+    if (received === this.#received) this.#isVerified = same;
+    // A complete set of packets with a wrong digest is removed from the cache, so that the next visit starts fresh.
+    if (!same && (this.complete || this.held.complete)) await this.kept?.clear();
+    say({ kind: "digest", same });
+  }
+
+  async #isSameDigest(): Promise<boolean> {
+    const decoder = this.#received?.decoder;
+    if (!decoder || this.#isVerified) return this.#isVerified;
+    return (await decoder.digest(periodicPause())) === decoder.head.manifest.symbolsDigest;
+  }
+
+  get looking(): Camera | null {
+    return this.#viewRequest && this.#received?.decoder.schema.tiling ? this.#camera : null;
+  }
+
+  sawAll(): void {
+    void this.settled().then(() => {
+      if (!this.#received?.decoder.schema.tiling?.wanted.length) this.note(VIEW_COMPLETE);
+    });
+  }
+
+  get fetching(): Fetching | null {
+    const received = this.#received,
+      tiling = received?.decoder.schema.tiling;
+    if (!received || !tiling) return null;
+    const { intake } = received.decoder,
+      wanted = (): readonly number[] => (this.#viewRequest ? tiling.wanted : []); // none before the first camera
+    return {
+      head: received.decoder.head,
+      tiles: tiling.tiles,
+      get wanted() {
+        return wanted();
+      },
+      get packets() {
+        return intake.size;
+      },
+      missing: (tile) => tiling.tiles.packets[tile] - (intake.blocks.get(tile)?.length ?? 0),
+      moved: async (isGivenUp) => {
+        await this.#draw();
+        if (wanted().some((tile) => !isGivenUp(tile))) return; // the view has changed
+        if (this.#counts) this.#reportCounts(this.#counts);
+        if (this.#viewRequest) this.note(VIEW_COMPLETE);
+        await new Promise<void>((resolve) => this.#moved.push(resolve));
+      },
+      taken: async () => {
+        while (this.#working) await this.#working;
+        await this.#draw();
+      },
+    };
+  }
+
+  get begun(): boolean {
+    return this.#received !== null;
+  }
+}

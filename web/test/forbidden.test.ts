@@ -1,0 +1,20 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { FastPackets, NativePackets } from "../src/codec/gaussians/native.ts";
+import { PacketDecoder } from "../src/codec/gaussians/packet.ts";
+import { anySideInfo, randomNumbers } from "./side_info.ts";
+
+test("a page that forbids WebAssembly decodes to the same integers", () => {
+  class Forbidden {
+    constructor() {
+      throw new WebAssembly.CompileError("Wasm code generation disallowed by embedder");
+    }
+  }
+  Object.assign(WebAssembly, { Module: Forbidden });
+  const random = randomNumbers(2),
+    info = anySideInfo(random),
+    payload = Uint8Array.from({ length: 300 }, () => random(256));
+  assert.equal(NativePackets.of(info), null);
+  assert.deepEqual(new FastPackets(info).decode(payload, 0, 40), new PacketDecoder(info).decode(payload, 0, 40));
+});

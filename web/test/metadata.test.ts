@@ -1,0 +1,28 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { textsOf } from "../src/codec/metadata.ts";
+
+const NONE = { title: "", author: "", license: "" };
+const section = (text: string): Uint8Array => new TextEncoder().encode(text);
+
+test("texts of a scene are read from its metadata", () => {
+  const found = textsOf(
+    section('{"title": "Yard\\n  at dawn", "author": "Ada", "license": "CC BY 4.0", "orbit": [0]}'),
+  );
+  assert.deepEqual(found, { title: "Yard at dawn", author: "Ada", license: "CC BY 4.0" });
+});
+
+test("invisible characters are left out and long texts are cut", () => {
+  const title = `\u202eevil\u200b\u0000${"x".repeat(3000)}`,
+    found = textsOf(section(JSON.stringify({ title, author: 7, license: null })));
+  assert.match(found.title, /^evil x+$/);
+  assert.deepEqual([found.title.length, found.author, found.license], [500, "", ""]);
+});
+
+test("damaged metadata are no texts", () => {
+  const damaged = [section(""), section("[1"), section("7"), section("null"), Uint8Array.of(0xff, 0xfe)];
+  damaged.push(section(`{"title": "${"a".repeat(1 << 16)}"}`));
+  for (const bytes of damaged) assert.deepEqual(textsOf(bytes), NONE);
+  assert.deepEqual(textsOf(undefined), NONE);
+});

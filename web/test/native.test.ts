@@ -1,0 +1,69 @@
+import assert from "node:assert/strict";
+import { createHash } from "node:crypto";
+import { readFileSync } from "node:fs";
+import { test } from "node:test";
+
+import { NativePackets } from "../src/codec/gaussians/native.ts";
+import { SOURCE_DIGEST } from "../src/codec/gaussians/native_module.ts";
+import { type Decoded, PacketDecoder } from "../src/codec/gaussians/packet.ts";
+import { readSideInfo } from "../src/codec/gaussians/side_info.ts";
+import { Intake, planOf } from "../src/packets/plan.ts";
+import { anySideInfo, randomNumbers } from "./side_info.ts";
+import { readStream, STREAMS } from "./vectors.ts";
+
+function assertSame(native: Decoded, plain: Decoded): void {
+  assert.deepEqual(
+    native.rows,
+    plain.rows.map((value) => value + 0),
+  ); // without negative zeros
+  assert.deepEqual(native.harmonics, plain.harmonics);
+}
+
+test("the WebAssembly module is compiled from its source", () => {
+  const source = readFileSync(new URL("native/gaussians.c", `file://${process.cwd()}/`));
+  assert.equal(createHash("sha256").update(source).digest("hex"), SOURCE_DIGEST, "run: npm run native");
+});
+
+for (const path of STREAMS) {
+  const { head, packets } = readStream(path);
+  if (head.manifest.codec !== "gaussians") continue;
+  test(`WebAssembly decodes ${path.split("/").pop()} to the same integers as plain TypeScript`, () => {
+    const plan = planOf(head.manifest),
+      intake = new Intake(plan),
+      info = readSideInfo(head.sideInfo, plan.numBlocks),
+      native = NativePackets.of(info)!,
+      plain = new PacketDecoder(info);
+    for (const bytes of packets) {
+      const { payload, block, count } = intake.offer(bytes)!;
+      assertSame(native.decode(payload, block, count), plain.decode(payload, block, count));
+    }
+  });
+}
+
+test("the 64-bit integers of WebAssembly are the numbers of its rows", () => {
+  const random = randomNumbers(2),
+    native = NativePackets.of(anySideInfo(random))!,
+    payload = Uint8Array.from({ length: 3000 }, () => random(256));
+  for (const count of [1, 2, 7, 300]) {
+    const { rows, integers } = native.decode(payload, 0, count, true),
+      view = new DataView(integers!.buffer, integers!.byteOffset, integers!.byteLength);
+    assert.deepEqual(
+      Array.from(rows),
+      Array.from(rows, (_, n) => Number(view.getBigInt64(8 * n, true))),
+    );
+  }
+});
+
+test("WebAssembly and plain TypeScript decode any bytes to the same integers", () => {
+  const random = randomNumbers(1);
+  for (let trial = 0; trial < 60; trial++) {
+    const info = anySideInfo(random),
+      native = NativePackets.of(info)!,
+      plain = new PacketDecoder(info);
+    for (let packet = 0; packet < 8; packet++) {
+      const payload = Uint8Array.from({ length: random(400) }, () => random(256)),
+        count = 1 + random(random(4) ? 40 : 300);
+      assertSame(native.decode(payload, 0, count), plain.decode(payload, 0, count));
+    }
+  }
+});

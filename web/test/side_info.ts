@@ -1,0 +1,39 @@
+// Side information of explicit Gaussians with random numbers.
+
+import { NUM_CONTEXTS, SECONDS, SPREADS, STEPS, STREAMS } from "../src/codec/gaussians/layout.ts";
+import type { SideInfo } from "../src/codec/gaussians/side_info.ts";
+
+/** Returns a generator of integers below its argument. */
+export function randomNumbers(seed: number): (below: number) => number {
+  let state = seed;
+  return (below) => {
+    state = (Math.imul(state, 1664525) + 1013904223) >>> 0;
+    return Math.floor((state / 2 ** 32) * below);
+  };
+}
+
+/** Returns side information within the limits of the format. */
+export function anySideInfo(random: (below: number) => number): SideInfo {
+  const degree = random(4),
+    number = (degree + 1) ** 2 - 1,
+    boxBits = random(41);
+  return {
+    degree,
+    numHarmonics: 3 * number,
+    sizeLog: 0,
+    unit: random(41),
+    coarsest: random(4) ? random(33) : -1,
+    sections: new Map(),
+    bases: Int32Array.from({ length: STEPS }, () => random(2000) - 400),
+    transform: new Int8Array(number * number),
+    boxes: {
+      shifts: Int32Array.of(Math.max(boxBits - 8, 0)),
+      corners: new Float64Array(3),
+      extents: new Uint8Array(3),
+      bits: Int32Array.of(boxBits),
+    },
+    defaults: Int32Array.from({ length: 7 }, () => (random(1025) - 512) * 256),
+    models: Int32Array.from({ length: 2 * NUM_CONTEXTS }, () => 256 * (1 + random(255))),
+    scales: Int32Array.from({ length: STREAMS * SPREADS * SECONDS }, () => 4 * random(random(2) ? 80 : 30)),
+  };
+}

@@ -1,0 +1,30 @@
+// Messages of a server, for tests.
+
+import { crc32 } from "../src/packets/crc32.ts";
+import { dataView } from "../src/transport/frames.ts";
+
+/** Appends the checksum of a message. */
+function sealed(bytes: Uint8Array): Uint8Array {
+  const all = new Uint8Array(bytes.length + 4);
+  all.set(bytes);
+  dataView(all).setUint32(bytes.length, crc32(bytes), true);
+  return all;
+}
+
+/** Returns a welcome message with one tier, for nonce 7. */
+export function welcome(change: (numbers: DataView, bytes: Uint8Array) => void = () => undefined): Uint8Array {
+  const bytes = new Uint8Array(71 + 8 + 2 + 3),
+    numbers = dataView(bytes);
+  bytes[0] = 0x44;
+  numbers.setBigUint64(1, 7n, true);
+  numbers.setUint32(9, 2, true);
+  numbers.setUint32(13, 3, true);
+  numbers.setBigUint64(17, 400n, true);
+  numbers.setUint16(57, 256, true);
+  numbers.setUint32(59, 10, true);
+  numbers.setUint16(63, 1150, true);
+  bytes[70] = 1;
+  numbers.setUint16(79, 3, true);
+  change(numbers, bytes);
+  return sealed(bytes);
+}
