@@ -17,7 +17,7 @@ SplatwireError
 └─ UnknownNameError          (carries the known names; also a ValueError)
 ```
 
-Lost packets raise no exception; `splatwire.types.Erasures` describes what was lost.
+Lost packets raise no exception; `splatwire.types.LossMask` describes what was lost.
 """
 
 import operator

@@ -27,7 +27,7 @@ from pathlib import Path
 from splatwire.concealment import conceal
 from splatwire.data import load_cameras, open_dataset, save_cameras
 from splatwire.io.formats import read_content, read_splats, write_splats
-from splatwire.types import Anchors, Cameras, Erasures, Gaussians, SplatScene
+from splatwire.types import Anchors, Cameras, LossMask, Gaussians, SplatScene
 from splatwire.types.splats import Splats
 
 g = np.random.default_rng(0)
@@ -204,9 +204,9 @@ FAILS = {
     "splatwire.SceneStream(stream.manifest, b'', None)": r"SceneStream.packets: expected a tuple of Packet",
     "splatwire.SceneStream({}, stream.side_info, ())": r"SceneStream.manifest: expected Manifest",
     "splatwire.SceneStream(stream.manifest, None, ())": r"SceneStream.side_info: expected bytes",
-    "splatwire.ReceivedScene(None, None)": r"ReceivedScene.erasures: expected Erasures, not None",
-    "splatwire.ReceivedScene(None, partial.erasures)": r"ReceivedScene.scene: expected a scene",
-    "splatwire.ReceivedScene(scene, partial.erasures, {1: 2})": (
+    "splatwire.ReceivedScene(None, None)": r"ReceivedScene.loss_mask: expected LossMask, not None",
+    "splatwire.ReceivedScene(None, partial.loss_mask)": r"ReceivedScene.scene: expected a scene",
+    "splatwire.ReceivedScene(scene, partial.loss_mask, {1: 2})": (
         r"ReceivedScene.sections: expected a dictionary of bytes by text"
     ),
     "SplatScene(splats, metadata='x')": r"SplatScene.metadata: expected SceneMetadata",

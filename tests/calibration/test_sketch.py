@@ -65,10 +65,10 @@ def test_stream_carries_the_sketch(stream, data, result) -> None:
     partial = decode_stream(lossy)
     drawn = conceal(partial, "sketch")
     section = read_sketch(result.section, sizes_of(data.complete), buckets_of(data.complete))
-    there = partial.erasures.known | section.levels > 0
+    there = partial.loss_mask.known | section.levels > 0
     assert np.array_equal(drawn.hints.left_out, ~there)
     assert np.array_equal(
-        drawn.anchors.features[partial.erasures.known], data.scene.anchors.features[partial.erasures.known]
+        drawn.anchors.features[partial.loss_mask.known], data.scene.anchors.features[partial.loss_mask.known]
     )
 
 
@@ -104,12 +104,12 @@ def test_pseudo_loss_equals_decoding_a_lossy_stream(make) -> None:
     """Positions that packets carry are estimated for lost anchors."""
     stream = encode_scene(make(seed=2, num_anchors=300), Packetization(block_size=100))
     lossy = decode_stream(transmit(stream, parse_loss("bernoulli:0.4"), seed=1)[0])
-    pretended = calibration_data(stream, decode_stream(stream)).complete.masked(lossy.erasures.known)
+    pretended = calibration_data(stream, decode_stream(stream)).complete.masked(lossy.loss_mask.known)
     for field in dataclasses.fields(lossy.scene.anchors):
         assert np.array_equal(getattr(pretended.scene.anchors, field.name), getattr(lossy.scene.anchors, field.name)), (
             field.name
         )
-    assert np.array_equal(pretended.erasures.received, lossy.erasures.received)
+    assert np.array_equal(pretended.loss_mask.received, lossy.loss_mask.received)
     assert np.array_equal(pretended.places, lossy.places)
 
 

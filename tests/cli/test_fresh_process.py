@@ -22,7 +22,7 @@ def test_bytes_alone_decode_in_a_fresh_interpreter(journey, tmp_path):
     here = decode_stream(read_stream(journey / "lossy.swz")[0])
     there = json.loads(done.stdout)
     assert there["digest"] == scene_digest(here.scene.anchors)
-    assert there["num_lost"] == here.erasures.num_lost > 0
+    assert there["num_lost"] == here.loss_mask.num_lost > 0
 
 
 def test_verbs_work_in_a_shell_pipe(journey, tmp_path):

@@ -135,7 +135,7 @@ def test_interrupted_receive_writes_the_arrived_packets(stream_file: Path, tmp_p
     assert told.err.strip().splitlines()[-1] == "splatwire: stopped"
     stream, whole = read_stream(target)[0], read_stream(stream_file)[0]
     assert 0 < len(stream.packets) < len(whole.packets)
-    assert decode_stream(stream).erasures.num_lost > 0
+    assert decode_stream(stream).loss_mask.num_lost > 0
 
 
 def test_serve_without_a_stream_serves_the_bundled_gaussians():

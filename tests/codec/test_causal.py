@@ -83,7 +83,7 @@ def test_anchors_are_equal_under_every_packetization(scene: AnchorScene, stream:
 def test_lost_packet_affects_only_its_anchors(scene: AnchorScene):
     stream = encode_scene(scene, PRESETS["datagram"])
     whole, damaged = decode_stream(stream), decode_stream(transmit(stream, parse_loss("bernoulli:0.4"), seed=1)[0])
-    known = damaged.erasures.received.all(axis=1)
+    known = damaged.loss_mask.received.all(axis=1)
     assert 0 < int(known.sum()) < len(known)
     assert np.array_equal(damaged.scene.anchors.features[known], whole.scene.anchors.features[known])
     assert not bool(damaged.scene.anchors.features[~known].any())
@@ -110,7 +110,7 @@ def test_concealment_works_with_positions_from_packets(scene: AnchorScene, name:
     some = stream.packets[::2]
     for packet in some:
         decoder.add([packet])
-    known = decoder.partial.erasures.known
+    known = decoder.partial.loss_mask.known
     at_once = conceal(decode_stream(replace(stream, packets=some)), name)
     shown = conceal(decoder.partial, name)
     for other in (conceal(whole.masked(known), name), shown):

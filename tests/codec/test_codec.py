@@ -42,7 +42,7 @@ def test_decoded_values_are_within_half_a_step(scene: AnchorScene, stream: Scene
     error = np.abs(decoded.offsets - scene.anchors.offsets).reshape(decoded.num_anchors, -1)
     assert (error <= 0.5001 * prior.offset.step).all()
     assert not decoded.offsets[~decoded.mask].any()
-    assert partial.erasures.num_lost == 0
+    assert partial.loss_mask.num_lost == 0
 
 
 def test_lost_packets_affect_only_their_anchors(stream: SceneStream) -> None:
@@ -51,7 +51,7 @@ def test_lost_packets_affect_only_their_anchors(stream: SceneStream) -> None:
     partial = decode_stream(stream.with_packets(kept))
     plan = stream.manifest.plan
     lost = np.concatenate([plan.members(p.id) for i, p in enumerate(stream.packets) if i % 3 == 0])
-    known = partial.erasures.known
+    known = partial.loss_mask.known
     assert sorted(lost) == np.flatnonzero(~known).tolist()
     for a, b in zip(attributes_of(whole.scene), attributes_of(partial.scene), strict=True):
         assert np.array_equal(a[known], b[known])
@@ -66,13 +66,13 @@ def test_every_packet_decodes_alone(stream: SceneStream) -> None:
     for packet in stream.packets[::5]:
         alone = decode_stream(stream.with_packets([packet]))
         ranks = stream.manifest.plan.members(packet.id)
-        assert np.array_equal(np.flatnonzero(alone.erasures.known), ranks)
+        assert np.array_equal(np.flatnonzero(alone.loss_mask.known), ranks)
         assert np.array_equal(alone.scene.anchors.features[ranks], whole.features[ranks])
 
 
 def test_side_information_alone_decodes(stream: SceneStream) -> None:
     partial = decode_stream(stream.with_packets([]))
-    assert partial.erasures.num_lost == stream.manifest.num_elements
+    assert partial.loss_mask.num_lost == stream.manifest.num_elements
 
 
 @pytest.mark.parametrize("order", ["morton", "raster"])
@@ -150,7 +150,7 @@ def test_damaged_payloads_decode(stream: SceneStream) -> None:
     rng = np.random.default_rng(1)
     for _ in range(100):
         packets = [make_packet(p.id, p.num_elements, rng.bytes(int(rng.integers(0, 60)))) for p in stream.packets[:4]]
-        assert decode_stream(stream.with_packets(packets)).erasures.num_lost > 0
+        assert decode_stream(stream.with_packets(packets)).loss_mask.num_lost > 0
 
 
 FRESH = """

@@ -38,7 +38,7 @@ def test_every_packet_decodes_alone(stream: SceneStream):
     for packet in stream.packets[::4]:
         partial = decode_stream(stream.with_packets([packet]))
         ranks = stream.manifest.plan.members(packet.id, packet.num_elements)
-        received = np.flatnonzero(partial.erasures.received.all(axis=1))
+        received = np.flatnonzero(partial.loss_mask.received.all(axis=1))
         assert np.array_equal(received, np.sort(ranks))
         for name in ("features", "scalings", "offsets", "mask"):
             assert np.array_equal(getattr(partial.scene.anchors, name)[ranks], getattr(whole, name)[ranks])
@@ -48,11 +48,11 @@ def test_lost_packets_remove_exactly_their_anchors(stream: SceneStream):
     rng = np.random.default_rng(0)
     lost = [packet for packet in stream.packets if rng.random() < 0.4]
     kept = [packet for packet in stream.packets if packet not in lost]
-    erasures = decode_stream(stream.with_packets(kept)).erasures
+    loss_mask = decode_stream(stream.with_packets(kept)).loss_mask
     plan = stream.manifest.plan
     ranks = np.sort(np.concatenate([plan.members(packet.id, packet.num_elements) for packet in lost]))
-    assert np.array_equal(np.flatnonzero((~erasures.received).all(axis=1)), ranks)
-    assert erasures.num_lost == len(ranks) > 0
+    assert np.array_equal(np.flatnonzero((~loss_mask.received).all(axis=1)), ranks)
+    assert loss_mask.num_lost == len(ranks) > 0
 
 
 def test_anchor_larger_than_a_packet_is_refused(scene: AnchorScene):

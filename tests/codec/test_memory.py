@@ -72,7 +72,7 @@ def test_environment_variable_raises_the_memory_limit(monkeypatch: pytest.Monkey
         decode_stream(stream)
     word = next(word for word in str(refused.value).split() if word.startswith(VARIABLE))
     monkeypatch.setenv(*word.split("="))
-    assert decode_stream(stream).erasures.num_lost == 65_535
+    assert decode_stream(stream).loss_mask.num_lost == 65_535
     monkeypatch.setenv(VARIABLE, "0.001")
     with pytest.raises(BitstreamError, match=r"may take 0\.00 GB"):
         decode_stream(stream)

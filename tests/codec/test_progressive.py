@@ -43,7 +43,7 @@ def shuffled(stream: SceneStream, seed: int) -> list:
 
 
 def assert_same(a: ReceivedScene, b: ReceivedScene) -> None:
-    assert np.array_equal(a.erasures.received, b.erasures.received)
+    assert np.array_equal(a.loss_mask.received, b.loss_mask.received)
     for name in ("positions", "features", "scalings", "offsets", "mask"):
         assert np.array_equal(getattr(a.scene.anchors, name), getattr(b.scene.anchors, name)), name
     assert np.array_equal(a[Prior].context, b[Prior].context)

@@ -69,7 +69,7 @@ def test_lossless_separated_packets_equal_atomic_packets(scene: AnchorScene, pac
     atomic = encode_scene(scene, replace(packetization, packaging="atomic"))
     assert separated.manifest.symbols_digest == atomic.manifest.symbols_digest
     ours, other = decode_stream(separated), decode_stream(atomic)
-    assert ours.erasures.num_lost == 0
+    assert ours.loss_mask.num_lost == 0
     assert SECTION not in ours.sections
     for name in NAMES:
         assert np.array_equal(getattr(ours.scene.anchors, name), getattr(other.scene.anchors, name))
@@ -82,7 +82,7 @@ def test_lost_scaling_packets_lose_only_scalings(stream: SceneStream, whole: Anc
     assert not anchors.scalings[rows].any()
     expected = np.ones((700, 4), np.bool_)
     expected[rows, Attribute.SCALING] = False
-    assert np.array_equal(partial.erasures.received, expected)
+    assert np.array_equal(partial.loss_mask.received, expected)
     for name in ("features", "offsets", "mask"):
         assert np.array_equal(getattr(anchors, name), getattr(whole, name))
     assert np.array_equal(anchors.scalings[400:], whole.scalings[400:])
@@ -93,7 +93,7 @@ def test_lost_offset_packets_lose_only_offsets(stream: SceneStream, whole: Ancho
     anchors = partial.scene.anchors
     assert not anchors.offsets[600:].any()
     assert np.array_equal(anchors.offsets[:600], whole.offsets[:600])
-    assert partial.erasures.column(Attribute.OFFSET).tolist() == [True] * 600 + [False] * 100
+    assert partial.loss_mask.column(Attribute.OFFSET).tolist() == [True] * 600 + [False] * 100
     for name in ("features", "scalings", "mask"):
         assert np.array_equal(getattr(anchors, name), getattr(whole, name))
 
@@ -110,8 +110,8 @@ def test_lost_feature_group_loses_dependent_groups(stream: SceneStream, whole: A
     others = np.ones(700, np.bool_)
     others[rows] = False
     assert np.array_equal(features[others], whole.features[others])
-    assert np.array_equal(partial.erasures.column(Attribute.FEATURE), others)
-    assert bool(partial.erasures.received[:, 1:].all())
+    assert np.array_equal(partial.loss_mask.column(Attribute.FEATURE), others)
+    assert bool(partial.loss_mask.received[:, 1:].all())
 
 
 def test_every_subset_decodes_to_original_values_or_zero(stream: SceneStream, whole: Anchors):
@@ -124,7 +124,7 @@ def test_every_subset_decodes_to_original_values_or_zero(stream: SceneStream, wh
             features = [PacketId(block, 0, FEATURE + g) in there for g in range(3)]
             groups = np.minimum.accumulate(features).tolist()
             received = [all(features), PacketId(block, 0, SCALING) in there, PacketId(block, 0, OFFSET) in there, True]
-            assert bool((partial.erasures.received[rows] == np.array(received)).all())
+            assert bool((partial.loss_mask.received[rows] == np.array(received)).all())
             for columns, ok in zip(FEATURE_GROUPS, groups, strict=True):
                 expected = whole.features[rows, columns] * ok
                 assert np.array_equal(partial.scene.anchors.features[rows, columns], expected)
@@ -147,7 +147,7 @@ def test_damaged_payloads_decode(stream: SceneStream):
     rng = np.random.default_rng(1)
     for _ in range(20):
         packets = [make_packet(p.id, p.num_elements, rng.bytes(int(rng.integers(0, 90)))) for p in stream.packets[:7]]
-        assert decode_stream(stream.with_packets(packets)).erasures.num_lost == 500
+        assert decode_stream(stream.with_packets(packets)).loss_mask.num_lost == 500
 
 
 def test_masks_are_side_information(stream: SceneStream):

@@ -140,7 +140,7 @@ def test_stream_without_tier_sizes_is_concealed_as_before(cut: SceneStream):
 @pytest.mark.parametrize("name", ["grow", "scene_free"])
 def test_losing_small_anchors_causes_little_growth(cut: SceneStream, name: str):
     told, without_them = decode_stream(cut), decode_stream(without_concealment(cut, SECTION))
-    known = told.erasures.known
+    known = told.loss_mask.known
     with_sizes, without = (conceal(partial, name).hints.size_gain[known] for partial in (told, without_them))
     assert 0.2 < float(known.astype(np.float32).mean()) < 0.5
     assert float(without.mean()) > 1.4
@@ -150,7 +150,7 @@ def test_losing_small_anchors_causes_little_growth(cut: SceneStream, name: str):
 
 def test_tier_sizes_do_not_change_network_inputs(cut: SceneStream):
     context = decode_stream(cut)
-    plain, rows = without_tier_sizes(context), np.flatnonzero(context.erasures.known)
+    plain, rows = without_tier_sizes(context), np.flatnonzero(context.loss_mask.known)
     ours, theirs = surroundings_of(context, rows), surroundings_of(plain, rows)
     assert np.array_equal(signatures(context, ours), signatures(plain, theirs))
     assert bool((near_losses(context, ours) < near_losses(plain, theirs)).any())

@@ -51,7 +51,7 @@ def test_tiers_do_not_change_the_decoded_scene(scene: AnchorScene, stream: Scene
     plain = encode_scene(scene, stream.manifest.packetization)
     assert plain.manifest.tiers == ()
     ours, other = decode_stream(stream), decode_stream(plain)
-    assert ours.erasures.num_lost == 0
+    assert ours.loss_mask.num_lost == 0
     assert SECTION not in ours.sections
     for name in NAMES:
         assert np.array_equal(getattr(ours.scene.anchors, name), getattr(other.scene.anchors, name))
@@ -68,7 +68,7 @@ def test_every_subset_decodes_to_the_same_values(stream: SceneStream):
             if packet is not None:
                 known[groups.ranks[groups.starts[g] : groups.starts[g + 1]]] = True
         assert known.sum() == sum(packet.num_elements for packet in kept)
-        assert np.array_equal(partial.erasures.known, known)
+        assert np.array_equal(partial.loss_mask.known, known)
         for name in NAMES:
             assert np.array_equal(getattr(partial.scene.anchors, name)[known], getattr(whole, name)[known])
 
@@ -87,7 +87,7 @@ def test_packets_of_a_tier_hold_its_anchors(scene: AnchorScene, tiers: np.ndarra
     first = stream.with_packets(
         [packet for packet in stream.packets if stream.manifest.plan.tier_of(packet.id.block) == 0]
     )
-    known = decode_stream(first).erasures.known
+    known = decode_stream(first).loss_mask.known
     assert int(known.sum()) == round(0.2 * scene.anchors.num_anchors) == stream.manifest.tiers[0].num_elements
     whole = decode_stream(stream).scene.anchors.positions
     place = {tuple(p): int(t) for p, t in zip(scene.anchors.positions.tolist(), tiers, strict=True)}

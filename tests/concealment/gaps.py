@@ -12,11 +12,11 @@ from splatwire.types import (
     AnchorScene,
     AttributePrior,
     ContextModel,
-    Erasures,
     GaussianHeads,
     HacppCoding,
     HashGrid,
     Linear,
+    LossMask,
     Mlp,
     ModelConfig,
     Prior,
@@ -60,10 +60,10 @@ def random_context(
         offset=AttributePrior(normal(3 * layout.num_offsets), 0.1 + uniform(3 * layout.num_offsets), step),
         context=normal(CONTEXT_DIM),
     )
-    return partial_of(anchors, Erasures(known), prior, layout)
+    return partial_of(anchors, LossMask(known), prior, layout)
 
 
-def partial_of(anchors: Anchors, erasures: Erasures, *records: Any) -> ReceivedScene:
+def partial_of(anchors: Anchors, loss_mask: LossMask, *records: Any) -> ReceivedScene:
     """Decoded scene of these anchors with constant networks."""
     mlp = Mlp(
         Linear(np.zeros((1, 1), np.float32), np.zeros(1, np.float32)),
@@ -75,11 +75,11 @@ def partial_of(anchors: Anchors, erasures: Erasures, *records: Any) -> ReceivedS
     )
     layout = next(record for record in records if isinstance(record, AnchorLayout))
     coding = HacppCoding(model, 0.001, ModelConfig(layout=layout))
-    return ReceivedScene(AnchorScene(anchors, GaussianHeads(mlp, mlp, mlp), coding), erasures, {}, records)
+    return ReceivedScene(AnchorScene(anchors, GaussianHeads(mlp, mlp, mlp), coding), loss_mask, {}, records)
 
 
 def changed(context: ReceivedScene, **fields: Any) -> ReceivedScene:
-    """Copy with other anchors, erasures, prior, sections or fields of its anchors."""
+    """Copy with other anchors, loss mask, prior, sections or fields of its anchors."""
     anchors = fields.pop("anchors", context.elements)
     records = [fields.pop("prior")] if "prior" in fields else []
     own = {name: fields.pop(name) for name in list(fields) if name in vars(anchors)}
@@ -95,7 +95,7 @@ def permuted(context: ReceivedScene, order: np.ndarray) -> ReceivedScene:
     )
     return partial_of(
         context.scene.anchors.select(order),
-        Erasures(context.erasures.received[order]),
+        LossMask(context.loss_mask.received[order]),
         Prior(*parts, context=prior.context[order]),
         context[AnchorLayout],
     )
@@ -107,7 +107,7 @@ def only(context: ReceivedScene, known: np.ndarray) -> ReceivedScene:
     anchors = Anchors(
         a.positions, a.features * blank, a.scalings * blank, a.offsets * blank[:, :, None], a.mask & blank
     )
-    return changed(context, anchors=anchors, erasures=Erasures.of_anchors(known))
+    return changed(context, anchors=anchors, loss_mask=LossMask.of_anchors(known))
 
 
 def gaussians(
@@ -118,4 +118,4 @@ def gaussians(
     scales = np.ones((count, 3), np.float32) if log_scales is None else np.exp(log_scales)
     quats = np.tile(np.array([1.0, 0.0, 0.0, 0.0], np.float32), (count, 1))
     splats = Splats(positions, quats, scales, opacities, np.zeros((count, 1, 3), np.float32))
-    return ReceivedScene(SplatScene(splats), Erasures.of_anchors(known))
+    return ReceivedScene(SplatScene(splats), LossMask.of_anchors(known))

@@ -8,7 +8,7 @@ from concealment.gaps import changed, permuted, random_context
 from random_numbers import Numbers
 from splatwire.concealment import Concealed, conceal, concealer_names, create_concealer
 from splatwire.errors import InvalidValueError, UnknownNameError
-from splatwire.types import AnchorLayout, AnchorScene, Attribute, Copies, Erasures, Prior, ReceivedScene
+from splatwire.types import AnchorLayout, AnchorScene, Attribute, Copies, LossMask, Prior, ReceivedScene
 
 NAMES = ("drop", "prior", "idw", "cari", "grow", "scene_free")
 FIELDS = {
@@ -59,7 +59,7 @@ def test_received_values_stay_bit_identical(name: str, separated: bool) -> None:
     scene = conceal(context, name)
     assert same_bits(scene.anchors.positions, before["positions"])
     for attribute, part in FIELDS.items():
-        received = context.erasures.column(attribute)
+        received = context.loss_mask.column(attribute)
         decoded, concealed = before[part], getattr(scene.anchors, part)
         assert same_bits(concealed[received], decoded[received])
         assert same_bits(getattr(context.scene.anchors, part), decoded), "the input was changed in place"
@@ -80,7 +80,7 @@ def test_received_values_stay_despite_a_misbehaving_concealer() -> None:
     context = random_context(50, 1, separated=True)
     scene = conceal(context, MisbehavingConcealer())
     for attribute, part in FIELDS.items():
-        received = context.erasures.column(attribute)
+        received = context.loss_mask.column(attribute)
         assert same_bits(getattr(scene.anchors, part)[received], getattr(context.scene.anchors, part)[received])
         assert not np.array_equal(
             getattr(scene.anchors, part)[~received], getattr(context.scene.anchors, part)[~received]
@@ -143,7 +143,7 @@ def test_one_received_anchor_is_enough(name: str) -> None:
     context = random_context(30, 3, loss=0)
     known = np.zeros(30, np.bool_)
     known[7] = True
-    scene = conceal(dataclasses.replace(context, erasures=Erasures.of_anchors(known)), name)
+    scene = conceal(dataclasses.replace(context, loss_mask=LossMask.of_anchors(known)), name)
     assert_drawable(scene)
     if name == "idw":
         assert np.array_equal(scene.anchors.features, np.tile(context.scene.anchors.features[7], (30, 1)))
@@ -185,4 +185,4 @@ def test_missing_inputs_are_one_error_sentence() -> None:
 def test_context_with_arrays_of_unequal_length_is_refused() -> None:
     context = random_context(10, 0)
     with pytest.raises(ValueError, match="different numbers of elements"):
-        dataclasses.replace(context, erasures=Erasures.of_anchors(np.ones(9, np.bool_)))
+        dataclasses.replace(context, loss_mask=LossMask.of_anchors(np.ones(9, np.bool_)))

@@ -9,12 +9,12 @@ from random_numbers import Numbers
 from splatwire.concealment import Drop, Grow
 from splatwire.concealment.grow import lost_share
 from splatwire.errors import InvalidValueError
-from splatwire.types import Erasures, Prior
+from splatwire.types import LossMask, Prior
 
 
 def test_gain_is_the_inverse_square_root_of_the_received_share() -> None:
     context = random_context(200, 1)
-    known, positions = context.erasures.known, context.scene.anchors.positions.astype(np.float64)
+    known, positions = context.loss_mask.known, context.scene.anchors.positions.astype(np.float64)
     result = Grow(neighbors=10, max_gain=100.0, max_excess=float("inf"))(context)
     assert np.array_equal(result.left_out, ~known)
     for k in range(200):
@@ -35,7 +35,7 @@ def test_lost_small_anchors_weigh_less_than_large_ones() -> None:
     large = size >= np.median(size)
 
     def gain(known: np.ndarray) -> float:
-        gains = Grow(neighbors=20)(dataclasses.replace(context, erasures=Erasures.of_anchors(known))).size_gain
+        gains = Grow(neighbors=20)(dataclasses.replace(context, loss_mask=LossMask.of_anchors(known))).size_gain
         return float(gains[known].mean())
 
     assert gain(large) < 1.35 < 1.45 < gain(~large)
@@ -43,7 +43,7 @@ def test_lost_small_anchors_weigh_less_than_large_ones() -> None:
 
 def test_equal_weights_give_the_share_by_count() -> None:
     context = random_context(200, 7)
-    positions, known = context.scene.anchors.positions, context.erasures.known
+    positions, known = context.scene.anchors.positions, context.loss_mask.known
     heads = lost_share(positions, known, 9)
     assert np.array_equal(heads, lost_share(positions, known, 9, np.full((200,), 3.0, np.float32)))
     assert float(heads[known].max()) <= 1
@@ -55,7 +55,7 @@ def test_isolated_anchor_reaches_the_gain_limit(exponent: float) -> None:
     context = random_context(100, 2, loss=0)
     known = np.zeros(100, np.bool_)
     known[3] = True
-    context = dataclasses.replace(context, erasures=Erasures.of_anchors(known))
+    context = dataclasses.replace(context, loss_mask=LossMask.of_anchors(known))
     gain = Grow(exponent=exponent, max_gain=3.0)(context).size_gain
     assert float(gain[3]) == pytest.approx(3.0 if exponent else 1.0)
     assert bool((gain[~known] == 1).all())
@@ -63,14 +63,14 @@ def test_isolated_anchor_reaches_the_gain_limit(exponent: float) -> None:
 
 def test_partially_received_anchor_is_left_out() -> None:
     context = random_context(80, 3, separated=True)
-    assert np.array_equal(Drop()(context).left_out, ~context.erasures.received.all(axis=1))
+    assert np.array_equal(Drop()(context).left_out, ~context.loss_mask.received.all(axis=1))
     assert bool((Drop()(context).size_gain == 1).all())
     assert np.array_equal(Grow()(context).left_out, Drop()(context).left_out)
 
 
 def test_local_gain_is_limited_relative_to_the_global_gain() -> None:
     context = random_context(400, 5)
-    kept = float(context.erasures.known.astype(np.float64).mean())
+    kept = float(context.loss_mask.known.astype(np.float64).mean())
     gain = Grow(max_excess=1.02, neighbors=8)(context).size_gain
     assert float(gain.max()) == pytest.approx(1.02 * kept**-0.5)
     free = Grow(max_excess=float("inf"), neighbors=8)(context).size_gain

@@ -129,13 +129,13 @@ def test_received_attributes_override_the_sketch(separated: bool) -> None:
     context, sketch = random_context(200, 3, loss=0.5, separated=separated), sketch_of_context(4)
     context = dataclasses.replace(context, sections={SECTION: write_sketch(sketch, buckets_of(context))})
     proposal = create_concealer("sketch")(context)
-    kept = context.elements.kept(context.erasures, proposal.elements)
+    kept = context.elements.kept(context.loss_mask, proposal.elements)
     for column, name in enumerate(("features", "scalings", "offsets", "mask")):
-        there = context.erasures.received[:, column]
+        there = context.loss_mask.received[:, column]
         assert np.array_equal(getattr(kept, name)[there], getattr(context.scene.anchors, name)[there])
     sketched = sketch.levels > 0
-    assert np.array_equal(proposal.left_out, ~(context.erasures.known | sketched))
-    rows = sketched & ~context.erasures.received.any(axis=1)
+    assert np.array_equal(proposal.left_out, ~(context.loss_mask.known | sketched))
+    rows = sketched & ~context.loss_mask.received.any(axis=1)
     features = sketch.basis.channels(sketch.levels[sketched], sketch.values)[:, : LAYOUT.feature_dim]
     assert np.array_equal(kept.features[rows], features[rows[sketched]])
     assert bool((kept.scalings[rows] > 0).all())
@@ -143,9 +143,9 @@ def test_received_attributes_override_the_sketch(separated: bool) -> None:
 
 def test_sketched_anchors_count_as_present() -> None:
     context, sketch = random_context(200, 5, loss=0.4), sketch_of_context(6, share=0.5)
-    there = context.erasures.known | sketch.levels > 0
+    there = context.loss_mask.known | sketch.levels > 0
     filled = with_sketch(context, sketch)
-    assert np.array_equal(filled.erasures.known, there)
+    assert np.array_equal(filled.loss_mask.known, there)
     expected = Grow(exponent=0.25, max_excess=1.5)(filled).size_gain
     proposal = conceal_with(context, sketch)
     assert np.array_equal(proposal.size_gain, expected)

@@ -50,7 +50,7 @@ from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, Mis
 from splatwire.files.byte_io import ByteReader
 from splatwire.render import render_scene
 from splatwire.transport.http.pack import pack_stream
-from splatwire.types import Cameras, Coverage, Erasures, Gaussians, ReceivedScene, RenderHints
+from splatwire.types import Cameras, Coverage, Gaussians, LossMask, ReceivedScene, RenderHints
 from splatwire.types.background import BLACK, Background
 from splatwire.types.rows import Rows
 from splatwire.view.page import page_of_stream
@@ -71,8 +71,8 @@ class Points:
     def arrived(self, known: np.ndarray, places: np.ndarray) -> "Points":
         return Points(np.where(known[:, None], self.positions, places), self.colors * known[:, None])
 
-    def kept(self, erasures: Erasures, proposed: "Points") -> "Points":
-        return replace(self, colors=np.where(erasures.known[:, None], self.colors, proposed.colors))
+    def kept(self, loss_mask: LossMask, proposed: "Points") -> "Points":
+        return replace(self, colors=np.where(loss_mask.known[:, None], self.colors, proposed.colors))
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +162,7 @@ class PointDecoder:
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         self.colors = np.zeros(self.places.shape, np.uint8)
-        self.erasures = Erasures.of_anchors(np.zeros(len(self.places), np.bool_))
+        self.loss_mask = LossMask.of_anchors(np.zeros(len(self.places), np.bool_))
 
     def decode(self, run: Run) -> tuple[np.ndarray, ...]:
         sizes = (3 * run.counts).tolist()
@@ -170,7 +170,7 @@ class PointDecoder:
         return (np.frombuffer(data, np.uint8).reshape(-1, 3),)
 
     def store(self, run: Run, rows: tuple[np.ndarray, ...]) -> None:
-        self.colors[run.ranks], self.erasures.received[run.ranks] = rows[0], True
+        self.colors[run.ranks], self.loss_mask.received[run.ranks] = rows[0], True
 
     def update_digest(self, digest: Any, rows: tuple[np.ndarray, ...]) -> None:
         digest.update(rows[0].tobytes())
@@ -178,7 +178,7 @@ class PointDecoder:
     def scene(self) -> ReceivedScene:
         points = Points(self.places, self.colors)
         scene = PointScene(points, background=BACKGROUND.read(self.sections))
-        return ReceivedScene(scene, self.erasures, concealer_sections(self.sections))
+        return ReceivedScene(scene, self.loss_mask, concealer_sections(self.sections))
 
 
 def prepare(scene: PointScene, options: Options) -> Prepared:
@@ -236,7 +236,7 @@ def test_third_party_scene_round_trips(scene: PointScene, stream: SceneStream, t
     write_stream(stream, tmp_path / "points.swz")
     read, report = read_stream(tmp_path / "points.swz")
     whole = decode_stream(read)
-    assert report.num_missing == whole.erasures.num_lost == 0
+    assert report.num_missing == whole.loss_mask.num_lost == 0
     assert np.array_equal(whole.scene.points.colors, scene.points.colors)
     assert stream.manifest.elements == "points"
     wrong = replace(stream, manifest=replace(stream.manifest, symbols_digest="0" * 64))

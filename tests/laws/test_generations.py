@@ -184,7 +184,7 @@ def test_decoded_gaussians_are_a_fixed_point_through_a_ply(degree: int, tmp_path
     some = decode_stream(first.with_packets(first.packets[::2]))
     save_scene_as(some, path)
     again = ordered(encode_scene(open_scene(path), PACKETIZATIONS["few"]))[0]
-    received = some.scene.elements.select(some.erasures.received.all(axis=1))
+    received = some.scene.elements.select(some.loss_mask.received.all(axis=1))
     assert set(map(bytes, again[:, :3])) == set(map(bytes, received.means))
     assert set(map(bytes, again[:, 7:10])) == set(map(bytes, received.scales))
     raw = bytearray(path.read_bytes())

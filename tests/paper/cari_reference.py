@@ -26,7 +26,7 @@ def cari(context, num_candidates, num_neighbors, passes, eps):
     n, slots = anchors.mask.shape
     gap = [[math.dist(x[a], x[b]) for b in range(n)] for a in range(n)]
     alike = [[(cos_sim(f_hash[a], f_hash[b]) + 1) / 2 for b in range(n)] for a in range(n)]
-    received = context.erasures.received.numpy()
+    received = context.loss_mask.received.numpy()
     mu = [prior.feature.mean, prior.scaling.mean, prior.offset.mean]
     mu = [m.double().numpy() for m in mu]
     y = [anchors.features, anchors.scalings, anchors.offsets.flatten(1)]

@@ -7,7 +7,7 @@ from concealment.gaps import CONTEXT_DIM, LAYOUT, partial_of
 from splatwire.bitstream import PacketGroups
 from splatwire.calibration.pseudo_loss import CalibrationData
 from splatwire.ops.arrays import to_arrays
-from splatwire.types import Anchors, AttributePrior, Erasures, Prior
+from splatwire.types import Anchors, AttributePrior, LossMask, Prior
 
 NUM_PACKETS = 40
 
@@ -40,8 +40,8 @@ def smooth_field(num_anchors: int, *, noise: float, known_to_prior: float, seed:
     )
     mask = torch.ones(num_anchors, LAYOUT.num_offsets, dtype=torch.bool)
     anchors = Anchors(positions=places, features=features, scalings=scalings, offsets=offsets, mask=mask)
-    erasures = Erasures.of_anchors(torch.ones(num_anchors, dtype=torch.bool))
+    loss_mask = LossMask.of_anchors(torch.ones(num_anchors, dtype=torch.bool))
     ranks = torch.randperm(num_anchors, generator=rng).numpy()
     starts = np.linspace(0, num_anchors, NUM_PACKETS + 1).astype(np.int64)
-    complete = to_arrays(partial_of(anchors, erasures, prior, LAYOUT))
+    complete = to_arrays(partial_of(anchors, loss_mask, prior, LAYOUT))
     return CalibrationData(complete, PacketGroups(ranks, starts))

@@ -36,7 +36,7 @@ def test_cari_equals_loops_over_the_equations(
     for seed in range(3):
         context = random_context(num_anchors, seed, separated=separated)
         result = estimate(Cari(candidates=candidates, neighbors=neighbors, passes=passes), context)
-        result = context.elements.kept(context.erasures, result)
+        result = context.elements.kept(context.loss_mask, result)
         *wanted, mask = cari_reference(context, candidates, neighbors, passes, eps=1e-6)
         for name, values in zip(ATTRIBUTES, wanted, strict=True):
             got = getattr(result, name).flatten(1).numpy()
@@ -46,7 +46,7 @@ def test_cari_equals_loops_over_the_equations(
 
 def test_compiled_scores_equal_the_plain_version() -> None:
     context = random_context(600, 3)
-    known = context.erasures.known
+    known = context.loss_mask.known
     support = Support(
         unit_rows(context[Prior].context),
         unit_rows(signatures(residuals_of(context))),
@@ -78,7 +78,7 @@ def test_backends_give_equal_results() -> None:
 
 def test_equal_residuals_are_restored_exactly() -> None:
     context = random_context(200, 7)
-    anchors, prior, known = context.scene.anchors, context[Prior], context.erasures.known
+    anchors, prior, known = context.scene.anchors, context[Prior], context.loss_mask.known
     mask = torch.tensor([True, False, True, True]).expand(200, 4)
     truth = dataclasses.replace(
         anchors,
@@ -110,8 +110,8 @@ def test_dissimilar_context_gets_no_weight() -> None:
     hashes = torch.stack([torch.ones(12), torch.ones(12), -torch.ones(12)])
     prior = dataclasses.replace(context[Prior], context=hashes)
     anchors = dataclasses.replace(context.scene.anchors, features=torch.randn(3, 10) * known[:, None])
-    erasures = to_tensors(type(context.erasures).of_anchors(known))
-    result = estimate(Cari(passes=1), changed(context, prior=prior, anchors=anchors, erasures=erasures))
+    loss_mask = to_tensors(type(context.loss_mask).of_anchors(known))
+    result = estimate(Cari(passes=1), changed(context, prior=prior, anchors=anchors, loss_mask=loss_mask))
     wanted = prior.feature.mean[0] + anchors.features[1] - prior.feature.mean[1]
     torch.testing.assert_close(result.features[0], wanted, rtol=0, atol=1e-4)
 
@@ -129,7 +129,7 @@ def test_ridge_regression_follows_a_linear_gradient() -> None:
     context = random_context(400, 2)
     slope = torch.tensor([[0.5] * 10, [-1.0] * 10, [0.25] * 10])
     truth = context[Prior].feature.mean + context.scene.anchors.positions @ slope
-    known = context.erasures.known
+    known = context.loss_mask.known
     anchors = dataclasses.replace(context.scene.anchors, features=truth * known[:, None])
     context = changed(context, anchors=anchors)
     errors = [

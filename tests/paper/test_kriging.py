@@ -39,7 +39,7 @@ def test_weights_are_the_conditional_mean_of_a_joint_normal() -> None:
 
 def test_kriging_beats_mean_and_idw_on_a_gaussian_field() -> None:
     context = random_context(500, 1)
-    lost = ~context.erasures.known
+    lost = ~context.loss_mask.known
     truth = _field_of(context.scene.anchors.positions, 0.8, 1.0, 10)
     anchors = dataclasses.replace(context.scene.anchors, features=truth * ~lost[:, None])
     context = changed(context, anchors=anchors)
@@ -59,7 +59,7 @@ def test_kriging_beats_mean_and_idw_on_a_gaussian_field() -> None:
 
 def test_uninformative_neighbours_give_the_mean() -> None:
     context = random_context(400, 2)
-    lost = ~context.erasures.known
+    lost = ~context.loss_mask.known
     residual = estimate(Kriging(target="residual"), context)
     spread = context.scene.anchors.features[~lost].std()
     assert float((residual.features - context[Prior].feature.mean)[lost].abs().mean()) < 0.3 * float(spread)
@@ -80,7 +80,7 @@ def test_coincident_anchors_give_finite_values_and_received_values_stay() -> Non
     context = random_context(200, 4, separated=True)
     context.scene.anchors.positions[:100] = context.scene.anchors.positions[0]
     result = estimate(Kriging(), context)
-    received = context.erasures.received
+    received = context.loss_mask.received
     assert torch.equal(result.features[received[:, 0]], context.scene.anchors.features[received[:, 0]])
     assert torch.equal(result.scalings[received[:, 1]], context.scene.anchors.scalings[received[:, 1]])
     assert all(bool(part.isfinite().all()) for part in (result.features, result.scalings, result.offsets))
@@ -116,7 +116,7 @@ def test_regression_equals_least_squares_on_received_values() -> None:
 @pytest.mark.slow
 def test_regression_uses_priors_of_other_channels() -> None:
     context = random_context(2000, 6)
-    lost = ~context.erasures.known
+    lost = ~context.loss_mask.known
     truth = context[Prior].feature.mean.flip(1) - 0.5 * context[Prior].scaling.mean.sum(dim=1, keepdim=True)
     context = changed(context, features=truth * ~lost[:, None])
 

@@ -39,7 +39,7 @@ def test_received_feature_groups_stay_and_the_rest_is_zero(stream: SceneStream):
     partial = lossy(stream, 1, FEATURE + 1)
     scene, whole = conceal(partial, "zero"), decode_stream(stream).scene
     rows = slice(100, 200)
-    assert not partial.erasures.column(Attribute.FEATURE)[rows].any()
+    assert not partial.loss_mask.column(Attribute.FEATURE)[rows].any()
     assert np.array_equal(scene.anchors.features[rows, :4], whole.elements.features[rows, :4])
     assert not scene.anchors.features[rows, 4:].any()
     assert not scene.anchors.scalings[rows].any()

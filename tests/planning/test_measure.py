@@ -43,7 +43,7 @@ def test_erasing_clears_lost_anchors_and_keeps_the_rest(complete: ReceivedScene)
     num = complete.scene.anchors.num_anchors
     known = np.arange(num) % 3 > 0
     partial = complete.masked(known)
-    assert np.array_equal(partial.erasures.known, known)
+    assert np.array_equal(partial.loss_mask.known, known)
     before, after = complete.scene.anchors, partial.scene.anchors
     for name in ("features", "scalings", "offsets", "mask"):
         assert np.array_equal(getattr(after, name)[known], getattr(before, name)[known])

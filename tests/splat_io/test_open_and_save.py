@@ -97,7 +97,7 @@ def test_lossy_scene_requires_a_concealer(zoo: Path, name: str) -> None:
 def test_concealed_scene_keeps_its_loss_mask(zoo: Path, tmp_path: Path) -> None:
     found = read_scene_file(zoo / "lossy decoded")
     scene = splatwire.open_scene(zoo / "lossy decoded", "grow")
-    splatwire.save_scene(scene, tmp_path / "seen", erasures=found.erasures)
+    splatwire.save_scene(scene, tmp_path / "seen", loss_mask=found.loss_mask)
     assert read_scene_file(tmp_path / "seen").num_lost == found.num_lost
     assert scene_digest(splatwire.open_scene(tmp_path / "seen").elements) == scene_digest(scene.elements)
 
@@ -117,7 +117,7 @@ def test_a_loss_mask_without_a_place_is_named(
 ) -> None:
     found = read_scene_file(zoo / "lossy splats")
     scene = splatwire.open_scene(zoo / "lossy splats", "scene_free")
-    splatwire.save_scene(scene, tmp_path / name, erasures=found.erasures)
+    splatwire.save_scene(scene, tmp_path / name, loss_mask=found.loss_mask)
     assert f"{name}: such files cannot record losses: the {found.num_lost} Gaussians that were lost" in caplog.text
 
 

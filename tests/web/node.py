@@ -117,7 +117,7 @@ def gains_of(stream: SceneStream) -> dict[str, list[float]]:
         found[name] = gains[ranks].astype(np.float64).ravel().tolist()
         if name == SECTION:  # copies of received Gaussians are not drawn
             places = copies_of(decoded)[0]
-            found[name] += (gains[places] * ~decoded.erasures.known[places, None]).astype(np.float64).ravel().tolist()
+            found[name] += (gains[places] * ~decoded.loss_mask.known[places, None]).astype(np.float64).ravel().tolist()
     return found
 
 

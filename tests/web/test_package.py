@@ -150,7 +150,7 @@ def test_node_decoder_gives_the_gaussians_of_python(project: Path, stream: Scene
     assert told["half"]["verified"] is told["half"]["complete"] is False
     assert [told[name]["antialiased"] for name in ("whole", "half", "grown")] == [False, False, True]
     for name, python in (("whole", decode_stream(stream)), ("half", decode_stream(half))):
-        known = python.erasures.known
+        known = python.loss_mask.known
         theirs = np.asarray(told[name]["centres"], dtype=np.float32).reshape(-1, 3)
         ours = python.scene.positions[known]
         assert told[name]["count"] == len(ours)

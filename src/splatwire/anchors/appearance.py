@@ -38,8 +38,8 @@ def as_scene(value: Scene | ReceivedScene | Splats) -> Scene:
             scene.
     """
     if isinstance(value, ReceivedScene):
-        if value.erasures.num_lost:
-            lost = f"{value.erasures.num_lost:,} of {value.scene.num_elements:,} {value.scene.ELEMENTS} were lost"
+        if value.loss_mask.num_lost:
+            lost = f"{value.loss_mask.num_lost:,} of {value.scene.num_elements:,} {value.scene.ELEMENTS} were lost"
             raise InvalidValueError(
                 f"{lost}: `splatwire.concealment.conceal(partial, 'drop')` makes a scene of what arrived"
             )

@@ -14,7 +14,7 @@ from splatwire.anchors._coding_file import coding_header, coding_networks, codin
 from splatwire.anchors._scene_reader import SceneReader, open_scene_file
 from splatwire.anchors.tensor_file import write_tensors
 from splatwire.errors import BitstreamError, check_kind
-from splatwire.types import AnchorLayout, Anchors, Attribute, Erasures
+from splatwire.types import AnchorLayout, Anchors, Attribute, LossMask
 from splatwire.types.anchor_scene import AnchorScene, GaussianHeads
 from splatwire.types.background import BLACK
 from splatwire.types.metadata import NO_METADATA, metadata_from_json, metadata_to_json
@@ -30,13 +30,13 @@ _HEADS = ("opacity", "covariance", "color")
 _ATTRIBUTES = ("feature", "scaling", "offset")
 
 
-def save_scene(scene: Scene, path: Path, *, erasures: Erasures | None = None) -> None:
+def save_scene(scene: Scene, path: Path, *, loss_mask: LossMask | None = None) -> None:
     """Writes a scene file atomically; equal scenes give equal bytes.
 
     Args:
         scene: The scene; the factors on size and opacity that a loss concealer has set are stored, too.
         path: Path of the file; its folder must exist.
-        erasures: Mask of the attributes that were received, as opposed to estimated by concealment; stored for
+        loss_mask: Mask of the attributes that were received, as opposed to estimated by concealment; stored for
             information only. None if the scene was never transmitted.
 
     Raises:
@@ -46,8 +46,8 @@ def save_scene(scene: Scene, path: Path, *, erasures: Erasures | None = None) ->
     check_kind(scene, AnchorScene, "open_scene")
     assert isinstance(scene, AnchorScene)
     tensors, header = _scene_tensors(scene), _header(scene, SCENE)
-    if erasures is not None:
-        tensors["erasures.received"], header["erasures"] = erasures.received, True
+    if loss_mask is not None:
+        tensors["erasures.received"], header["erasures"] = loss_mask.received, True
     write_tensors(tensors, header, path)
 
 
@@ -65,18 +65,18 @@ def load_scene(path: Path) -> AnchorScene:
         BitstreamError: If the file is absent, is not a scene file or contains a scene with losses. Also if a tensor is
             missing, has a wrong shape or type, or is not finite.
     """
-    scene, erasures = load_scene_file(path)
+    scene, loss_mask = load_scene_file(path)
     if isinstance(scene, AnchorScene):
         return scene
-    if erasures is not None and erasures.num_lost:
+    if loss_mask is not None and loss_mask.num_lost:
         raise BitstreamError(
-            f"{path}: {erasures.num_lost:,} of the scene's {scene.scene.anchors.num_anchors:,} anchors were lost; "
+            f"{path}: {loss_mask.num_lost:,} of the scene's {scene.scene.anchors.num_anchors:,} anchors were lost; "
             "conceal it first: `splatwire decode --conceal NAME`"
         )
     return scene.scene
 
 
-def load_scene_file(path: Path) -> tuple[AnchorScene | ReceivedScene[AnchorScene], Erasures | None]:
+def load_scene_file(path: Path) -> tuple[AnchorScene | ReceivedScene[AnchorScene], LossMask | None]:
     """Reads a scene file, complete or with losses.
 
     Args:
@@ -95,7 +95,7 @@ def load_scene_file(path: Path) -> tuple[AnchorScene | ReceivedScene[AnchorScene
         if reader.header["kind"] != PARTIAL:
             raise reader.error(f"holds a {str(reader.header['kind'])[:40]!r}, which this release does not know")
         partial = _read_partial(reader)
-    return partial, partial.erasures
+    return partial, partial.loss_mask
 
 
 def save_partial(partial: ReceivedScene[AnchorScene], path: Path) -> None:
@@ -108,7 +108,7 @@ def save_partial(partial: ReceivedScene[AnchorScene], path: Path) -> None:
         OSError: If the file cannot be written.
     """
     tensors = _scene_tensors(partial.scene)
-    tensors["erasures.received"] = partial.erasures.received
+    tensors["erasures.received"] = partial.loss_mask.received
     prior, expected = partial[Prior], partial.find(ExpectedPlaces)
     tensors["prior.context"] = prior.context
     if expected is not None:
@@ -156,7 +156,7 @@ def _read_partial(reader: SceneReader) -> ReceivedScene[AnchorScene]:
         records.append(ExpectedPlaces(reader.tensor("anchors.guessed", (count, 3))))
     records += _read_tier_sizes(reader, count)
     reader.finish()
-    return ReceivedScene(scene, Erasures(received), concealment, tuple(records))
+    return ReceivedScene(scene, LossMask(received), concealment, tuple(records))
 
 
 def _read_tier_sizes(reader: SceneReader, count: int) -> list[TierSizes]:
@@ -209,13 +209,13 @@ def _scene_tensors(scene: AnchorScene) -> dict[str, Any]:
     return tensors
 
 
-def _read_concealed(reader: SceneReader) -> tuple[AnchorScene, Erasures | None]:
-    scene, erasures = _read_scene(reader), None
+def _read_concealed(reader: SceneReader) -> tuple[AnchorScene, LossMask | None]:
+    scene, loss_mask = _read_scene(reader), None
     if reader.header.get("erasures"):
         shape = (scene.anchors.num_anchors, len(Attribute))
-        erasures = Erasures(reader.tensor("erasures.received", shape, np.bool_))
+        loss_mask = LossMask(reader.tensor("erasures.received", shape, np.bool_))
     reader.finish()
-    return scene, erasures
+    return scene, loss_mask
 
 
 def _read_scene(reader: SceneReader) -> AnchorScene:

@@ -185,7 +185,7 @@ def decode(
     Example:
         >>> import splatwire
         >>> partial = splatwire.decode("scene.swz")
-        >>> partial.erasures.num_lost
+        >>> partial.loss_mask.num_lost
         0
     """
     check_progress(progress)

@@ -56,7 +56,7 @@ def calibration_data(
         InvalidValueError: If a packet was lost, or the stream has fewer than two packets.
     """
     groups = arrange_stream(stream).groups
-    if complete.erasures.num_lost:
+    if complete.loss_mask.num_lost:
         raise InvalidValueError("calibration needs the complete scene, and of this one packets were lost")
     if len(groups.starts) < 3:
         raise InvalidValueError("calibration needs a stream of at least two packets")

@@ -143,7 +143,7 @@ def sketch_of(
             small for a single copy, or no element is visible in any view.
     """
     started, show = time.perf_counter(), progress or (lambda task, share: None)
-    if complete.erasures.num_lost:
+    if complete.loss_mask.num_lost:
         raise InvalidValueError("calibration needs the complete scene, and of this one packets were lost")
     if len(stream.packets) < 2:
         raise InvalidValueError("calibration needs a stream of at least two packets")

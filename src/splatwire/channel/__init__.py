@@ -4,16 +4,16 @@ from splatwire.channel.loss_models import UNITS, Bernoulli, GilbertElliott, Loss
 from splatwire.channel.loss_text import LOSS_PRESETS, parse_loss
 from splatwire.channel.registry import register_loss_model
 from splatwire.channel.trace import Trace
-from splatwire.channel.transmit import LossMask, TransmitRecord, draw_mask, transmit
+from splatwire.channel.transmit import PacketLossMask, TransmitRecord, draw_mask, transmit
 
 __all__ = [
     "LOSS_PRESETS",
     "UNITS",
     "Bernoulli",
     "GilbertElliott",
-    "LossMask",
     "LossModel",
     "NoLoss",
+    "PacketLossMask",
     "Trace",
     "TransmitRecord",
     "draw_mask",

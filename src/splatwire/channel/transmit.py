@@ -62,7 +62,7 @@ class TransmitRecord(CheckedFields):
 
 
 @dataclass(frozen=True, eq=False)
-class LossMask(CheckedFields):
+class PacketLossMask(CheckedFields):
     """Result of a simulated transmission: which packets of a stream were received.
 
     Attributes:
@@ -143,7 +143,7 @@ def transmit(
     return received, record
 
 
-def retransmitted(stream: SceneStream, mask: LossMask, loss: LossModel, *, seed: int) -> np.ndarray:
+def retransmitted(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *, seed: int) -> np.ndarray:
     """Simulates retransmission in a sequence; returns the mask of lost packets that arrive later.
 
     Only packets that later groups of pictures also need are retransmitted, not those with the motion of one group.
@@ -161,7 +161,7 @@ def retransmitted(stream: SceneStream, mask: LossMask, loss: LossModel, *, seed:
     return ~mask.received & (arrival_groups(stream, mask, loss, seed=seed) >= 0)
 
 
-def arrival_groups(stream: SceneStream, mask: LossMask, loss: LossModel, *, seed: int) -> np.ndarray:
+def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *, seed: int) -> np.ndarray:
     """Simulates retransmission in a sequence; returns during which group of pictures each packet arrives.
 
     Only packets that later groups of pictures also need are retransmitted, `TRIES` times per group.
@@ -196,7 +196,7 @@ def _groups_of(stream: SceneStream) -> np.ndarray:
 
 
 @checked
-def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: str = "interleaved") -> LossMask:
+def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: str = "interleaved") -> PacketLossMask:
     """Draws at random which packets of a stream are received when each is sent once.
 
     If whole packets are lost, reception of the i-th packet sent depends only on the loss model, the seed and the
@@ -223,7 +223,7 @@ def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: st
     received = np.empty(len(order), bool)
     received[order] = sent
     num_lost = lost if loss.unit == "datagram" else int(count[~received].sum())
-    return LossMask(received, int(count.sum()), num_lost)
+    return PacketLossMask(received, int(count.sum()), num_lost)
 
 
 def draw_in_order(datagrams: np.ndarray, loss: LossModel, seed: int) -> tuple[np.ndarray, int]:

@@ -28,7 +28,7 @@ def describe_scene(path: Path) -> tuple[dict[str, Any], SceneMetadata]:
         "num_gaussians": scene.num_gaussians,
         "digest": scene_digest(scene.elements),
         "num_lost": found.num_lost,
-        "decoded": found.erasures is not None,
+        "decoded": found.loss_mask is not None,
     }
     form = find_format(found.kind)
     size = path.stat().st_size

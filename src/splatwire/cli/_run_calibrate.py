@@ -80,7 +80,7 @@ def _preview(command: CalibratePreview) -> None:
     check_look(command.look)
     with progress_bars() as show:
         stream, partial = _opened(command, show)
-        if partial.erasures.num_lost:
+        if partial.loss_mask.num_lost:
             raise InvalidValueError("a preview needs the complete scene; packets were lost from this stream")
         views, where = views_of(command.look, partial.scene)
         test = photos_of(command.look, "test", partial.scene)

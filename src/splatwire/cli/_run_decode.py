@@ -44,7 +44,7 @@ def run(options: Decode) -> None:
         decoded = time.perf_counter()
         written = save_decoded(partial, concealer, path, outliers=outliers)
     tell_lost_harmonics(written, options.output)
-    count, num_lost = written.num_elements, partial.erasures.num_lost
+    count, num_lost = written.num_elements, partial.loss_mask.num_lost
     if options.json:
         print_json(
             {

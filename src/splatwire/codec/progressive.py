@@ -15,7 +15,7 @@ from splatwire.codec.memory import allocating, check_memory, threads_within
 from splatwire.codec.schema import Decoder, Rows, Run
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import BitstreamError, DesyncError
-from splatwire.types import Erasures
+from splatwire.types import LossMask
 from splatwire.types.received_scene import ReceivedScene
 
 
@@ -109,7 +109,7 @@ class ProgressiveDecoder(Arrivals):
         with self.lock:
             live = self.partial
             everyone = np.arange(live.scene.num_elements)
-            return replace(live, scene=live.scene.select(everyone), erasures=Erasures(live.erasures.received.copy()))
+            return replace(live, scene=live.scene.select(everyone), loss_mask=LossMask(live.loss_mask.received.copy()))
 
     def add(self, packets: Iterable[Packet]) -> np.ndarray:
         """Decodes packets; one call with several packets is cheaper than several calls.

@@ -10,7 +10,7 @@ from splatwire.concealment.base import Concealed, Concealer, check_at_least
 from splatwire.concealment.registry import create_concealer, register_concealer
 from splatwire.ops.knn import NeighborTree
 from splatwire.ops.quaternions import rotation_matrices
-from splatwire.types import Erasures, ReceivedScene
+from splatwire.types import LossMask, ReceivedScene
 from splatwire.types.lod_scene import Levels
 from splatwire.types.splats import Splats
 
@@ -80,8 +80,8 @@ def _grown(
         mask includes lost Gaussians of the finest level and all Gaussians of coarser levels.
     """
     chosen, count = np.flatnonzero(finest), len(finest)
-    erasures = Erasures(partial.erasures.received[chosen])
-    own = grow(replace(partial, scene=partial.scene.select(chosen), erasures=erasures, records=()))
+    loss_mask = LossMask(partial.loss_mask.received[chosen])
+    own = grow(replace(partial, scene=partial.scene.select(chosen), loss_mask=loss_mask, records=()))
     size, gain, left_out = np.ones(count, np.float32), np.ones(count, np.float32), np.ones(count, np.bool_)
     size[chosen], left_out[chosen] = own.size_gain, own.left_out
     gain[chosen] = 1 if own.opacity_gain is None else own.opacity_gain

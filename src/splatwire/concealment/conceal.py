@@ -36,7 +36,7 @@ def conceal(partial: ReceivedScene[S], concealer: Concealer | str) -> S:
     method = create_concealer(concealer) if isinstance(concealer, str) else concealer
     check_kind(partial, ReceivedScene, "decode_stream")
     check_needs(method, partial)
-    if partial.erasures.num_lost == 0:
+    if partial.loss_mask.num_lost == 0:
         return partial.scene
     return drawn(partial, method(partial), method.name)
 
@@ -56,7 +56,7 @@ def drawn(partial: ReceivedScene[S], proposal: Concealed, name: str) -> S:
     """
     proposed = partial.filled if proposal.elements is None else proposal.elements
     _check(proposal, proposed, partial, name)
-    elements = partial.elements.kept(partial.erasures, proposed)
+    elements = partial.elements.kept(partial.loss_mask, proposed)
     hints, own = proposal.hints, partial.scene.hints
     if own is not None and not proposal.shows:
         hints = replace(hints, left_out=hints.left_out | own.left_out)

@@ -29,7 +29,7 @@ from splatwire.files.names import path_of
 from splatwire.files.scene_formats import FORMATS
 from splatwire.io.formats import find_format, read_content, read_note
 from splatwire.io.formats.kinds import read_with
-from splatwire.types import Erasures, SplatCoding, SplatScene
+from splatwire.types import LossMask, SplatCoding, SplatScene
 from splatwire.types.splats import Splats
 
 _WANTED = "a scene file, stream or file of explicit Gaussians"
@@ -42,17 +42,17 @@ class SceneFile(CheckedFields):
     Attributes:
         kind: Format of the file.
         loaded: The scene; a `ReceivedScene` if parts were lost in transmission and not concealed.
-        erasures: Loss mask of the transmission, including losses concealed since; None for a scene that was never sent.
+        loss_mask: Loss mask of the transmission, including losses concealed since; None for a scene that was not sent.
     """
 
     kind: Kind
     loaded: Scene | ReceivedScene
-    erasures: Erasures | None
+    loss_mask: LossMask | None
 
     @property
     def num_lost(self) -> int:
         """Number of elements lost in transmission."""
-        return 0 if self.erasures is None else self.erasures.num_lost
+        return 0 if self.loss_mask is None else self.loss_mask.num_lost
 
 
 @checked
@@ -164,7 +164,7 @@ def _read(path: Path) -> SceneFile:
         return SceneFile(kind, scene, None)
     if kind in STREAMS:
         partial = decode_stream(read_stream(path)[0].still(path))
-        return SceneFile(kind, partial, partial.erasures)
+        return SceneFile(kind, partial, partial.loss_mask)
     if kind in SCENE_FILES:
         return SceneFile(kind, *load_scene_file(path))
     raise BitstreamError(is_not(path, _WANTED) + model_nearby(path, MODEL_3DGS, HACPP))

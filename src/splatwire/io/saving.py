@@ -17,7 +17,7 @@ from splatwire.files.scene_formats import FORMATS
 from splatwire.io.formats import PlyNote, write_splats
 from splatwire.io.formats.kinds import format_for, write_with
 from splatwire.io.formats.outliers import DEFAULT, Outliers
-from splatwire.types import Erasures, Prior, ReceivedScene, SplatCoding
+from splatwire.types import LossMask, Prior, ReceivedScene, SplatCoding
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -30,7 +30,7 @@ def save_scene(
     scene: Scene | ReceivedScene | Splats,
     path: str | os.PathLike[str],
     *,
-    erasures: Erasures | None = None,
+    loss_mask: LossMask | None = None,
     outliers: Outliers = DEFAULT,
 ) -> None:
     """Writes a scene atomically, in a format that `open_scene` reads.
@@ -41,7 +41,7 @@ def save_scene(
             without lost or invisible Gaussians. A `.ply` of decoded Gaussians stores their quantisation steps, so that
             encoding them again gives the same integers.
         path: Path of the file.
-        erasures: Loss mask before concealment; stored in scene files as information for readers. Formats of explicit
+        loss_mask: Loss mask before concealment; stored in scene files as information for readers. Formats of explicit
             Gaussians cannot store it; a warning is logged, also for the losses of a `ReceivedScene`.
         outliers: See `splatwire.io.formats.write_splats`.
 
@@ -54,16 +54,16 @@ def save_scene(
     shown: Scene | ReceivedScene = scene if isinstance(scene, ReceivedScene) else as_scene(scene)
     target = path_of(path)
     if isinstance(shown, ReceivedScene) and shown.find(Prior) is None:
-        if num_lost := shown.erasures.num_lost:
+        if num_lost := shown.loss_mask.num_lost:
             LOG.warning("%s: %d lost Gaussians are left out, and such files cannot record losses", target, num_lost)
         shown = conceal(shown, "drop")
     if not isinstance(shown, ReceivedScene) and _saved_as_own_type(shown, target):
         return
     if not isinstance(shown, ReceivedScene) and (splats := explicit_gaussians(shown)) is not None:
-        if erasures is not None and erasures.num_lost:
+        if loss_mask is not None and loss_mask.num_lost:
             LOG.warning(
                 "%s: such files cannot record losses: the %d Gaussians that were lost look like received ones",
-                target, erasures.num_lost,
+                target, loss_mask.num_lost,
             )  # fmt: skip
         write_splats(
             [splats],
@@ -83,7 +83,7 @@ def save_scene(
     if isinstance(shown, ReceivedScene):
         save_partial(shown, target)
     else:
-        save_anchors(shown, target, erasures=erasures)
+        save_anchors(shown, target, loss_mask=loss_mask)
 
 
 def _saved_as_own_type(scene: Scene, target: Path) -> bool:
@@ -146,6 +146,6 @@ def save_decoded(
         save_scene(partial, path, outliers=outliers)
         return partial.scene
     scene = conceal(partial, concealer or "drop")
-    recorded = partial.erasures if explicit_gaussians(scene) is None else None  # callers report losses of Gaussians
-    save_scene(scene, path, erasures=recorded, outliers=outliers)
+    recorded = partial.loss_mask if explicit_gaussians(scene) is None else None  # callers report losses of Gaussians
+    save_scene(scene, path, loss_mask=recorded, outliers=outliers)
     return scene

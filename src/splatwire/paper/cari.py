@@ -110,13 +110,13 @@ class Cari:
         fixed = _prepare(context, self)
         estimate = _Estimate(
             residuals_of(context),
-            context.scene.anchors.mask | ~context.erasures.column(Attribute.MASK)[:, None],
+            context.scene.anchors.mask | ~context.loss_mask.column(Attribute.MASK)[:, None],
         )
         for number in range(self.passes):
             estimate = _refine(self, fixed, estimate, first=number == 0)
         anchors = anchors_from(context, estimate.residuals, estimate.mask)
         return Concealed.filled(
-            replace(anchors, scalings=plausible_scalings(context.scene.anchors, context.erasures, anchors.scalings))
+            replace(anchors, scalings=plausible_scalings(context.scene.anchors, context.loss_mask, anchors.scalings))
         )
 
 
@@ -271,6 +271,6 @@ def _existing(context: ReceivedScene, mask: Bool[Tensor, "N K"]) -> Bool[Tensor,
         context: The received scene.
         mask: Received or estimated offset masks of all anchors.
     """
-    offset = context.erasures.column(Attribute.OFFSET)
-    usable = ~offset | context.erasures.column(Attribute.MASK)
+    offset = context.loss_mask.column(Attribute.OFFSET)
+    usable = ~offset | context.loss_mask.column(Attribute.MASK)
     return mask & usable[:, None]

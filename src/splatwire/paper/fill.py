@@ -72,7 +72,7 @@ def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], t
     """
     groups: list[tuple[Tensor, list[Attribute]]] = []
     for attribute in Attribute:
-        column = context.erasures.column(attribute)
+        column = context.loss_mask.column(attribute)
         if bool(column.all()):
             continue
         for other, members in groups:

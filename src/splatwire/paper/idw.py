@@ -94,7 +94,7 @@ def inverse_distance_weights(distance: Float[Tensor, "Q k"], power: float | int)
 def _extents(context: ReceivedScene) -> Float[Tensor, "N 3"]:
     """Returns the sizes of the anchors along the world axes; the mean size for anchors with missing scaling."""
     size = context.scene.anchors.scalings[:, :3]
-    known = context.erasures.column(Attribute.SCALING) & (size > 0).all(dim=1)
+    known = context.loss_mask.column(Attribute.SCALING) & (size > 0).all(dim=1)
     mean = size[known].mean() if bool(known.any()) else size.new_ones(())
     return torch.where(known[:, None], size, mean)
 
@@ -161,7 +161,7 @@ class PriorMean:
         """Returns the scene with estimates of the lost attributes; received values are unchanged."""
         context = to_tensors(context)
         filled = context.filled
-        received = context.erasures.column(Attribute.MASK)
+        received = context.loss_mask.column(Attribute.MASK)
         for queries, index, weight in Idw(neighbors=self.neighbors).neighborhoods(context, received):
             fill_from_neighbors(context.scene.anchors, filled, (Attribute.MASK,), queries, index, weight, self.vote)
         return Concealed.filled(filled)

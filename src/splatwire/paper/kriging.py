@@ -229,7 +229,7 @@ def _ridge(inputs: Float64[Tensor, "n P"], values: Float64[Tensor, "n D"]) -> Fl
 
 def _field(context: ReceivedScene, attribute: Attribute, target: str, inputs: Float64[Tensor, "N P"] | None) -> _Field:
     anchors, prior = context.scene.anchors, context[Prior]
-    received = context.erasures.column(attribute)
+    received = context.loss_mask.column(attribute)
     values, mean = {
         Attribute.FEATURE: (anchors.features, prior.feature.mean),
         Attribute.SCALING: (anchors.scalings, prior.scaling.mean),
@@ -238,7 +238,7 @@ def _field(context: ReceivedScene, attribute: Attribute, target: str, inputs: Fl
     }[attribute]
     exists = received[:, None].expand_as(values)
     if attribute is Attribute.OFFSET:
-        usable = anchors.mask & context.erasures.column(Attribute.MASK)[:, None]
+        usable = anchors.mask & context.loss_mask.column(Attribute.MASK)[:, None]
         exists = exists & usable.repeat_interleave(3, dim=1)
     count = exists.sum(dim=0).clamp(min=1)
     if target != "residual" or mean is None:  # the prior does not predict masks
@@ -270,5 +270,5 @@ def _neighborhoods(
 
 def _with_floor(context: ReceivedScene, scalings: Float[Tensor, "N 6"]) -> Float[Tensor, "N 6"]:
     """Clamps the estimated sizes in `scalings` to at least the smallest received size; returns all scalings."""
-    missing = ~context.erasures.column(Attribute.SCALING)[:, None]
-    return torch.where(missing, plausible_scalings(context.scene.anchors, context.erasures, scalings), scalings)
+    missing = ~context.loss_mask.column(Attribute.SCALING)[:, None]
+    return torch.where(missing, plausible_scalings(context.scene.anchors, context.loss_mask, scalings), scalings)

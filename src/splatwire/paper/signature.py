@@ -46,7 +46,7 @@ class Residuals:
 
 def residuals_of(context: ReceivedScene) -> Residuals:
     """Computes the residuals of the attributes that a receiver has received; all other residuals are zero."""
-    anchors, prior, received = context.scene.anchors, context[Prior], context.erasures.received
+    anchors, prior, received = context.scene.anchors, context[Prior], context.loss_mask.received
     exists = anchors.mask & received[:, int(Attribute.OFFSET), None] & received[:, int(Attribute.MASK), None]
     offset = (anchors.offsets - prior.offset.mean.view(anchors.offsets.shape)) * exists[:, :, None]
     feature = (anchors.features - prior.feature.mean) * received[:, int(Attribute.FEATURE), None]

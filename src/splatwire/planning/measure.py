@@ -65,7 +65,7 @@ class LossyPictures:
         photos: Sequence[Any] = (),
         base_mse: float = ASSUMED_BASE_MSE,
     ) -> None:
-        lost = complete.erasures.num_lost
+        lost = complete.loss_mask.num_lost
         if lost:
             raise InvalidValueError(f"damage needs a complete stream, and {lost} {complete.scene.ELEMENTS} are lost")
         if not 0 < base_mse < math.inf:

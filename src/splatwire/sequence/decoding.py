@@ -19,7 +19,7 @@ from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
 from splatwire.errors import BitstreamError
 from splatwire.ops.threads import share
 from splatwire.sequence import _pose_kernels as kernels
-from splatwire.types import Erasures, ReceivedScene, RenderHints, SplatScene
+from splatwire.types import LossMask, ReceivedScene, RenderHints, SplatScene
 from splatwire.types.sequence_scene import ClipScene
 from splatwire.types.splats import Splats
 
@@ -215,7 +215,7 @@ def covering_gains(clip: ClipScene, available: np.ndarray, group: int) -> Render
     index = np.flatnonzero(born)
     known = available[index]
     splats = clip.tracks.splats.select(index)
-    scene = conceal(ReceivedScene(SplatScene(splats), Erasures.of_anchors(known)), "grow")
+    scene = conceal(ReceivedScene(SplatScene(splats), LossMask.of_anchors(known)), "grow")
     hints: RenderHints | None = scene.hints
     if hints is None:
         return None

@@ -11,8 +11,8 @@ from splatwire.types.attributes import Attribute as Attribute
 from splatwire.types.cameras import Cameras as Cameras
 from splatwire.types.causal_coding import CausalCoding as CausalCoding
 from splatwire.types.causal_coding import CausalConfig as CausalConfig
-from splatwire.types.erasures import Erasures as Erasures
 from splatwire.types.gaussians import Gaussians as Gaussians
+from splatwire.types.loss_mask import LossMask as LossMask
 from splatwire.types.networks import Linear as Linear
 from splatwire.types.networks import Mlp as Mlp
 from splatwire.types.prior import AttributePrior as AttributePrior

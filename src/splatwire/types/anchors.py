@@ -11,7 +11,7 @@ from splatwire.arguments import check_fields
 from splatwire.ops.arrays import lower_median, to_numpy, where
 from splatwire.reprs import summary_repr
 from splatwire.types.attributes import Attribute
-from splatwire.types.erasures import Erasures
+from splatwire.types.loss_mask import LossMask
 from splatwire.types.shapes import Shape, check_arrays
 
 MIN_SIZE = 1e-9
@@ -84,16 +84,16 @@ class Anchors:
         places = gap(self.positions, places)
         return Anchors(places, gap(self.features), gap(self.scalings), gap(self.offsets), gap(self.mask))
 
-    def kept(self, erasures: Erasures, proposed: "Anchors") -> "Anchors":
+    def kept(self, loss_mask: LossMask, proposed: "Anchors") -> "Anchors":
         """Combines received attributes of this object with estimates of lost attributes.
 
         Estimated offsets are set to 0 where the (received or estimated) offset mask is False.
 
         Args:
-            erasures: Mask of received attributes.
+            loss_mask: Mask of received attributes.
             proposed: All anchors, with estimates of lost attributes.
         """
-        received = erasures.received
+        received = loss_mask.received
 
         def merge(attribute: Attribute, decoded: Any, filled: Any) -> Any:
             return where(received[:, int(attribute)].reshape(-1, *[1] * (decoded.ndim - 1)), decoded, filled)

@@ -8,7 +8,7 @@ from splatwire.errors import InvalidValueError
 
 
 class Attribute(enum.IntEnum):
-    """The four coded attributes of an anchor; the value of a member is its column in the mask `Erasures.received`."""
+    """The four coded attributes of an anchor; the value of a member is its column in the mask `LossMask.received`."""
 
     FEATURE = 0
     SCALING = 1

@@ -11,7 +11,7 @@ from splatwire.ops.arrays import to_numpy, where
 from splatwire.reprs import summary_repr
 from splatwire.types.anchors import Anchors, mean_log_size
 from splatwire.types.attributes import Attribute
-from splatwire.types.erasures import Erasures
+from splatwire.types.loss_mask import LossMask
 
 MIN_SCALE = 1e-9
 """Lower bound of predicted standard deviations."""
@@ -61,17 +61,17 @@ class Prior(CheckedFields):
         """Returns the predicted mean logarithm of the three sizes of each anchor's Gaussians."""
         return mean_log_size(self.scaling.mean)
 
-    def filled(self, elements: Anchors, erasures: Erasures) -> Anchors:
+    def filled(self, elements: Anchors, loss_mask: LossMask) -> Anchors:
         """Returns the anchors with every missing attribute replaced by the prior's mean.
 
         If the offset mask of an anchor was lost, all of its offsets are marked as existing.
         """
-        missing = ~erasures.received
+        missing = ~loss_mask.received
 
         def choose(attribute: Attribute, filled: Any, decoded: Any) -> Any:
             return where(missing[:, int(attribute)].reshape(-1, *[1] * (decoded.ndim - 1)), filled, decoded)
 
-        scalings = plausible_scalings(elements, erasures, self.scaling.mean)
+        scalings = plausible_scalings(elements, loss_mask, self.scaling.mean)
         return replace(
             elements,
             features=choose(Attribute.FEATURE, self.feature.mean, elements.features),
@@ -81,17 +81,17 @@ class Prior(CheckedFields):
         )
 
 
-def plausible_scalings(anchors: Anchors, erasures: Erasures, scalings: Float[Any, "M 6"]) -> Float[Any, "M 6"]:
+def plausible_scalings(anchors: Anchors, loss_mask: LossMask, scalings: Float[Any, "M 6"]) -> Float[Any, "M 6"]:
     """Clamps estimated scalings of lost anchors from below to the smallest received scaling of each channel.
 
     Estimates may be negative. If nothing was received, the lower bound is zero.
 
     Args:
         anchors: The received anchors.
-        erasures: Mask of received attributes.
+        loss_mask: Mask of received attributes.
         scalings: The estimates for M anchors.
     """
-    received = anchors.scalings[erasures.column(Attribute.SCALING)]
+    received = anchors.scalings[loss_mask.column(Attribute.SCALING)]
     if not len(received):
         return where(scalings > 0, scalings, 0)
     if isinstance(scalings, np.ndarray):

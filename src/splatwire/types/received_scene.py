@@ -11,7 +11,7 @@ from splatwire.arguments import CheckedFields, check_fields
 from splatwire.errors import InvalidValueError, shown
 from splatwire.ops.arrays import to_numpy
 from splatwire.reprs import summary_repr
-from splatwire.types.erasures import Erasures
+from splatwire.types.loss_mask import LossMask
 from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
 
@@ -33,7 +33,7 @@ class Expectation(Protocol):
     def expected_log_sizes(self) -> Float[np.ndarray, "N"]:
         """Returns the expected logarithm of the size of each element."""
 
-    def filled(self, elements: Any, erasures: Erasures) -> Any:
+    def filled(self, elements: Any, loss_mask: LossMask) -> Any:
         """Returns the elements with missing attribute values replaced by predicted ones."""
 
 
@@ -91,14 +91,14 @@ class ReceivedScene(Generic[S]):
 
     Attributes:
         scene: The scene. A lost element has the decoder's placeholder values and is never drawn without concealment.
-        erasures: Mask of received attributes.
+        loss_mask: Mask of received attributes.
         sections: Sections of the side information added by the sender for concealers: content (bytes) by section name.
         records: Further side information on the elements, with at most one record of each type: an `Expectation`,
             `ExpectedPlaces`, `TierSizes`, `Copies`, `AnchorLayout`, or a schema-specific type.
     """
 
     scene: S
-    erasures: Erasures
+    loss_mask: LossMask
     sections: Mapping[str, bytes] = field(default_factory=dict)
     records: tuple[Any, ...] = ()
 
@@ -111,7 +111,7 @@ class ReceivedScene(Generic[S]):
                 f"ReceivedScene.scene: expected a scene (`decode_stream` returns one in a ReceivedScene), "
                 f"not {shown(self.scene)}"
             )
-        rows = {self.scene.num_elements, len(self.erasures.received), *_rows(self.records)}
+        rows = {self.scene.num_elements, len(self.loss_mask.received), *_rows(self.records)}
         if len(rows) != 1:
             raise InvalidValueError(f"scene, loss mask and records have different numbers of elements: {sorted(rows)}")
 
@@ -150,7 +150,7 @@ class ReceivedScene(Generic[S]):
     @property
     def known(self) -> Bool[np.ndarray, "N"]:
         """Mask of fully received elements."""
-        return self.erasures.known
+        return self.loss_mask.known
 
     @property
     def places(self) -> Float[Any, "N 3"]:
@@ -193,13 +193,13 @@ class ReceivedScene(Generic[S]):
     def filled(self) -> Any:
         """The elements with missing values replaced by expected ones."""
         expected = self.expectation
-        return self.elements if expected is None else expected.filled(self.elements, self.erasures)
+        return self.elements if expected is None else expected.filled(self.elements, self.loss_mask)
 
     def masked(self, known: Bool[np.ndarray, "N"]) -> "ReceivedScene[S]":
         """Simulates losses: returns a copy in which only the elements of the mask `known` count as received."""
         there = self.scene.elements.arrived(known, self.places)
         return replace(
-            self, scene=self.scene.with_elements(there, self.scene.hints), erasures=Erasures.of_anchors(known)
+            self, scene=self.scene.with_elements(there, self.scene.hints), loss_mask=LossMask.of_anchors(known)
         )
 
 

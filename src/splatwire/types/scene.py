@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from splatwire.arguments import CheckedFields
 from splatwire.reprs import summary_repr
 from splatwire.types.background import Background
-from splatwire.types.erasures import Erasures
+from splatwire.types.loss_mask import LossMask
 from splatwire.types.rows import Rows
 
 Own = TypeVar("Own")
@@ -69,11 +69,11 @@ class Elements(Protocol):
             places: Positions for the lost elements; rows of received elements are ignored.
         """
 
-    def kept(self: Own, erasures: Erasures, proposed: Own) -> Own:
+    def kept(self: Own, loss_mask: LossMask, proposed: Own) -> Own:
         """Combines received values of this object with estimates of lost values.
 
         Args:
-            erasures: Mask of received values.
+            loss_mask: Mask of received values.
             proposed: All elements, with estimates of lost values.
         """
 

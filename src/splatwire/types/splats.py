@@ -11,8 +11,8 @@ from splatwire.ops.sort3 import sort3
 from splatwire.ops.spherical_harmonics import degree_of, num_functions, sh_basis
 from splatwire.reprs import summary_repr
 from splatwire.types.anchors import MIN_SIZE
-from splatwire.types.erasures import Erasures
 from splatwire.types.gaussians import Gaussians
+from splatwire.types.loss_mask import LossMask
 from splatwire.types.origin import Origin
 from splatwire.types.shapes import Shape, check_arrays
 
@@ -134,16 +134,16 @@ class Splats:
         opacities = np.where(known, self.opacities, np.float32(0))
         return dataclasses.replace(self, means=np.where(known[:, None], self.means, places), opacities=opacities)
 
-    def kept(self, erasures: Erasures, proposed: "Splats") -> "Splats":
+    def kept(self, loss_mask: LossMask, proposed: "Splats") -> "Splats":
         """Combines received Gaussians of this object with estimates of lost ones.
 
         Args:
-            erasures: Mask of received Gaussians.
+            loss_mask: Mask of received Gaussians.
             proposed: All Gaussians, with estimates of lost ones.
         """
         if proposed is self:
             return self
-        known, merged = erasures.known, {}
+        known, merged = loss_mask.known, {}
         for name, own in vars(self).items():
             merged[name] = np.where(known.reshape(-1, *[1] * (own.ndim - 1)), own, getattr(proposed, name))
         return Splats(**merged)

@@ -64,7 +64,7 @@ def test_streams_of_version_2_take_copies_too() -> None:
     places = np.array([3, 17, 42, 89, 0])
     richer = add_concealment(old, SECTION, write_copies(whole, places, info, level=7, growth=GROWTH))
     partial = decode_stream(richer.with_packets(richer.packets[1:]))
-    copies, known = partial[Copies], partial.erasures.known
+    copies, known = partial[Copies], partial.loss_mask.known
     assert sorted(copies.places.tolist()) == sorted(places.tolist())
     assert_close(np.log(copies.splats.scales), np.log(whole.select(copies.places).scales), atol=0.1, rtol=0)
     assert_close(copies.splats.sh, whole.select(copies.places).sh, atol=0.05, rtol=0)
@@ -77,7 +77,7 @@ def test_lost_gaussians_use_copies_and_received_ones_are_unchanged(stream, secti
     richer = add_concealment(stream, SECTION, section)
     lossy = richer.with_packets(richer.packets[::2])
     partial = decode_stream(lossy)
-    known, copied = partial.erasures.known, np.zeros(500, np.bool_)
+    known, copied = partial.loss_mask.known, np.zeros(500, np.bool_)
     copied[PLACES] = True
     assert 0 < int((~known & copied).sum()) < len(PLACES)
     drawn = conceal(partial, "sketch")

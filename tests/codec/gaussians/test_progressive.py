@@ -35,7 +35,7 @@ def of(stream: SceneStream, packets) -> ReceivedScene:
 
 
 def assert_same(one: ReceivedScene, other: ReceivedScene) -> None:
-    assert np.array_equal(one.erasures.received, other.erasures.received)
+    assert np.array_equal(one.loss_mask.received, other.loss_mask.received)
     for name, values in vars(one.scene.splats).items():
         assert np.array_equal(values, getattr(other.scene.splats, name)), name
 

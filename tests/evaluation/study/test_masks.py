@@ -86,6 +86,6 @@ def test_saved_masks_hold_order_model_and_seed(stream):
     known = np.zeros(180, bool)
     for i in np.flatnonzero(saved["received"]):
         known[anchors["ranks"][anchors["starts"][i] : anchors["starts"][i + 1]]] = True
-    erasures = decode_stream(mask.apply(stream)).erasures
-    assert np.array_equal(known, erasures.known)
+    loss_mask = decode_stream(mask.apply(stream)).loss_mask
+    assert np.array_equal(known, loss_mask.known)
     assert np.array_equal(anchors["positions"], positions)

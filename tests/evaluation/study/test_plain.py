@@ -167,7 +167,7 @@ def test_incomplete_scene_is_scored_without_more_losses(stream, folder, tmp_path
     study = plain_study(folder, names, "gaps.scene", "scene", losses=(Loss("none"),), seeds=(0,))
     store, result = run(study, tmp_path)
     content = plain_content(result)
-    assert [row["num_lost"] for row in content["rows"]] == [partial.erasures.num_lost] * 2
+    assert [row["num_lost"] for row in content["rows"]] == [partial.loss_mask.num_lost] * 2
     assert content["rows"][0]["num_bytes"] == (folder / "gaps.scene").stat().st_size
     assert [row["psnr"] for row in content["rows"]] == [rows[name]["psnr_by_seed"][0] for name in ("drop", "idw")]
     assert take_pictures(result, store)[0].loss_maps

@@ -112,9 +112,9 @@ def test_eroded_attributes_are_hidden_from_concealers(done, tiny_folder):
     lost = np.zeros(180, np.bool_)
     lost[::4] = True
     eroded = erode(whole, lost, Attribute.SCALING)
-    assert np.array_equal(eroded.erasures.column(Attribute.SCALING), ~lost)
+    assert np.array_equal(eroded.loss_mask.column(Attribute.SCALING), ~lost)
     for other in (Attribute.FEATURE, Attribute.OFFSET, Attribute.MASK):
-        assert bool(eroded.erasures.column(other).all())
+        assert bool(eroded.loss_mask.column(other).all())
     before, after = whole.scene.anchors, eroded.scene.anchors
     assert not bool(after.scalings[lost].any())
     assert np.array_equal(after.scalings[~lost], before.scalings[~lost])

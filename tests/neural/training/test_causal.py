@@ -110,7 +110,7 @@ def test_a_run_ends_in_a_stream_that_decodes(dataset: Dataset, recipe: TrainConf
     result = train_scene(dataset, dataset, recipe)
     assert result.test is not None
     partial = decode_stream(encode_scene(result.scene))
-    assert partial.erasures.num_lost == 0
+    assert partial.loss_mask.num_lost == 0
     assert partial.scene.anchors.num_anchors == result.scene.anchors.num_anchors
     assert bool((result.scene.causal.steps > 0).all())
     going_on = fine_tuning(recipe, result.scene)

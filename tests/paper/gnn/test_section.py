@@ -23,7 +23,7 @@ from splatwire.paper.gnn.quantise import (
 )
 from splatwire.paper.gnn.section import read_section
 from splatwire.paper.gnn.weights import scene_fingerprint
-from splatwire.types import Erasures, Prior, ReceivedScene
+from splatwire.types import LossMask, Prior, ReceivedScene
 
 pytestmark = pytest.mark.slow
 
@@ -142,7 +142,7 @@ def test_damaged_weights_are_an_error_or_other_weights_but_never_nan() -> None:
             if damaged:
                 damaged[rng.integers(len(damaged))] = rng.integers(256)
         try:
-            result = context.elements.kept(context.erasures, estimate(Gnn(), carrying(context, bytes(damaged))))
+            result = context.elements.kept(context.loss_mask, estimate(Gnn(), carrying(context, bytes(damaged))))
         except SplatwireError:
             refused += 1
         else:
@@ -165,9 +165,9 @@ def test_few_received_anchors_and_no_losses_are_handled(known: int) -> None:
         offsets=a.offsets * keep[:, :, None],
         mask=a.mask & keep,
     )  # fmt: skip
-    context = changed(context, anchors=anchors, erasures=to_tensors(Erasures.of_anchors(rows)))
+    context = changed(context, anchors=anchors, loss_mask=to_tensors(LossMask.of_anchors(rows)))
     section = write_section(lively(context, FULL), 4)
-    result = context.elements.kept(context.erasures, estimate(Gnn(), carrying(context, section)))
+    result = context.elements.kept(context.loss_mask, estimate(Gnn(), carrying(context, section)))
     assert all(bool(getattr(result, part).isfinite().all()) for part in PARTS[:3])
     assert torch.equal(result.features[rows], a.features[rows])
     if known == 0:

@@ -32,7 +32,7 @@ from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import Rows, Run
 from splatwire.errors import BitstreamError, MissingSideInfoError
-from splatwire.types import Erasures, ReceivedScene, SplatCoding, SplatScene
+from splatwire.types import LossMask, ReceivedScene, SplatCoding, SplatScene
 from splatwire.types.splats import Splats
 
 PIECE = 1 << 13
@@ -84,7 +84,7 @@ class GaussianDecoder:
         """
         self._splats = blank_splats(self._num, self._info.degree)
         self._levels = np.zeros(self._num, dtype=np.uint8)
-        self._erasures = Erasures.of_anchors(np.zeros(self._num, dtype=np.bool_))
+        self._loss_mask = LossMask.of_anchors(np.zeros(self._num, dtype=np.bool_))
 
     def decode(self, run: Run) -> Rows:
         """Decodes the received packets of one block to integers (see `Decoder.decode`)."""
@@ -96,7 +96,7 @@ class GaussianDecoder:
         See `Decoder.store` for the arguments.
         """
         places = self._plan.block_ranks(run.block)
-        known = self._erasures.received
+        known = self._loss_mask.received
         known[run.ranks] = True
         received = known[places].all(axis=1)
         if not received.all():
@@ -122,7 +122,7 @@ class GaussianDecoder:
             origin=ORIGIN.read(self.sections),
             metadata=read_metadata(self.sections),
         )
-        return ReceivedScene(scene, self._erasures, concealer_sections(self.sections), self._records)
+        return ReceivedScene(scene, self._loss_mask, concealer_sections(self.sections), self._records)
 
 
 def coding_of(info: SideInfo, classes: np.ndarray) -> SplatCoding | None:

@@ -25,7 +25,7 @@ from splatwire.codec.sequence.side_info import ClipInfo, open_side_info
 from splatwire.codec.sequence.steps import motion_shifts
 from splatwire.codec.sequence.trajectories import Offsets, PacketMoves
 from splatwire.codec.threads import ordered_map
-from splatwire.types import Erasures, ReceivedScene
+from splatwire.types import LossMask, ReceivedScene
 from splatwire.types.sequence_scene import ClipScene, GroupMotion, Tracks
 
 SHOWN_BYTES = 768
@@ -83,7 +83,7 @@ class TracksDecoder:
         self._rows = np.zeros((self._num_tracks, int(COLUMNS)), np.int64)
         self._rounding = np.zeros(self._num_tracks, np.float32)
         self._received = np.zeros(self._num_tracks, dtype=np.bool_)
-        self._erasures = Erasures.of_anchors(np.zeros(self._num, dtype=np.bool_))
+        self._loss_mask = LossMask.of_anchors(np.zeros(self._num, dtype=np.bool_))
         self._packets: dict[int, tuple[Packet, ...]] = {}
         self._sizes: dict[int, int] = {}
         self._ready: dict[PacketId, _Moved] = {}
@@ -100,7 +100,7 @@ class TracksDecoder:
             getattr(self._splats, name)[:known] = getattr(other._splats, name)
         self._rows[:known], self._received[:known] = other._rows, other._received
         self._rounding[:known] = other._rounding
-        self._erasures.received[: other._num] = other._erasures.received
+        self._loss_mask.received[: other._num] = other._loss_mask.received
 
     def decode(self, run: Run) -> Rows:
         """Decodes the received packets of one block to integers, of keyframe Gaussians or of motion.
@@ -119,7 +119,7 @@ class TracksDecoder:
         motion.
         """
         _, base = self._spans.of(run.block)
-        self._erasures.received[run.ranks] = True
+        self._loss_mask.received[run.ranks] = True
         if base is None:
             self.hold(run.block, run.packets)
             return
@@ -166,7 +166,7 @@ class TracksDecoder:
             origin=ORIGIN.read(self.sections),
             metadata=read_metadata(self.sections),
         )  # fmt: skip
-        return ReceivedScene(clip, self._erasures, concealer_sections(self.sections))
+        return ReceivedScene(clip, self._loss_mask, concealer_sections(self.sections))
 
     def _motion(self, group: int, received: np.ndarray) -> GroupMotion:
         """Decodes the received motion of a group of frames.

@@ -24,7 +24,7 @@ from splatwire.concealment.sketch.section import (
 )
 from splatwire.errors import InvalidValueError
 from splatwire.ops.arrays import lower_median, to_arrays, to_numpy
-from splatwire.types import AnchorLayout, AnchorScene, Attribute, Copies, Erasures, Prior, ReceivedScene, SplatScene
+from splatwire.types import AnchorLayout, AnchorScene, Attribute, Copies, LossMask, Prior, ReceivedScene, SplatScene
 from splatwire.types.splats import Splats
 
 MAX_LOG_SIZE = 6.0
@@ -116,9 +116,9 @@ def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedS
     splats = {name: values.copy() for name, values in vars(partial.scene.splats).items()}
     for name, values in splats.items():
         values[places] = getattr(chosen, name)
-    received = partial.erasures.received.copy()
+    received = partial.loss_mask.received.copy()
     received[places] = True
-    return replace(partial, scene=partial.scene.with_elements(Splats(**splats)), erasures=Erasures(received))
+    return replace(partial, scene=partial.scene.with_elements(Splats(**splats)), loss_mask=LossMask(received))
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +158,7 @@ def with_sketch(partial: ReceivedScene[AnchorScene], section: SketchSection) -> 
 
     Received values are unchanged.
     """
-    anchors, received = to_arrays(partial.scene.anchors), partial.erasures.received
+    anchors, received = to_arrays(partial.scene.anchors), partial.loss_mask.received
     drawn = section.levels > 0
     rows = np.flatnonzero(drawn)
     features, scalings, offsets, mask = sketched_attributes(section, expected_scalings(partial[Prior])[rows])
@@ -176,8 +176,8 @@ def with_sketch(partial: ReceivedScene[AnchorScene], section: SketchSection) -> 
         offsets=fill(Attribute.OFFSET, anchors.offsets, offsets),
         mask=fill(Attribute.MASK, anchors.mask, mask),
     )
-    erasures = Erasures(received | drawn[:, None])
-    return replace(partial, scene=partial.scene.with_elements(filled), erasures=erasures)
+    loss_mask = LossMask(received | drawn[:, None])
+    return replace(partial, scene=partial.scene.with_elements(filled), loss_mask=loss_mask)
 
 
 def expected_scalings(prior: Prior) -> Float[np.ndarray, "N 6"]:

@@ -13,7 +13,7 @@ from splatwire.anchors.tensor_file import tensor_bytes
 from splatwire.bitstream import ANCHORS, Packetization, SceneStream, stream_to_bytes
 from splatwire.bitstream.limits import SCHEMAS
 from splatwire.bitstream.sections import sections_of
-from splatwire.channel import LossMask, draw_mask
+from splatwire.channel import PacketLossMask, draw_mask
 from splatwire.codec import can_repack, decode_stream, encode_scene, repack, schema_of
 from splatwire.codec.anchors.hacpp.separated import SECTION as MASKS
 from splatwire.codec.background import BACKGROUND
@@ -67,7 +67,7 @@ class PreparedScene:
     references: References
     streams: Mapping[str, PreparedStream]
     parts: Mapping[str, Mapping[str, int]]
-    masks: Mapping[tuple[str, Loss, int], LossMask]
+    masks: Mapping[tuple[str, Loss, int], PacketLossMask]
     sections: tuple[str, ...]
     codec: str
 
@@ -359,7 +359,7 @@ def _parts(row: Row, source: Source, prepared: PreparedStream) -> dict[str, int]
 
 def _draw_masks(
     study: Study, streams: Mapping[str, PreparedStream], store: Store
-) -> Iterator[tuple[tuple[str, Loss, int], LossMask]]:
+) -> Iterator[tuple[tuple[str, Loss, int], PacketLossMask]]:
     for name in dict.fromkeys(row.variant for row in study.lossy_rows):
         if name not in streams or not streams[name].num_packets:
             continue

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatwire.bitstream import SceneStream, send_sequence
-from splatwire.channel import LossMask, draw_mask, parse_loss
+from splatwire.channel import PacketLossMask, draw_mask, parse_loss
 from splatwire.evaluation.study.definition import Loss
 
 
@@ -48,7 +48,7 @@ def equivalence(stream: SceneStream, model: str, seeds: tuple[int, ...], send_or
     )
 
 
-def mask_bytes(stream: SceneStream, mask: LossMask, loss: Loss, seed: int) -> bytes:
+def mask_bytes(stream: SceneStream, mask: PacketLossMask, loss: Loss, seed: int) -> bytes:
     """Serialises a mask as an npz file, so that another codec can be evaluated on the same losses.
 
     The file has these arrays with one entry per packet, ascending by packet id:

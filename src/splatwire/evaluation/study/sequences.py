@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from splatwire.bitstream import SceneStream
-from splatwire.channel import LossMask
+from splatwire.channel import PacketLossMask
 from splatwire.channel.transmit import arrival_groups
 from splatwire.codec import decode_stream
 from splatwire.codec.sequence.side_info import open_side_info
@@ -69,7 +69,7 @@ def reference_pictures(
 
 
 def concealed_pictures(
-    stream: SceneStream, mask: LossMask | None, loss: Loss | None, seed: int, concealer: TemporalConcealer,
+    stream: SceneStream, mask: PacketLossMask | None, loss: Loss | None, seed: int, concealer: TemporalConcealer,
     cameras: Cameras, chosen: Sequence[int], renderer: str,
 ) -> Iterator[Picture]:  # fmt: skip
     """Renders the selected frames of a sequence with losses after concealment, each with its camera.

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
-from splatwire.channel import LossMask
+from splatwire.channel import PacketLossMask
 from splatwire.concealment.registry import concealer_files, concealer_package
 from splatwire.evaluation.study.definition import WEIGHTS, Loss, Row, Study, canonical
 from splatwire.evaluation.study.inputs import PreparedScene, PreparedStream
@@ -46,7 +46,7 @@ class Unit:
     label: str
     stream: PreparedStream
     references: References
-    mask: LossMask | None
+    mask: PacketLossMask | None
     loss: Loss | None
     seed: int | None
     conceal: str

@@ -37,7 +37,7 @@ from splatwire.metrics.lpips_files import find_lpips_files
 from splatwire.metrics.registry import LPIPS_SCALED
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.threads import use_single_thread
-from splatwire.types import Anchors, Attribute, Erasures
+from splatwire.types import Anchors, Attribute, LossMask
 
 _MAX_FEATURE_BYTES = 1 << 30
 """Limit per worker of cached LPIPS features of reference images, bytes; an 800x600 image takes a quarter of it."""
@@ -89,14 +89,14 @@ class ReceivedInput:
 
     Attributes:
         scene: The decoded scene with losses marked, or a complete scene that was not sent; None for pictures.
-        erasures: Mask of received attributes; None for a scene that was not sent.
+        loss_mask: Mask of received attributes; None for a scene that was not sent.
         num_packets: Number of received packets.
         num_bytes: Number of received bytes.
         seconds: Decoding time in seconds.
     """
 
     scene: Scene | ReceivedScene | None
-    erasures: Erasures | None
+    loss_mask: LossMask | None
     num_packets: int
     num_bytes: int
     seconds: float
@@ -109,7 +109,7 @@ class ReceivedInput:
     @property
     def num_lost(self) -> int:
         """Number of elements with a lost attribute."""
-        return 0 if self.erasures is None else self.erasures.num_lost
+        return 0 if self.loss_mask is None else self.loss_mask.num_lost
 
 
 @dataclass(eq=False)
@@ -175,18 +175,18 @@ class UnitRunner:
     ) -> None:
         for view, pixels in kept.items():
             self.store.write(unit.picture(view), png_bytes(pixels))
-        erasures, hard = arrived.erasures, next(iter(kept), None)
+        loss_mask, hard = arrived.loss_mask, next(iter(kept), None)
         if (
             hard is None
-            or erasures is None
+            or loss_mask is None
             or unit.references.frames
             or unit.erode is not None
-            or not (unit.loss or erasures.num_lost)
+            or not (unit.loss or loss_mask.num_lost)
         ):
             return
         if not (self.store.root / unit.loss_map(hard)).is_file():
             reference = views.reference(hard)
-            losses = draw_loss_map(arrived.positions, erasures.known, views.cameras, hard, reference)
+            losses = draw_loss_map(arrived.positions, loss_mask.known, views.cameras, hard, reference)
             self.store.write(unit.loss_map(hard), png_bytes(losses))
 
     def arrived(self, unit: Unit) -> ReceivedInput:
@@ -194,12 +194,12 @@ class UnitRunner:
         stream = self._stream(unit)
         sent = stream if stream is None or unit.mask is None else unit.mask.apply(stream)
         arrived = self._decoded(unit, unit.mask_digest, sent)
-        if unit.erode is not None and unit.mask is not None and arrived.erasures is not None:
+        if unit.erode is not None and unit.mask is not None and arrived.loss_mask is not None:
             whole = self._decoded(unit, "", stream).scene
             if not isinstance(whole, ReceivedScene) or Anchors not in whole.offers:
                 raise InvalidValueError("only anchors lose one attribute alone: explicit Gaussians do not")
-            eroded = erode(whole, ~arrived.erasures.known, Attribute[unit.erode.upper()])
-            arrived = dataclasses.replace(arrived, scene=eroded, erasures=eroded.erasures)
+            eroded = erode(whole, ~arrived.loss_mask.known, Attribute[unit.erode.upper()])
+            arrived = dataclasses.replace(arrived, scene=eroded, loss_mask=eroded.loss_mask)
         return arrived
 
     def _stream(self, unit: Unit) -> SceneStream | None:
@@ -212,11 +212,11 @@ class UnitRunner:
                 return ReceivedInput(None, None, 0, sum(unit.stream.parts.values()), 0.0)
             if sent is None:
                 found = self.store.files.scene_file(self.store.root / unit.stream.path)
-                return ReceivedInput(found.loaded, found.erasures, 0, sum(unit.stream.parts.values()), 0.0)
+                return ReceivedInput(found.loaded, found.loss_mask, 0, sum(unit.stream.parts.values()), 0.0)
             started = time.perf_counter()
             partial = self.decode(sent)
             seconds = time.perf_counter() - started
-            return ReceivedInput(partial, partial.erasures, len(sent.packets), sent.num_bytes, seconds)
+            return ReceivedInput(partial, partial.loss_mask, len(sent.packets), sent.num_bytes, seconds)
 
         return keep(self._arrived, (unit.stream.digest, mask), _SCENES, decode)
 
@@ -298,13 +298,13 @@ def erode(whole: ReceivedScene, anchors: Bool[np.ndarray, "N"], attribute: Attri
     Returns:
         The scene with the lost values set to zero, so that no concealer can access the true values.
     """
-    received = whole.erasures.received.copy()
+    received = whole.loss_mask.received.copy()
     received[:, int(attribute)] &= ~anchors
     field = _FIELDS[attribute]
     lost = to_numpy(getattr(whole.scene.anchors, field)).copy()
     lost[anchors] = 0
     eroded = dataclasses.replace(whole.scene.anchors, **{field: lost})
-    return dataclasses.replace(whole, scene=whole.scene.with_elements(eroded), erasures=Erasures(received))
+    return dataclasses.replace(whole, scene=whole.scene.with_elements(eroded), loss_mask=LossMask(received))
 
 
 _FIELDS = {

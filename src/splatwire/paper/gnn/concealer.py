@@ -122,7 +122,7 @@ def _finite(context: ReceivedScene, anchors: Anchors, interpolated: Anchors) -> 
     good &= anchors.offsets.flatten(1).isfinite().all(dim=1)
     same = (anchors.scalings == interpolated.scalings).all(dim=1, keepdim=True)
     scalings = torch.where(
-        same, anchors.scalings, plausible_scalings(context.scene.anchors, context.erasures, anchors.scalings)
+        same, anchors.scalings, plausible_scalings(context.scene.anchors, context.loss_mask, anchors.scalings)
     )
     return replace(
         anchors,

@@ -59,7 +59,7 @@ def build_graph(context: ReceivedScene, settings: GnnSettings, filled: Anchors |
     """
     context = to_tensors(context)
     filled = to_tensors(interpolator(settings)(context).elements if filled is None else filled)
-    known = context.erasures.known
+    known = context.loss_mask.known
     idw = _graph_idw(settings)
     pieces = list(idw.neighborhoods(context, known))
     queries = (~known).nonzero()[:, 0]
@@ -69,7 +69,7 @@ def build_graph(context: ReceivedScene, settings: GnnSettings, filled: Anchors |
         given = context.filled
         for rows, near, weight in (piece for piece in pieces if len(piece[0])):
             fill_from_neighbors(context.scene.anchors, given, tuple(Attribute), rows, near, weight, idw.vote)
-        given = context.elements.kept(context.erasures, given)
+        given = context.elements.kept(context.loss_mask, given)
     return RepairGraph(queries, index, filled.select(queries), given.select(queries))
 
 

@@ -23,9 +23,9 @@ from splatwire.types import (
     Attribute,
     AttributePrior,
     CausalCoding,
-    Erasures,
     ExpectedPlaces,
     GaussianHeads,
+    LossMask,
     Prior,
     ReceivedScene,
 )
@@ -153,7 +153,7 @@ class CausalDecoder(AnchorDecoder):
         left = concealer_sections(info.sections)
         guessed = ExpectedPlaces(self._guessed)
         records = (self._prior(), info.config.layout, guessed, *self._records)
-        return ReceivedScene(scene, Erasures(self._received), left, records)
+        return ReceivedScene(scene, LossMask(self._received), left, records)
 
     def _coding(self) -> CausalCoding:
         info, unit = self._info, math.log(2) * 2.0**-LOG_BITS

@@ -25,10 +25,10 @@ from splatwire.types import (
     Attribute,
     AttributePrior,
     ContextModel,
-    Erasures,
     GaussianHeads,
     HacppCoding,
     HashGrid,
+    LossMask,
     Prior,
     ReceivedScene,
 )
@@ -120,8 +120,8 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[Ancho
         background=background,
         metadata=read_metadata(info.sections),
     )
-    erasures = Erasures(arrays.received)
-    return ReceivedScene(scene, erasures, concealer_sections(info.sections, MASKS), (_prior(info, arrays), layout))
+    loss_mask = LossMask(arrays.received)
+    return ReceivedScene(scene, loss_mask, concealer_sections(info.sections, MASKS), (_prior(info, arrays), layout))
 
 
 def _prior(info: SideInfo, arrays: DecodedArrays) -> Prior:

@@ -13,7 +13,7 @@ from splatwire.types.attributes import Attribute
 
 
 @dataclass(frozen=True, eq=False)
-class Erasures(CheckedFields):
+class LossMask(CheckedFields):
     """Loss mask of N anchors: which of the four coded attributes of each anchor were received.
 
     If each packet contains complete anchors, all four columns are equal. If attributes are sent in separate packets,
@@ -42,6 +42,6 @@ class Erasures(CheckedFields):
         return self.received[:, int(attribute)]
 
     @staticmethod
-    def of_anchors(known: Bool[Any, "N"]) -> "Erasures":
+    def of_anchors(known: Bool[Any, "N"]) -> "LossMask":
         """Builds the mask for anchors that were received or lost as a whole."""
-        return Erasures(np.repeat(to_numpy(known)[:, None], len(Attribute), axis=1))
+        return LossMask(np.repeat(to_numpy(known)[:, None], len(Attribute), axis=1))
