@@ -1,7 +1,7 @@
-"""splatwire: 3D Gaussian splats across lossy networks.
+"""splatwire: codec and streaming toolkit for 3D Gaussian splats over lossy networks.
 
-The names of `__all__` are loaded on first use, so that `import splatwire` costs nothing and a relay that only needs
-packets loads neither scipy nor numba. Only training, the paper's concealers and importers of checkpoints need torch.
+Public names are loaded on first use, so that `import splatwire` is fast and a relay, which only needs packets, loads
+neither scipy nor numba. Only training, the paper's concealers and importers of checkpoints need torch.
 """
 
 import warnings

@@ -213,7 +213,7 @@ def _tuplerule_of(args: tuple[Any, ...], arrays: Callable[[Any], Rule]) -> Rule:
 
 
 def _several(item: Rule) -> str:
-    """Returns the plural of a rule's description, such as `numbers` for `a number`."""
+    """Returns the plural of a description of values, such as `numbers` for `a number`."""
     plain = item.what.removeprefix("a ")
     return f"{plain}s" if plain.endswith("number") else plain or "items"
 

@@ -136,7 +136,7 @@ class Registry(Generic[Entry]):
         return tuple(f"{point.dist.name} {point.dist.version}" for point in points if point.dist)
 
     def brought_by(self, name: str) -> str:
-        """Returns ` of PACKAGE`, for messages about an entry of another package; empty for splatwire's own entries."""
+        """Returns ` of PACKAGE` for messages about an entry of another package; empty for entries of splatwire."""
         return "".join(f" of {package}" for package in self.packages(name)[:1])
 
     def _announced(self) -> Iterator["EntryPoint"]:
@@ -170,7 +170,7 @@ class Registry(Generic[Entry]):
         self._loaded.append(point)
 
     def _brought_by(self, point: "EntryPoint") -> bool:
-        """True if the package that announces an entry point has registered the entry of the entry point's name."""
+        """True if the package of an entry point has registered the entry that the entry point announces."""
         same = self._sources[point.name].partition(".")[0] == point.module.partition(".")[0]
         return same or point in self._loaded
 

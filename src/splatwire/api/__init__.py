@@ -1,4 +1,4 @@
-"""Functions that most programs need, under short names: `splatwire.encode`, `decode`, `evaluate`, `receive`, `serve`.
+"""Main functions of splatwire under short names: `encode`, `decode`, `evaluate`, `receive`, `serve`.
 
-They combine functions of the other packages. `import splatwire` offers their names.
+They combine functions of the other packages, and `import splatwire` offers their names.
 """

@@ -114,7 +114,7 @@ def stream_from_file(file: io.BufferedIOBase, name: str) -> tuple[SceneStream, R
 
 
 def check_side_info(manifest: Manifest, side_info: bytes, name: str) -> None:
-    """Checks side information against the size and digest in the manifest.
+    """Checks that side information has the size and digest that the manifest states.
 
     Raises:
         MissingSideInfoError: If the size or the digest differs.
@@ -156,7 +156,7 @@ def _read_records(file: io.BufferedIOBase, size: int, position: int, stream_id: 
 
 
 def _record_end(file: io.BufferedIOBase, size: int, position: int) -> int | None:
-    """Returns the position after the packet whose size is stored at `position`; None if that size is impossible.
+    """Returns the end of a packet in a file, given the position of its size field; None if the size is impossible.
 
     Leaves the file position at the packet's first byte.
     """

@@ -14,7 +14,9 @@ _HEAD, _CHUNK = struct.Struct("<4sIII4s"), struct.Struct("<I4s")
 
 
 def json_size(head: bytes, name: str) -> int:
-    """Returns the number of bytes to read after the first 20: the JSON chunk and the next chunk's header.
+    """Returns the number of bytes that follow the first 20 bytes of a binary glTF file and locate its stream.
+
+    They are the JSON chunk and the header of the next chunk.
 
     Args:
         head: The first 20 bytes of the file.
@@ -32,7 +34,9 @@ def json_size(head: bytes, name: str) -> int:
 
 
 def stream_location(text: bytes, name: str) -> tuple[int, int]:
-    """Finds the position of the stream within a binary glTF file, from the JSON chunk.
+    """Returns the position and size of the stream that is embedded in a binary glTF file.
+
+    The JSON chunk of the file contains both.
 
     Args:
         text: The bytes after the first 20; their number is the result of `json_size`.
@@ -55,7 +59,7 @@ def stream_location(text: bytes, name: str) -> tuple[int, int]:
 
 
 def _view(document: dict[str, Any]) -> tuple[int, int]:
-    """Returns offset and size in bytes of the stream within the binary chunk, from the parsed JSON chunk."""
+    """Returns position and size of the embedded stream within the binary chunk, from the parsed JSON chunk."""
     found = [
         primitive["extensions"][KHR_SPLATTING]["extensions"][EXT_SPLATWIRE]
         for mesh in document["meshes"]

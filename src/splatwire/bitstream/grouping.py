@@ -32,11 +32,10 @@ def stratified_lanes(start: int, stop: int, lanes: int, seed: int) -> np.ndarray
 
 
 def hash_order(start: int, stop: int, seed: int) -> np.ndarray:
-    """Returns the ranks `start` to `stop - 1` (indices in coding order), sorted by `SplitMix64(rank XOR seed)`.
+    """Returns the elements of a block in hash order: ranks sorted by `SplitMix64(rank XOR seed)`.
 
-    Any consecutive entries of the result are spread over the whole block.
-
-    The hash is a bijection, so no two ranks tie.
+    The ranks are those from `start` to `stop - 1` (indices in coding order). Consecutive entries of the result are
+    spread over the whole block. The hash is a bijection, so no two ranks tie.
 
     Returns:
         Ranks, int64 (`stop - start`).

@@ -88,7 +88,7 @@ class PacketIntake:
         self._problems: list[str] = []
 
     def extend(self, manifest: Manifest) -> None:
-        """Replaces the manifest by a longer one of the same growing stream (live encoding); accepted packets stay."""
+        """Replaces the manifest of a live stream by that of its next state; accepted packets stay."""
         with self._lock:
             self._manifest, self._plan = manifest, manifest.plan
 
@@ -99,7 +99,7 @@ class PacketIntake:
             return tuple(self._packets[key] for key in sorted(self._packets))
 
     def has(self, packet: Packet) -> bool:
-        """True if the filter accepted this very object; False for an equal packet or one with the same id."""
+        """True if the filter accepted this packet object; False for any other object, even with equal content."""
         return self._packets.get(packet.id) is packet
 
     @property

@@ -203,7 +203,7 @@ class PacketPlan:
         return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
 
     def run(self, packet_id: PacketId, num_elements: int) -> slice:
-        """Returns the range of one packet's elements in the result of `block_ranks` for the packet's block.
+        """Returns the range of one packet's elements in the result of `block_ranks`.
 
         Args:
             packet_id: The packet.
@@ -230,7 +230,7 @@ class PacketPlan:
         return int(_lane_counts(self, packet_id.block)[packet_id.lane])
 
     def fits(self, packet_id: PacketId, num_elements: int) -> bool:
-        """True if the plan contains a packet with this id and this number of elements."""
+        """True if the plan allows a packet with this id and this number of elements."""
         count = self.count(packet_id)
         return 1 <= num_elements <= count if self.packetization.hashed else num_elements == count > 0
 
@@ -239,7 +239,7 @@ class PacketPlan:
         return self._span(block).block_elements(block)
 
     def name_hashed(self, place: int) -> PacketId:
-        """Returns the id of the packet that begins with a given element, for hashed grouping.
+        """Returns the id of a packet from its first element, for hashed grouping.
 
         Args:
             place: Position of the packet's first element in `groups().ranks`.

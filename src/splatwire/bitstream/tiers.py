@@ -111,9 +111,10 @@ def tier_order(tiers: np.ndarray) -> np.ndarray:
 
 
 def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
-    """Checks the number of a stream's tiers, and that no tier of a static scene is empty.
+    """Checks the number and sizes of a stream's tiers.
 
-    A sequence has a pair of tiers for each group of pictures: keyframe Gaussians and motion. These may be empty.
+    No tier of a static scene may be empty. A sequence has a pair of tiers for each group of pictures, keyframe
+    Gaussians and motion, which may be empty.
 
     Args:
         tiers: Sizes of the tiers; empty for a single tier.

@@ -1,4 +1,7 @@
-"""Named sections of side information with three numbers, absent if these have their default values."""
+"""Sections of the side information that contain three numbers, such as the origin or the background of a scene.
+
+A section is omitted if its numbers have their default values.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,7 +16,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class VectorSection:
-    """Reader and writer of a section that contains three numbers.
+    """Reader and writer for a section of three numbers, which is omitted if the numbers have their default values.
 
     Attributes:
         name: Name of the section.

@@ -150,7 +150,10 @@ def cut_of(tiles: Tiles, received: np.ndarray, viewpoint: Viewpoint | None, budg
 
 
 def _chosen(tiles: Tiles, viewpoint: Viewpoint | None, budget: int) -> np.ndarray:
-    """Selects the tiles to draw or request, most useful first; every tile comes after the coarser tile it refines."""
+    """Selects the tiles to draw or request, most useful first.
+
+    A tile always follows the coarser tile that it refines.
+    """
     errors, useful = _errors_and_usefulness(tiles, viewpoint)
     for level in range(int(tiles.levels.max(initial=0)) - 1, -1, -1):
         here = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))

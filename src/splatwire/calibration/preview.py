@@ -175,7 +175,7 @@ class _Fit:
         return self._behind.values * np.float32(BACKGROUND_RATE)
 
     def _first(self, scene: Scene, count: int) -> tuple[PreviewFrame, Float[np.ndarray, "G 10"]]:
-        """Returns the value ranges for quantisation (`PreviewFrame`), and the parameters of the initial Gaussians.
+        """Returns the initial Gaussians of the fit as parameters, and the value ranges for their quantisation.
 
         The initial Gaussians are at the positions of random elements of the scene. The probability of an element is
         proportional to its share of the blending weights in all pictures. Sizes follow from the distances to the
@@ -299,7 +299,7 @@ class _Adam:
         self.values -= np.float32(rate) * mean / (np.sqrt(square) + np.float32(_LEAST))
 
     def forget(self, rows: np.ndarray) -> None:
-        """Sets the first moment of Adam to zero for the Gaussians with the given indices, after these were moved."""
+        """Sets the first moment of relocated Gaussians to zero, because it refers to their previous positions."""
         self._mean[rows] = 0
 
 

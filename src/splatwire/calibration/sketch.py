@@ -97,7 +97,7 @@ class Sketch(Protocol):
         """Encodes the sketch as the section `sketch` of the side information."""
 
     def around(self, partial: ReceivedScene) -> Any:
-        """Replaces lost elements of a received scene by the copies of this sketch; prepares the call of `proposal`.
+        """Replaces lost elements of a received scene by the copies of this sketch, as preparation of `proposal`.
 
         The result does not depend on the parameters of the enlargement (`growth`). It can therefore be passed to
         `proposal` of several sketches that differ only in these parameters.
@@ -110,7 +110,7 @@ class Sketch(Protocol):
         """
 
     def proposal(self, around: Any) -> tuple[ReceivedScene, Concealed]:
-        """Applies the concealer `sketch` to a received scene, with the copies and the growth of this sketch.
+        """Conceals the losses of a received scene with the copies of this sketch, like the concealer `sketch`.
 
         Args:
             around: Result of `around` for the received scene.

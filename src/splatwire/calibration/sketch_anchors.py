@@ -124,7 +124,9 @@ class AnchorSketch:
         return SketchedLoss.of(with_sketch(partial, self.copies))
 
     def proposal(self, around: SketchedLoss) -> tuple[ReceivedScene[AnchorScene], Concealed]:
-        """Applies the concealer `sketch` to a received scene, with the parameters of the enlargement of this sketch.
+        """Conceals the losses of a received scene: coarse copies replace lost anchors, and drawn anchors are enlarged.
+
+        The method applies the concealer `sketch` with the enlargement parameters of this sketch (`growth`).
 
         Args:
             around: Received scene with coarse copies in place of lost anchors, from the method `around`.

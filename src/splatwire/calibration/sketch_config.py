@@ -1,4 +1,4 @@
-"""Settings of the calibration of a sketch."""
+"""Settings for computing a sketch: coarse copies of important elements, sent as side information."""
 
 from dataclasses import dataclass, field
 
@@ -11,7 +11,7 @@ MAX_WIDTH = 400
 
 @dataclass(frozen=True)
 class SketchConfig:
-    """Settings of a sketch calibration.
+    """Settings for computing a sketch (coarse copies of important elements) for a finished scene.
 
     Attributes:
         share: Maximum size of the sketch, as a share of the size of the stream.

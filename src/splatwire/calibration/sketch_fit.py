@@ -1,4 +1,4 @@
-"""Rate-distortion optimisation of a sketch of anchors: which anchors to copy, and with which precision.
+"""Chooses the anchors that get a coarse copy, and the precision of each copy, by rate-distortion optimisation.
 
 The distortion is the error in rendered pictures, estimated to first order from the sensitivity of the pictures.
 """
@@ -33,7 +33,7 @@ _ROUND_UP = 0.42
 
 @dataclass(frozen=True)
 class SketchFit(CheckedFields):
-    """Settings for the choice and quantisation of a sketch.
+    """Settings for choosing the anchors that get a coarse copy, and the precision of the copies.
 
     Attributes:
         num_levels: Number of precision levels of copies; the quantisation step halves from each level to the next.
@@ -91,9 +91,10 @@ class SketchMaterial:
     num_anchors: int
 
     def price_of(self, count: float, options: SketchFit) -> float:
-        """Returns the price of a bit (in squared error) at which approximately `count` anchors are copied.
+        """Returns the Lagrange multiplier (price) at which approximately `count` anchors get a copy.
 
-        At this price, the bits for copying the least important of these anchors cost as much as the loss of the anchor.
+        The price is the squared error that one bit must save. At the returned price, the bits of a copy cost as much as
+        the loss of the least important of these anchors.
         """
         ranked = np.sort(self.removal)[::-1]
         return max(options.crowding * float(ranked[min(round(count), len(ranked) - 1)]) / BITS_OF_COPY, 2.0**-40)

@@ -130,7 +130,9 @@ class GaussianSketch:
         return filled, element_inputs(filled)
 
     def proposal(self, around: tuple[ReceivedScene[SplatScene], Any]) -> tuple[ReceivedScene[SplatScene], Concealed]:
-        """Applies the concealer `sketch` to a received scene, with the parameters of the enlargement of this sketch.
+        """Conceals the losses of a received scene: copies replace lost Gaussians, and drawn Gaussians are enlarged.
+
+        The method applies the concealer `sketch` with the enlargement parameters of this sketch (`growth`).
 
         Args:
             around: Received scene with copies in place of lost Gaussians, and inputs of the network, from the method

@@ -67,7 +67,7 @@ class CalibrationViews(CheckedFields):
         )
 
     def in_front(self, scene: AnyScene) -> AnyScene:
-        """Replaces the background colour of a scene by that of these views, in front of which the scene is rendered.
+        """Returns the scene with the background colour of these views; unchanged if they have none.
 
         Returns:
             The scene with the new background; the unchanged scene if the views have no background.

@@ -38,7 +38,7 @@ def start_thread(work: Callable[[], Any], name: str) -> "asyncio.Future[Any]":
 
 
 async def first_of(work: "asyncio.Future[Any]", stop: asyncio.Event, grace_s: float) -> None:
-    """Waits until a task is finished; after a stop request, at most `grace_s` seconds longer.
+    """Waits until a task is finished; after a stop request, for a limited time only.
 
     Args:
         work: The task.

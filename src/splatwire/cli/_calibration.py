@@ -84,14 +84,14 @@ def complete_stream(source: Path, show: Reporter) -> SceneStream:
 
 
 def with_quick_sketch(stream: SceneStream, cameras: Cameras | None, show: Reporter) -> SceneStream:
-    """Adds a low-quality copy of the scene (sketch) for concealment, in about the time that encoding takes.
+    """Adds coarse copies of important elements (a sketch) to a stream, in about the time that encoding takes.
 
-    Where none fits, the stream is returned as it is, with a line on standard error.
+    If no sketch fits, a line is printed on standard error and the stream is returned unchanged.
 
     Args:
         stream: The complete stream.
-        cameras: Where the scene is looked at from; None for views around it.
-        show: Called with what is done and the share of it that is done.
+        cameras: Views in which importance is measured; None for views around the scene.
+        show: Called with the name of the current task and its finished share, 0 to 1.
     """
     complete = decode_stream(stream)
     if cameras is None:

@@ -26,7 +26,7 @@ def config_path(words: Sequence[str]) -> Path | None:
 
 
 def words_of_file(path: Path, settings: type, positional: str) -> list[str]:
-    """Returns the command-line arguments that are equal to a configuration file.
+    """Converts a configuration file to the command-line arguments with the same meaning.
 
     Args:
         path: TOML file. A key is the name of an option, with dashes or underscores; a flag is true or false, and an
@@ -69,7 +69,7 @@ def without_flags(options: Any) -> Any:
 
 
 def with_flags(options: Any, configured: Any) -> Any:
-    """Returns options with the flags on that are on in either of two instances."""
+    """Combines options: a flag is on if it is on in one of the two instances."""
     on = {field.name: True for field in dataclasses.fields(options) if getattr(configured, field.name) is True}
     nested = {
         field.name: with_flags(getattr(options, field.name), getattr(configured, field.name))

@@ -1,4 +1,4 @@
-"""Files of other formats that `splatwire serve --downloads` makes from its streams, in processes of their own."""
+"""Downloads of `splatwire serve --downloads`: streams converted to other formats, in separate processes."""
 
 import asyncio
 import hashlib
@@ -29,7 +29,9 @@ def check_formats(formats: tuple[str, ...]) -> None:
 
 
 class MadeDownloads:
-    """Files made from streams by `splatwire convert`: each once, one at a time, and kept in a folder.
+    """Converter of streams to files of other formats, by `splatwire convert`.
+
+    Each file is made once, one at a time, and kept in a folder.
 
     Args:
         folder: Folder of the files; the caller removes it.
@@ -68,7 +70,7 @@ class MadeDownloads:
         return found
 
     async def close(self) -> None:
-        """Ends the process that makes a file, if one runs."""
+        """Ends the process that converts a stream, if one is running."""
         for task in self._files.values():
             task.cancel()
         await asyncio.gather(*self._files.values(), return_exceptions=True)
@@ -109,7 +111,10 @@ class MadeDownloads:
         return DownloadedFile(data, hashlib.sha256(data).hexdigest()[:16])
 
     def _evict(self, kept: tuple[str, str]) -> None:
-        """Removes the oldest files above the limit; responses that send one of them keep its content."""
+        """Removes the oldest files if all files together exceed the limit.
+
+        Responses that are still sending a removed file are not affected.
+        """
         done = {key: task for key, task in self._files.items() if task.done() and not task.exception()}
         total = sum(len(task.result().data) for task in done.values())
         for key, task in done.items():

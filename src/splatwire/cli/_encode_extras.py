@@ -1,4 +1,7 @@
-"""Parts of `splatwire encode` that most scenes are encoded without: cameras, pruning, targets, sketch, refitting."""
+"""Rarely used parts of `splatwire encode`: cameras, pruning, target sizes, sketch, refitting.
+
+They are imported on demand, because their libraries take a second to load.
+"""
 
 from collections.abc import Callable
 from functools import partial

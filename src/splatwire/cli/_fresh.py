@@ -1,4 +1,4 @@
-"""Execution of verbs in a new process, to prove that decoding needs only the stream, and to use several processors."""
+"""Runs verbs in a new process: as proof that decoding needs nothing but the stream, and to use several processors."""
 
 import json
 import subprocess

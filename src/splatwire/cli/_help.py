@@ -13,7 +13,7 @@ import tyro
 
 @functools.cache
 def tell(settings: type) -> None:
-    """Sets the help text of each field of an options class.
+    """Sets the help text of each option from the docstring of its field.
 
     tyro alone would keep the line breaks of docstrings, which do not fit the terminal width, and would print defaults
     that are None.

@@ -1,4 +1,4 @@
-"""Warnings about inputs: Gaussians that are dropped, values that a stream cannot represent, and damaged streams."""
+"""Warnings about inputs: dropped Gaussians, values that a stream cannot represent, and damaged streams."""
 
 import logging
 import re

@@ -61,7 +61,7 @@ def public_origin(listening: Listening) -> str | None:
 
 
 def tell_ready(listening: Listening, port: int, facts: "Mapping[str, str]", what: str, **more: Any) -> None:
-    """Prints the addresses of the server and the information that clients need to connect."""
+    """Prints the addresses of a server that is ready, and the information that clients need to connect."""
     if listening.json:
         print_json({"host": listening.host, "port": port, **more, **facts})
     else:

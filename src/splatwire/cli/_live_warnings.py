@@ -1,4 +1,4 @@
-"""Warnings while a clip is encoded live: few of them, and none that could block the encoder."""
+"""Warnings during live encoding: limited in number, and printed without blocking the encoder."""
 
 import logging
 import select
@@ -50,7 +50,7 @@ def print_if_read(text: str) -> None:
 
 
 class _Passed(logging.Filter):
-    """Log filter that passes records to a function instead of the logger's handlers."""
+    """Log filter that passes records to a function and keeps them from all handlers."""
 
     def __init__(self, warn: Callable[[str], None]) -> None:
         super().__init__()
@@ -65,7 +65,7 @@ class _Passed(logging.Filter):
 
 @contextmanager
 def few_warnings(warn: Callable[[str], None]) -> Iterator[None]:
-    """Context in which the per-frame warnings of `LOGGERS` are passed to a rate-limited function."""
+    """Context in which warnings about single frames are passed to a rate-limited function."""
     passed, loggers = _Passed(warn), [logging.getLogger(name) for name in LOGGERS]
     for logger in loggers:
         logger.addFilter(passed)

@@ -1,4 +1,4 @@
-"""Options common to several verbs; like the modules of the verbs' options this one imports no heavy library."""
+"""Options common to several verbs; this module imports no heavy library, like all modules with options."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -22,9 +22,9 @@ _CONFIG = (
 
 
 def _spare_typeguard() -> None:
-    """Makes tyro check the types of defaults itself, but for items of tuples, instead of importing typeguard.
+    """Replaces tyro's type check of defaults by one without the package typeguard, whose import takes longer.
 
-    That import, with those of asyncio and ssl, takes longer than parsing. A type checker has checked our defaults.
+    The new check omits the items of tuples. A type checker has checked our defaults.
     """
     resolver: Any = getattr(tyro, "_resolver", None)  # private: a release without it checks as before
     checked: Any = getattr(resolver, "is_instance", None)
@@ -63,7 +63,7 @@ def parse_verb(verb: str, arguments: Sequence[str]) -> Any:
 
 
 def _parse_with_file(verb: str, settings: Any, words: Sequence[str], path: Path) -> Any:
-    """Parses options whose defaults are those of a configuration file; options of the command line win."""
+    """Parses options with the values of a configuration file as defaults, which command-line arguments override."""
     in_file = words_of_file(path, settings, "streams")
     configured = tyro.cli(settings, prog=f"splatwire {verb} --{OPTION} {path}:", args=in_file, config=_CONFIG)
     given = tyro.cli(

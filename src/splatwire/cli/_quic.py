@@ -1,4 +1,7 @@
-"""QUIC with the certificates, the page and the trust of the options; needs the package `aioquic`."""
+"""QUIC servers and clients with the options of the command line: certificates, page, trust.
+
+Needs the package `aioquic`.
+"""
 
 import contextlib
 import logging

@@ -1,4 +1,4 @@
-"""Scenes, frames and previews of received streams; needs libraries that a relay lacks."""
+"""Decoded output of `splatwire receive`: scenes, frames and previews; needs libraries that a relay lacks."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def viewpoint_of_options(command: Receive) -> Viewpoint | None:
 
 
 def keep_preview(command: Receive, preview: bytes) -> str:
-    """If no scene arrived, writes the received preview as a PLY; returns a text about that for the message."""
+    """Writes the received preview as a PLY if no scene was received; returns a text about it for the message."""
     try:
         shown = preview_scene(preview)
     except BitstreamError as error:

@@ -1,4 +1,4 @@
-"""Implementation of `splatwire compare`: several files of one scene in one table."""
+"""Implementation of `splatwire compare`: compares several files of one scene in a table."""
 
 from splatwire.cli._files import check_folder, check_inputs
 from splatwire.cli._output import print_json, print_table, progress_bars

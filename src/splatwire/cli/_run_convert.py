@@ -1,4 +1,4 @@
-"""Implementation of `splatwire convert`: selects the verb for each pair of formats, and runs it for each input."""
+"""Implementation of `splatwire convert`: runs `encode`, `decode` or `export` for each input, by its format."""
 
 import json
 import subprocess
@@ -191,7 +191,7 @@ def _writable() -> list[str]:
 
 
 def _form_of_name(output: str) -> str:
-    """Returns the name of the format of an output file by its suffix.
+    """Returns the name of the format that an output file has by its suffix.
 
     Raises:
         InvalidValueError: If the suffix is not that of a writable format.
@@ -266,7 +266,9 @@ def _is_timed(path: Path) -> bool:
 
 
 def _in_process(chosen: Conversion, *, accept_damage: bool) -> dict[str, Any]:
-    """Converts one input in a process of its own, so that memory is returned and an error ends no other conversion.
+    """Converts one input in a separate process.
+
+    The memory is freed afterwards, and an error does not end other conversions.
 
     Returns:
         Source, output, exit status, facts printed by the verb, size of the output in bytes (None if it failed), and

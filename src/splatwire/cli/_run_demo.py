@@ -56,7 +56,7 @@ def run(options: Demo) -> None:
 
 @contextmanager
 def _explicit(options: Demo) -> Iterator[Callable[[], dict[str, Any]]]:
-    """Starts evaluating the bundled explicit Gaussians in another process; yields a function that waits for it."""
+    """Starts evaluating the bundled explicit Gaussians in another process; yields a function that awaits it."""
     source = ASSETS / SPLATS
     views = () if options.views is None else ("--views", options.views)
     with _fresh.in_fresh_process(

@@ -91,19 +91,22 @@ def _check(command: Encode) -> None:
 
 
 def _effort(command: Encode) -> str:
-    """Returns the value of `--effort`; by default targets are searched with pruning, other scenes kept whole."""
+    """Returns the value of `--effort`.
+
+    By default, Gaussians are pruned if there is a target size or PSNR; otherwise all are kept.
+    """
     if command.effort is not None:
         return command.effort
     return "fast" if command.size is None and command.psnr is None else "default"
 
 
 def _controlled(command: Encode) -> bool:
-    """Returns True if the encoder has a target, or chooses which Gaussians to keep."""
+    """Returns True if the encoder has a target size or PSNR, or prunes Gaussians."""
     return command.size is not None or command.psnr is not None or _effort(command) != "fast"
 
 
 def _sketched(command: Encode) -> bool:
-    """Returns True if the stream gets a sketch (a low-quality copy of the scene for concealment)."""
+    """Returns True if the stream gets coarse copies of important elements (a sketch)."""
     return command.preset == "datagram" and command.levels != "auto"
 
 

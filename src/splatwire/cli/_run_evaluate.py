@@ -101,7 +101,7 @@ def _evaluate_scene(command: Evaluate, path: Path, files: InputFiles) -> None:
 
 
 def _tell(command: Evaluate, content: Mapping[str, Any], show: Callable[[], None]) -> None:
-    """Prints the results and the path of the report."""
+    """Prints the results, and the path of the report."""
     if command.json:
         print_json(content)
         return

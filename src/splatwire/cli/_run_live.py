@@ -96,7 +96,7 @@ def _encoding(command: Live, options: ClipOptions, protection: Protection, publi
 
 
 async def _last(opened: RunningServer) -> None:
-    """Waits until all clients have received the complete stream, for at most `LAST_S`."""
+    """Waits until all clients have received the last packets, for at most `LAST_S`."""
     end = time.monotonic() + LAST_S
     while opened.server.core.num_transfers and time.monotonic() < end:
         await asyncio.sleep(0.05)

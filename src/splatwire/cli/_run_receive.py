@@ -78,7 +78,7 @@ def run(command: Receive) -> None:
 
 
 def _scenes() -> ModuleType:
-    """Returns the module that decodes what arrived, with libraries that a relay lacks."""
+    """Imports the module that decodes received streams, whose libraries a relay lacks."""
     from splatwire.cli import _received_scenes
 
     return _received_scenes
@@ -138,18 +138,18 @@ def _tell(command: Receive, receiver: Receiver, stream: SceneStream, reason: str
 
 
 def _is_all(reason: str, *, live: bool, num_missed: int) -> bool:
-    """Returns True if the result is complete.
+    """Returns True if everything that the transfer can deliver was received.
 
-    A stream is complete if all packets arrived; a stream with levels of detail, if everything that the camera sees
-    arrived; a live clip, if the server ended it and everything sent since this receiver joined arrived. A transfer
-    ended by a deadline is not complete.
+    A stream is complete if all packets arrived. A stream with levels of detail is complete if everything that the
+    camera sees arrived. A live clip is complete if the server ended it and everything sent since this receiver joined
+    arrived. A transfer ended by a deadline is not complete.
     """
     over = reason in ("complete", "seen") or (reason == "sent" and live)
     return over and not num_missed
 
 
 class Moments:
-    """When what happened, in seconds from the beginning."""
+    """Times of the first events of a transfer, in seconds from its beginning."""
 
     def __init__(self) -> None:
         self._began = time.perf_counter()

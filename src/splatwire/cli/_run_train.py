@@ -102,7 +102,7 @@ def _start(command: Train, place: str) -> tuple[TrainState, TrainConfig, Dataset
 def _going_on(
     command: Train, scene: Any, model: str, told: str
 ) -> tuple[TrainState, TrainConfig, Dataset, Dataset | None]:
-    """Returns the same as `_start` for training that continues from a finished scene."""
+    """Returns the state, the configuration and the views for training that continues from a finished scene."""
     if command.voxel_size is not None or command.growth_interval is not None:
         raise InvalidValueError(
             "--voxel-size and --growth-interval do not apply to a finished scene, whose anchors stay"

@@ -45,7 +45,7 @@ def _read(command: View) -> SceneStream:
 
 
 async def _hand_on(command: View, cameras: Cameras | None) -> None:
-    """Forwards a stream to the page while it is received from another server."""
+    """Receives a stream from another server and forwards it to the page while it arrives."""
     name = parse_url(command.stream).name or "scene"
     relay = _relay(command)
     receiving = asyncio.create_task(relay.run())

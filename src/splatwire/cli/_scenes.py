@@ -1,4 +1,4 @@
-"""Values of options common to several verbs, and a warning about what a file cannot hold."""
+"""Checks of option values common to several verbs, and a warning about data that a file format cannot store."""
 
 import sys
 from pathlib import Path

@@ -65,7 +65,7 @@ def check_same_recipe(given: Iterable[str], asked: TrainConfig, kept: TrainConfi
 
 @contextmanager
 def watch(on_test: Any) -> Iterator[Listener]:
-    """Yields callbacks that show the training progress on standard error, and that stop the training after Ctrl-C."""
+    """Yields callbacks that print the progress of a training on standard error, and stop it after Ctrl-C."""
     shown = console(stderr=True)
     stop: list[bool] = []
     tests: list[str] = []
@@ -141,7 +141,7 @@ def parsed_size(text: str) -> int:
 
 
 def told_size(scene: AnchorScene, wanted: int) -> int | None:
-    """Returns the size of the scene's stream in bytes if a size was requested; prints a message if it was missed."""
+    """Returns the size of the scene's stream in bytes if a target size was given; prints a message if it was missed."""
     if not wanted:
         return None
     num_bytes = stream_bytes(scene)

@@ -40,7 +40,7 @@ VERBS = {
     "calibrate": Verb(
         "calibrate",
         "Calibrate",
-        "Fit a network, a sketch or a preview to one scene and put it into the stream: calibrate gnn|sketch|preview.",
+        "Add a network, a sketch or a preview to the stream of a finished scene: calibrate gnn|sketch|preview.",
     ),
     "import": Verb(
         "import_model",

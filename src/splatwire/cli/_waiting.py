@@ -13,7 +13,7 @@ _COMPILER = logging.getLogger("splatwire.ops.compiled")
 
 
 class Waiting(logging.Handler):
-    """Log handler that prints on standard error why a verb has not produced output yet."""
+    """Log handler that prints why a verb has not produced output yet: loading of libraries, or compilation."""
 
     def __init__(self, verb: str) -> None:
         super().__init__(logging.INFO)
@@ -53,7 +53,7 @@ class Waiting(logging.Handler):
 
 @contextmanager
 def telling_why_it_takes_long(verb: str) -> Iterator[None]:
-    """Context that activates a `Waiting` handler while a verb runs."""
+    """Context in which a message is printed if loading of libraries or compilation delays the output of a verb."""
     handler, before = Waiting(verb), _COMPILER.level
     _COMPILER.addHandler(handler)
     _COMPILER.setLevel(logging.INFO)

@@ -23,7 +23,7 @@ class LookFrom:
 
 @dataclass(frozen=True)
 class StreamCalibration:
-    """The options of a calibration that looks at pictures and writes a stream."""
+    """Options of a calibration that renders pictures and writes a stream."""
 
     source: tyro.conf.Positional[Path]
     """Complete stream, or scene file (it is encoded first)."""
@@ -97,7 +97,7 @@ class CalibratePreview(StreamCalibration):
 
 @dataclass(frozen=True)
 class Calibrate:
-    """Fit a network, a sketch or a preview to one scene and put it into the stream: calibrate gnn|sketch|preview."""
+    """Add a network, a sketch or a preview to the stream of a finished scene: calibrate gnn|sketch|preview."""
 
     what: (
         Annotated[CalibrateGnn, tyro.conf.subcommand("gnn")]

@@ -76,7 +76,7 @@ def _flushed(status: int) -> int:
 
 @contextmanager
 def _standard_streams() -> Iterator[None]:
-    """Redirects a closed standard error to the null device; `print` would use standard output instead."""
+    """Redirects a closed standard error to the null device, because `print` would use standard output instead."""
     if sys.stderr is not None:
         yield
         return
@@ -86,7 +86,7 @@ def _standard_streams() -> Iterator[None]:
 
 @contextmanager
 def _few_collections() -> Iterator[None]:
-    """Makes garbage collections rare while a command runs, and prevents them at its end, for a faster start and exit.
+    """Makes garbage collections rare while a command runs, for a faster start and exit.
 
     Loading libraries creates half a million objects, of which none becomes garbage. By default, Python searches for
     garbage whenever seven hundred objects were added, which takes a sixth of a command's start-up time. Python's two
@@ -103,7 +103,7 @@ def _few_collections() -> Iterator[None]:
 
 @contextmanager
 def _ended_in_order() -> Iterator[None]:
-    """Converts SIGTERM and SIGHUP to a regular exit, so that temporary files are removed."""
+    """Converts SIGTERM and SIGHUP to a regular exit of the process, so that temporary files are removed."""
 
     def end(number: int, _: object) -> None:
         sys.exit(128 + number)
@@ -157,7 +157,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _complain_of_damage(verb: Any) -> int:
-    """Prints that the result is incomplete; returns the exit status."""
+    """Prints that the result is incomplete because of damaged input; returns the exit status."""
     if getattr(verb, "accept_damage", False):
         return 0
     how = ", or accept this result with --accept-damage" if hasattr(verb, "accept_damage") else ""

@@ -1,6 +1,6 @@
-"""Codec: scenes to streams of independently decodable packets, and back.
+"""Codec: encodes scenes to streams of packets, each of which decodes without the others, and decodes streams.
 
-The names of `__all__` are imported on first use, so that reading side information imports no encoder.
+The public names are imported on first use, so that reading side information does not import an encoder.
 """
 
 from splatwire.lazy_names import lazy_names

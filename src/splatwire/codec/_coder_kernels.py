@@ -1,7 +1,6 @@
-"""Numba kernels that code one symbol: the same kernel encodes or decodes, depending on its `Coder`.
+"""Numba kernels that encode or decode one symbol; a flag of the `Coder` selects the direction.
 
-The code that chooses contexts and distributions of symbols calls these kernels. It therefore exists only once, and
-encoder and decoder cannot differ in it.
+One kernel for both directions guarantees that encoder and decoder choose the same contexts and distributions.
 
 A `Coder` contains everything that is constant over the Gaussians of a packet. When encoding, a kernel encodes the value
 that is passed to it and returns this value. It also counts the context used; the tables of the side information are
@@ -155,7 +154,7 @@ def code_below(coder, value, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def code_escape(coder, excess):
-    """Encodes or decodes a non-negative number in Elias gamma code."""
+    """Encodes or decodes a non-negative number of unknown magnitude in Elias gamma code."""
     if coder.decoding:
         return min(decode_escape(coder.data, coder.end, coder.state), MAX_RESIDUAL)
     encode_escape(coder.data, coder.state, excess)
@@ -242,7 +241,7 @@ def _code_steps(coder, stream, spread, second, q, eighths):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_outside(data, end, state, half):
-    """Decodes a symbol outside the window of directly coded symbols, `-half` to `half`, from its escape code."""
+    """Decodes a residual whose magnitude exceeds `half`, which is coded as a sign and an Elias gamma code."""
     decode_advance(data, end, state, TOTAL - ESCAPE, ESCAPE, SYMBOL_BITS)
     above = decode_raw(data, end, state)
     outside = half + 1 + decode_escape(data, end, state)

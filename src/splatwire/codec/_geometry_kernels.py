@@ -1,8 +1,8 @@
-"""Numba kernels of the position coder: a Morton-ordered point set as counts of a binary space partition.
+"""Numba kernels of the position coder for a set of points, given as sorted Morton codes.
 
-A node is a run of sorted codes that agree in all bits above `bit`. Encoder and decoder know its size n; the code
-contains the number of its points with a zero in `bit`. For a single point, it contains the bit itself. Anchors grown on
-a coarse voxel grid have runs of zeros in their low bits, so contexts count the preceding zeros.
+The codes form a binary tree. A node is a run of sorted codes that agree in all bits above `bit`; encoder and decoder
+know its number of points n. For each node, the number of points with a zero in `bit` is coded; for a single point, the
+bit itself. Anchors on a coarse voxel grid have runs of zeros in their low bits, so contexts count the preceding zeros.
 
 Array slices are written element by element: numba compiles slice assignments with all shape checks and error messages,
 which takes longer than compiling the coder itself.
@@ -27,7 +27,7 @@ NUM_CONTEXTS = TREE + 3 * SMALL * SMALL
 @njit(borrows=True)
 @no_type_check
 def large_count_normal(n):
-    """Returns the mean and the scale index of the normal distribution of the zero count in a node of many points.
+    """Returns the distribution of the number of zero bits in a node of many points: mean and scale index of a normal.
 
     The mean has 12 fractional bits; the standard deviation is about n / 4.
     """

@@ -1,6 +1,7 @@
-"""Numba kernels between the matrix products of the integer networks; whole numbers stored as float64 throughout.
+"""Numba kernels of the integer networks, except for the matrix products: bias, rounding, activation, clipping.
 
-`tests/reference/hacpp_params.py` is the same in plain torch.
+Integers are stored as float64, which represents all of them exactly. `tests/reference/hacpp_params.py` is an equivalent
+implementation in plain torch.
 """
 
 from typing import no_type_check
@@ -62,7 +63,7 @@ def finish_output(sums, bias, out):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def narrow(outputs, inputs):
-    """Converts the first columns of network outputs to network inputs, which have fewer fractional bits."""
+    """Converts the first columns of network outputs to inputs of another network, which have fewer fractional bits."""
     for n in range(inputs.shape[0]):
         for c in range(inputs.shape[1]):
             inputs[n, c] = outputs[n, c] >> (OUTPUT_BITS - ACTIVATION_BITS)

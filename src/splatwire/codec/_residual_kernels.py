@@ -1,7 +1,8 @@
-"""Numba kernels that tabulate the distributions of residuals, so that a symbol costs two table look-ups.
+"""Numba kernels that tabulate the distributions of residuals, so that coding a symbol needs two table look-ups only.
 
-A residual is an integer under a mixture of two normals with a common mean, which is a multiple of an eighth of a step.
-There are few such mixtures, and most have few symbols. Mixtures with many symbols are rare and not tabulated.
+The distribution of a residual, which is an integer, is a mixture of two normals with a common mean. The mean is a
+multiple of an eighth of a quantisation step, so there are few different mixtures. Mixtures with many symbols are rare
+and not tabulated.
 """
 
 from typing import no_type_check

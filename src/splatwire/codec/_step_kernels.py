@@ -29,7 +29,7 @@ def exponent(bases, which, level, area, long, thin, opacity):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def shift_of(bases, which, level, area, long, thin, opacity, most):
-    """Returns log2 of a quantisation step in units of `2**-BITS`, clipped to the range from 0 to `most`.
+    """Returns log2 of a quantisation step in units of `2**-BITS`, clipped to 0 to `most`.
 
     Args:
         bases: Exponents of the lowest precision class, by quantity, `STEP_BITS` fractional bits.

@@ -37,7 +37,7 @@ def tier_context(tier, count, recent):
 @njit(borrows=True)
 @no_type_check
 def remember(counts, recents, tier, important):
-    """Updates the statistics of a tier with the next anchor.
+    """Updates the context statistics of a tier with the flag of the next anchor.
 
     Args:
         counts: Decaying average of the flags `important` of each tier, out of 2**16.

@@ -185,7 +185,7 @@ def _check_sizes(packetization: Packetization, packets: list[Packet], elements: 
 
 
 def _taken(packets: list[Packet]) -> Iterator[Packet]:
-    """Yields the packets of a list and removes them, so that memory is freed meanwhile."""
+    """Yields the packets of a list and removes them from the list, so that their memory is freed early."""
     packets.reverse()
     while packets:
         yield packets.pop()

@@ -13,7 +13,7 @@ ORIGIN_ALIGNMENT = 1024
 
 
 def origin_of(voxels: np.ndarray) -> np.ndarray:
-    """Returns the lowest corner of voxels, rounded down to multiples of `ORIGIN_ALIGNMENT`, int64 (3)."""
+    """Returns the lower corner of the voxels' bounding box, rounded down to `ORIGIN_ALIGNMENT` voxels, int64 (3)."""
     if not len(voxels):
         return np.zeros(3, dtype=np.int64)
     return voxels.min(axis=0) // ORIGIN_ALIGNMENT * ORIGIN_ALIGNMENT

@@ -16,7 +16,7 @@ def network_of(mlp: QuantisedMlp) -> Mlp:
 
 
 def quantised(network: Mlp, inputs: Any, tolerance: np.ndarray) -> QuantisedMlp:
-    """Quantises a network so that rounding errors of the outputs stay within a tolerance for a sample of inputs.
+    """Quantises a network as coarsely as the tolerated errors of its outputs allow, measured for a sample of inputs.
 
     A network of a decoded scene is already quantised and stays unchanged.
 

@@ -48,7 +48,7 @@ class IntegerMlp:
     leaky: bool
 
     def accumulate(self, inputs: np.ndarray, columns: slice) -> np.ndarray:
-        """Computes the contribution of some input columns to the sums of the first layer.
+        """Computes the contribution of some inputs to the first layer, so that it can be shared by several evaluations.
 
         Args:
             inputs: Activations of these columns, (N, columns), whole numbers in float64.

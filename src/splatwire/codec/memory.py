@@ -1,9 +1,9 @@
 """Memory limits of decoding, proportional to the number of received bytes.
 
-Side information may announce any number of elements, and a packet of few bytes may contain thousands (decoders read
-zeros past its end). Decoders therefore compute their memory, in total and per thread, before allocating it. The limit
-is about ten times what real streams need. It is never below `FREE_BYTES`, which suffices for a million anchors or
-Gaussians, so that a stream with few received packets can be decoded, too.
+A damaged or malicious stream of few bytes can announce any number of elements. Decoders therefore compute their memory,
+in total and per thread, before allocating it. The limit is about ten times the need of real streams. It is never below
+`FREE_BYTES`, which suffices for a million anchors or Gaussians, so that a stream with few received packets can be
+decoded, too.
 """
 
 import os

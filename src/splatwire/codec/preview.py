@@ -77,7 +77,7 @@ class PreviewFrame:
 
     @staticmethod
     def fitting(middle: Sequence[float], spread: float, low: Sequence[float], high: Sequence[float]) -> "PreviewFrame":
-        """Creates a frame from given ranges, after rounding to float32; `low` and `high` are clipped to valid values.
+        """Creates a frame from value ranges, which are rounded to float32 and clipped to valid values.
 
         Args:
             middle: Centre of the scene, world units.

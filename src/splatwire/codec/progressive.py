@@ -144,9 +144,10 @@ class ProgressiveDecoder(Arrivals):
         return run, None if self._decoder.redecode_on_demand else self._decoder.decode(run)
 
     def _keep(self, run: Run, rows: Rows | None) -> None:
-        """Stores the decoded integers of new packets, and updates the scene.
+        """Stores the decoded integers of new packets and updates the scene.
 
-        Updates the elements of these packets, or all elements of the block if lost ones are estimated.
+        The update covers the elements of these packets. If the decoder estimates lost elements, it covers their whole
+        blocks.
         """
         ends = np.cumsum(run.counts)[:-1]
         each = [None] * len(run.packets) if rows is None else zip(*(np.split(part, ends) for part in rows), strict=True)
@@ -173,7 +174,10 @@ class ProgressiveDecoder(Arrivals):
         return [packet for packet, _ in self._found.values()]
 
     def _rows(self, run: Run) -> Rows:
-        """Returns the decoded integers of packets added before; decodes them again if only the packets were kept."""
+        """Returns the decoded integers of packets that were added before.
+
+        If only the compressed packets were kept, they are decoded again.
+        """
         found = [rows for packet in run.packets if (rows := self._found[packet.id][1]) is not None]
         if not found:
             return self._decoder.decode(run)

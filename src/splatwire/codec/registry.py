@@ -1,7 +1,8 @@
-"""Registry of codec schemas, by name and by scene type; installed packages can add schemas (`splatwire.plugins`).
+"""Registry of codec schemas, by name and by scene type.
 
-The registry is `splatwire.bitstream.limits.SCHEMAS`. A package announces a schema under the entry point group
-`splatwire.schemas` and registers it with `register_schema` (docs/your-own-codec.md).
+The registry is `splatwire.bitstream.limits.SCHEMAS`. Other packages can add schemas (`splatwire.plugins`). A package
+announces a schema under the entry point group `splatwire.schemas` and registers it with `register_schema`
+(docs/your-own-codec.md).
 """
 
 import importlib
@@ -90,7 +91,7 @@ def _most_specific(scene: Any, schemas: Iterable[StreamSchema]) -> Schema | None
 
 
 def _complete(stream: StreamSchema) -> Schema:
-    """Returns the complete schema; imports the module that defines it if only stream properties are loaded."""
+    """Returns the schema with encoder and decoder; imports the module that defines it if necessary."""
     if isinstance(stream, Schema):
         return stream
     module, _, name = stream.codec.partition(":")

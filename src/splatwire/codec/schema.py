@@ -1,4 +1,4 @@
-"""Interface of a codec schema: its record, its encoder and its decoder.
+"""Interface of a codec schema, which codes one type of scene: its record, its encoder and its decoder.
 
 Packet plans, packet order and loss handling are the same for all schemas (`splatwire.codec.encoding`,
 `splatwire.codec.decoding`, `splatwire.codec.progressive`).
@@ -65,7 +65,7 @@ class Prepared:
 
 @dataclass(frozen=True, eq=False)
 class Options:
-    """Options of `splatwire.codec.encode_scene` that are passed to the schema."""
+    """Options of `splatwire.codec.encode_scene` that a schema receives."""
 
     packetization: Packetization | None = None
     tiers: np.ndarray | None = None

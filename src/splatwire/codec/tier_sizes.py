@@ -1,4 +1,4 @@
-"""Typical size of the anchors of each tier: a named section of the side information of streams with tiers."""
+"""Typical size of the anchors of each importance tier, as a named section of the side information."""
 
 from collections.abc import Mapping
 

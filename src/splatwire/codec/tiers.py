@@ -1,4 +1,4 @@
-"""Tier of each anchor: a named section of the side information of streams with tiers."""
+"""Importance tier of each anchor, as a named section of the side information; present in streams with several tiers."""
 
 from collections.abc import Mapping
 
@@ -64,7 +64,7 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
 
 
 def arrange_stream(stream: SceneStream) -> Arrangement:
-    """Splits the anchors of a stream into groups that were received or lost together.
+    """Splits the anchors of a stream into the groups that are received or lost together.
 
     Raises:
         BitstreamError: If the side information is damaged.

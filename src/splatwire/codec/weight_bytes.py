@@ -1,7 +1,7 @@
-"""Serialises quantised networks: every array is coded under a normal distribution fitted to it.
+"""Serialises quantised networks: the entries of each array are entropy-coded under a normal distribution.
 
-The scale of a matrix entry is the product of a row scale and a column scale: columns of less important inputs have
-wider steps and take fewer bits. (Older streams have row scales only, indicated by a flag.)
+The standard deviation of a matrix entry is the product of a row scale and a column scale. Columns of less important
+inputs have coarser steps and take fewer bits. (Older streams have row scales only, indicated by a flag.)
 """
 
 from collections.abc import Iterable

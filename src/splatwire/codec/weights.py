@@ -1,4 +1,4 @@
-"""Quantises network weights to dyadic numbers, with a separate step for each row and column.
+"""Quantises network weights to integers, with a separate step for each row and column.
 
 A weight is `q * step`, where the step of row i and column j is `row_steps[i] << column_shifts[j]` units of 2**-16. Rows
 with noise-tolerant outputs, and columns of redundant inputs, take fewer bits.
@@ -88,7 +88,7 @@ class QuantisedMlp:
 
 
 def quantise_linear(weight: np.ndarray, bias: np.ndarray, inputs: np.ndarray, noise: np.ndarray) -> QuantisedLinear:
-    """Quantises a layer with rounding errors of its outputs close to a given level.
+    """Quantises the weights and bias of a layer as coarsely as the tolerated errors of its outputs allow.
 
     Args:
         weight: float (out, in).
@@ -162,7 +162,9 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
 
 
 def _fewest(twos: np.ndarray, some: np.ndarray, axis: int) -> np.ndarray:
-    """Returns the exponent of the largest power of two that divides all non-zero weights of a row or column.
+    """Returns the number of trailing zero bits common to all non-zero weights of each row or column.
+
+    It is the exponent of the largest power of two that divides them.
 
     Args:
         twos: Number of trailing zero bits of each weight.
@@ -179,7 +181,7 @@ def _whole(values: np.ndarray, most: float) -> bool:
 
 
 def _divisor(number: int) -> int:
-    """Returns the largest divisor of a number among those up to `MAX_STEP`, the maximum step of a matrix row."""
+    """Returns the largest divisor of a number that is a valid quantisation step, that is, at most `MAX_STEP`."""
     if number <= MAX_STEP:
         return max(number, 1)
     smaller = np.arange(1, MAX_STEP + 1)
@@ -187,7 +189,10 @@ def _divisor(number: int) -> int:
 
 
 def _explained(inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns the mean of the inputs, their order by variance, and the triangular factor R of their covariance."""
+    """Analyses the correlation of a layer's inputs.
+
+    Returns their mean, the order of the inputs by decreasing variance, and the triangular factor R of their covariance.
+    """
     mean = inputs.mean(axis=0)
     centred = inputs - mean
     covariance = centred.T @ centred / len(inputs)
@@ -259,7 +264,7 @@ def _activation(pre: np.ndarray, leaky: bool) -> np.ndarray:
 def _refitted(
     output: tuple[np.ndarray, np.ndarray], inputs: np.ndarray, rounded: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Refits the second layer by least squares to the outputs of the quantised first layer."""
+    """Refits the second layer by least squares, so that it compensates for the quantisation of the first layer."""
     weight, bias = output
     centred = rounded - rounded.mean(axis=0)
     lacking = (inputs - inputs.mean(axis=0) - centred) @ weight.T

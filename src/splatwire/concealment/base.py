@@ -54,7 +54,7 @@ class Concealer(Protocol):
 
 
 def check_at_least(what: str, value: float | int, least: float | int) -> None:
-    """Checks that a numeric option is at least `least`; NaN is rejected.
+    """Checks that a numeric option of a concealer is at least `least`; NaN is rejected.
 
     Args:
         what: Name of the option, for the message.

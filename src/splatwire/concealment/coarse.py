@@ -91,7 +91,7 @@ def _grown(
 def _missing(
     splats: Splats, fine: np.ndarray, coarse: np.ndarray, copied: Bool[np.ndarray, "C"], trust: float
 ) -> Float[np.ndarray, "C"]:
-    """Returns a factor on the opacity of each Gaussian of the coarser level, 0 to 1.
+    """Returns the opacity factor of each coarser Gaussian, 0 to 1, from the lost share of its finer Gaussians.
 
     An exact copy gets 0 if its finer original was received, otherwise 1. A merged Gaussian gets the share of its area
     that received finer Gaussians do not cover, times `trust`.
@@ -122,7 +122,7 @@ def _missing(
 
 
 def _part_of(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.ndarray:
-    """Finds the coarser Gaussian that each finer Gaussian was most likely merged into, as an index into `merged`.
+    """Finds the coarser Gaussian that each finer Gaussian was merged into, most likely; returns indices into `merged`.
 
     A merged Gaussian has the mean, covariance and colour of its finer Gaussians, so distances are measured in standard
     deviations of the merged Gaussian.
@@ -143,7 +143,7 @@ def _part_of(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.ndarray
 
 
 def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarray:
-    """Finds the Gaussians of the finest level of which given Gaussians of a coarser level are unchanged copies.
+    """Finds the finer original of each coarser Gaussian that is an unchanged copy.
 
     Args:
         splats: Gaussians of all levels.
@@ -168,6 +168,6 @@ def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarr
 
 
 def _covers(splats: Splats) -> Float[np.ndarray, "N"]:
-    """Returns the largest cross-section area of each Gaussian (square world units) times its opacity."""
+    """Returns the coverage of each Gaussian: largest cross-section area (square world units) times opacity."""
     ordered = np.sort(splats.scales.astype(np.float64), axis=1)
     return splats.opacities.astype(np.float64) * ordered[:, 1] * ordered[:, 2]

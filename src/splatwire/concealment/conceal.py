@@ -42,7 +42,7 @@ def conceal(partial: ReceivedScene[S], concealer: Concealer | str) -> S:
 
 
 def drawn(partial: ReceivedScene[S], proposal: Concealed, name: str) -> S:
-    """Returns the received scene with the estimates of a concealer, and with its hints for rendering.
+    """Applies the result of a concealer to a received scene: estimates of lost elements, and hints for rendering.
 
     The hints are factors on the size and opacity of each element, and the elements that are not drawn.
 

@@ -112,7 +112,7 @@ class Grow:
         known: Bool[np.ndarray, "N"],
         tier_sizes: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
-        """Raises small received shares, so that the enlargement computed from them is limited.
+        """Limits the enlargement of elements, by raising the received shares from which it is computed.
 
         The limits are `max_excess`, relative to the enlargement for the average loss, and `max_gain`, absolute.
 

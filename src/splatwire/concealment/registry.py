@@ -44,7 +44,7 @@ class Registration:
     listed: bool
 
     def lacks(self, offers: Collection[type]) -> Need | None:
-        """Returns the first type that the concealer requires and the stream does not contain, or None.
+        """Returns a type that the concealer requires but the stream does not contain; None if nothing is missing.
 
         Args:
             offers: Types of the stream's elements and side information records.
@@ -277,7 +277,7 @@ def _registered(name: str) -> Registration:
 
 
 def _still() -> dict[str, Registration]:
-    """Returns all concealers of static scenes."""
+    """Returns the registered concealers of static scenes, by name."""
     return {name: named.still for name, named in CONCEALERS.all().items() if named.still is not None}
 
 

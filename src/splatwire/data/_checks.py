@@ -122,7 +122,7 @@ def is_file(path: Path, source: Path) -> bool:
 
 
 def check_distinct(source: Path, names: Sequence[str], photos: Sequence[Path | None]) -> None:
-    """Checks that no photo is listed as two views, which could be in different splits.
+    """Checks that no photo is listed for two views, because these could be in different splits.
 
     Photos are identified by file, independent of names, links and letter case.
 

@@ -90,7 +90,7 @@ def _is_points(line: str) -> bool:
 
 
 def _has_pose(line: str) -> bool:
-    """True for numbers that begin with an identifier and a rotation of length 1, as in the line of an image.
+    """True if a line of numbers begins like an image: with an identifier and a rotation of length 1.
 
     Such lines are images with names of numbers, such as `12 34 56`. In a line of 2D points, a rotation would consist of
     points within a pixel of the corner.

@@ -35,9 +35,9 @@ def warn_of_copies(source: Path, names: Sequence[str], photos: Sequence[Path | N
 
 
 def _pairs(views: list[int], photos: Sequence[Path | None], is_test: Sequence[bool]) -> Iterable[tuple[int, int]]:
-    """Yields (test view, training view) for each test view with the same photo as a training view.
+    """Yields pairs of a test view and a training view with the same photo.
 
-    If several training views have this photo, the first is returned.
+    If several training views have the photo, the first of them is used.
 
     Args:
         views: Indices of the views to compare.

@@ -254,10 +254,7 @@ def _transforms_views(
 
 
 def _dataset_nearby(path: Path) -> str:
-    """Returns the end of an error message about a path that is not a dataset.
-
-    It names a dataset in a folder above or below the path; empty if there is none.
-    """
+    """Returns a hint for an error message: a dataset in a folder above or below a path; empty if there is none."""
     found = folder_nearby(path, lambda folder: folder != path and _has_photos(folder))
     return "" if found is None else f"; {found} looks like a dataset (layout: {dataset_layout(found)})"
 
@@ -280,7 +277,7 @@ def _warn_of_copies(
     split: str,
     tests: Sequence[ColmapView | TransformsView],
 ) -> None:
-    """Logs copies of training photos among the test views, except when the training split is opened.
+    """Logs a warning about test photos that are copies of training photos, unless the training split is opened.
 
     A program that opens both splits therefore logs the warning once.
 
@@ -316,7 +313,7 @@ def _check_disjoint_splits(halves: dict[str, Path], images: str | None, split: s
 
 
 def _listed(views: list[TransformsView], found: Transforms, split: str) -> list[TransformsView]:
-    """Returns the views of a split, by the lists of splits in a transforms file.
+    """Returns the views of a split that a transforms file lists.
 
     Test views are those of `test_filenames`, else of `val_filenames`. If only one split is listed, the other one has
     all remaining views.

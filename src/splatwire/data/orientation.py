@@ -16,7 +16,7 @@ _MAX_ASPECT_ERROR_PX = 1.5
 
 
 def shape_fits(photo: tuple[int, int], camera: tuple[int, int]) -> bool:
-    """Returns True if a photo size has the aspect ratio of a camera size."""
+    """Returns True if a photo and a camera have the same aspect ratio."""
     return abs(photo[1] - camera[1] * photo[0] / camera[0]) <= _MAX_ASPECT_ERROR_PX
 
 

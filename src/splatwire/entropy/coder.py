@@ -86,7 +86,7 @@ def tables() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def fresh_models(num_contexts: int) -> np.ndarray:
-    """Returns the initial state of adaptive binary models, int64 (contexts, 2).
+    """Returns adaptive binary models in their initial state, int64 (contexts, 2).
 
     A model has two estimates of the probability of a zero, in units of 2**-16: one adapts slowly, one fast. Both start
     at 1/2.

@@ -55,10 +55,10 @@ def normal_cdf(boundary, mean, inverse, table):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, table):
-    """Returns the start of the probability interval of a symbol, which is the end of the preceding symbol's interval.
+    """Returns the start of a symbol's probability interval: the normal CDF, adjusted so that no interval is empty.
 
-    The start is the CDF of the mixture at the lower boundary of the symbol, plus one unit per symbol from `low` on, so
-    that every symbol has a positive probability.
+    The start is the CDF of the mixture at the lower boundary of the symbol, plus one unit per symbol from `low` on. It
+    is also the end of the preceding symbol's interval.
 
     Args:
         symbol: The symbol, from `low` to `high + 1`.
@@ -86,7 +86,7 @@ def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, tabl
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def window(mean0, scale0, mean1, scale1, weight, widths):
-    """Returns the first and the last integer that have a probability interval; other integers get an escape code."""
+    """Returns the first and the last integer that are coded directly; other integers get an escape code."""
     center = (mean0 + HALF_STEP) >> MEAN_BITS
     low = center - widths[scale0]
     high = center + widths[scale0]

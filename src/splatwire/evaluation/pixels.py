@@ -19,7 +19,7 @@ def to_pixels(image: Float[Any, "H W 3"]) -> np.ndarray:
 
 
 def error_map(pixels: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Returns the largest channel difference of every pixel, times `ERROR_GAIN`; uint8, (H, W)."""
+    """Returns the error of every pixel: the largest channel difference times `ERROR_GAIN`; uint8, (H, W)."""
     error = np.abs(pixels.astype(np.int16) - reference.astype(np.int16)).max(axis=2)
     return np.clip(error * ERROR_GAIN, 0, 255).astype(np.uint8)
 

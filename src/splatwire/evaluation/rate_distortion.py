@@ -87,6 +87,9 @@ def _mean_difference(reference: Iterable[tuple[float, float]], other: Iterable[t
 
 
 def _function(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Sorts the points (x, y) of a curve by x; of points with equal x, only the one with the lowest y is kept."""
+    """Sorts the points (x, y) of a curve by x, for interpolation.
+
+    Of points with equal x, only the one with the lowest y is kept.
+    """
     groups = itertools.groupby(sorted(points), key=lambda point: point[0])
     return [next(group) for _, group in groups]

@@ -58,7 +58,7 @@ class ReferenceViews(CheckedFields):
 
     @property
     def without(self) -> bool:
-        """True if any view may have a mask."""
+        """True if some views may have a mask, so that some pixels are not compared."""
         return self.load_mask is not None
 
     def mask(self, view: int) -> Bool[np.ndarray, "H W"] | None:

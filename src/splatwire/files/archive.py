@@ -21,7 +21,7 @@ _DAMAGED = (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, Uni
 
 
 class _Measured(io.BufferedReader):
-    """File object for parsing an archive that limits how much of the archive's directory is read."""
+    """File object that limits how many bytes of an archive's directory are read."""
 
     limited = True
 
@@ -77,7 +77,7 @@ class Archive:
             raise _damaged(self._path, problem, self._error) from problem
 
     def read_stored(self, name: str, limit: int) -> bytes:
-        """Reads an uncompressed member; the total size of all members read in this way is limited to the file size.
+        """Reads an uncompressed member; the total size of all members read by this method is limited to the file size.
 
         Raises:
             SplatwireError: If the member is compressed, members overlap, or `read` fails.

@@ -268,7 +268,7 @@ def _iteration(folder: Path) -> int | None:
 
 
 def is_not(path: Path, wanted: str, why: str = "") -> str:
-    """Returns an error message with the expected and the detected format of a path.
+    """Returns an error message about a path of the wrong format: the expected and the detected format.
 
     Args:
         path: The file or folder.
@@ -283,7 +283,7 @@ def is_not(path: Path, wanted: str, why: str = "") -> str:
 
 
 def model_nearby(path: Path, *kinds: Kind) -> str:
-    """Returns the end of an error message that names a model folder above or below a path; empty if there is none.
+    """Returns a hint for an error message: a model folder above or below a path; empty if there is none.
 
     Args:
         path: A file or folder that was rejected.
@@ -341,7 +341,7 @@ def kind_of_format(form: FileFormat) -> Kind:
 
 
 def _claimed(kind: Kind, head: bytes, suffix: str) -> Kind:
-    """Returns the first format of an installed package that recognises a file of a format unknown to this package.
+    """Returns the first format of an installed package that recognises a file; only for files of unknown format.
 
     Args:
         kind: Result of the built-in detection; returned if it is a known format or no package recognises the file.
@@ -421,7 +421,7 @@ def _torch_kind(head: bytes) -> Kind | None:
 
 
 def _weak_kind(head: bytes) -> Kind:
-    """Detects formats by bytes that may also occur by chance in other binary data; tried last."""
+    """Detects formats by bytes that also occur by chance in other binary data; called after all other checks."""
     if head.startswith(b"\x1f\x8b"):
         return SPZ if _unpacked(head).startswith(b"NGSP") else Kind("gzip", "a gzip archive")
     if re.match(rb"\x80[\x02-\x05]", head):

@@ -57,7 +57,7 @@ def check_tensor_file(path: Path, error: type[SplatwireError], limit: int = MAX_
 
 
 def _refuse_calls(description: bytes | BinaryIO) -> None:
-    """Checks that a pickle refers only to classes and functions of plain tensors."""
+    """Checks that a pickle refers to no other classes and functions than those of plain tensors."""
     for code, argument, _ in genops(description):
         odd = code.name == "GLOBAL" and not _PLAIN.fullmatch(str(argument))
         if odd or code.name in ("STACK_GLOBAL", "INST", "EXT1", "EXT2", "EXT4"):
@@ -254,7 +254,7 @@ def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: A
 
 
 def _made(maker: Any, arguments: tuple[Any, ...]) -> Any:
-    """Returns what a constructor named in the pickle would return, without calling it."""
+    """Interprets a constructor call in the pickle without calling the constructor."""
     name = maker.name if isinstance(maker, _Name) else ""
     if name == "collections OrderedDict":  # Python 2 passes its pairs as the argument
         return {key: value for key, value in (arguments[0] if arguments else ()) if isinstance(key, str)}

@@ -123,7 +123,7 @@ def check_writable(path: Path, *, inside: bool = False) -> None:
 
 
 def _goal(path: Path) -> Path:
-    """Returns the absolute path of an output with links resolved, after checking that it may be replaced."""
+    """Resolves links in the path of an output, and checks that the output may be replaced."""
     try:
         goal = path.resolve()
     except RuntimeError as error:  # Python 3.11 and 3.12; later ones raise OSError when the path is used
@@ -165,7 +165,10 @@ def remove_unfinished(folder: Path) -> None:
 
 @functools.lru_cache(maxsize=1024)
 def _tidy_once(folder: Path) -> None:
-    """Calls `remove_unfinished` once per process and folder, because it must list the folder."""
+    """Removes leftovers of killed writers in a folder (`remove_unfinished`), once per process and folder.
+
+    The folder must be listed for this purpose, which takes time.
+    """
     remove_unfinished(folder)
 
 
@@ -191,7 +194,9 @@ def _opened_folder(name: str, parent: int | None, *, follow: bool = False) -> It
 
 
 def _is_ours(space: int) -> bool:
-    """True if only this user can access a folder, and it contains what a workspace contains (`_workspace`).
+    """True if a folder is a workspace that only this user can access.
+
+    A workspace (`_workspace`) contains nothing but the entries of a writer.
 
     Args:
         space: File descriptor of the folder, which belongs to this user.

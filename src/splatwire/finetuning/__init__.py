@@ -1,4 +1,4 @@
-"""Fine-tuning of explicit Gaussians on pictures, with the codec's rounding and packet loss in the loop."""
+"""Fine-tuning of explicit Gaussians on pictures, with simulated rounding and packet loss."""
 
 from splatwire.finetuning.best import prune_and_tune as prune_and_tune
 from splatwire.finetuning.options import FineTuning as FineTuning

@@ -89,7 +89,7 @@ class Latents:
 
 @dataclass(frozen=True, eq=False)
 class Offsets:
-    """Differences of rounded Gaussians from exact Gaussians, expressed as changes of the trainable parameters.
+    """Rounding errors of Gaussians, as differences of the trainable parameters.
 
     Attributes:
         means: Displacement of the centres, world units.
@@ -109,10 +109,11 @@ class Offsets:
 
     @staticmethod
     def between(exact: Splats, rounded: Splats) -> "Offsets":
-        """Returns the differences of rounded Gaussians, with scales in decreasing order, from the exact Gaussians.
+        """Computes the rounding errors of Gaussians.
 
         A Gaussian has several equivalent parameterisations, which differ in the order and the signs of its axes. For
-        the rounded Gaussian, the one closest to the exact Gaussian is used.
+        the rounded Gaussian, whose scales are in decreasing order, the parameterisation closest to the exact Gaussian
+        is used.
         """
         order = np.argsort(-exact.scales, axis=1, kind="stable")
         place = np.argsort(order, axis=1, kind="stable")

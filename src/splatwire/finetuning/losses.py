@@ -19,7 +19,7 @@ _MOST_OPAQUE = 0.999
 
 @dataclass(frozen=True, eq=False)
 class Reception:
-    """Received Gaussians of one iteration, and their enlargement by the concealer `grow`.
+    """Received Gaussians of one iteration with packet loss, and their enlargement by the concealer `grow`.
 
     The concealer enlarges a Gaussian according to the lost share of the Gaussian's neighbours. Here, the lost share of
     the whole scene is used for all Gaussians. The two shares are nearly equal, because packets are spread over the

@@ -1,4 +1,4 @@
-"""Share of the Gaussians to keep before fine-tuning."""
+"""Chooses the share of the Gaussians that is kept when a scene is pruned before fine-tuning."""
 
 import math
 from collections.abc import Callable

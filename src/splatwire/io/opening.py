@@ -128,7 +128,7 @@ def read_scene_file(path: Path) -> SceneFile:
 
 @checked
 def drawable_scene(path: Path, concealer: Concealer | str) -> tuple[Scene, int]:
-    """Reads a scene and conceals its losses.
+    """Reads a scene for drawing: losses are concealed.
 
     Returns:
         The scene, and the number of lost elements.

@@ -87,7 +87,7 @@ def save_scene(
 
 
 def _saved_as_own_type(scene: Scene, target: Path) -> bool:
-    """Tries to write a scene in a format registered for its type; returns False if none has the file's suffix.
+    """Writes a scene in a format registered for its type; returns False if no such format has the file's suffix.
 
     Raises:
         InvalidValueError: If the format is for scenes of another type.

@@ -81,10 +81,7 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
 
 
 def _nested(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
-    """Returns the boundaries of the tiles of each level, coarsest level first.
-
-    Boundaries are indices of Gaussians of the finest level.
-    """
+    """Returns the boundaries of the tiles of all levels, coarsest level first."""
     bounds, edges = [shapes[0].edges], np.arange(shapes[0].num_tiles + 1)
     for finer, shape in itertools.pairwise(shapes):
         firsts = np.searchsorted(parents_of(finer.num_tiles, shape.num_tiles), np.arange(shape.num_tiles + 1))
@@ -94,9 +91,9 @@ def _nested(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
 
 
 def _shares(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Decides for each coarser tile how many of its Gaussians replace each finer tile.
+    """Yields how many Gaussians of each coarser tile replace each of its finer tiles.
 
-    Yields for each finer tile: index of the coarser tile, index of the finer tile, number of coarser Gaussians that
+    Each item has the index of the coarser tile, the index of the finer tile, the number of coarser Gaussians that
     replace the finer tile, and the `footprints` of the finer tile's Gaussians.
     """
     parents = parents_of(finer.num_tiles, shape.num_tiles)

@@ -60,7 +60,7 @@ def reduced(splats: Splats, count: int, mass: np.ndarray | None = None) -> tuple
 
 
 def _kept(mass: np.ndarray, count: int) -> int:
-    """Returns the number of Gaussians, largest first, that are kept unchanged.
+    """Returns the number of largest Gaussians that are kept unchanged when others are merged.
 
     Args:
         mass: Area of each Gaussian times its opacity.

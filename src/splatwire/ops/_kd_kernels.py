@@ -10,7 +10,7 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True)
 @no_type_check
 def split_runs(points, bounds, order):
-    """Sorts the points of a range into the leaves of a k-d tree: splits the range at each given bound.
+    """Sorts points into the leaves of a k-d tree, by repeatedly splitting ranges of points at the given bounds.
 
     Args:
         points: Coordinates, float (N, 3).

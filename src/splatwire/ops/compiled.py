@@ -28,7 +28,7 @@ _LOCK = threading.Lock()
 
 
 def _knows(option: str) -> bool:
-    """True if this numba version supports a compiler option that is private and may be absent in other versions."""
+    """True if the installed version of numba supports a private compiler option."""
     try:
         from numba.core.registry import cpu_target
 
@@ -86,7 +86,10 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
 
 
 def _stamped(kernel: Any) -> Any:
-    """Makes the compilation cache of a kernel depend on all source files and constants it was compiled from."""
+    """Makes the cache entry of a kernel depend on all source files and constants that it was compiled from.
+
+    numba alone checks only the file of the kernel itself.
+    """
     if not numba.config.DISABLE_JIT:
         file = kernel._cache._cache_file
         file._source_stamp = (file._source_stamp, _made_of(kernel.py_func.__module__))
@@ -108,7 +111,7 @@ def _forgiving(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str
 
 @functools.cache
 def _made_of(module: str) -> str:
-    """Returns a hash of everything that a module's kernels are compiled from: source files and constants."""
+    """Returns a hash of all source files and constants that the kernels of a module are compiled from."""
     modules: dict[str, list[str]] = {}
     _follow(module, modules)
     digest = hashlib.sha256()

@@ -1,4 +1,4 @@
-"""SIMD values of sixteen float32 for compiled functions: one pixel row of a tile, in registers.
+"""SIMD vectors of sixteen float32 in compiled functions; one vector contains one pixel row of a tile.
 
 A kernel that sums over the pixels of a tile is fastest if it keeps one sum for each pixel column in registers while it
 processes row after row. The compiler vectorises a plain loop over pixels, but stores such sums in memory between rows.
@@ -135,7 +135,7 @@ def spread(typingctx, value):
 @intrinsic
 @no_type_check
 def choose(typingctx, mask, yes, no):
-    """Returns a vector with the elements of `yes` where the mask is set, and of `no` elsewhere."""
+    """Selects elements of two vectors by a mask: of `yes` where the mask is set, otherwise of `no`."""
 
     def build(context, builder, signature, arguments):
         return builder.select(*arguments)
@@ -179,7 +179,7 @@ def power_of_two(typingctx, power):
 @intrinsic
 @no_type_check
 def pairs(typingctx, a, b):
-    """Returns the sums of adjacent pairs of elements: eight sums of `a`, then eight of `b`.
+    """Adds adjacent elements of two vectors: eight sums of `a`, then eight sums of `b`.
 
     Four rounds of this function reduce sixteen vectors to one vector with the sum of each of them.
     """

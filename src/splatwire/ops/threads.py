@@ -23,7 +23,7 @@ def _matrix_library() -> ThreadpoolController:
 
 
 class _Holders:
-    """Counter of the active contexts that limit BLAS to one thread, a limit of the whole process."""
+    """Counter of the active contexts that limit BLAS to one thread; the last of them removes the limit."""
 
     def __init__(self) -> None:
         self.lock, self.num, self.limit = threading.Lock(), 0, ExitStack()
@@ -89,10 +89,10 @@ if hasattr(os, "register_at_fork"):
 
 
 def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """Applies a function to all items in parallel, on this thread and on idle helper threads.
+    """Applies a function to all items in parallel, on this thread and on helper threads.
 
-    Each free thread takes the next item, and helpers that have not started are not awaited. On busy processors the
-    caller therefore does nearly everything itself.
+    Each free thread takes the next item. Helper threads that have not started in time are not awaited, so on busy
+    processors the caller processes nearly all items.
 
     Args:
         work: Function of one item. It should release the interpreter lock most of the time. The result for an item must
@@ -118,7 +118,7 @@ def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]
 
 @dataclass(frozen=True)
 class _Turns(Generic[Item, Result]):
-    """Queue of items that several threads process; each thread takes the next item.
+    """Queue of items that several threads process; each thread takes the next item when it is free.
 
     Attributes:
         work: Function of one item.

@@ -1,6 +1,7 @@
-"""Compiled scoring of neighbours for CARI; same results as `splatwire.paper.weighting._select_plain`.
+"""Numba kernels that score the neighbours of lost anchors, for the concealer CARI.
 
-Each lost anchor (query) is scored separately, so results do not depend on the number of threads.
+Results equal those of `splatwire.paper.weighting._select_plain`. Each lost anchor (query) is scored separately, so
+results do not depend on the number of threads.
 """
 
 from typing import no_type_check
@@ -27,7 +28,7 @@ def _similarity(a, b):
 @njit()
 @no_type_check
 def _power(base, exponent):
-    """Returns `base ** exponent`; faster for 2, 1.5 and -0.5, the exponents with the paper's constants."""
+    """Returns `base ** exponent`; fast for the exponents 2, 1.5 and -0.5, which the paper uses."""
     if exponent == np.float32(2):
         return base * base
     if exponent == np.float32(1.5):

@@ -13,7 +13,7 @@ from splatwire.ops.compiled import njit
 @njit(borrows=True)
 @no_type_check
 def _gap(x, low, high, reach):
-    """Returns a lower bound of the squared Mahalanobis distance from a query to all points of a block.
+    """Returns a lower bound of the squared Mahalanobis distance from a query to the points of a block.
 
     Args:
         x: Query position, float64 (3).

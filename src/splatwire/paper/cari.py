@@ -262,7 +262,7 @@ def _interpolate(
 
 
 def _existing(context: ReceivedScene, mask: Bool[Tensor, "N K"]) -> Bool[Tensor, "N K"]:
-    """Returns the mask of the offsets that have a residual after a pass.
+    """Returns the mask of the offsets that have a known or interpolated residual after a pass.
 
     The residual of a lost offset was interpolated. The residual of a received offset is known only if the anchor's mask
     was received too.

@@ -62,7 +62,7 @@ class MaskVote:
 
 
 def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], tuple[Attribute, ...]]]:
-    """Groups the attributes that were lost for the same anchors, so that a concealer can fill them together.
+    """Groups attributes that were lost for the same anchors, so that one neighbour search suffices for each group.
 
     If each packet contains all attributes of its anchors, the result is a single group.
 

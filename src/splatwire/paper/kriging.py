@@ -269,6 +269,6 @@ def _neighborhoods(
 
 
 def _with_floor(context: ReceivedScene, scalings: Float[Tensor, "N 6"]) -> Float[Tensor, "N 6"]:
-    """Clamps the estimated sizes in `scalings` to at least the smallest received size; returns all scalings."""
+    """Clamps the estimated sizes in `scalings` to at least the smallest received size."""
     missing = ~context.loss_mask.column(Attribute.SCALING)[:, None]
     return torch.where(missing, plausible_scalings(context.scene.anchors, context.loss_mask, scalings), scalings)

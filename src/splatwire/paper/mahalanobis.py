@@ -76,9 +76,10 @@ class MahalanobisSearch:
 
 
 def _local_order(places: np.ndarray, extents: np.ndarray) -> np.ndarray:
-    """Returns the order in which points are split into blocks, so that close points of similar size share a block.
+    """Sorts points so that consecutive points are close to each other and of similar size.
 
-    Points are sorted by the rounded-down binary logarithm of their largest extent, then along the Z-order curve.
+    Points are sorted by the rounded-down binary logarithm of their largest extent, then along the Z-order curve. The
+    sorted points are then divided into blocks.
     """
     low = places.min(axis=0, initial=np.inf)
     width = max(float((places - low).max(initial=0.0)), np.finfo(np.float64).tiny)

@@ -201,9 +201,9 @@ def _sides(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, he
 
 
 def _end(search: Search, pass_bytes: float) -> float:
-    """Returns the part of a transfer over which the symbols of the init segment are spread, as a fraction up to 1.
+    """Returns the end of the time in which the symbols of the init segment are sent, as a fraction of the transfer.
 
-    If the budget does not suffice for the complete transfer, this part ends slightly before the budget is spent.
+    If the budget does not suffice for the complete transfer, this end is slightly before the budget is spent.
 
     Args:
         search: Constraints of the plan.
@@ -245,7 +245,7 @@ def _side(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, sta
 
 
 def _falling(tiers: int) -> Sequence[tuple[float | None, ...]]:
-    """Returns all assignments of safety margins to importance tiers.
+    """Enumerates the assignments of safety margins to importance tiers, most important tier first.
 
     A less important tier never has a larger margin than a more important tier. A safety margin is an entry of
     `SAFETIES`, see `_repair`.

@@ -20,12 +20,12 @@ Picture = Callable[[np.ndarray], float]
 
 @dataclass(frozen=True, eq=False)
 class DistortionModel:
-    """Model of the error that losses cause in the rendered views, after concealment.
+    """Model of the error in rendered views that lost elements cause, after concealment.
 
-    The input is the lost share of each importance tier; the result is the mean squared error. More important tiers are
+    The model predicts the mean squared error from the lost share of each importance tier. More important tiers are
     better protected, so the lost share does not decrease from tier to tier.
 
-    `mse[t]` is the error added if tier t *and all less important tiers* lose the same share. If tiers lose different
+    `mse[t]` is the error added if tier t and all less important tiers lose the same share. If tiers lose different
     shares, differences between these curves are added. This is exact if the tiers have only two different lost shares,
     one of which is 0. Adding the errors of single tiers would overestimate the total: a concealer enlarges received
     elements of all sizes, even if only small elements were lost.
@@ -110,7 +110,7 @@ class StreamVariant:
             raise InvalidValueError(f"StreamVariant.blank_psnr must be finite, not {shown(self.blank_psnr)}")
 
     def left(self, budget_bytes: float | int) -> float:
-        """Returns the part of a byte budget that remains after the server's first message (welcome)."""
+        """Returns the number of bytes of a budget that remain after the server's first message (welcome)."""
         return float(max(budget_bytes - self.preview_bytes, 0))
 
 

@@ -116,6 +116,6 @@ def _plan(
 
 
 def _odds(received: np.ndarray) -> float:
-    """Returns the mean number of lost datagrams per received datagram, p / (1 - p), from simulated losses."""
+    """Estimates the mean number of lost datagrams per received datagram, p / (1 - p), from simulated losses."""
     rate = 1 - float(received.mean())
     return rate / max(1 - rate, 0.05)

@@ -65,7 +65,7 @@ to, so small gains there may not generalise.
 
 @dataclass(frozen=True)
 class ScenePlan(Plan):
-    """Plan for a static scene.
+    """Result of the planner for a static scene: redundancy to send, and the expected result (see `Plan`).
 
     Attributes:
         head_arrives: Fraction of transfers in which the side information arrives.
@@ -192,7 +192,7 @@ def losses(variants: Sequence[StreamVariant], loss: LossModel, trials: int, seed
 def _judge(
     variant: StreamVariant, number: int, protection: Protection, traces: np.ndarray, budget_bytes: float | int
 ) -> ScenePlan:
-    """Predicts the result of an allocation of redundancy with the distortion model."""
+    """Predicts the result of an allocation of redundancy with the distortion model, without rendering."""
     model, budget = model_transfer(variant.load, protection), variant.left(budget_bytes)
     arrival = arrival_within(model, traces, budget)
     lost = lost_fractions(variant.load, arrival.packets)
@@ -301,7 +301,7 @@ def expected(variant: StreamVariant, arrival: SimulatedTransfers, rendered_trial
 
 
 def _best(scored: Sequence[_Scored], whole_psnr: float) -> ScenePlan:
-    """Returns the plan with the highest PSNR; a baseline is preferred unless it is worse by more than a margin.
+    """Selects the plan with the highest PSNR; a baseline is preferred unless it is worse by more than a margin.
 
     Among several baselines, a baseline of the first stream variant is preferred. Among plans with equal PSNR, the plan
     with the most redundancy is preferred.

@@ -61,7 +61,7 @@ class StreamLoad(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class TransferModel:
-    """All datagrams of a transfer (packets, side information, parity) in sending order.
+    """Model of a transfer: purpose and size of each datagram (packets, side information, parity), in sending order.
 
     Attributes:
         kind: Purpose of each datagram: `SIDE` (side information), `DATA` (packet) or `PARITY`, int64 (n).

@@ -34,7 +34,7 @@ def search(
     ends: tuple[float, float],
     least: float = 0.0,
 ) -> float | None:
-    """Searches for an argument at which a function has a permitted value.
+    """Searches for an argument at which an increasing function has a permitted value, with few calls of the function.
 
     The secant method is used within an interval of arguments (bracket) that shrinks with each call.
 

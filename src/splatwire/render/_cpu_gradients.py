@@ -54,7 +54,7 @@ _AHEAD_ROWS = 16
 @njit(borrows=True, inline="never", error_model="numpy")
 @no_type_check
 def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row):
-    """Blends one Gaussian over a tile as `_cpu_kernels._blend`, and writes its gradient sums over the tile's pixels.
+    """Computes the gradient sums of one Gaussian over a tile; blends it in the same way as `_cpu_kernels._blend`.
 
     The colour behind a Gaussian is the finished image minus everything blended so far. Sums are accumulated per pixel
     column, and multiplied at the end by dx, the column's distance from the centre.

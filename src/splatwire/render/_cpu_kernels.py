@@ -1,8 +1,8 @@
 """Compiled tile rasteriser, with the same results as the simple renderer `splatwire.neural.render.reference`.
 
-Two performance properties determine this code. A pixel row of a tile is one SIMD value (`ops.lanes`). The pixels of a
-tile stay in the cache while its Gaussians are read, each prefetched before use. Tiles are independent, so results do
-not depend on the number of threads.
+Its speed has two reasons. A pixel row of a tile is one SIMD vector (`ops.lanes`). The pixels of a tile stay in the
+cache while its Gaussians are read, and each Gaussian is prefetched before use. Tiles are independent, so results do not
+depend on the number of threads.
 """
 
 from typing import no_type_check
@@ -108,7 +108,7 @@ def prefetch_splat(splats, ids, k):
 @njit(inline="always")
 @no_type_check
 def splat_numbers(splats, g, left, top):
-    """Returns the values of projected Gaussian `g` for blending, with its centre relative to the tile's corner.
+    """Returns the values of a projected Gaussian that blending needs, with its centre relative to the tile's corner.
 
     Values are read directly, without an array view of the row: its reference counting would take a seventh of the
     drawing time.

@@ -47,10 +47,10 @@ def _footprints(gaussians: Gaussians, cameras: Cameras, view: int) -> Float[np.n
 
 
 def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> Cameras:
-    """Places cameras around a scene without known cameras; see `cameras_around`.
+    """Places cameras around a scene that comes without cameras, for measuring its appearance.
 
     Explicit Gaussians get two distances, so that both details and distant parts are visible. Some near cameras look
-    outwards if the scene surrounds them.
+    outwards if the scene surrounds them. `cameras_around` gives the positions.
 
     Args:
         scene: The scene.
@@ -74,7 +74,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
 
 
 def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndarray, "V"]:
-    """Measures how much of the image Gaussians cover in views from the centre of a scene outwards.
+    """Measures whether a scene surrounds its centre: the covered share of images that look outwards from the centre.
 
     Args:
         splats: The Gaussians of the scene.

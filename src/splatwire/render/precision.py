@@ -1,9 +1,9 @@
 """Precision class of each Gaussian: a number that selects the quantisation steps of all of its attributes.
 
-To first order, a small change of an attribute changes the image in proportion to the gradient of the image. The squared
-gradient is therefore the sensitivity of the image to the attribute. It varies by orders of magnitude between Gaussians,
-mainly with their visible area. After correction for the shape of a Gaussian, it is similar for all of its attributes. A
-single class per Gaussian therefore suffices; the quantisation steps of consecutive classes differ by a factor of 2.
+A Gaussian to which images are more sensitive gets finer steps. The sensitivity to an attribute is the squared gradient
+of the image with respect to it. It varies by orders of magnitude between Gaussians, mainly with their visible area.
+After correction for the shape of a Gaussian, it is similar for all of its attributes, so one class per Gaussian
+suffices. The quantisation steps of consecutive classes differ by a factor of 2.
 """
 
 import itertools
@@ -158,7 +158,7 @@ def measure_gaussians(
 
 
 def _each_part(splats: Splats, part: int, look: Callable[..., None]) -> None:
-    """Divides Gaussians into spatial parts of similar size, and calls a function for each part.
+    """Calls a function for each of several spatial parts of a scene, which have similar numbers of Gaussians.
 
     Args:
         splats: All Gaussians.
@@ -181,7 +181,7 @@ def _each_part(splats: Splats, part: int, look: Callable[..., None]) -> None:
 
 
 def _classes(splats: Splats, found: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:
-    """Returns precision classes for the result of `_sensitivities`."""
+    """Converts the sensitivity of images to each Gaussian (`_sensitivities`) to its precision class."""
     low, middle, high = (np.log2(scales.astype(np.float64)) for scales in sort3(splats.scales))
     least = np.median(high) - _MOST_SMALL
     size, width = np.maximum(high, least), np.maximum(middle, np.maximum(high, least) - _MOST_THIN)

@@ -1,9 +1,9 @@
 """Pruning: removal of the elements with the least effect on images.
 
-An image is affine in the opacity of each single Gaussian. Its derivative by the opacity therefore gives the effect of
-removing the Gaussian. Let J be the derivatives of all pixel values by one parameter. The sum of their squares, `J . J`,
-is the mean of `(e . J) ** 2` over images e of random signs, -1 or 1. One back-propagation of e gives `e . J` for all
-parameters at once.
+The effect of removing a Gaussian follows from the derivative of the image by its opacity, because an image is affine in
+the opacity of each single Gaussian. Let J be the derivatives of all pixel values by one parameter. The sum of their
+squares, `J . J`, is the mean of `(e . J) ** 2` over images e of random signs, -1 or 1. One back-propagation of e gives
+`e . J` for all parameters at once.
 """
 
 import math

@@ -86,7 +86,7 @@ def quick_sensitivity(
 
 @dataclass(frozen=True, eq=False)
 class _Through:
-    """Squared image errors of one view, summed over the selected anchors.
+    """Errors that were back-propagated through the networks in one view, summed over the selected anchors.
 
     Attributes:
         metric: Error for changes of features and logarithms of scalings, as a quadratic form (D, D).
@@ -145,9 +145,9 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
 def _shared(
     removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_Through], width: int
 ) -> Sensitivity:
-    """Distributes errors that are only known as sums over the selected anchors to the individual anchors.
+    """Distributes sums of errors over the selected anchors to the individual anchors, in proportion to removal errors.
 
-    They are distributed in proportion to the error of removing each anchor.
+    The removal error of an anchor is the image error caused by removing it.
 
     Args:
         removal: Error of removing each anchor; 0 for anchors that were not selected, (N).

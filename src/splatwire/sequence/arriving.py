@@ -64,7 +64,9 @@ class FrameSource(Protocol):
         """
 
     def took(self, path: Path, signature: Signature | None) -> None:
-        """Records the state of a file that was read or given up; the file becomes a new frame when it changes.
+        """Records the state of a file that was read or given up.
+
+        The file counts as a new frame when it changes.
 
         Args:
             path: The file.
@@ -108,10 +110,10 @@ class PipeSource:
 class FolderSource:
     """Source of the frames in a folder; a replaced file is a new frame.
 
-    A frame is returned as soon as its file is complete. Names that start with a dot or end with a suffix of
-    `UNFINISHED` are ignored. A file that still grows delays the later frames for at most `GROWING_S`, then the file is
-    ignored. A file or folder that is not a frame and keeps changing (for example a working folder of another program)
-    is ignored after `GROWING_S` of continuous change or after `MOST_LOOKS` changes.
+    A frame is returned as soon as its file is complete, that is, no longer grows. Names that start with a dot or end
+    with a suffix of `UNFINISHED` are ignored. A file that still grows delays the later frames for at most `GROWING_S`,
+    then the file is ignored. A file or folder that is not a frame and keeps changing (for example a working folder of
+    another program) is ignored after `GROWING_S` of continuous change or after `MOST_LOOKS` changes.
 
     Args:
         folder: The folder; it may be missing temporarily.
@@ -139,7 +141,7 @@ class FolderSource:
         return self._complete(self._new(names), now)
 
     def _new(self, names: list[str]) -> list[tuple[Path, os.stat_result, Signature]]:
-        """Returns the files whose current state was not returned before, sorted by name."""
+        """Returns the files that are new or have changed since they were returned, sorted by name."""
         found = []
         for name in names:
             path = self._folder / name
@@ -243,7 +245,7 @@ class Patience:
         return now - self._changed >= (PATIENCE_BEHIND_S if behind else PATIENCE_S)
 
     def grows(self, now: float) -> bool:
-        """Returns True if reading the frame's file has failed for `GROWING_S`, because the file still grows.
+        """Returns True if the frame's file has grown for `GROWING_S` without becoming readable.
 
         The file is then ignored until it is removed.
         """
@@ -255,11 +257,10 @@ class Patience:
 
 
 class Backlog:
-    """Limits the queue of frames that wait to be encoded: drops frames if the queue does not shrink.
+    """Limits the queue of frames that wait to be encoded: drops the oldest frames of a long queue that does not shrink.
 
-    Frames that are in the folder at the start, or are copied into it at once, are encoded at the frame rate. A
-    queue of more than one second (and two groups of pictures) that does not shrink would delay the live stream
-    permanently; its oldest frames are then dropped.
+    Frames that are in the folder at the start, or are copied into it at once, are encoded at the frame rate. A queue of
+    more than one second (and two groups of pictures) that does not shrink would delay the live stream permanently.
 
     Args:
         rate: Frames per second.
@@ -296,7 +297,7 @@ class Backlog:
 
 
 def signature_of(path: Path, status: os.stat_result) -> Signature:
-    """Returns the times, sizes and inodes that reveal a change of a file, or of the files of a folder.
+    """Returns times, sizes and inodes of a file, or of the files of a folder; a change of the file changes them.
 
     Raises:
         OSError: If the folder cannot be read.
@@ -310,7 +311,7 @@ def signature_of(path: Path, status: os.stat_result) -> Signature:
 
 
 def signature_at(path: Path) -> Signature | None:
-    """Returns the signature of a file, which reveals changes (`signature_of`); None if the file does not exist."""
+    """Returns the signature of a file (`signature_of`); None if the file does not exist."""
     try:
         return signature_of(path, path.stat())
     except (OSError, ValueError):

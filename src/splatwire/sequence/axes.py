@@ -19,7 +19,7 @@ _ORDERS = np.array(list(itertools.permutations(range(3))))
 def continued(
     previous: Splats, current: Splats, partner: np.ndarray
 ) -> tuple[Float[np.ndarray, "M 4"], Float[np.ndarray, "M 3"]]:
-    """Returns quaternions and scales of a frame's Gaussians with the order and signs of axes of the previous frame.
+    """Reorders the axes of each Gaussian, and changes their signs, to match the same Gaussian in the previous frame.
 
     Args:
         previous: Previous frame.

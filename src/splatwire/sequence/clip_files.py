@@ -58,7 +58,7 @@ def clip_format_for(path: str) -> ClipFormat | None:
 
 
 def contents_of_sequence(sequence: Sequence) -> Iterator[FileContent]:
-    """Yields the visible Gaussians of each frame of a sequence."""
+    """Yields the visible Gaussians of each frame of a sequence, as the content of a file."""
     for frame in sequence.read():
         splats = frame.splats.select(frame.drawn)
         yield FileContent(splats, frame.origin, frame.antialiased, frame.metadata)

@@ -275,7 +275,10 @@ class ClipEncoder:
         return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:
-        """Completes the work for the last frame and group that was deferred, because no packet depends on it."""
+        """Completes the deferred work for the last frame and group.
+
+        This work is deferred because no packet of the group depends on it, so that packets are sent earlier.
+        """
         ball = None if self._last is None else bounding_sphere(self._last)
         self._extent, self._last = self._extent.union(ball) if self._extent and ball else self._extent or ball, None
         self._warn_of_changing_harmonics()

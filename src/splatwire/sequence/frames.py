@@ -213,7 +213,7 @@ class Frame(FileContent):
 
     @staticmethod
     def judged(splats: Splats, rows: Rows, **properties: Any) -> "Frame":
-        """Creates a frame from Gaussians that were already checked.
+        """Creates a frame from Gaussians whose values were already checked.
 
         Args:
             splats: The Gaussians.

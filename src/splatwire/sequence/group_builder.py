@@ -149,7 +149,7 @@ def group_of(frames: Sequence[TrackedFrame]) -> TrackGroup:
 
 
 def _moving(splats: Splats) -> dict[str, np.ndarray]:
-    """Returns the attributes of Gaussians that may change over time, by name."""
+    """Returns the attributes of Gaussians that motion can change, by name."""
     names = ("means", "quats", "scales", "opacities")
     return {**{name: getattr(splats, name) for name in names}, "colours": splats.sh[:, 0]}
 

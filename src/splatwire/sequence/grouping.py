@@ -74,7 +74,7 @@ class NeighborSet:
         return NeighborSet(*(np.concatenate(values[name]) for name in names))
 
     def only(self, exists: np.ndarray, means: np.ndarray) -> "NeighborSet":
-        """Keeps only neighbours that a mask allows, and of these only the nearest `NUM_AROUND`.
+        """Restricts the neighbours to allowed tracks; of these, at most the nearest `NUM_AROUND` are kept.
 
         The result omits tracks that have fewer than `NUM_AROUND` allowed neighbours.
 
@@ -127,7 +127,7 @@ class NeighborIndex:
 
     @staticmethod
     def of(means: np.ndarray, frame: int, rows: np.ndarray) -> "NeighborIndex":
-        """Builds the search tree.
+        """Builds the search tree from the positions of some tracks in one frame.
 
         Args:
             means: Positions of all tracks in all frames, float32 (T, F, 3).
@@ -151,7 +151,9 @@ class NeighborIndex:
 
 
 def sampled(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
-    """Chooses a random sample of tracks and finds their neighbours, to test if tracks move like their neighbours.
+    """Chooses a random sample of tracks and finds their neighbours.
+
+    The sample is used to test if most tracks move like their neighbours.
 
     Args:
         means: Positions of all tracks in all frames, float32 (T, F, 3).
@@ -253,7 +255,7 @@ def _moves_like(own: np.ndarray, others: np.ndarray, exists: np.ndarray) -> np.n
 
 
 def first_of(frames: Sequence[TrackedFrame], keys: np.ndarray, begins: np.ndarray) -> Splats:
-    """Returns the Gaussian of each track in the track's first frame.
+    """Returns each track's Gaussian in the track's first frame.
 
     Args:
         frames: Gaussians of all frames of the group, each with the key of its track.

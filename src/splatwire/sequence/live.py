@@ -51,7 +51,7 @@ class LiveDecoder:
         self._num_bytes = 0
 
     def grow(self, manifest: Manifest, side_info: bytes) -> Iterator[ClipFrame]:
-        """Adopts the manifest and side information of a further group; yields frames that can now be output.
+        """Updates manifest and side information when the server adds a group; yields frames that can now be output.
 
         Raises:
             BitstreamError: If the manifest contradicts the previous manifest, or is not that of a sequence.
@@ -112,13 +112,13 @@ class LiveDecoder:
             yield from self._shown(self._next + 1)
 
     def _shown(self, end: int) -> Iterator[ClipFrame]:
-        """Yields the frames of groups before group `end` that were not output yet."""
+        """Yields the frames of all groups before group `end` that were not yet output."""
         while self._next < end:
             group, self._next = self._next, self._next + 1
             yield from self._group(group)
 
     def _opened(self) -> TracksDecoder:
-        """Returns the decoder for the current manifest; the state of the previous decoder is kept.
+        """Creates the decoder for the current manifest; takes over the keyframe Gaussians of the previous decoder.
 
         Raises:
             BitstreamError: If the tracks declared in the manifest need more memory than the received bytes justify.

@@ -103,7 +103,7 @@ class LiveEncoding:
             self._publish(update)
 
     def _look(self) -> None:
-        """Adds new files to the queue, and drops the oldest frames if the queue is too long."""
+        """Looks for new files and adds them to the queue; drops the oldest frames if the queue is too long."""
         now = self._clock()
         self._waiting.extend(self._source.poll(now))
         surplus = 0 if self._source.over else self._backlog.surplus(len(self._waiting), now)
@@ -138,7 +138,7 @@ class LiveEncoding:
         return None
 
     def _take(self, signature: Signature | None) -> None:
-        """Removes the first file from the queue."""
+        """Removes the first file from the queue, and records its state so that it is not read again."""
         self._patience.clear()
         self._source.took(self._waiting.popleft(), signature)
 
@@ -194,7 +194,7 @@ def _has_valid_rows(frame: Frame) -> bool:
 
 
 def _described(kind: tuple[int, bool]) -> str:
-    """Describes the degree of harmonics and the antialiasing of a frame for messages."""
+    """Describes the degree of harmonics and the antialiasing of a frame, for error messages."""
     degree, antialiased = kind
     return f"harmonics of degree {degree} and {'antialiasing' if antialiased else 'no antialiasing'}"
 

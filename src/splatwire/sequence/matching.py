@@ -144,7 +144,7 @@ def _appearance(splats: Splats) -> np.ndarray:
 
 
 def _fit_affine(places: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Fits an affine motion from `places` to `now` (trimmed iterative closest points); returns moved `places`."""
+    """Fits an affine motion between two frames by trimmed iterative closest points; returns `places` moved by it."""
     some = places[np.unique(np.linspace(0, len(places) - 1, min(len(places), SAMPLE)).astype(np.int64))]
     tree, matrix = cKDTree(now), np.concatenate([np.eye(3), np.zeros((1, 3))])
     if len(some) < 8:
@@ -268,7 +268,7 @@ def _one_to_one(score: np.ndarray, near: np.ndarray, count: int) -> np.ndarray:
 def _smooth(
     places: np.ndarray, now: np.ndarray, partner: np.ndarray, sure: np.ndarray, expected: np.ndarray
 ) -> np.ndarray:
-    """Predicts positions from the median motion of neighbours that have a confident match.
+    """Predicts the positions of Gaussians from the median motion of their confidently matched neighbours.
 
     Args:
         places: Positions in the previous frame, (N, 3).

@@ -118,7 +118,10 @@ class Tracker:
         return self._matched(frame)
 
     def _by_rows(self, frame: Frame, count: bool) -> TrackedFrame:
-        """Assigns keys by index: the key of the previous frame, or a new one if the Gaussian was invisible then."""
+        """Assigns keys by index, for frames with the same order of Gaussians.
+
+        A Gaussian gets the key of the same index in the previous frame, or a new key if it was invisible then.
+        """
         keys = np.where(frame.drawn, self._keys, -1)
         new = frame.drawn & (keys < 0)
         keys[new] = self._fresh(int(new.sum()), count)
@@ -126,7 +129,10 @@ class Tracker:
         return TrackedFrame(_drawn(frame), keys[frame.drawn])
 
     def _matched(self, frame: Frame) -> TrackedFrame:
-        """Assigns keys by matching: matched Gaussians get the keys of their matches, others get new keys."""
+        """Assigns keys by matching, for frames with different orders of Gaussians.
+
+        A matched Gaussian gets the key of its match, others get new keys.
+        """
         assert self._last is not None
         here = _drawn(frame)
         found = match(self._last.splats, here, self._match)

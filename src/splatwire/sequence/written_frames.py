@@ -33,7 +33,9 @@ LIVE_DIGITS = 6
 
 
 def check_num_frames(stream: SceneStream, most: int | None, advice: str) -> None:
-    """Refuses to write one file per frame for very long clips: a header of a few bytes can announce 131,072 frames.
+    """Checks that the number of frames does not exceed a limit, before one file per frame is written.
+
+    A damaged or malicious header can announce 131,072 frames.
 
     Args:
         stream: The clip.
@@ -144,7 +146,7 @@ def write_live_frames(
 
 
 def _never_empty(splats: Splats, path: Path) -> Splats:
-    """Returns the Gaussians of a frame; for an empty frame, one transparent Gaussian, because files cannot be empty.
+    """Returns the Gaussians of a frame, or one transparent Gaussian if there are none, because files cannot be empty.
 
     Logs a warning with the path for an empty frame.
     """
@@ -161,9 +163,9 @@ def _never_empty(splats: Splats, path: Path) -> Splats:
 
 
 def numbered(frames: Iterable[ClipFrame]) -> Iterator[tuple[ClipFrame, int]]:
-    """Yields each frame with the number for its file name.
+    """Yields each frame with the number for its file name, which increases from frame to frame.
 
-    The number always increases, even if the server restarts and counts its frames from 0 again.
+    If the server restarts and counts its frames from 0 again, the numbers continue.
     """
     last, offset = -1, 0
     for frame in frames:

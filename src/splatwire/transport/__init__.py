@@ -1,6 +1,7 @@
 """Transport of streams over networks that lose datagrams.
 
-The protocol core uses no sockets and no clock: callers pass datagrams and the time. Nothing here imports torch.
+The protocol core uses no sockets and no clock: callers pass datagrams and the time. No module of this package imports
+torch.
 """
 
 from splatwire.transport.protocol.collect import ReceiverLimits

@@ -28,7 +28,7 @@ class Address:
 
 
 def cannot_listen(kind: str, host: str, port: int, error: OSError) -> InvalidValueError:
-    """Returns the exception to raise when a server cannot bind its port; the message has port, address and reason.
+    """Returns the exception for a server port that cannot be bound; the message has port, address and reason.
 
     Args:
         kind: Protocol of the port for the message, such as `UDP`.

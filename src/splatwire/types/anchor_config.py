@@ -31,7 +31,7 @@ class HashGridConfig(CheckedFields):
 
     @property
     def context_dim(self) -> int:
-        """Length H of the feature vector that the grid interpolates at a position."""
+        """Length H of the feature vector that the hash grid gives for a position."""
         return self.features_per_level * (len(self.resolutions_3d) + len(PLANES) * len(self.resolutions_2d))
 
     def rows(self, dims: int) -> tuple[int, ...]:

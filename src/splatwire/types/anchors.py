@@ -85,7 +85,7 @@ class Anchors:
         return Anchors(places, gap(self.features), gap(self.scalings), gap(self.offsets), gap(self.mask))
 
     def kept(self, loss_mask: LossMask, proposed: "Anchors") -> "Anchors":
-        """Combines received attributes of this object with estimates of lost attributes.
+        """Combines received attributes (of this object) with estimates of lost attributes.
 
         Estimated offsets are set to 0 where the (received or estimated) offset mask is False.
 

@@ -48,7 +48,7 @@ class Levels:
 
     @property
     def copied(self) -> Bool[np.ndarray, "N"]:
-        """Mask of Gaussians in coarser levels that are unchanged copies of finer Gaussians instead of merged ones.
+        """Mask of Gaussians in coarser levels that are unchanged copies of finer Gaussians; the others are merged.
 
         Coarser levels have two precision classes; unchanged Gaussians have the higher precision.
         """

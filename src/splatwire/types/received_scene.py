@@ -21,9 +21,9 @@ Record = TypeVar("Record")
 
 @runtime_checkable
 class Expectation(Protocol):
-    """Protocol of a prediction of all elements that needs only the side information, such as `Prior`.
+    """Protocol of a prediction of all elements (Gaussians or anchors) from the side information alone, such as `Prior`.
 
-    An element is a Gaussian or an anchor. Lost and received elements are predicted alike.
+    The prediction of an element does not depend on whether the element was received.
     """
 
     @property
@@ -120,7 +120,7 @@ class ReceivedScene(Generic[S]):
         return next((record for record in self.records if isinstance(record, kind)), None)
 
     def __getitem__(self, kind: type[Record]) -> Record:
-        """Returns the side information record of a type, such as `TierSizes`. In contrast to `find`, it must exist.
+        """Returns the side information record of a type, such as `TierSizes`; raises an error if it is absent.
 
         Raises:
             InvalidValueError: If the record is absent.

@@ -34,7 +34,7 @@ class RenderHints(CheckedFields):
 
 @dataclass(frozen=True)
 class Coverage(CheckedFields):
-    """Strength of the changes of size and opacity by which received elements cover lost ones, for one type of scene.
+    """Degree to which received elements are enlarged to cover lost ones, for one type of scene.
 
     Let r be the share of an element's neighbours that was received. The concealer `grow` (`splatwire.concealment.Grow`)
     multiplies the size of the element by `r ** -(exponent * size)`.

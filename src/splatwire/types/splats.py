@@ -67,14 +67,14 @@ class Splats:
         return Splats(**rows)
 
     def run(self, begin: int, end: int) -> "Splats":
-        """Returns the Gaussians from index `begin` to `end` (exclusive) as views that share memory with this object."""
+        """Returns a range of consecutive Gaussians, which share memory with this object.
+
+        The range is from index `begin` to `end` (exclusive).
+        """
         return Splats(**{f.name: getattr(self, f.name)[begin:end] for f in dataclasses.fields(self)})
 
     def gathered(self, index: np.ndarray) -> "Splats":
-        """Returns the Gaussians at `index` (integers or a boolean mask over G), in that order.
-
-        In contrast to `select`, a large result is backed by a temporary file (see `empty`).
-        """
+        """Returns the Gaussians at `index`, in that order; a large result is backed by a temporary file."""
         places = np.flatnonzero(index) if index.dtype == np.bool_ else index
         found = Splats.empty(len(places), self.degree)
         for begin in range(0, len(places), ROWS):
@@ -82,7 +82,7 @@ class Splats:
         return found
 
     def fill(self, begin: int, some: "Splats") -> None:
-        """Overwrites the Gaussians from index `begin` on with the Gaussians `some`, in place."""
+        """Overwrites the Gaussians from index `begin` on by others, in place."""
         for name, values in vars(self.run(begin, begin + some.num_gaussians)).items():
             values[:] = getattr(some, name)
 

@@ -106,7 +106,7 @@ class Relay:
             yield b"".join(pieces[begin:given])
 
     def _grows(self, pieces: list[bytes]) -> bool:
-        """True if a file may still grow, because its stream is being received."""
+        """True if a file is still being received, and not yet replaced by the file of another stream."""
         return not self._over and pieces is self._pieces
 
     async def _hand_on(self) -> None:

@@ -20,7 +20,7 @@ def fit_heads(
 
     Args:
         heads: The networks.
-        sample: Sample of the anchors they render.
+        sample: Sample of the scene's anchors.
         tolerance: Tolerated standard deviation of the error of an output before its activation.
     """
     # Views are unknown: directions are sampled on the sphere, and distances from half to twice the distance from the

@@ -223,7 +223,10 @@ class AnchorDecoder:
         return self.chunk_bytes * (max((packet.num_elements for packet in packets), default=0) + CHUNK)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
-        """Allocates arrays for all anchors and predicts every anchor from side information."""
+        """Allocates arrays for all anchors and predicts every anchor from the side information.
+
+        Anchors whose packets are lost keep the predicted values.
+        """
         self.allocate()
 
         def predict(start: int) -> int:

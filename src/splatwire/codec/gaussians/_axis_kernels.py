@@ -92,7 +92,7 @@ def round_axis(source, shift, axis):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _quotient(number, divisor):
-    """Returns the quotient of integers below 2**53, rounded down; faster than a division of integers."""
+    """Divides integers below 2**53 and rounds down, with float64 arithmetic, which is faster than integer division."""
     return np.int64(np.floor(np.float64(number) / np.float64(divisor)))
 
 

@@ -1,8 +1,8 @@
 """Numba kernels that encode or decode the coarse positions of a packet's Gaussians: sorted Morton codes of grid cells.
 
 The codes form a binary tree: a node is a range of sorted codes that agree in all higher bits. A flag indicates that all
-codes of a node agree in the next bit, too; otherwise the number of codes with a zero in this bit is coded. The order of
-Gaussians is not coded, which saves log2(n!) bits for a packet of n.
+codes of a node agree in the next bit, too; otherwise the number of codes with a zero in this bit is coded. The
+Gaussians are coded as a set, without an order, which saves log2(n!) bits for a packet of n.
 """
 
 from typing import no_type_check

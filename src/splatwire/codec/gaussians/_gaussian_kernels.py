@@ -41,7 +41,7 @@ from splatwire.ops.compiled import njit
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def follow(running, steps):
-    """Updates the moving average of residual magnitudes with the next residual of a Gaussian.
+    """Updates the moving average of a Gaussian's residual magnitudes with its next residual.
 
     Args:
         running: Moving average of the preceding residuals, in sixteenths of a quantisation step.
@@ -53,7 +53,9 @@ def follow(running, steps):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def octave_of(running):
-    """Returns the context of a residual: the octave of the average magnitude of the Gaussian's preceding residuals.
+    """Returns the context of a residual: a class of the average magnitude of the Gaussian's preceding residuals.
+
+    The limits of the classes are powers of two.
 
     Args:
         running: Moving average of these magnitudes from `follow`, in sixteenths of a quantisation step.
@@ -82,7 +84,7 @@ def code_class(coder, context, value):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def thinness_of(ratio, thinness):
-    """Compands the ratio of the second to the third scale: returns the index of the nearest entry of `thinness_table`.
+    """Returns the code of a ratio of scales: the index of the nearest entry of `thinness_table` (companding).
 
     For an entry of the table, the result is exactly its index.
 

@@ -26,10 +26,10 @@ sixteenths of a quantisation step.
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_harmonics(coder, values, i, source, bases, level):
-    """Encodes or decodes the spherical harmonics of a Gaussian, transformed to Y, Co and Cg.
+    """Encodes or decodes the spherical harmonics of a Gaussian, transformed to the colour space Y Co Cg.
 
     The order is by coefficient: Y, Co, Cg of the first, then of the second, and so on. Most harmonics are 0. The
-    context of a harmonic is the magnitude of those before it in the same Gaussian.
+    context of a harmonic is the magnitude of the harmonics coded before it for the same Gaussian.
 
     Args:
         coder: Entropy coder.

@@ -1,4 +1,6 @@
-"""Numba kernels that find the nearest preceding neighbours of a Gaussian in its packet and predict it from them.
+"""Numba kernels that find the nearest neighbours of a Gaussian and predict its attributes from them.
+
+Neighbours are Gaussians of the same packet that are coded earlier, so that a decoder knows them.
 
 Sums and quotients are float64. All operands are integers below 2**53, so that sums are exact. The quotient of such
 integers, rounded down, is exact, too: an inexact quotient is farther from the next integer than the rounding error.
@@ -151,7 +153,7 @@ def _find_narrow(near, i):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _find_wide(near, i):
-    """Finds neighbours by insertion, for cells of any size."""
+    """Finds the nearest neighbours by insertion into a sorted list; suitable for coordinates of any size."""
     cells, neighbours, far = near.cells, near.indices, near.weights
     count = 0
     for j in range(i - 1, max(i - WINDOW, 0) - 1, -1):
@@ -239,10 +241,10 @@ def remember(near, row, i):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def spread_context(count, deviation, shift):
-    """Returns the context of a residual from the neighbours of the Gaussian.
+    """Returns the context of a residual, which depends on how much the Gaussian's neighbours differ from each other.
 
-    The context is 0 without neighbours, 1 for one or two, and otherwise 2 plus the octave of the neighbours' mean
-    deviation in eighths of a quantisation step.
+    The context is 0 without neighbours, and 1 for one or two neighbours. Otherwise it is 2 plus log2 of their mean
+    deviation, in eighths of a quantisation step, rounded down.
 
     Args:
         count: Number of neighbours.

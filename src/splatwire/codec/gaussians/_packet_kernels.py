@@ -48,7 +48,7 @@ SLACK = 64
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _spread_cells(codes, cells, narrow):
-    """Splits Morton codes into coordinates, by the inverse of the bit operations of `splatwire.ops.morton`."""
+    """Splits Morton codes into the coordinates of grid cells, the inverse of `splatwire.ops.morton`."""
     for a in range(3):
         for i in range(len(codes)):
             code = (codes[i] >> a) & 0x1249249249249249
@@ -62,9 +62,9 @@ def _spread_cells(codes, cells, narrow):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def slot_of(code, bits):
-    """Reverses the lowest bits of a Morton code, which gives the slot of a cell (see `layout.SLOT_BITS`).
+    """Returns the slot of a grid cell: the lowest bits of its Morton code in reverse order (see `layout.SLOT_BITS`).
 
-    Cells in neighbouring slots are far apart and spread evenly over the block.
+    Neighbouring cells thus get distant slots, and the cells of one slot are spread evenly over the block.
 
     Args:
         code: Morton code of the cell.

@@ -60,7 +60,10 @@ def scene_middle(splats: Splats) -> np.ndarray:
 
 
 def scene_log(splats: Splats) -> int:
-    """Returns the size of a scene as log2 of the median distance of its Gaussians from the centre, rounded down."""
+    """Returns log2 of the size of a scene, rounded down.
+
+    The size is the median distance of the Gaussians from the centre.
+    """
     means, ranks, middle = splats.means, middle_ranks(splats.num_gaussians), scene_middle(splats)
 
     def squares(some: np.ndarray) -> np.ndarray:

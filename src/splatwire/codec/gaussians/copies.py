@@ -93,10 +93,10 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
 
 
 def moved_copies(section: bytes, place_at: np.ndarray) -> bytes:
-    """Returns the section `sketch` (redundant copies of Gaussians) for a repacketized stream.
+    """Returns the section of redundant copies (`sketch`) for a stream whose packets were rearranged.
 
-    Repacketizing changes the order of the Gaussians. The section identifies the Gaussian of each copy by its index in
-    the stream, which is replaced here. The attributes of the copies are not changed.
+    The section identifies the Gaussian of each copy by its index in the stream. Rearranging the packets changes the
+    order of the Gaussians, so these indices are replaced. The attributes of the copies are not changed.
 
     Args:
         section: Content of the section in the old stream.

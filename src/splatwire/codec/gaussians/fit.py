@@ -79,7 +79,7 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
 
 
 def _products(number: np.ndarray, total: np.ndarray) -> np.ndarray:
-    """Estimates the mean magnitude of the residuals of each context, for contexts with few residuals.
+    """Estimates the mean magnitude of the residuals of each context, also for contexts with few residuals.
 
     For each stream, the estimate is a product of two factors: one depends on the spread, the other on the second index.
     The factors are fitted so that the sums of magnitudes over each row and column stay unchanged.

@@ -30,10 +30,10 @@ step.
 
 
 def within_reach(splats: Splats, size_log: int) -> Splats:
-    """Moves very distant Gaussians (outliers) closer to the centre of the scene.
+    """Moves very distant Gaussians (outliers) closer to the centre of the scene, which is logged.
 
-    Without this change, the lattice of positions would be too coarse for all other Gaussians. Outliers are moved
-    towards the centre and scaled by the same factor, so that they look the same from the centre. The change is logged.
+    With outliers, the lattice of positions would be too coarse for all other Gaussians. They are moved towards the
+    centre and scaled by the same factor, so that they look the same from the centre.
 
     Args:
         splats: The Gaussians.

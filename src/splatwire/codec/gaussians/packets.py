@@ -1,4 +1,4 @@
-"""Assignment of Gaussians to packets, as the encoder divides them."""
+"""Predicts which Gaussians share a packet, by encoding them."""
 
 from dataclasses import dataclass
 

@@ -46,7 +46,7 @@ def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
 
 
 def _ranked(splats: Splats) -> np.ndarray:
-    """Sorts Gaussians by their attributes, independently of their order in the stream; returns indices, int64 (N)."""
+    """Returns an order of Gaussians that depends on their attributes only, not on the stream, as indices, int64 (N)."""
     columns = [values.reshape(splats.num_gaussians, -1) for values in vars(splats).values()]
     return np.lexsort(np.concatenate(columns, axis=1).T)
 

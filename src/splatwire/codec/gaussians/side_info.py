@@ -191,7 +191,7 @@ def read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray
 
 
 def write_blocks(boxes: Boxes, defaults: np.ndarray) -> bytes:
-    """Serialises the bounding boxes and the mean attributes of blocks.
+    """Serialises the bounding boxes and mean attributes of the blocks of a stream.
 
     Args:
         boxes: Bounding boxes of the B blocks.

@@ -192,12 +192,12 @@ class SourceScene:
         return to_lattice(means.astype(np.float64), self.unit, self.size_log)
 
     def ends(self, block: int) -> np.ndarray:
-        """Returns the smallest and the largest lattice coordinates of a block's Gaussians, int64 (2, 3)."""
+        """Returns the bounding box of a block's Gaussians: smallest and largest lattice coordinates, int64 (2, 3)."""
         places = self.places(block)
         return np.array([places.min(axis=0), places.max(axis=0)])
 
     def means(self, block: int) -> np.ndarray:
-        """Returns the means of a block's opacity, scales and colour, int64 (7), in fixed point with 4 fractional bits.
+        """Returns the means of opacity, scales and colour over a block, int64 (7), with 4 fractional bits.
 
         Scales are represented as in the bitstream: logarithm of the largest scale, logarithm of its ratio to the second
         scale, and companded ratio of the second to the third scale.
@@ -296,7 +296,7 @@ def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
 
 
 def _levels_of_flat(splats: Splats, levels: np.ndarray, most: int, bases: np.ndarray, size_log: int) -> np.ndarray:
-    """Raises the precision class of flat Gaussians if rounding would make them much thicker.
+    """Assigns a finer precision class to flat Gaussians that rounding would make much thicker.
 
     The smallest scale is coded as its ratio to the second scale. A coarse quantisation step of this ratio cannot
     represent the flattest shape of the format. With a step of `1 << _FLAT_SHIFT`, the decoded smallest scale of a flat

@@ -91,10 +91,12 @@ def _code_heads(coder, heads, n, frames, first_new):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _level(magnitude):
-    """Returns the part of a motion coefficient's context that depends on neighbouring residuals, from 0.
+    """Returns a part of the context of a motion coefficient: the number of bits of the neighbouring residuals.
+
+    The result is limited.
 
     Args:
-        magnitude: Magnitude of the neighbouring residuals, an integer; the result is its number of bits, limited.
+        magnitude: Magnitude of the neighbouring residuals, an integer.
     """
     level = 0
     while magnitude >> level and level < LEVELS - 1:

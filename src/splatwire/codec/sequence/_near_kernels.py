@@ -40,10 +40,10 @@ def add_known(places, i, known, around, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _near(squares, count, lanes, some):
-    """Finds candidates for the `NUM_NEIGHBOURS` smallest squared distances.
+    """Finds a small set of candidates that contains the `NUM_NEIGHBOURS` smallest squared distances.
 
-    Distances are divided into `NUM_NEIGHBOURS` groups. Candidates are all distances up to the largest of the groups'
-    minima, so that at least `NUM_NEIGHBOURS` are found. If there are only a few distances, all of them are candidates.
+    Distances are divided into `NUM_NEIGHBOURS` groups. The candidates are all distances up to the largest of the
+    groups' minima. If there are only a few distances, all of them are candidates.
 
     Args:
         squares: Squared distances, float64.

@@ -33,7 +33,10 @@ header of each track.
 @njit(error_model="numpy")
 @no_type_check
 def _tables():
-    """Returns empty tables for the constructor of the entropy coder, because motion packets use bit models only."""
+    """Returns empty tables for the constructor of the entropy coder.
+
+    Motion packets are coded with bit models only, which need no tables.
+    """
     one = np.zeros(1, np.int64)
     return np.zeros((1, 4), np.int64), np.zeros(1, np.int32), one, one, one
 
@@ -43,7 +46,8 @@ def _tables():
 def _needed_orders(targets, rows, states, shifts, frames, orders):
     """Computes how many motion coefficients of each channel a packet must contain.
 
-    Coefficients of higher degrees are smaller than half a quantisation step for all moving tracks of the packet.
+    The coefficients of higher degrees are omitted, because they would be quantised to 0 for all moving tracks of the
+    packet.
 
     Args:
         targets: Motion coefficients before quantisation, float64 (N, channels, frames).
@@ -114,7 +118,9 @@ def _encode_packet(models, counts, frames, first_new, dead, heads, places, shift
 @njit(error_model="numpy")
 @no_type_check
 def _candidates(heads, begin, n):
-    """Returns the number of tracks with track numbers that fit the range of one packet.
+    """Returns the number of tracks, from the first track of a packet on, whose track numbers fit into one packet.
+
+    A packet can represent a limited range of track numbers.
 
     Args:
         heads: Headers of the tracks, int64 (tracks, HEAD).

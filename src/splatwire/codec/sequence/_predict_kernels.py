@@ -220,7 +220,7 @@ def _quantise(wanted, means, octaves, dead, steps):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _settle(means, octaves, steps, row):
-    """Computes the decoded coefficients of a track: prediction plus dequantised residuals.
+    """Reconstructs the coefficients of a track: prediction plus dequantised residuals.
 
     Args:
         means: Predicted coefficients, float64 (U) for U coded coefficients.
@@ -236,7 +236,7 @@ def _settle(means, octaves, steps, row):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _put(flat, orders, rows):
-    """Unpacks coded coefficients of M tracks into an array by channel and degree.
+    """Unpacks the coded coefficients of M tracks into an array by channel and degree; the inverse of packing.
 
     Args:
         flat: The coded coefficients, (M, U) for U coded coefficients per track.
@@ -254,7 +254,7 @@ def _put(flat, orders, rows):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def take(values, rows, states, orders, flat):
-    """Packs the coded coefficients of moving tracks, without the entries that are not coded.
+    """Packs the coded coefficients of M tracks into rows, without the entries that are not coded.
 
     Args:
         values: Coefficients by channel and degree, (N, channels, frames).

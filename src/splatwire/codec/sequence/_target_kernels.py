@@ -18,7 +18,7 @@ _ZERO, _ONE = np.float64(0.0), np.float64(1.0)
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _turns(quats, base, begin, end, last, far, values):
-    """Computes the rotations of a track relative to its keyframe Gaussian in frames `begin` to `end` (exclusive).
+    """Computes the rotation of a track relative to its keyframe Gaussian in frames `begin` to `end` (exclusive).
 
     Args:
         quats: Rotation of the track in each frame, as quaternions.
@@ -105,7 +105,9 @@ def _sizes(scales, opacities, base, opacity, begin, end, values):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _project(values, table, begin, end, own):
-    """Adds frames `begin` to `end` (exclusive) to the coefficients of each channel; zeros are skipped.
+    """Projects the motion in some frames onto the basis polynomials, and adds the result to a track's coefficients.
+
+    Values of 0 are skipped, because most tracks do not move.
 
     Args:
         values: Motion in each frame, by channel.

@@ -1,7 +1,7 @@
-"""Encoder of keyframe Gaussians (also called bases) of the tracks of a sequence.
+"""Encoder of the keyframe Gaussians (bases) of a sequence.
 
-A track is a Gaussian that persists over frames. Its base is coded like an explicit Gaussian, in the group of frames
-where the track begins; motion is then coded as offsets from the base.
+A track is a Gaussian that persists over frames. Its keyframe Gaussian is its state in the first frame of the group of
+frames where it begins, and is coded like an explicit Gaussian. Motion is then coded as offsets from it.
 """
 
 from dataclasses import dataclass, replace
@@ -47,7 +47,7 @@ class CodedBases:
 
 
 def span_size(count: int, block_size: int) -> int:
-    """Returns the block size that divides elements into blocks of nearly equal size.
+    """Returns the block size for a division into the fewest blocks, all of nearly equal size.
 
     Args:
         count: Number of elements, at least one.
@@ -159,7 +159,7 @@ class BaseEncoder:
 
 
 def placed(rows: np.ndarray, info: SideInfo, block: int) -> np.ndarray:
-    """Converts positions of a block's Gaussians from coordinates in the block's bounding box to scene coordinates.
+    """Converts the positions of a block's Gaussians from coordinates relative to the block to scene coordinates.
 
     Args:
         rows: Decoded integers of a block's Gaussians, int64 (n, COLUMNS), with positions in half lattice units.

@@ -141,7 +141,7 @@ class TracksDecoder:
         self._rounding[here] = np.ldexp(received.astype(np.float32), exponents)
 
     def hold(self, block: int, packets: tuple[Packet, ...]) -> None:
-        """Keeps the received packets of a block of motion for decoding on demand.
+        """Keeps the received packets of a block of motion in memory, for decoding on demand.
 
         Unlike `store`, this method does not mark the tracks as received.
 
@@ -224,7 +224,7 @@ class TracksDecoder:
                 check_memory(self._held, num_bytes, "motion that is ready")
 
     def _moved(self, packets: Sequence[Packet], received: np.ndarray) -> list["_Moved | None"]:
-        """Decodes motion packets of one group of frames.
+        """Decodes motion packets of one group of frames, without those that lack a keyframe Gaussian.
 
         Args:
             packets: The packets, at least one.
@@ -301,7 +301,7 @@ class _Spans:
                     track += span.block_elements(block)
 
     def of(self, block: int) -> tuple[int, int | None]:
-        """Returns the group of pictures and the kind of content of a block.
+        """Returns the group of pictures that a block belongs to, and the kind of its content.
 
         Args:
             block: Index of the block in the packet plan.

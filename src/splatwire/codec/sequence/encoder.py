@@ -151,9 +151,9 @@ class ClipWriter:
 
         @functools.cache
         def births() -> list[Packet]:
-            """Encodes the keyframe Gaussians of new tracks and fits the motion of these tracks.
+            """Encodes the keyframe Gaussians of new tracks, and fits the motion of these tracks.
 
-            The function is called while other tracks are encoded, and its result is cached.
+            This runs in a thread while other tracks are encoded. The result is cached.
             """
             packets = self._births(group, classes, born, numbers)
             threads, who = 1 if len(old) else self._threads, np.where(new, numbers, -1)
@@ -192,7 +192,7 @@ class ClipWriter:
         )  # fmt: skip
 
     def so_far(self, sections: Mapping[str, bytes], stream_id: int) -> tuple[Manifest, bytes]:
-        """Returns manifest and side information of the groups of frames encoded so far, for a live stream.
+        """Returns manifest and side information of a live stream, for the groups of frames encoded up to now.
 
         Args:
             sections: Additional named sections of the side information, content by name.

@@ -21,7 +21,7 @@ so the section adds about one byte per 200.
 
 @dataclass(frozen=True, eq=False)
 class Lifetimes:
-    """First and last frames of tracks, listed only for tracks that differ from the default.
+    """Lifetimes of tracks as a list of exceptions: tracks that begin late or end early.
 
     By default a track is present from the first frame of the group of its birth until the end of the sequence.
 
@@ -77,7 +77,7 @@ class Lifetimes:
         return begins, ends
 
     def most_seen(self, seen: np.ndarray, count: int) -> "Lifetimes":
-        """Returns the entries of the `count` most visible tracks only.
+        """Returns the entries of the `count` tracks with the largest visible weight; other entries are dropped.
 
         Args:
             seen: Visible weight of each track, float64 (T).

@@ -85,7 +85,7 @@ class MotionCoder:
 
     @staticmethod
     def of(count: int, targets: np.ndarray, first_new: int, most: int) -> "MotionCoder":
-        """Creates a coder whose headers, positions, steps and expected sizes are zero and filled in before encoding.
+        """Creates a coder; the caller fills in headers, positions, steps and expected sizes before encoding.
 
         Args:
             count: Number of tracks, n.

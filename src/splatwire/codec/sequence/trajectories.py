@@ -54,7 +54,9 @@ class Trajectories:
         return replace(self, **{name: values[index] for name, values in vars(self).items()})
 
     def at(self, index: np.ndarray, frame: np.ndarray) -> "Trajectories":
-        """Returns the state of tracks in one frame each, as trajectories with a single frame.
+        """Returns the state of each track in one frame, which may differ from track to track.
+
+        The result is trajectories with a single frame.
 
         Args:
             index: Indices of the tracks, int64 (m).
@@ -157,7 +159,7 @@ class PacketMoves:
 
 @dataclass(frozen=True, eq=False)
 class Offsets:
-    """Computes the offsets of a group's tracks from their keyframe Gaussians in any frame.
+    """Evaluates decoded motion: the offsets of a group's tracks from their keyframe Gaussians in any frame.
 
     Args:
         moves: Decoded motion of the moving tracks of each packet.
@@ -172,7 +174,9 @@ class Offsets:
     size_log: int
 
     def of(self, rows: np.ndarray) -> Callable[[int], np.ndarray]:
-        """Returns a function that computes the offsets of given tracks in a frame.
+        """Returns a function that computes the offsets of the given tracks in a frame.
+
+        Work that does not depend on the frame is thus done once.
 
         Args:
             rows: Index of each track among the moving tracks of all packets, int64 (n); -1 for a track that does not

@@ -1,8 +1,9 @@
-"""Network of the concealer `scene_free` for explicit Gaussians: predicts factors on size and opacity of each Gaussian.
+"""Neural network of the concealer `scene_free` for explicit Gaussians.
 
-With a share `rho` of the neighbouring Gaussians lost, `L = -log(1 - rho)`. A factor of `exp(L / 2)` on the sizes
-preserves the covered surface area. An opacity of `1 - (1 - a) ** exp(L)` preserves the transmittance of many thin
-layers. The right mix depends on how Gaussians overlap locally, and the network predicts it.
+It predicts factors on size and opacity of each received Gaussian, with which it covers lost neighbours. With a share
+`rho` of the neighbouring Gaussians lost, `L = -log(1 - rho)`. A factor of `exp(L / 2)` on the sizes preserves the
+covered surface area. An opacity of `1 - (1 - a) ** exp(L)` preserves the transmittance of many thin layers. The right
+mix depends on how Gaussians overlap locally, and the network predicts it.
 """
 
 from dataclasses import dataclass

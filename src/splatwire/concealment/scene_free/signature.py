@@ -76,7 +76,7 @@ def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:
 def _spread_of(
     area: np.ndarray, rows: np.ndarray, neighbors: Neighborhood
 ) -> tuple[Float[np.ndarray, "M k"], Float[np.ndarray, "M k"]]:
-    """Returns areas and relative distances of neighbours, from which kernel weights are computed.
+    """Returns areas and relative distances of neighbours, from which the weights of neighbours are computed.
 
     Args:
         area: Expected area of every anchor of the scene.

@@ -25,7 +25,7 @@ BYTES_PER_BIT = 2
 @njit(error_model="numpy")
 @no_type_check
 def history_of(levels, n):
-    """Returns the context of anchor `n` for the entropy coder: the number of copied anchors among the four before it.
+    """Returns a context of the entropy coder for anchor `n`: how many of the four anchors before it have a copy.
 
     Args:
         levels: Precision level of each anchor's copy; 0 for anchors without a copy.
@@ -44,10 +44,11 @@ def history_of(levels, n):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_value(buffer, state, model, own, shared, value):
-    """Encodes a signed integer: a bit "not 0", the sign, and the magnitude in unary, or in Elias gamma if large.
+    """Encodes a signed integer: a bit that is 1 unless the integer is 0, the sign, and the magnitude.
 
-    The bit "not 0" and the first `OWN` bits of the magnitude have separate probabilities for each column of
-    coefficients. Further bits have probabilities that all columns of a precision level share.
+    The magnitude is coded in unary, or in Elias gamma code if it is large. The first bit and the first `OWN` bits of
+    the magnitude have separate probabilities for each column of coefficients. Further bits have probabilities that all
+    columns of a precision level share.
 
     Args:
         buffer: Output bytes.
@@ -102,7 +103,7 @@ def decode_value(data, state, model, own, shared):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_levels(buffer, state, model, levels, buckets, num_levels):
-    """Encodes for every anchor whether it has a copy, and the copy's precision level in unary.
+    """Encodes the precision level of each anchor's copy, in unary; level 0 means that an anchor has no copy.
 
     Args:
         buffer: Output bytes.

@@ -123,7 +123,9 @@ def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedS
 
 @dataclass(frozen=True, eq=False)
 class SketchedLoss:
-    """A received scene with coarse copies in place of lost anchors, and the statistics for enlarging drawn anchors.
+    """A received scene with copies in place of lost anchors, and the neighbourhood statistics for the enlargement.
+
+    Drawn anchors next to anchors that are not drawn are enlarged.
 
     Attributes:
         filled: Scene in which anchors with a copy count as received, from `with_sketch`; at least one anchor is drawn.
@@ -146,7 +148,7 @@ class SketchedLoss:
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
     def proposal(self, section: SketchSection) -> Concealed:
-        """Builds the concealer's result with the parameters of the enlargement in a section `sketch`."""
+        """Builds the concealer's result, with the parameters of the enlargement that a section `sketch` contains."""
         rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
         gain = rule.gain(self.left, self.filled.known, self.filled.tier_sizes)
         gains = default_weights()(replace(self.inputs, grown=gain), section.trust)
@@ -206,7 +208,7 @@ def sketched_attributes(
 
 
 def sizes_of(partial: ReceivedScene[AnchorScene]) -> SketchSizes:
-    """Returns the numbers of anchors, feature channels and offsets that `read_sketch` needs."""
+    """Returns the array dimensions of a scene that `read_sketch` needs."""
     return SketchSizes(partial.scene.num_elements, partial[AnchorLayout].feature_dim, partial[AnchorLayout].num_offsets)
 
 

@@ -150,10 +150,10 @@ def begun_share(begins: np.ndarray, frames: int) -> np.ndarray:
 
 
 def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
-    """Returns the mask of tracks that begin in the same group as most received tracks, bool (T).
+    """Selects tracks with comparable offsets: those that begin in the same group as most received tracks, bool (T).
 
     The offsets of a track are relative to its keyframe Gaussian, which belongs to the first group of the track. Offsets
-    of tracks with different first groups thus refer to different times. Only changes of such offsets can be compared.
+    of tracks with different first groups thus refer to different times, and only their changes can be compared.
     """
     return born == np.bincount(born[observed]).argmax()
 

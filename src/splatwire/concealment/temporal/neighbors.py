@@ -105,7 +105,7 @@ class Neighbors:
 
 
 def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns `contrasts` and `contrast` of `Neighbors`, for a linear regression of colour changes on colours.
+    """Fits a linear regression of colour changes on colours; returns `contrasts` and `contrast` of `Neighbors`.
 
     The regression is needed because a change of lighting brightens bright surfaces more than dark ones.
 

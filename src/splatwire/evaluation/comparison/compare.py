@@ -202,7 +202,7 @@ def _scored(
 
 @dataclass(frozen=True, eq=False)
 class _Extent:
-    """Position and size of a scene, to detect that two files contain different scenes.
+    """Position and size of a scene, with which files of different scenes are detected.
 
     Attributes:
         path: File of the scene.
@@ -258,7 +258,7 @@ class _Extent:
 
 @dataclass(frozen=True, eq=False)
 class _Opened:
-    """A scene that was read from a file, and its score, in which the image quality is not yet filled in."""
+    """A scene that was read from a file, with its score before image quality is measured."""
 
     scene: Scene
     score: FileScore

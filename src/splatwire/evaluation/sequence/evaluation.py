@@ -154,7 +154,7 @@ def frame_psnr(pictures: Float[np.ndarray, "V H W 3"], reference: Float[np.ndarr
 
 
 class _Arrived:
-    """The sequence decoded from the packets that arrive in one configuration."""
+    """Decodes a sequence from the packets that arrive in one configuration."""
 
     def __init__(self, stream: SceneStream, row: ClipRow) -> None:
         self._concealer, self._there = clip_concealer(row.concealer), None

@@ -1,4 +1,7 @@
-"""Charts of a report as SVG; they need no window system and change no global state of matplotlib."""
+"""Charts of a report as SVG.
+
+They need no display and do not change the global state of matplotlib.
+"""
 
 import io
 from collections.abc import Mapping, Sequence

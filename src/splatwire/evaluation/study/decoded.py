@@ -20,7 +20,7 @@ SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> PreparedStream | None:
-    """Returns another codec's result on a scene, described like a stream, but without packets.
+    """Describes the result of another codec on a scene in the same way as a stream, but without packets.
 
     Args:
         row: The table row of the other codec.

@@ -287,7 +287,10 @@ class Study:
 
 
 def _difference(preset: Packetization, other: Packetization, name: str) -> list[str]:
-    """Returns the name of a packetization preset followed by the parameters that differ from it."""
+    """Describes a packetization as a preset and the parameters that differ from it.
+
+    The result is a name of a stream.
+    """
     changed = {key: value for key, value in vars(other).items() if getattr(preset, key) != value}
     return [name, *(value if isinstance(value, str) else f"{key}={value}" for key, value in changed.items())]
 
@@ -346,7 +349,7 @@ def _unique(what: str, names: Sequence[str], *, least: int) -> None:
 
 
 def common_word(words: Iterable[str]) -> str:
-    """Returns the name of the scenes' elements, such as `anchors`, if all scenes have the same; else "elements".
+    """Returns the name of the elements in reports, such as `anchors`; "elements" if scenes have different elements.
 
     Args:
         words: Name of the elements of each scene.

@@ -112,7 +112,7 @@ class Attempts:
 
 
 def describe(unit: Unit) -> str:
-    """One-line description of a task for messages."""
+    """Describes a task in one line, for messages."""
     loss = "without loss" if unit.loss is None else f"{unit.loss.label}, seed {unit.seed}"
     return f"scene {unit.scene}, {Path(unit.stream.path).stem}, {unit.conceal}, {loss}"
 

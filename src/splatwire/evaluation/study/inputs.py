@@ -72,7 +72,7 @@ class PreparedScene:
     codec: str
 
     def lacks(self, row: Row) -> str:
-        """Returns the reason why a method (table row) cannot be evaluated on this scene; empty if it can be."""
+        """Returns the reason why a method (table row) cannot be evaluated on this scene; empty if there is none."""
         if row.needs_weights and self.entry.weights is None:
             return "it has no calibrated weights (splatwire calibrate makes them)"
         absent = [name for name in row.sections if name not in self.sections]
@@ -268,7 +268,7 @@ def _frame_views(source: Source, stamp: str, store: Store) -> SceneEntry:
 
 
 def _with_cameras(entry: SceneEntry, drawn: Callable[[], Scene], stamp: str, store: Store) -> SceneEntry:
-    """Returns the definition of a scene; adds generated cameras if the user gave neither cameras nor photos.
+    """Adds generated cameras to the definition of a scene if the user gave neither cameras nor photos.
 
     Args:
         entry: Definition of the scene.

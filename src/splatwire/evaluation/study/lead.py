@@ -1,4 +1,4 @@
-"""First part of a report: summary sentence, image comparison slider, loss curve, and a glossary of the tables."""
+"""First part of a report: summary sentence, image comparison, loss curve, and explanations of terms in the tables."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -211,7 +211,7 @@ def rows_that_lose(result: StudyResult, summaries: Sequence[Summary]) -> set[str
 
 
 def terms_of(tables: Sequence[Table]) -> list[tuple[str, str]]:
-    """Returns the terms that occur in tables, each with its explanation.
+    """Returns the explanations of the terms that occur in tables, by term.
 
     Args:
         tables: Tables of the report. Column headings and first cells of rows are looked up in `TERMS`.

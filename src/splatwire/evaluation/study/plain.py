@@ -89,5 +89,5 @@ def _row(result: StudyResult, summary: Summary) -> dict[str, Any]:
 
 
 def _stream_name(row: Row) -> str:
-    """Returns "contiguous" for rows with contiguous packets, else "stream"."""
+    """Returns the name of the stream that a table row uses: "contiguous" for contiguous packets, else "stream"."""
     return "contiguous" if row.packetization is not None and row.packetization.grouping == "contiguous" else "stream"

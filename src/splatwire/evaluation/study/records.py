@@ -87,7 +87,7 @@ class Record:
     others: Mapping[str, float | None] = field(default_factory=dict)
 
     def figure(self, metric: str) -> float | None:
-        """Returns the value of a metric, or None if it was not measured."""
+        """Returns the value of the metric with a given name; None if it was not measured."""
         found: float | None = self.others[metric] if metric in self.others else getattr(self, metric)
         return found
 
@@ -113,7 +113,7 @@ RECORD_COLUMNS = {item.name for item in fields(Record)} - {"psnr", "ssim", "lpip
 
 
 def hardest(records: Sequence[Record], count: int) -> tuple[int, ...]:
-    """Returns the indices of the views with the lowest PSNR, hardest first.
+    """Returns the indices of the views with the lowest PSNR, lowest first.
 
     Returns the first views if PSNR was not measured.
     """

@@ -139,7 +139,7 @@ def run_study(study: Study, store: Store, engine: Engine, progress: Progress) ->
 
 @dataclass
 class _Shift:
-    """Executes the tasks whose results are not in the store; counts computed tasks and workers that died."""
+    """Executes the tasks that the store has no results of, and counts executed tasks and dead workers."""
 
     store: Store
     engine: Engine
@@ -172,7 +172,7 @@ def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequ
 
 
 def _judges(study: Study, cells: Sequence[Cell]) -> list[Cell]:
-    """Returns the tasks that determine which views are the hardest (lowest PSNR): one task per scene and loss.
+    """Selects the tasks whose PSNR determines the hardest views (lowest PSNR): one task per scene and loss.
 
     The tasks are those of the baseline. Without a baseline, they are those of the first row with losses.
     """

@@ -124,7 +124,7 @@ def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, flo
 
 
 def our_parts(stream: PreparedStream) -> dict[str, int]:
-    """Returns the bytes of a stream of this package by category (attributes, networks, headers)."""
+    """Returns the bytes of a stream by category (attributes, networks, headers), comparable to those of HAC++ files."""
     parts = dict.fromkeys(_ORDER, 0)
     for name, size in stream.parts.items():
         parts[_OURS.get(name, _REST)] += size

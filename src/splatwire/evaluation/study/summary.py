@@ -234,7 +234,7 @@ def _mean_of(group: Sequence[Summary], what: str, summaries: Sequence[Summary], 
 
 @dataclass(frozen=True)
 class Ordering:
-    """Published PSNR difference of two methods, and the difference measured here.
+    """PSNR difference of two methods, as published and as measured here.
 
     Attributes:
         scene: The scene.
@@ -320,7 +320,7 @@ def _over_views(run: list[Record], metric: str) -> float:
 
 
 def _columns(runs: list[list[Record]], metric: str) -> list[tuple[float, ...]]:
-    """Regroups the values of a metric by view.
+    """Regroups the values of a metric: from records per seed to one tuple of values per view.
 
     Args:
         runs: Records (scores per view) of each seed.

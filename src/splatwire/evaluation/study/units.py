@@ -117,9 +117,7 @@ _COUNTING = (
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A task of an evaluation, and the position of its result in the result tables.
-
-    Several results can come from one task, because tasks with equal results are computed only once.
+    """A task of an evaluation, with the position of its result in the tables: scene, row, loss and seed.
 
     Attributes:
         scene: Name of the scene.

@@ -68,7 +68,7 @@ _WORKSHOPS: dict[str, "UnitRunner"] = {}
 
 
 def _silent(task: str, share: float) -> None:
-    """Progress callback that does nothing."""
+    """Ignores a progress report; the default callback."""
 
 
 def use_one_thread() -> None:
@@ -221,7 +221,7 @@ class UnitRunner:
         return keep(self._arrived, (unit.stream.digest, mask), _SCENES, decode)
 
     def _common(self, unit: Unit, arrived: ReceivedInput) -> dict[str, Any]:
-        """Returns those fields of a task's records (`Record`) that are equal for all views, by name.
+        """Returns the fields of a task's records (`Record`) that have the same value for all views, by name.
 
         Args:
             unit: The task.
@@ -288,7 +288,7 @@ class UnitRunner:
 
 
 def erode(whole: ReceivedScene, anchors: Bool[np.ndarray, "N"], attribute: Attribute) -> ReceivedScene:
-    """Simulates the loss of one attribute: some anchors lose it and keep all others (paper 3.2.1, "partial loss").
+    """Simulates the loss of a single attribute of some anchors (paper 3.2.1, "partial loss").
 
     Args:
         whole: The complete scene.

@@ -124,7 +124,7 @@ def deliver(
 
 
 class _Sender:
-    """Simulated sender of packets; it detects losses only from the receiver's reports."""
+    """Simulated sender of packets, which learns about losses only from the receiver's reports."""
 
     def __init__(self, tiles: Tiles, blocks: np.ndarray, sizes: np.ndarray, link: Link, seconds: float) -> None:
         self._tiles, self._blocks, self._sizes, self._link = tiles, blocks, sizes, link

@@ -43,7 +43,7 @@ def metadata_of_asset(asset: object) -> SceneMetadata:
 
 
 def warn_of_unused_extras(path: Path, asset: object) -> None:
-    """Logs fields in the `extras` of an `asset` that may shift, scale or rotate the scene but are not applied."""
+    """Logs a warning about fields in `extras` that may move, scale or rotate the scene and are not applied."""
     extras = asset.get("extras") if isinstance(asset, dict) else None
     if isinstance(extras, dict):
         warn_of_unused_fields(path, {name: extras[name] for name in extras if name not in (_OWN, *_TEXTS)})

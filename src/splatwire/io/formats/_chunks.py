@@ -93,7 +93,7 @@ def _cut(splats: Splats, rows: np.ndarray, most_filled: int) -> tuple[np.ndarray
 
 
 def _lengths(means: np.ndarray, limits: np.ndarray) -> list[int]:
-    """Returns the number of Gaussians of each chunk.
+    """Divides sorted Gaussians into chunks with small rounding errors; returns the number of Gaussians of each chunk.
 
     Each chunk ends before the first Gaussian that would enlarge the quantisation steps beyond the error limit of any
     Gaussian in it.

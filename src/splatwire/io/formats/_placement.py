@@ -127,7 +127,9 @@ _MAX_BETWEEN = 4
 
 
 def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -> None:
-    """Logs comments that may change the meaning of the file's values (e.g. a shift of positions) but are not applied.
+    """Logs a warning about PLY comments that may change the meaning of the file's values and are not applied.
+
+    An example is a shift of positions.
 
     Args:
         path: The file.
@@ -153,7 +155,10 @@ def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -
 
 
 def warn_of_files_beside(path: Path) -> None:
-    """Logs files beside a PLY with the shift that Pix4D, Metashape or DJI Terra subtracted from its positions."""
+    """Logs a warning about files next to a PLY that contain a shift of its positions, which is not applied.
+
+    Pix4D, Metashape and DJI Terra subtract this shift from positions.
+    """
     folder = path.parent
     beside = [folder / name for name in (f"{path.stem}_offset.xyz", "offset.xyz", f"{path.stem}_origin.json")]
     found = [file.name for file in beside if file.is_file()]
@@ -168,7 +173,7 @@ def warn_of_files_beside(path: Path) -> None:
 
 
 def warn_of_unused_fields(path: Path, content: object) -> None:
-    """Logs fields of a JSON object that may change positions (shift, scale, axes) or other values, and are not applied.
+    """Logs a warning about JSON fields that may change positions or other values and are not applied.
 
     Args:
         path: The file.
@@ -198,10 +203,7 @@ def _warn(path: Path, comment: str, meaning: str, kind: str = "comment") -> None
 
 
 def _meaning(comment: str) -> str | None:
-    """Returns the possible meaning of a comment, such as `a shift of the positions`.
-
-    Returns None for comments that this package applies, and for comments that do not affect any values.
-    """
+    """Returns the possible meaning of a comment that is not applied, such as `a shift of the positions`, else None."""
     if comment.startswith("splatwire") or is_metadata(comment):
         return None
     words = [word.lower() for word in _WORDS.findall(_TOOL.sub("", comment))]
@@ -245,7 +247,7 @@ def _number(word: str) -> float | None:
 
 
 def _is_identity(values: list[float]) -> bool:
-    """Returns True for numbers that shift nothing: zeros, one flag, an identity matrix, or an identity rotation.
+    """Returns True for numbers that describe no change: zeros, one flag, an identity matrix, or an identity rotation.
 
     Args:
         values: Numbers of a comment or field, interpreted by their count. 1: a flag. 3: a vector. 9, 12 or 16: a matrix

@@ -92,7 +92,7 @@ def _warn_of_scales(path: Path, scales: np.ndarray) -> None:
 
 
 def _extent(some: PlyElement) -> float:
-    """Returns the extent of the scene along its longest axis, without outliers, world units."""
+    """Returns the extent of the scene along its longest axis, world units; outliers are ignored."""
     means = some.select_wide(["x", "y", "z"])
     means = means[np.isfinite(means).all(axis=1)]
     if not len(means):

@@ -230,7 +230,7 @@ def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 
 def _without_far(splats: Splats, path: Path) -> Splats:
-    """Removes the far Gaussians, up to half of all, that would cause visible rounding of the other Gaussians."""
+    """Removes distant Gaussians that would cause visible rounding of the others; at most half of all Gaussians."""
 
     def errors(column: Column) -> np.ndarray:
         means = column.others
@@ -265,7 +265,7 @@ def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Spla
 
 
 def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, list[float]]:
-    """Finds the fewest outliers of scales or colours whose clipping makes the quantisation steps invisible.
+    """Finds the fewest outliers of scales or colours whose clipping makes the rounding of all other values invisible.
 
     Args:
         values: Logarithms of scales, or colours, in the order of the file, float64 (N, 3).

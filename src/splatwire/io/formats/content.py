@@ -51,7 +51,7 @@ class FileContent(CheckedFields):
 
 
 def warn_of_rounded_positions(path: Path, splats: Splats, origin: Origin) -> None:
-    """Logs a warning if the float32 positions in a file are so far from 0 that they were rounded visibly when written.
+    """Logs a warning if the positions in a file were rounded visibly when they were written as float32.
 
     Args:
         path: The file.

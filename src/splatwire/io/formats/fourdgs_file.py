@@ -142,7 +142,7 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
 
 
 class _Runs:
-    """Collects runs: consecutive frames in which a Gaussian keeps all its values.
+    """Converts frames to runs: consecutive frames in which a Gaussian keeps all its values.
 
     Gaussians of consecutive frames are compared row by row if both frames have the same number of Gaussians. Otherwise,
     all runs end.

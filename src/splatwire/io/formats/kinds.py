@@ -409,7 +409,7 @@ _FACTS = frozenset(("antialiased", "metadata", "note", "origin", "outliers"))
 
 
 def _first_used(module: str, name: str) -> Callable[..., Any]:
-    """Returns a function that imports and calls the reader or writer `name` of a module of `splatwire.io.formats`.
+    """Returns a function that imports a reader or writer of `splatwire.io.formats` at its first call.
 
     The deferred import avoids loading the libraries of all other formats.
     """

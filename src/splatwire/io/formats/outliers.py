@@ -160,7 +160,7 @@ def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
 
 
 def _are_costly(errors: np.ndarray, scales: np.ndarray) -> bool:
-    """True if too many Gaussians have position errors above the limit `FINE` (arguments: see `visible_errors`)."""
+    """True if too many Gaussians have visible position errors, that is, errors above the limit `FINE`."""
     return bool(len(errors)) and float((errors > scales / FINE).mean()) > _FEW_COSTLY
 
 

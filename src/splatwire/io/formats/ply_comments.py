@@ -37,7 +37,7 @@ _MIP = re.compile(r"(?:mip[-_ ]?(?:splat(?:s|ting)?|filter(?:ed|ing)?)?|anti[-_ 
 
 
 def states_antialiasing(comments: Iterable[str]) -> bool:
-    """Returns True if the last header comment about antialiasing enables it.
+    """Returns True if header comments enable antialiasing; of several comments, the last one applies.
 
     Args:
         comments: Text of each comment, without the word `comment`.

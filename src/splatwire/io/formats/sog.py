@@ -196,7 +196,7 @@ class _Sog:
         return self._codebook("sh0")[pixels[:, :3]], pixels[:, 3] / _CHANNEL
 
     def _colors_first(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns constant coefficients (N, 3) and opacities (N) of a version 1 file."""
+        """Returns constant coefficients (N, 3) and opacities (N) from a version 1 file."""
         values = self._between("sh0", self._pixels("sh0"))
         return values[:, :3], 1 / (1 + np.exp(-values[:, 3]))
 
@@ -337,16 +337,13 @@ class _Sog:
 
 
 def _reason(error: Exception) -> str:
-    """Returns the end of an error message: the error of the image library.
-
-    Returns an empty text for an unknown image format, because the message states this already.
-    """
+    """Returns the message of the image library as the end of an error message; empty for an unknown image format."""
     return "" if isinstance(error, UnidentifiedImageError) else f": {error}"
 
 
 def _most_pixels(pixels: int) -> int:
-    """Returns the maximum accepted number of pixels of an image that stores `pixels` values.
+    """Returns the maximum accepted number of pixels of an image that stores `pixels` values, including padding.
 
-    It is larger than `pixels`, because writers pad images in different ways.
+    Writers pad images in different ways.
     """
     return 2 * pixels + _SPARE_PIXELS

@@ -98,7 +98,7 @@ def read_splatv(path: Path) -> MovingSplats:
 
 
 def _piece(path: Path, data: bytes) -> tuple[int, int]:
-    """Returns offset and size in bytes of the data block that contains the Gaussians."""
+    """Returns the position and size in bytes of the data block with the Gaussians."""
     try:
         pieces, before = json.loads(data), 0
         for piece in pieces:

@@ -103,7 +103,7 @@ def read_spz(path: Path) -> FileContent:
 
 
 def _log_left_out(path: Path, header: _Header) -> None:
-    """Logs parts of the file that this package does not support and ignores."""
+    """Logs the parts of the file that are ignored because this package does not support them."""
     if header.degree > MAX_DEGREE:
         dropped = 3 * ((header.degree + 1) ** 2 - (MAX_DEGREE + 1) ** 2)
         LOG.warning(

@@ -220,7 +220,7 @@ def _joined(index: Path, chunks: list[Path], pieces: dict[int, list[Piece]], nam
 
 
 def _widened(joined: Splats | None, count: int, total: int, degree: int) -> Splats:
-    """Allocates arrays for `total` Gaussians and copies the first `count` Gaussians of `joined`."""
+    """Allocates arrays for `total` Gaussians and copies those read so far into them."""
     room = Splats.empty(total, degree)
     for begin in range(0, 0 if joined is None else count, ROWS):
         assert joined is not None

@@ -69,7 +69,7 @@ def load_torch_file(path: Path) -> Any:
 
 
 def is_plain(value: Any) -> bool:
-    """Returns True if `value` is a dense CPU tensor of finite numbers, not larger than the limit for tensor files.
+    """Returns True if `value` is a dense CPU tensor of finite numbers, within the size limit for tensor files.
 
     A tensor with a stride of 0 can claim more numbers than its file has bytes, so the size is checked first.
     """

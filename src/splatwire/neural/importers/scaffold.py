@@ -103,7 +103,7 @@ def _head(
     num_offsets: int,
     appearance: int | None,
 ) -> Mlp:
-    """Builds one of the networks of an anchor scene from the weights of a Scaffold-GS network.
+    """Converts a network of Scaffold-GS to a network of an anchor scene.
 
     The inputs of the result are the anchor's feature, the viewing direction and the distance. If the Scaffold-GS
     network has no input for the distance, the weights of this input are 0. An appearance embedding is a further input

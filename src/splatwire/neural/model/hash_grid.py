@@ -1,4 +1,7 @@
-"""Binary hash grid in floating point: table rows and weights of the corners around a position, for training."""
+"""Binary hash grid in floating point, for training.
+
+Positions are interpolated between grid points; this module finds the table rows of these points and their weights.
+"""
 
 import torch
 from jaxtyping import Float, Int64
@@ -58,9 +61,10 @@ def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
 
 
 def _row_terms(at: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
-    """Returns the contribution of each axis to the index of a table row: a summand, or an operand of the XOR hash.
+    """Returns the contribution of each axis to the index of a table row.
 
-    Summands are used if the level has a row for every grid point, the XOR hash otherwise.
+    If the level has a row for every grid point, contributions are summands of the index. Otherwise they are operands of
+    the XOR hash.
 
     Args:
         at: Coordinates of the two neighbouring grid points per axis.

@@ -21,7 +21,11 @@ def signs(values, out):
 @njit(parallel=True)
 @no_type_check
 def clip_gradient(values, gradient):
-    """Sets the gradient of sign values to zero where the value is outside [-1, 1], in place."""
+    """Sets the gradient to zero where the trained value is outside [-1, 1], in place.
+
+    The hash grid uses only the signs of trained values. Straight-through training treats the sign function as the
+    identity inside this range and as constant outside of it.
+    """
     for i in prange(values.shape[0]):
         if not (-1 <= values[i] <= 1):
             gradient[i] = 0

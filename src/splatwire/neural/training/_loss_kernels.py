@@ -114,7 +114,7 @@ def similarity(moments, blurred, x, y, c1, c2, sums):
 @njit(parallel=True)
 @no_type_check
 def combine(gradients, x, y, dssim, out):
-    """Writes the gradient of the loss with respect to the picture to `out`.
+    """Computes the gradient of the photometric loss with respect to the picture, and writes it to `out`.
 
     Args:
         gradients: Blurred gradients of SSIM with respect to x, x * x and x * y.

@@ -1,6 +1,7 @@
-"""The causal context model in training: noise in place of quantisation with learnt steps, and estimates of the rate.
+"""The causal context model in training, which adds noise in place of rounding and estimates the rate.
 
-Uniform noise as wide as a quantisation step replaces rounding. The rate is estimated from a random sample of anchors.
+The noise is uniform and as wide as a quantisation step; steps are learnt. The rate is estimated from a random sample of
+anchors.
 """
 
 import math
@@ -59,9 +60,9 @@ class TrainedCausal:
             calibrate_causal(state, self._config, self.place(state))
 
     def place(self, state: TrainState) -> Float[Tensor, "N P"]:
-        """Returns the inputs of the position network for all anchors, cached until the set of anchors changes.
+        """Returns the inputs of the model's first network (position network) for all anchors.
 
-        The position network predicts from an anchor's position.
+        They depend on the anchors' positions only, so they are cached until anchors are added or removed.
         """
         if self._inputs is None or self._key is not state.voxels:
             self._key, self._inputs = state.voxels, place_of(state)
@@ -116,7 +117,10 @@ class TrainedCausal:
 
 
 def place_of(state: TrainState) -> Float[Tensor, "N P"]:
-    """Computes the inputs of the position network, which predicts from an anchor's position, for all anchors."""
+    """Computes the inputs of the position network for all anchors: positions and their positional encoding.
+
+    The position network is the first network of the causal model and predicts from an anchor's position.
+    """
     middle, spread = (state.bounds_max + state.bounds_min) / 2, (state.bounds_max - state.bounds_min) / 2
     return place_inputs((state.voxels - middle) / spread, torch.cat)
 
@@ -171,7 +175,7 @@ def causal_networks(parameters: dict[str, Tensor], config: CausalConfig) -> dict
 
 
 def _evaluated(networks: dict[str, Mlp]) -> dict[str, Callable[[Tensor], Tensor]]:
-    """Returns a function for each network that evaluates it."""
+    """Returns each network as a function of its inputs."""
     return {name: partial(run_network, network) for name, network in networks.items()}
 
 

@@ -1,4 +1,4 @@
-"""The causal model in training on a GPU: the same results as `splatwire.neural.training.causal`, in fewer operations.
+"""The causal context model in training on a GPU: results as in `splatwire.neural.training.causal`, in fewer operations.
 
 Visible and sampled anchors are processed together (gathering, noise, masks). All networks are packed into one network,
 because in training, unlike in decoding, the inputs of every network are known from the start.
@@ -155,7 +155,7 @@ def sample_bits(
 
 
 class _NumberBits(torch.autograd.Function):
-    """Autograd function of `causal.number_bits` that computes its gradient in the forward pass.
+    """Autograd function that computes the bits of quantised values (`causal.number_bits`) together with their gradient.
 
     `a` and `b` are the bounds of a value's quantisation interval, measured from the mean in units of sqrt(2) standard
     deviations. The probability of the value is half of `erfc(a) - erfc(b)`.

@@ -67,7 +67,7 @@ class LearningRates:
 
 @dataclass(frozen=True)
 class Marks:
-    """Schedule of a training: numbers of the iterations after which phases start or end.
+    """Schedule of a training: the iterations after which its phases start or end.
 
     Attributes:
         iterations: Total number of iterations.

@@ -189,7 +189,7 @@ def straight_through(logits: Float[Tensor, "M K"], threshold: float) -> tuple[Fl
 
 
 def step_columns(prior: Mlp) -> Mlp:
-    """Returns the prior network restricted to its last three outputs, the logits of the quantisation steps."""
+    """Returns a part of the prior network: the last three outputs, which are the logits of the quantisation steps."""
     return Mlp(prior.hidden, Linear(prior.output.weight[-3:], prior.output.bias[-3:]), prior.negative_slope)
 
 

@@ -1,4 +1,4 @@
-"""Fitting of network parameters to fixed anchors by Adam on random samples."""
+"""Fits network parameters to fixed anchors, with Adam on random samples of the anchors."""
 
 from collections.abc import Callable, Sequence
 

@@ -162,13 +162,13 @@ def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K
 
 
 def _keys(cells: Int64[Tensor, "M 3"]) -> Int64[Tensor, "M"]:
-    """Combines the three indices of each grid cell into one unique 64-bit number."""
+    """Encodes the three indices of each grid cell as one unique 64-bit integer."""
     shifted = cells + (1 << (_KEY_BITS - 1))
     return (shifted[:, 0] << (2 * _KEY_BITS)) | (shifted[:, 1] << _KEY_BITS) | shifted[:, 2]
 
 
 def _cells(keys: Int64[Tensor, "M"]) -> Int64[Tensor, "M 3"]:
-    """Splits the numbers of `_keys` into the three indices of each grid cell."""
+    """Decodes the integers of `_keys` to the three indices of each grid cell."""
     low = (1 << _KEY_BITS) - 1
     parts = [keys >> (2 * _KEY_BITS), (keys >> _KEY_BITS) & low, keys & low]
     return torch.stack(parts, dim=1) - (1 << (_KEY_BITS - 1))

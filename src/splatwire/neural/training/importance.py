@@ -13,11 +13,10 @@ from splatwire.types.importance import Importance
 
 @torch.no_grad()
 def importance_of(state: TrainState, config: TrainConfig, cameras: Cameras) -> Importance:
-    """Returns the importance of each anchor for the training views.
+    """Returns the importance of each anchor for the training views: its share of the opacity that all views show.
 
-    It is the anchor's share of a sum over all Gaussians and views: the sum of opacity times projected area.
-
-    Every anchor must have an offset, because exporting the scene removes anchors without offsets.
+    An anchor's contribution is the sum of opacity times projected area over its Gaussians and all views. Every anchor
+    must have an offset, because exporting the scene removes anchors without offsets.
     """
     return footprint_importance(export_scene(state, config, state.device), cameras)
 

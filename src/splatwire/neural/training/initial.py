@@ -200,9 +200,9 @@ def _voxels(points: Float[Tensor, "P 3"], voxel_size: float) -> Int64[Tensor, "N
 
 
 def _derived_voxel_size(points: Float[Tensor, "P 3"]) -> float:
-    """Derives a voxel size from points: the median over points of the mean squared distance to three neighbours.
+    """Derives a voxel size from the spacing of points.
 
-    As in HAC++, no square root is taken.
+    It is the median over points of the mean squared distance to three neighbours. As in HAC++, no square root is taken.
     """
     size = float(_mean_squared_distance(torch.unique(points, dim=0)).median())
     if not (math.isfinite(size) and size > 0):

@@ -86,7 +86,7 @@ def _seeded(generator: torch.Generator, device: torch.device) -> torch.Generator
 
 @dataclass(frozen=True)
 class Randomness:
-    """Functions that draw random numbers with the random generator of the training.
+    """Functions that draw random numbers, either on the CPU or on the training device.
 
     Attributes:
         uniform: Draws uniform random numbers in [0, 1) of a given shape.

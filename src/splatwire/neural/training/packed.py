@@ -73,7 +73,7 @@ def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetw
 def _places(
     shapes: tuple[Shape, ...], order: tuple[int, ...], device: torch.device
 ) -> tuple[Int64[Tensor, "packed"], Int64[Tensor, "numbers"], Float[Tensor, "1"]]:
-    """Computes the indices that gather the weights of all networks into the packed weights, and back.
+    """Computes the indices that copy the weights of all networks into the packed weights, and back.
 
     Returns:
         For each packed weight, its index in the concatenated weights of all networks. For each concatenated weight, its
@@ -103,9 +103,9 @@ def _places(
 
 
 class _Packed(torch.autograd.Function):
-    """Autograd function that gathers the weights of several networks into one tensor.
+    """Autograd function that copies the weights of several networks into one tensor, by index.
 
-    Its gradient also gathers by index, because each weight is used exactly once.
+    Its gradient is also computed by index, because each weight is used exactly once.
     """
 
     @staticmethod

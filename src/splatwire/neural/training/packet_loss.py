@@ -86,7 +86,7 @@ class PacketLosses:
 
     @property
     def _start(self) -> int:
-        """Last iteration without packet loss.
+        """Last iteration without packet loss: packet loss is simulated only late in the training.
 
         Without fine-tuning, it is the last iteration of the growth phase, in which anchors are added and removed. With
         fine-tuning, it is the last iteration before the fine-tuning. Earlier packet loss reduces the quality of short
@@ -206,7 +206,7 @@ class PacketLosses:
         return relative_sizes(sizes, gaussians, tiers, 2)[tiers]
 
     def _arrange(self, state: TrainState) -> None:
-        """Updates the coding order and the neighbours of the anchors after anchors were added or removed."""
+        """Recomputes the coding order and the neighbours of the anchors; called after anchors were added or removed."""
         if self._voxels is state.voxels:
             return
         order = anchor_order(state.voxels.cpu().numpy(), "morton")

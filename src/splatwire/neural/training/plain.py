@@ -61,7 +61,7 @@ class _InterpolateSigns(torch.autograd.Function):
 def _levels(
     corners: GridCorners, index: Int64[Tensor, "M"]
 ) -> Iterator[tuple[Int32[Tensor, "M corners"], Float[Tensor, "M corners"]]]:
-    """Yields for each level of the hash grid the table rows and weights of the positions `index`."""
+    """Yields the table rows and weights of the positions `index`, for one level of the hash grid after another."""
     for rows, weights in (
         (corners.volume_rows, corners.volume_weights),
         (corners.plane_rows, corners.plane_weights),

@@ -160,7 +160,7 @@ def for_length(rates: LearningRates, iterations: int) -> LearningRates:
     """Adapts published learning rates to the length of a training: shorter trainings get higher final rates.
 
     With the published final rates, the Gaussians of a short training do not converge: lego is 1.1 dB lower after 2,400
-    iterations (one training). The final rates used here are 30 times larger; final rates 12 times larger are 0.3 dB
+    iterations (one training). The final rates used here are 30 times larger. Final rates 12 times larger are 0.3 dB
     worse. Constant rates for opacity and colour are 0.1 dB worse. Higher final rates for hash grid and context networks
     make lego's stream three times as large.
 
@@ -177,9 +177,10 @@ def for_length(rates: LearningRates, iterations: int) -> LearningRates:
 
 
 def _with_late_factors(rates: LearningRates, iterations: int) -> LearningRates:
-    """Sets the factors on learning rates late in the training (`LearningRate.late`) to those of `CAUSAL_LATE`.
+    """Lowers the learning rates of the causal model late in the training, by the factors in `CAUSAL_LATE`.
 
-    The factors are closer to 1 for longer trainings.
+    The factors apply after the phase in which anchors are added and removed (`LearningRate.late`). They are closer to 1
+    for longer trainings.
     """
     share = math.log(FULL_ITERATIONS / iterations) / math.log(FULL_ITERATIONS / CAUSAL_LENGTH)
     power = min(max(share, 0.0), 1.0)

@@ -1,9 +1,9 @@
-"""Refinement of a finished scene's context model: fewer bits for the same attributes.
+"""Refines the context model of a finished scene, so that the same attributes take fewer bits.
 
-During training, the attributes change all the time, and the rate is estimated from a twentieth of the anchors per
-iteration. In the refinement, attributes are fixed, quantisation steps hardly change and no picture is rendered, so a
-minute of fitting saves bits. It minimises the bits of all attributes under the coder's distributions (HAC++, rate) plus
-the bits of the hash grid's signs; signs that no longer save bits are flipped. The rendered scene hardly changes.
+During training, the attributes change in every iteration, and the rate is estimated from a twentieth of the anchors.
+Here the attributes are fixed and no picture is rendered, so that the networks converge within a minute. The loss is the
+bits of all attributes under the coder's distributions (HAC++, rate), plus the bits of the hash grid's signs. The
+rendered scene hardly changes, because quantisation steps hardly change.
 """
 
 import dataclasses
@@ -210,9 +210,10 @@ def _fixed(scene: AnchorScene, anchors: Anchors) -> tuple[_Fixed, PriorOutputs]:
 
 
 def _units(outputs: PriorOutputs, config: ModelConfig) -> list[Float[Tensor, "out"]]:
-    """Returns the typical values by which network outputs are divided: for the prior, then for each channel network.
+    """Returns typical values of the networks' outputs, by which they are divided during the refinement.
 
-    The value is the typical predicted standard deviation of the attribute channel that the output belongs to.
+    The value is the typical predicted standard deviation of the attribute channel that the output belongs to. The first
+    entry is for the prior network, the others for the channel networks.
     """
     scales = (outputs.feature_scale, outputs.scaling_scale, outputs.offset_scale)
     feature, scaling, offset = (

@@ -33,7 +33,7 @@ Encoding 270,000 anchors takes seconds, as long as hundreds of iterations on a G
 
 
 def steer(state: TrainState, config: TrainConfig, estimate: Callable[[TrainState], float] | None = None) -> None:
-    """Measures the size and adjusts lambda towards the target size, if a measurement is due after this iteration.
+    """Adjusts lambda, the weight of the rate, towards the target size; does nothing if no measurement is due.
 
     Args:
         state: State of the training after an iteration; the field `steering` is replaced.
@@ -78,7 +78,7 @@ def first_measured(marks: Marks) -> int:
 
 
 def is_time(marks: Marks, iteration: int) -> bool:
-    """True if the size is measured after an iteration."""
+    """True if the size of the stream is measured after an iteration."""
     since = iteration - first_measured(marks)
     return since > 0 and since % _interval(marks) == 0
 
@@ -99,7 +99,7 @@ def headroom(marks: Marks, iteration: int) -> float:
 
 
 def steered(before: Steering, miss: float) -> Steering:
-    """Returns the state of the size controller after a new measurement.
+    """Updates the size controller, which sets lambda, with a new measurement of the size.
 
     Args:
         before: The state before the measurement.

@@ -243,9 +243,9 @@ def append_anchors(state: TrainState, voxels: Int64[Tensor, "M 3"], parameters: 
 
 
 def _map_rows(state: TrainState, change: Callable[[str | None, Tensor], Tensor]) -> None:
-    """Replaces every tensor of a state that has one row per anchor.
+    """Applies a function to every tensor of a state that has one row per anchor.
 
-    `change` is called with the name of a trained tensor, or None for moments and statistics, and the tensor.
+    The function is called with the name of a trained tensor, or None for moments and statistics, and the tensor.
     """
     for name in state.means.keys() & set(ANCHOR_PARAMETERS):
         state.means[name] = change(name, state.means[name])

@@ -128,7 +128,7 @@ def train_scene(
 
 @dataclass
 class _Run:
-    """The training loop with everything that stays the same during a training."""
+    """Training loop, and the objects that it uses in every iteration."""
 
     config: TrainConfig
     options: RunOptions

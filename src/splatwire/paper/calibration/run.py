@@ -209,10 +209,12 @@ class CalibrationRun:
             self.stale += 1
 
     def finished(self) -> bool:
-        """True if training has ended: after the last step, or, with `selected`, if validations no longer improve.
+        """Returns True if the training is over; may first skip to the training steps with quantised weights.
 
-        If validations no longer improve before the steps with quantised weights (`CalibrationConfig.bits`), training
-        does not end. This method then restores the best network and skips to these steps.
+        The training ends after the last step. With `CalibrationConfig.selected`, it also ends if
+        `CalibrationConfig.patience` validations bring no improvement. If that happens before the steps with quantised
+        weights (`CalibrationConfig.bits`), the training continues with these steps instead, from the best network so
+        far.
         """
         stale = self.config.selected and self.stale >= self.config.patience
         if stale and self.config.bits and not self.rounding:

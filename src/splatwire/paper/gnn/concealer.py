@@ -114,10 +114,7 @@ def repair(context: ReceivedScene, graph: RepairGraph, network: InpaintingNetwor
 
 
 def _finite(context: ReceivedScene, anchors: Anchors, interpolated: Anchors) -> Anchors:
-    """Makes the network's predictions usable.
-
-    An anchor with a non-finite prediction gets its interpolated values instead. Scalings are limited.
-    """
+    """Replaces network predictions that are not finite by the interpolation, and limits scalings."""
     good = anchors.features.isfinite().all(dim=1) & anchors.scalings.isfinite().all(dim=1)
     good &= anchors.offsets.flatten(1).isfinite().all(dim=1)
     same = (anchors.scalings == interpolated.scalings).all(dim=1, keepdim=True)

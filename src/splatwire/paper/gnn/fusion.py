@@ -1,4 +1,4 @@
-"""Conversion of the residuals predicted by the network to attributes of lost anchors (paper, Section 3.4).
+"""Converts the network's outputs for lost anchors to attribute values (paper, Section 3.4).
 
 Residuals are clipped and scaled by a confidence. The result is blended with the interpolation (soft blend), or replaced
 by the interpolation if the confidence is too low (hard fallback).

@@ -34,7 +34,7 @@ _HEADS = (("feature", 0), ("scaling", 1), ("offset", 2), ("offset", 3))
 
 
 def short_float(index: int | np.ndarray) -> np.ndarray:
-    """Returns the positive number coded by an index: `(1 + fraction / 8) * 2 ** exponent`; exact in float32.
+    """Decodes an index to a positive number: `(1 + fraction / 8) * 2 ** exponent`; exact in float32.
 
     The index is `8 * exponent + fraction`, with a fraction from 0 to 7.
     """

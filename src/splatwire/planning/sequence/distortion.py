@@ -142,12 +142,12 @@ def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeli
 
 
 def pooled(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion]:
-    """Replaces the measured curves of several encodings of a sequence by one common curve with a factor per encoding.
+    """Fits one common distortion curve to several encodings of a sequence, with a factor for each encoding.
 
     The curve is the error added by losses as a function of the lost share. Each share was measured with one simulated
-    loss only, so that the curves of the encodings are noisy, and the planner would prefer an encoding by chance. The
-    fit uses medians, because in some simulations concealment rejects the neighbours' motion, and the error is then a
-    hundred times larger.
+    loss only, so the measured curves are noisy, and the planner would prefer an encoding by chance. The fit uses
+    medians, because in some simulations concealment rejects the neighbours' motion, and the error is then a hundred
+    times larger.
 
     Args:
         distortions: Distortion models of encodings of the same sequence with different quality.

@@ -44,9 +44,10 @@ class SequenceVariant:
 
 @dataclass(frozen=True)
 class SequencePlan(Plan):
-    """Plan for a sequence. `lost` contains the lost fraction of the motion of each group of pictures.
+    """Plan for a sequence.
 
-    The fraction is weighted by packet importance.
+    The inherited attribute `lost` contains the lost fraction of the motion of each group of pictures, weighted by
+    packet importance.
 
     Attributes:
         unprotected: Mean PSNR of the best variant without parity, decibels.
@@ -178,7 +179,7 @@ def _slope(one: _Choice, other: _Choice) -> float:
 
 
 def _spent(choices: Sequence[Sequence[_Choice]], room: float | int) -> list[_Choice]:
-    """Spends bytes on the parity of groups of pictures, always where the gain in PSNR per byte is largest.
+    """Distributes bytes for parity over groups of pictures, where the gain in PSNR per byte is largest.
 
     Args:
         choices: Choices of each group on the convex hull, from `_choices`.

@@ -83,7 +83,7 @@ class _Round:
 
 @dataclass
 class _Pause:
-    """Temporary reduction of the sending rate in order to measure its effect.
+    """Temporary reduction of the sending rate, with which the sender measures properties of the path.
 
     Attributes:
         kind: "drain" (empties the queue), "probe" (detects competing flows) or "test" (checks if loss depends on the
@@ -314,7 +314,7 @@ class RateControl:
             self._enter_competitive_mode(now, pause)
 
     def _exit_drain(self, capacity: float, round_trip: float) -> None:
-        """Sets the window after the queue was drained, to use `FULL_SHARE` of the path's capacity.
+        """Sets the window after the queue was drained: the sender then uses `FULL_SHARE` of the path's capacity.
 
         Args:
             capacity: Estimated capacity of the path, bytes per second.

@@ -131,15 +131,13 @@ class LossMeter:
         self._late = LossCounter()
 
     def is_circuit_broken(self, seen: LossCounter) -> bool:
-        """Adds the losses of a control round (about one round trip) to the recent loss rate, and checks this rate.
-
-        The path counts as congested if the recent loss rate is too high, whatever the queuing delay.
+        """Returns True if the recent loss rate is so high that the path is congested, whatever the queuing delay.
 
         Args:
             seen: Sent and lost datagrams of the control round.
 
         Returns:
-            True if the recent loss rate exceeds `CIRCUIT_BREAKER_LOSS`.
+            True if the recent loss rate, including this round, exceeds `CIRCUIT_BREAKER_LOSS`.
         """
         self._recent += min(seen.sent / BATCH, 1.0) * (seen.share - self._recent)
         return self._recent > CIRCUIT_BREAKER_LOSS

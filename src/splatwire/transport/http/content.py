@@ -220,7 +220,7 @@ class PageContent:
         return self.access is not None and name in self.access.private
 
     def _listed(self) -> list[str]:
-        """Returns the names of the scenes that appear in lists of scenes: all but private and unlisted ones."""
+        """Returns the names of the scenes in lists of scenes, that is, without private and unlisted scenes."""
         return [name for name in self.programs if self.access is None or self.access.is_listed(name)]
 
     def _shown_name(self, query: str) -> str:
@@ -315,7 +315,7 @@ class PageContent:
         return preview_attributes(*_side_info_of(program), program.preview) if isinstance(program, ServedStream) else {}
 
     def _address(self, name: str) -> str:
-        """Returns the URL path of a stream; a complete file has its entity tag as query, so that it can be cached."""
+        """Returns the URL of a stream; that of a complete file has the entity tag as query, for caches."""
         file = self._file(name)
         path = self._path(name)
         return f"{path}?{self._tag(file)}" if isinstance(file, bytes) and file else path
@@ -344,7 +344,7 @@ class PageContent:
         return self.link() if callable(self.link) else self.link
 
     def _shared(self, origin: str | None) -> str:
-        """Returns the CORS headers that allow or deny a page of the given web origin to read a response."""
+        """Returns the CORS headers of a response, which allow or deny pages of the given web origin to read it."""
         if self.origins is None and (self.public_origin is not None or not is_loopback(self.host)):
             return f"Access-Control-Allow-Origin: *\r\n{_READABLE}"
         allowed = is_loopback_origin(origin) if self.origins is None else origin in self.origins

@@ -145,7 +145,7 @@ def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
 
 
 def _social(name: str, url: str | None, page: str, picture: str | None) -> str:
-    """Returns the HTML elements from which other programs, such as messengers, make a preview of a link to the page."""
+    """Returns the HTML elements with which other programs, such as messengers, show a preview of a link to the page."""
     if url is None:
         return ""
     found = {"og:title": name, "og:type": "website", "og:url": f"{url}/{quote(page)}"}
@@ -155,7 +155,7 @@ def _social(name: str, url: str | None, page: str, picture: str | None) -> str:
 
 
 def _rules(engine: str) -> dict[str, dict[str, str]]:
-    """Returns the response headers of the site by pattern of paths; `*` stands for any characters."""
+    """Returns the response headers of the site's files, by pattern of paths; `*` stands for any characters."""
     shared = {"Access-Control-Allow-Origin": "*", "Cross-Origin-Resource-Policy": "cross-origin"}
     return {
         "/*": {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"},

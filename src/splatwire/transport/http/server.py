@@ -262,7 +262,7 @@ class PageServer:
 
 @dataclass
 class _Count:
-    """Number of bytes of one response that were passed to the kernel."""
+    """Counter of the response bytes that were passed to the kernel."""
 
     num_bytes: int = 0
 

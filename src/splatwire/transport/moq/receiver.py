@@ -61,7 +61,7 @@ def _records(data: bytes) -> Iterator[bytes]:
 
 @dataclass(frozen=True)
 class _Counts:
-    """Numbers of damaged and of recovered packets for the receiver's reports; always 0.
+    """Numbers of damaged and recovered packets in the receiver's reports, both 0.
 
     The fields have the same names as those of `PacketCollector`. A relay sends over reliable QUIC streams, so that no
     packet arrives damaged or needs to be recovered.

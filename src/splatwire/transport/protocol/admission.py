@@ -50,13 +50,13 @@ def network_text(network: Network) -> str:
 
 
 def choose_eviction(held: Mapping[Network, int], newcomer: Network) -> Network | None:
-    """Chooses the network that loses a slot to a new connection when all slots are in use.
+    """Chooses the network that loses a connection slot to a new connection when all slots are in use.
 
-    The comparison begins with the widest prefixes (for IPv4, /24). It finds the prefix with the most slots. This prefix
-    is compared with the prefix of the new connection, as if the new connection already had a slot. If the former has
-    more slots, a network inside it loses a slot. Otherwise the comparison is repeated with the next narrower prefixes
-    (for IPv4, single addresses) inside the prefix of the new connection, and so on. The owner of a whole prefix thus
-    gets no more slots than the owner of one address.
+    Slots are shared fairly between prefixes of addresses, so that the owner of many addresses gets no more than the
+    owner of one. Prefixes are compared from the widest (for IPv4, /24) to the narrowest (single addresses). At each
+    width, the prefix with the most slots is compared with the prefix of the new connection, as if the new connection
+    already had a slot. If the former has more slots, a network inside it loses a slot. Otherwise the comparison is
+    repeated inside the prefix of the new connection.
 
     Args:
         held: Number of slots per network, each above 0.
@@ -93,9 +93,10 @@ def _places(held: Mapping[Network, int], within: Network) -> int:
 
 
 def _fullest(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
-    """Returns the IP range with most connection slots, and the number of its slots; None if no slot is in use.
+    """Finds the IP range with the most connection slots; returns the range and its number of slots.
 
-    IP ranges are given like networks: by their prefixes, from the widest to the narrowest.
+    The result is None if no slot is in use. IP ranges are given like networks: by their prefixes, from the widest to
+    the narrowest.
 
     Args:
         held: Number of slots per network.

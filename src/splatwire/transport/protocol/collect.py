@@ -324,7 +324,7 @@ class PacketCollector:
             self._members.get(place[0], {}).pop(place[1], None)
 
     def _solve(self, number: int) -> list[Packet]:
-        """Tries to recover the lost packets of a parity group; returns them, or an empty list.
+        """Tries to recover the lost packets of a parity group from its repair symbols; returns the recovered packets.
 
         Args:
             number: Number of the parity group.

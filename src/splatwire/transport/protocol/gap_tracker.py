@@ -49,7 +49,7 @@ class GapTracker:
                 del self._starts[0], self._stops[0]
 
     def due(self, before: int, now: float) -> list[int]:
-        """Returns the missing sequence numbers to request now, for `Feedback.lost_sequences`.
+        """Returns the missing sequence numbers to request in a feedback report now (`Feedback.lost_sequences`).
 
         Each sequence number is requested at most `MAX_ATTEMPTS` times.
 

@@ -48,7 +48,7 @@ class HandshakeAttempt:
         return [self._frame()]
 
     def challenged(self, token: bytes, now: float) -> bytes:
-        """Stores the server's token and returns the request datagram that contains the token."""
+        """Processes the server's challenge: stores its token, and returns the request datagram with the token."""
         self._token, self._token_at, self.next_at = token, now, now + RETRY_S
         return self._frame()
 

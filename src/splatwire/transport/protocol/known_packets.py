@@ -13,7 +13,7 @@ class KnownPackets:
         self._head = False
 
     def take(self, frame: Have, program: ServedStream) -> int:
-        """Adds a client's list of received packets; returns the total size in bytes of the newly listed packets.
+        """Adds packets that a client lists as received; returns the total size of the newly listed packets in bytes.
 
         Lists about another stream, or about a live stream, are ignored.
 

@@ -90,7 +90,10 @@ def arrange(
 
 
 def _whole(share: float) -> int:
-    """Rounds a number of packets or repair symbols up, so that even a small share of few packets gives at least one."""
+    """Rounds a number of packets or repair symbols up.
+
+    Even a small share of few packets thus gives at least one.
+    """
     return math.ceil(share - 1e-9)
 
 

@@ -142,7 +142,7 @@ class ReceiveState:
 
 
 def _layout(welcome: Welcome) -> tuple[object, ...]:
-    """Returns those parameters of a stream that determine the index of each packet in sending order.
+    """Returns the parameters of a stream that determine the index of each packet in sending order.
 
     A receiver stores packets by this index. When it resumes a transfer, it may keep the packets of the earlier transfer
     only if the server declares the same parameters as before.

@@ -84,7 +84,7 @@ class SentLog:
         return self._places[number % RECENT] - 1 if known and self._places is not None else -1
 
     def answered(self, number: int | None) -> None:
-        """Removes a sequence number from the log, because its packet is retransmitted under a new sequence number.
+        """Removes a lost datagram from the log, because its packet is retransmitted in another datagram.
 
         Args:
             number: The sequence number; None for a packet that was requested by its index.
@@ -126,7 +126,7 @@ class SendQueue:
 
     @property
     def _end(self) -> int:
-        """Number of datagrams that are sent in the order of the stream's schedule.
+        """Number of datagrams that are sent in the order of the schedule, which does not depend on the viewpoint.
 
         These are all datagrams as long as the client has sent no viewpoint. With a viewpoint, they are the init segment
         and the coarsest tiles; the viewpoint determines the order of the other tiles.

@@ -344,9 +344,9 @@ class Server:
         self._plan(key)
 
     def _plan(self, key: Key) -> None:
-        """Schedules the next datagram of a transfer.
+        """Enters a transfer into the queue of times, at the time of its next datagram.
 
-        If an earlier time was scheduled, it stays in the queue of times and is ignored when it is reached.
+        If an earlier time was scheduled, it stays in the queue and is ignored when it is reached.
         """
         transfer = self._transfers[key]
         at = transfer.next_at()

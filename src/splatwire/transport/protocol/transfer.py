@@ -171,7 +171,7 @@ class ServerTransfer:
         return self.bytes_sent > self._most_bytes or self._feedback_tracker.sequence >= MAX_SEQUENCE
 
     def may_welcome(self, now: float) -> bool:
-        """True if a request may be accepted (welcome) at time `now`, seconds; counts the response.
+        """True if a request of this client may be accepted (answered with a welcome) now; counts the response.
 
         A repeated request is accepted again because the first welcome may be lost: at most `MAX_WELCOMES` times, at
         intervals of at least `WELCOME_S`, and only until the client's first feedback.

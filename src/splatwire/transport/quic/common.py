@@ -135,7 +135,7 @@ def configuration(*, is_client: bool, alpn: list[str], idle_s: float) -> Any:
 
 @functools.cache
 def _register_rate_control() -> None:
-    """Registers a congestion controller in aioquic that leaves the sending rate to the transfer's own rate control.
+    """Registers a congestion controller in aioquic that leaves the sending rate to the transfer's rate control.
 
     QUIC's usual controllers treat every random loss as congestion. Here `pacing.RateControl` sets the rate of
     everything that a session sends, including symbols on the reliable stream, by the receiver's feedback. This feedback

@@ -187,7 +187,7 @@ class QuicServer(SocketServer):
             self.networks -= Counter([connection.network])
 
     def is_full(self, network: Network, *, begins: bool = False) -> bool:
-        """True if there are too many connections, in total or from one network.
+        """True if there are too many connections, in total or from one network, to accept another.
 
         Args:
             network: Network of the client.
@@ -198,7 +198,9 @@ class QuicServer(SocketServer):
         return any(taken >= 2 * most + SPARE if begins else taken > most for taken, most in counts)
 
     def connection_to_evict(self, network: Network, newcomer: "_Connection | None" = None) -> "_Connection | None":
-        """Chooses a connection to close when a new one starts: the newest one of the network with most connections.
+        """Chooses the connection that is closed in favour of a new one when the server is full.
+
+        It is the newest connection of the network that holds the most connections.
 
         Args:
             network: Network of the new connection.
@@ -268,7 +270,7 @@ class _Endpoint(AioquicServer):
 
 
 class _Watched:
-    """Datagram transport of asyncio that calls a function with the size of each datagram sent."""
+    """Datagram transport of asyncio that reports the size of each sent datagram to a function."""
 
     def __init__(self, transport: Any, sent: Callable[[int], None]) -> None:
         self._transport, self._sent = transport, sent

@@ -1,1 +1,5 @@
-"""Schema `causal`: anchors under the causal model (docs/format.md, format 2)."""
+"""Schema `causal`: anchors whose attributes are predicted by the causal model (docs/format.md, format 2).
+
+The causal model is a chain of small networks. Each network predicts some attributes of an anchor from its position and
+its attributes decoded before.
+"""

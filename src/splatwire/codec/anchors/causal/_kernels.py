@@ -1,9 +1,9 @@
 """Numba kernels of schema `causal`: conversions between networks and coder, and the symbols of many packets at once.
 
 Arrays of anchors are ordered packet by packet; `starts[p]:starts[p + 1]` are the anchors of packet p. A packet contains
-the positions of its anchors, then their attributes stage by stage. The attributes of a stage are predicted at once
-(`context.Stage`). Masks, which indicate the offsets that exist, precede the stage of the scale. Only existing offsets
-are coded. `tests/reference/causal_packets.py` is the same in plain torch.
+the positions of its anchors, then their attributes in stages. A stage is a group of attributes that one network
+predicts at once (`context.Stage`). Masks, which indicate the offsets that exist, precede the stage of the scale. Only
+existing offsets are coded. `tests/reference/causal_packets.py` is an equivalent implementation in plain torch.
 """
 
 from typing import no_type_check
@@ -69,13 +69,16 @@ def scale_indices(spreads, powers, indices):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_symbols(symbols, outputs, first, numbers):
-    """Dequantises symbols: adds them, in quantisation steps, to the means that the network predicts.
+    """Reconstructs attributes: the predicted mean plus the decoded symbol, both in quantisation steps.
+
+    A symbol is the quantised difference of an attribute from its predicted mean. It is clipped to the range of the
+    format.
 
     Args:
         symbols: Symbols of one stage, (n, size).
         outputs: Outputs of the stage's network, 16 fractional bits.
         first: First column of the means in `outputs`.
-        numbers: Output: attributes in quantisation steps, 16 fractional bits, (n, size).
+        numbers: Output: reconstructed attributes in quantisation steps, 16 fractional bits, (n, size).
     """
     for n in range(numbers.shape[0]):
         for c in range(numbers.shape[1]):
@@ -86,7 +89,7 @@ def add_symbols(symbols, outputs, first, numbers):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def mask_size(weights, logit):
-    """Returns the probability that an offset exists, in units of 2**-16.
+    """Returns the predicted probability that an offset exists, in units of 2**-16.
 
     Args:
         weights: Table of the logistic function, the probability for each of 256 quantised logits.
@@ -169,9 +172,10 @@ def encode_packets(
 def anchor_bits(
     codes, unknown, chances, masks, logits, symbols, scales, offsets, weights, inverses, widths, table, bits
 ):
-    """Estimates the code length of each anchor and writes it to `bits`.
+    """Estimates the code length of each anchor in bits and writes it to `bits`.
 
-    `offsets` is the index of the first column of `symbols` with offsets. See `encode_packets` for the other arguments.
+    `offsets` is the index of the first column of `symbols` that contains offsets. See `encode_packets` for the other
+    arguments.
     """
     for n in range(masks.shape[0]):
         total = place_bits(codes[n], unknown[n], chances)

@@ -1,6 +1,8 @@
-"""Numba kernels of positions: a tree over sorted Morton codes for the side information, the low bits for packets.
+"""Numba kernels that code the positions of anchors, given as sorted Morton codes.
 
-A node of the tree is a range of Morton codes that agree in all higher bits. It is divided by the next bit. One bit
+The high bits of all positions are a binary tree in the side information; the low bits are in the packets.
+
+A node of the tree is a range of Morton codes that agree in all higher bits. It is divided by the next bit. A flag
 indicates that all Morton codes of the node agree in the next bit, too. Otherwise, the number of Morton codes whose next
 bit is 0 is coded. A node of at most `leaf` Morton codes is not divided further.
 
@@ -54,9 +56,9 @@ def _context(n, run):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _coarse(count):
-    """Returns the number of low bits of a number below `count` that are coded as raw bits.
+    """Returns the number of low bits of a number below `count` that are coded without a probability model.
 
-    Probability intervals have at most 16 bits, so larger numbers are split.
+    The range coder has probabilities of at most 16 bits, so larger numbers are split into a high part and raw low bits.
     """
     shift = 0
     while ((count - 1) >> shift) >> RAW_BITS:

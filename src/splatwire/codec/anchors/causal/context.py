@@ -1,8 +1,9 @@
-"""Integer arithmetic of the causal model: predicts table indices of the entropy coder from decoded attributes.
+"""Causal model in integer arithmetic: predicts the distribution of each attribute of an anchor, as table indices.
 
-Everything is integer arithmetic; matrix products use float64, which represents every partial sum exactly. An anchor's
-predictions depend only on its own position and its previously decoded numbers. `tests/reference/causal_packets.py` is
-the same in plain torch.
+The networks predict the attributes in stages, from the position of the anchor and its attributes decoded before; they
+never use other anchors. Everything is integer arithmetic, so encoder and decoder agree on every machine; matrix
+products use float64, which represents every partial sum exactly. `tests/reference/causal_packets.py` is an equivalent
+implementation in plain torch.
 """
 
 import functools
@@ -91,14 +92,15 @@ class CodingContext:
         return stages(self.config)
 
     def start(self, voxels: np.ndarray) -> "Chain":
-        """Evaluates the position network for anchors, given their voxels, int64 (n, 3)."""
+        """Evaluates the first network of the chain, which depends on positions only.
+
+        `voxels` are the anchors' positions, int64 (n, 3). The result is the input `place` of `Chain`.
+        """
         return Chain(self, self.networks["position"](place_activations(voxels, self.middle, self.spread)))
 
 
 class Chain:
-    """Prediction of anchors, one group of attributes (stage) after another.
-
-    The attributes of a stage are inputs of the networks that predict later stages.
+    """Predicts anchors in stages: the attributes of one stage are inputs of the networks that predict later stages.
 
     Args:
         context: The coding context.
@@ -183,7 +185,7 @@ def linear_values(numbers: np.ndarray, step: float | np.ndarray) -> np.ndarray:
 
 
 def form_logs(numbers: np.ndarray, info: SideInfo) -> np.ndarray:
-    """Dequantises the four logarithms from which the scalings of an anchor are computed.
+    """Dequantises the four logarithms from which the six scalings of an anchor are computed.
 
     Column 0 is the scale of the anchor's offsets, equal on all axes. Columns 1 to 3 are the base sizes of its
     Gaussians, one per axis.

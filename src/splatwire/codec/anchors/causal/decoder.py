@@ -110,7 +110,7 @@ class CausalDecoder(AnchorDecoder):
         self._spreads["offset"][ranks] = deviations[:, self._features + 4 :] * self._info.steps[-1]
 
     def decode(self, run: Run) -> Rows:
-        """Decodes packets; returns all integers of their anchors, packet by packet."""
+        """Decodes packets to integers; returns the integers of their anchors, packet by packet."""
         places = self._info.places.known.select(run.ranks)
         return (anchor_rows(*decode_packets(self._context, places, run.counts, run.payloads)),)
 

@@ -32,7 +32,7 @@ MAX_NUMBER = 14_000
 def causal_encoder(
     scene: AnchorScene, packetization: Packetization, sections: dict[str, bytes], noise: float | None
 ) -> tuple["CausalEncoder", bytes]:
-    """Fits and quantises the side information; returns the encoder of the anchors, and the side information.
+    """Returns the encoder of a scene's anchors, and the side information, which is fitted to the scene.
 
     Args:
         scene: The scene, with anchors in coding order.
@@ -78,10 +78,11 @@ def _check_common(packetization: Packetization) -> None:
 
 
 def _balanced(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> SharedPlaces:
-    """Moves position bits from side information to packets until the share of side information is at most `HEAD_SHARE`.
+    """Chooses which bits of the anchors' positions are sent as side information, and which in packets.
 
-    The smallest sufficient number of bits is moved. At most `MOST_LEAF` anchors share a leaf of the position tree, even
-    if the side information is then larger.
+    Side information delays the first picture, so bits are moved to the packets until its share is at most `HEAD_SHARE`.
+    No more bits are moved than necessary. At most `MOST_LEAF` anchors share a leaf of the position tree, even if the
+    side information is then larger.
 
     Args:
         info: Side information with nearly all position bits.
@@ -101,7 +102,7 @@ def _balanced(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> Shared
 
 
 def _with_sizes(anchors: Anchors) -> Anchors:
-    """Replaces scalings of 0, which have no logarithm, by the smallest positive scaling."""
+    """Replaces scalings of 0 by the smallest positive scaling, because the logarithms of scalings are coded."""
     there = anchors.scalings > 0
     if bool(there.all()):
         return anchors

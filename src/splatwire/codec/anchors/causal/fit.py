@@ -1,4 +1,7 @@
-"""Fits the side information of schema `causal` to a scene: quantises its networks as coarsely as tolerable."""
+"""Fits the side information of schema `causal` to a scene.
+
+The networks are quantised as coarsely as their predictions tolerate.
+"""
 
 import math
 from collections.abc import Callable

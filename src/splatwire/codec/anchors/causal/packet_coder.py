@@ -1,6 +1,6 @@
-"""Packets of schema `causal`: whole anchors as one stream of the range coder, independently decodable.
+"""Encodes and decodes packets of schema `causal`; each packet contains complete anchors and decodes without the others.
 
-Encoding and decoding share `Chain`. Packets are processed in chunks, which does not affect the bytes.
+Encoding and decoding share the prediction (`Chain`). Packets are processed in chunks, which does not affect the bytes.
 """
 
 from collections.abc import Sequence
@@ -65,9 +65,10 @@ def _columns(stage: Stage) -> slice:
 def quantise(
     context: CodingContext, places: Places, masks: np.ndarray, values: np.ndarray, octaves: float
 ) -> Quantised:
-    """Quantises attributes of anchors: differences from the predicted means, in whole quantisation steps.
+    """Quantises attributes of anchors, as differences from the predicted means in whole quantisation steps.
 
-    Offsets are in units of a scale that is quantised before them, so they compensate for its rounding error.
+    Offsets are stored relative to the scale of their anchor. They are quantised after the scale, so they compensate for
+    its rounding error.
 
     Args:
         context: Coding context.

@@ -41,7 +41,7 @@ class Places:
 
 @dataclass(frozen=True, eq=False)
 class SharedPlaces:
-    """Positions of all anchors as far as the side information contains them; packets contain the other bits.
+    """Positions of all anchors, except for the low bits, which packets contain.
 
     Attributes:
         section: Bytes of the position section of the side information.

@@ -101,7 +101,10 @@ def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inve
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def mask_context(offset, ones):
-    """Returns the context of a mask bit: index of the offset, and number of the anchor's earlier offsets that exist."""
+    """Returns the context of the bit that indicates whether an offset exists.
+
+    The context consists of the index of the offset and the number of the anchor's earlier offsets that exist.
+    """
     return offset * MASK_ONES + min(ones, MASK_ONES - 1)
 
 
@@ -182,7 +185,7 @@ def encode_packets(
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def bits_of(symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
-    """Returns the code length in bits of a symbol that `encode_symbol` encodes."""
+    """Returns the code length of a symbol of a mixture of two normals, bits."""
     low, high = window(mean0, scale0, mean1, scale1, weight, widths)
     if low <= symbol <= high:
         a = cumulative(symbol, low, high, mean0, inverses[scale0], mean1, inverses[scale1], weight, table)

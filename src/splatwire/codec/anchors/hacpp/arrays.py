@@ -125,7 +125,7 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[Ancho
 
 
 def _prior(info: SideInfo, arrays: DecodedArrays) -> Prior:
-    """Converts the predicted distributions to floats; the values equal those used for coding."""
+    """Converts the predicted distributions from integers to floats, without changing their values."""
     columns, layout = prior_columns(info.config), info.config.layout
     factors = factor_table()[step_indices(arrays.outputs, info.config)]
     spans = (

@@ -1,8 +1,8 @@
-"""Prediction in integer arithmetic: from positions and side information to table indices of the entropy coder.
+"""Prediction of HAC++ anchors in integer arithmetic: from positions to table indices of the entropy coder.
 
-Everything here is integer arithmetic; matrix products use float64, which represents every partial sum exactly. Results
-depend only on the anchor's own position, its own decoded symbols and the side information.
-`tests/reference/hacpp_params.py` is the same in plain torch.
+Matrix products use float64, which represents every partial sum exactly. Results depend only on the anchor's position,
+its symbols decoded before and the side information. `tests/reference/hacpp_params.py` is an equivalent implementation
+in plain torch.
 """
 
 import functools
@@ -157,7 +157,10 @@ class CodingContext:
 
     @functools.cached_property
     def shared_matrix(self) -> np.ndarray:
-        """First-layer weights of all channel networks for their inputs from the prior, float64 (3 F, hidden sum)."""
+        """Weights of the channel networks' first layers for inputs from the prior, float64 (3 F, hidden sum).
+
+        The matrices of all networks are concatenated, so that one product evaluates them.
+        """
         before = np.cumsum([0, *self.config.layout.feature_groups])
         return np.concatenate(
             [mlp.hidden.matrix[size:] for mlp, size in zip(self.channel, before[:-1], strict=True)], axis=1

@@ -29,7 +29,7 @@ MAX_SYMBOL = (1 << 31) - 1
 def hacpp_encoder(
     scene: AnchorScene, packetization: Packetization, sections: dict[str, bytes], noise: float | None
 ) -> tuple["HacppEncoder", bytes]:
-    """Fits and quantises the side information; returns the encoder of the anchors, and the side information.
+    """Returns the encoder of a scene's anchors, and the side information, which is fitted to the scene.
 
     Args:
         scene: The scene, with anchors in coding order.
@@ -72,7 +72,7 @@ class HacppEncoder:
 
     Args:
         source: Quantises attributes of the scene's anchors on demand.
-        info: Its side information.
+        info: Side information of the scene's stream.
         separated: True if each attribute is in a separate packet.
     """
 

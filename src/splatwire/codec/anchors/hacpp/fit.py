@@ -61,7 +61,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
 
 
 def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
-    """Returns the typical standard deviation of each channel, with the rounding error of symbols included.
+    """Returns the typical standard deviation of each channel, with the rounding error of quantisation included.
 
     Args:
         scale: Predicted scales of a sample of anchors, (n, D).

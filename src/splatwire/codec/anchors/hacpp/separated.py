@@ -113,7 +113,7 @@ def decode_parts(
     Args:
         context: Coding context.
         outputs: int32 (n, prior outputs) of the anchors.
-        mask: uint8 (n, K), their masks.
+        mask: Mask of the offsets that exist, uint8 (n, K).
         payloads: Payloads of the received packets, by `PacketId.part`.
     """
     predicted, layout, num = predict_packets(context, outputs), context.config.layout, len(outputs)
@@ -168,7 +168,7 @@ def _edges(context: CodingContext) -> np.ndarray:
 
 
 def _normals(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep: np.ndarray | None = None) -> Mixtures:
-    """Returns the normal distributions of the scalings or offsets of some anchors.
+    """Returns the parameters of the normal distributions of some anchors' scalings or offsets.
 
     Args:
         pair: Means and scale indices of all anchors, (n, D) each.
