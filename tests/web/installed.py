@@ -39,6 +39,11 @@ def install(folder: Path, packed: Path, others: Mapping[str, str]) -> None:
     project = {"name": "theirs", "private": True, "type": "module", "devDependencies": dict(others)}
     (folder / "package.json").write_text(json.dumps(project))
     (folder / "tsconfig.json").write_text(json.dumps(TSCONFIG))
+    install_in_project(folder, packed)
+
+
+def install_in_project(folder: Path, packed: Path) -> None:
+    """Installs the package and the dependencies of a project; skips the test if npm reaches no registry."""
     words = ["npm", "install", "--no-audit", "--no-fund", "--loglevel=error", str(packed)]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300)
     if done.returncode and ("ENOTFOUND" in done.stderr or "ECONNREFUSED" in done.stderr or "EAI_AGAIN" in done.stderr):

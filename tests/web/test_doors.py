@@ -1,4 +1,5 @@
-"""Other programs read streams through the package: PlayCanvas, three.js with Spark, and splat-transform."""
+"""Other programs read streams through the package: PlayCanvas, three.js with and without Spark, Babylon.js, and
+splat-transform."""
 
 import asyncio
 import base64
@@ -22,7 +23,10 @@ from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.concealment import conceal
 from splatwire.io import open_scene
+from splatwire.io.formats import read_splats
 from splatwire.io.formats.gltf_writer import write_gltf
+from splatwire.io.formats.sog import read_sog
+from splatwire.lod.sog_levels import write_sog_levels
 from splatwire.render import render_scene
 from splatwire.types import Cameras, SplatScene
 from transport.chromium import Browser, browser, executable
@@ -36,7 +40,7 @@ pytestmark = pytest.mark.slow
 
 OTHERS = {
     "typescript": "7.0.2", "vite": "8.3.8", "playcanvas": "2.23.3", "three": "0.187.0", "@types/three": "0.187.0",
-    "@sparkjsdev/spark": "2.2.0", "@playcanvas/splat-transform": "3.7.0",
+    "@sparkjsdev/spark": "2.2.0", "@playcanvas/splat-transform": "3.7.0", "@babylonjs/core": "9.35.0",
 }  # fmt: skip
 VITE = """export default { base: "./", build: { target: "es2022",
   rolldownOptions: { input: ["playcanvas.html", "three.html"], checks: { bundlerTimings: false } } } };
@@ -95,6 +99,53 @@ window.draw = async (pose) => {
   return canvas.toDataURL();
 };
 """
+THREE_CORE = """
+import { load, splats } from "./example";
+import * as THREE from "three/webgpu";
+declare global { interface Window { draw(pose: number[]): Promise<string>; failed?: string } }
+const width = 240, height = 180, canvas = document.querySelector("canvas")!;
+const renderer = new THREE.WebGPURenderer({ canvas, forceWebGL: true });
+await renderer.init();
+renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
+renderer.setClearColor(new THREE.Color(0.2, 0.5, 0.8));
+const angle = 2 * Math.atan(height / 2 / width) * 180 / Math.PI;
+const camera = new THREE.PerspectiveCamera(angle, width / height, 0.01, 100), scene = new THREE.Scene();
+scene.add(camera, splats);
+await load();
+window.draw = async (pose) => {
+  new THREE.Matrix4().fromArray(pose).decompose(camera.position, camera.quaternion, camera.scale);
+  renderer.render(scene, camera);
+  return canvas.toDataURL();
+};
+"""
+BABYLON = """
+import { FreeCamera } from "@babylonjs/core/Cameras/freeCamera.js";
+import { Engine } from "@babylonjs/core/Engines/engine.js";
+import { Color4 } from "@babylonjs/core/Maths/math.color.js";
+import { Matrix, Quaternion, Vector3 } from "@babylonjs/core/Maths/math.vector.js";
+import { Scene } from "@babylonjs/core/scene.js";
+import { load } from "./example";
+declare global { interface Window { draw(pose: number[]): Promise<string>; failed?: string } }
+const engine = new Engine(document.querySelector("canvas"), false, { preserveDrawingBuffer: true });
+const scene = new Scene(engine), camera = new FreeCamera("camera", Vector3.Zero(), scene);
+scene.clearColor = new Color4(0.2, 0.5, 0.8, 1);
+camera.fov = 2 * Math.atan(90 / 240);
+camera.minZ = 0.01;
+await load(scene);
+// from a right-handed world with y down to the left-handed one with y up that the mesh was turned into
+const flip = Matrix.Scaling(1, -1, 1), forward = Matrix.Scaling(1, 1, -1);
+window.draw = async (pose) => {
+  const place = forward.multiply(Matrix.FromArray(pose)).multiply(flip);
+  camera.rotationQuaternion = new Quaternion();
+  place.decompose(undefined, camera.rotationQuaternion, camera.position);
+  for (let n = 0; n < 5; n++) {
+    scene.render();
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+  scene.render();
+  return engine.getRenderingCanvas()!.toDataURL();
+};
+"""
 
 WHOLE = """
 import {{ SparkRenderer, SplatMesh }} from "@sparkjsdev/spark";
@@ -147,6 +198,18 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("theirs")
     install(folder, package(tmp_path_factory.mktemp("package")), OTHERS)
     return folder
+
+
+def small_gaussians() -> SceneStream:
+    """Half of the packets of Gaussians that are smaller than a pixel."""
+    small = ball(degree=3)
+    small = replace(small, scales=small.scales * 0.1)
+    return half_of(encode_splats(small, SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0)))
+
+
+def antialiased_stream() -> SceneStream:
+    """The same Gaussians, antialiased."""
+    return add_concealment(small_gaussians(), ANTIALIASED, b"")
 
 
 def built(project: Path, name: str, script: str, code: str) -> tuple[dict[str, str], dict[str, str]]:
@@ -215,10 +278,8 @@ def psnr(first: np.ndarray, second: np.ndarray) -> float:
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
 def test_playcanvas_draws_an_asset_that_is_a_stream(project: Path) -> None:
     """Antialiasing is respected as well: Gaussians are smaller than a pixel."""
-    small, cameras = ball(degree=3), tiny_cameras(2, 240, 180)
-    small = replace(small, scales=small.scales * 0.1)
-    plain = half_of(encode_splats(small, SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0)))
-    asking = add_concealment(plain, ANTIALIASED, b"")
+    plain, cameras = small_gaussians(), tiny_cameras(2, 240, 180)
+    asking = antialiased_stream()
     expected, other = (render_scene(conceal(decode_stream(each), "grow"), cameras) for each in (asking, plain))
     assert all(psnr(*pair) < 34 for pair in zip(expected, other, strict=True))
     code, scene = example("splatwire/playcanvas"), ("scene.swz", stream_to_bytes(asking))
@@ -237,7 +298,7 @@ def test_playcanvas_draws_the_fallback_of_a_gltf_file_with_a_stream(project: Pat
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
-@pytest.mark.parametrize("code", [example("splatwire/three"), added_whole()], ids=["as it arrives", "whole"])
+@pytest.mark.parametrize("code", [example('"splatwire/three"'), added_whole()], ids=["as it arrives", "whole"])
 def test_spark_draws_a_stream_between_meshes(project: Path, stream: SceneStream, code: str) -> None:
     """A mesh in front hides Gaussians; one behind shows through them like a background of its colour."""
     cameras = tiny_cameras(2, 240, 180)
@@ -249,6 +310,24 @@ def test_spark_draws_a_stream_between_meshes(project: Path, stream: SceneStream,
         picture[:, :90] = (1.0, 0.0, 0.0)
         picture[:, 150:] = shining[:, 150:]
     draws(project, "three", THREE, code, scene, cameras, over, 37)
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_mesh_of_threejs_draws_a_stream(project: Path) -> None:
+    """Its mesh draws all Gaussians antialiased; colours, opacities and harmonics have 8 bits."""
+    asking, cameras = antialiased_stream(), tiny_cameras(2, 240, 180)
+    expected = render_scene(conceal(decode_stream(asking), "grow"), cameras)
+    code, scene = example("splatwire/three-core"), ("scene.swz", stream_to_bytes(asking))
+    draws(project, "three-core", THREE_CORE, code, scene, cameras, list(expected), 45)
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_babylonjs_draws_a_stream(project: Path, stream: SceneStream, antialiased: bool) -> None:
+    shown, cameras = antialiased_stream() if antialiased else stream, tiny_cameras(2, 240, 180)
+    expected = render_scene(conceal(decode_stream(shown), "grow"), cameras)
+    code, scene = example("splatwire/babylon"), ("scene.swz", stream_to_bytes(shown))
+    draws(project, "babylon", BABYLON, code, scene, cameras, list(expected), 40)
 
 
 def test_splat_transform_reads_a_stream(project: Path, stream: SceneStream, tmp_path: Path) -> None:
@@ -264,3 +343,18 @@ def test_splat_transform_reads_a_stream(project: Path, stream: SceneStream, tmp_
     (project / "scene.swz").write_bytes(stream_to_bytes(stream))
     called([tool, *shown.split()], project)
     assert (project / "scene.spz").stat().st_size > 10_000
+
+
+def test_splat_transform_reads_each_level_of_streamed_sog(project: Path, tmp_path: Path) -> None:
+    report = write_sog_levels(SplatScene(ball(3000, degree=1)), tmp_path, leaf=100)
+    index = json.loads((tmp_path / "lod-meta.json").read_text())
+    assert report.num_levels > 2
+    for level, count in enumerate(index["counts"]):
+        target = tmp_path / f"{level}.ply"
+        words = ["node_modules/.bin/splat-transform", str(tmp_path / "lod-meta.json"), "-L", str(level), str(target)]
+        called(words, project)
+        theirs = read_splats(target).means
+        names = [name for name in index["filenames"] if name.startswith(f"{level}_")]
+        ours = np.concatenate([read_sog((tmp_path / name).parent).splats.means for name in names])
+        assert len(theirs) == len(ours) == count
+        np.testing.assert_allclose(np.sort(theirs, axis=0), np.sort(ours, axis=0), atol=1e-4)

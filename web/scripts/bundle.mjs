@@ -124,15 +124,24 @@ const drawing = (engine, view) => ({
   },
 });
 
-/** Integrations with other programs: external packages and our decoder stay separate modules. */
-const decoderAlone = {
-  name: "decoder",
+/** Integrations with other programs: external packages, our decoder and our element stay separate modules. */
+const ownModules = {
+  name: "own",
   setup(setup) {
-    setup.onResolve({ filter: /\/decoder\.ts$/ }, () => ({ path: "./decoder.js", external: true }));
+    setup.onResolve({ filter: /\.\.\/(decoder|index)\.ts$/ }, ({ path }) => ({
+      path: path.replace(/^.*\/(\w+)\.ts$/, "./$1.js"),
+      external: true,
+    }));
   },
 };
-const INTEGRATIONS = { playcanvas: "src/integrations/playcanvas.ts", three: "src/integrations/three.ts" },
-  THEIRS = ["playcanvas", "three", "@sparkjsdev/spark", "node:*"];
+const INTEGRATIONS = {
+    playcanvas: "src/integrations/playcanvas.ts",
+    three: "src/integrations/three.ts",
+    "three-core": "src/integrations/three_core.ts",
+    babylon: "src/integrations/babylon.ts",
+    react: "src/integrations/react.ts",
+  },
+  THEIRS = ["playcanvas", "three", "@sparkjsdev/spark", "react", "node:*"];
 
 /** Returns the files of the npm package by name: modules with source maps, and workers for pages without `blob:`. */
 export async function modules() {
@@ -154,7 +163,7 @@ export async function modules() {
   };
   await element("index", "view", "engine", false);
   await element("strict", "strict-view", "strict-engine", true);
-  const integrations = { ...esm, external: THEIRS, plugins: [decoderAlone] };
+  const integrations = { ...esm, external: THEIRS, plugins: [ownModules] };
   await make(INTEGRATIONS, integrations);
   const generator = { "splat-transform": "src/integrations/splat_transform.ts" };
   await make(generator, { ...integrations, outExtension: { ".js": ".mjs" } });

@@ -29,21 +29,30 @@ const reach = (name) => {
   for (const [, , target] of text.matchAll(IMPORT)) reach(join(dirname(name), `${target}.d.ts`));
   writeFileSync(path, text.replace(IMPORT, '$1$2.js"'));
 };
-// Handwritten element types for frameworks. They refer to packages that are not installed here.
-copyFileSync(join(root, "types", "frameworks.d.ts"), join(out, "types", "frameworks.d.ts"));
+// Handwritten types for frameworks. They refer to packages that are not installed here.
+for (const name of ["frameworks.d.ts", "react.d.ts"]) copyFileSync(join(root, "types", name), join(out, "types", name));
 appendFileSync(join(out, "types", "index.d.ts"), 'import "./frameworks.js";\n');
 for (const name of [
   "index.d.ts",
   "frameworks.d.ts",
+  "react.d.ts",
   "decoder.d.ts",
+  "integrations/babylon.d.ts",
   "integrations/playcanvas.d.ts",
   "integrations/three.d.ts",
+  "integrations/three_core.d.ts",
 ])
   reach(name);
 for (const name of readdirSync(join(out, "types"), { recursive: true }))
   if (name.endsWith(".d.ts") && !reached.has(name)) rmSync(join(out, "types", name));
 
-const INTEGRATIONS = { playcanvas: "^2.21.0", three: ">=0.180.0", "@sparkjsdev/spark": "^2.2.0" },
+const INTEGRATIONS = {
+    playcanvas: "^2.21.0",
+    three: ">=0.180.0",
+    "@sparkjsdev/spark": "^2.2.0",
+    "@babylonjs/core": ">=9.0.0",
+    react: ">=18",
+  },
   FRAMEWORKS = ["@types/react", "preact", "solid-js", "svelte", "vue"],
   PEERS = { ...INTEGRATIONS, ...Object.fromEntries(FRAMEWORKS.map((name) => [name, "*"])) };
 const packaged = {
@@ -60,6 +69,9 @@ const packaged = {
     "./decoder": { types: "./types/decoder.d.ts", default: "./decoder.js" },
     "./playcanvas": { types: "./types/integrations/playcanvas.d.ts", default: "./playcanvas.js" },
     "./three": { types: "./types/integrations/three.d.ts", default: "./three.js" },
+    "./three-core": { types: "./types/integrations/three_core.d.ts", default: "./three-core.js" },
+    "./babylon": { types: "./types/integrations/babylon.d.ts", default: "./babylon.js" },
+    "./react": { types: "./types/react.d.ts", default: "./react.js" },
     "./splat-transform.mjs": "./splat-transform.mjs",
     "./package.json": "./package.json",
   },

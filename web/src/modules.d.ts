@@ -2,3 +2,17 @@
 declare module "worker:receiver" {
   export default function start(): Worker;
 }
+
+/** Part of React that `integrations/react.ts` uses; React is not installed here. */
+declare module "react" {
+  interface Reference<T> {
+    current: T | null;
+  }
+  export function createElement(type: string, properties: object, children: unknown): object;
+  export function forwardRef<T>(
+    render: (properties: Readonly<Record<string, unknown>>, ref: Reference<T> | null) => object,
+  ): object;
+  export function useEffect(effect: () => () => void): void;
+  export function useImperativeHandle<T>(ref: Reference<T> | null, make: () => T): void;
+  export function useRef<T>(value: null): Reference<T>;
+}

@@ -1,0 +1,4 @@
+import "splatwire";
+
+const element = document.querySelector("splat-wire");
+element.addEventListener("load", ({ detail }) => console.log("complete:", detail.complete));
