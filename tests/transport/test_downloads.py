@@ -1,6 +1,7 @@
 """Files of other formats that the page server makes at their first request."""
 
 import asyncio
+import json
 import re
 from contextlib import suppress
 
@@ -12,7 +13,8 @@ from splatwire.cli._downloads import MadeDownloads
 from splatwire.errors import SplatwireError
 from splatwire.io.formats import read_splats
 from splatwire.transport import Protection, make_served_stream
-from splatwire.transport.http.content import PageContent
+from splatwire.transport.http.access import Access
+from splatwire.transport.http.content import PageContent, served_stream_file
 from splatwire.transport.http.downloads import DownloadedFile
 from splatwire.transport.http.server import PageServer
 
@@ -27,7 +29,7 @@ class Counted:
     def __init__(self, error=None):
         self.made, self._error = 0, error
 
-    async def file(self, stream, tag, form):
+    async def file(self, stream, tag, form, part=""):
         self.made += 1
         await asyncio.sleep(0)
         if self._error:
@@ -116,6 +118,49 @@ def test_a_file_is_made_once_by_a_process_of_its_own(program, tmp_path):
 
     (tmp_path / "a.ply").write_bytes(asyncio.run(work()))
     assert read_splats(tmp_path / "a.ply").num_gaussians == ball_of_gaussians().num_gaussians
+
+
+@pytest.mark.slow
+def test_a_folder_of_levels_is_made_once_and_its_files_are_served(program, tmp_path):
+    """3D Tiles and streamed SOG: index, the files that it names, and nothing else."""
+
+    async def work():
+        downloads = MadeDownloads(tmp_path, ("3dtiles", "streamed-sog", "spz"))
+        content = PageContent({"a room": program}, downloads=downloads)
+        async with PageServer(content) as server:
+            head, tileset = await ask(server.port, "/a%20room/3dtiles/tileset.json")
+            assert "application/json" in head
+            assert "Content-Disposition" not in head
+            uri = json.loads(tileset)["root"]["content"]["uri"]
+            head, tile = await ask(server.port, f"/a%20room/3dtiles/{uri}")
+            assert "model/gltf-binary" in head
+            assert tile.startswith(b"glTF")
+            etag = re.search("ETag: (.*)\r", head)[1]
+            head, _ = await ask(server.port, f"/a%20room/3dtiles/{uri}", headers=f"If-None-Match: {etag}\r\n")
+            assert "304" in head
+            _, index = await ask(server.port, "/a%20room/streamed-sog/lod-meta.json")
+            [finest, *_] = json.loads(index)["filenames"]
+            head, meta = await ask(server.port, f"/a%20room/streamed-sog/{finest}")
+            assert json.loads(meta)["count"] == ball_of_gaussians().num_gaussians
+            for path in ("3dtiles/../x", "3dtiles/tiles", "3dtiles/", "spz/x", "glb/tileset.json"):
+                assert "404" in (await ask(server.port, f"/a%20room/{path}"))[0], path
+            _, page = await ask(server.port, "/")
+            assert b'href="/a%20room/3dtiles/tileset.json"' in page
+        downloads._most_bytes = 0
+        await downloads.file(*next((served_stream_file(program), tag) for tag, _ in downloads._files), "spz")
+        await downloads.close()
+
+    asyncio.run(work())
+    assert [path.suffix for path in tmp_path.iterdir()] == [".spz"]
+
+
+def test_folders_of_private_scenes_are_not_offered(program):
+    class Folders(Counted):
+        formats = ("spz", "3dtiles")
+
+    access = Access(frozenset({"room"}), frozenset(), lambda token, name: None)
+    content = PageContent({"room": program}, downloads=Folders(), access=access)
+    assert content._download_formats("room") == ("spz",)
 
 
 @pytest.mark.slow

@@ -4,18 +4,35 @@ import asyncio
 import hashlib
 import logging
 import mmap
+import shutil
 import sys
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.transport.event_log import log_event
-from splatwire.transport.http.downloads import DownloadedFile
+from splatwire.transport.http.downloads import FOLDERS, DownloadedFile
 
 LOG = logging.getLogger("splatwire.transport.downloads")
-FORMATS = ("ply", "spz", "sog", "glb", "splat")
+FORMATS = ("ply", "spz", "sog", "glb", "splat", *FOLDERS)
 """Formats that can be offered."""
 MOST_BYTES = 4 << 30
 """Maximum bytes of all files on the disk; the oldest are removed first, and made again on request."""
+
+
+@dataclass(frozen=True)
+class _Made:
+    """Result of a conversion.
+
+    Attributes:
+        num_bytes: Size of the file, or of all files of the folder.
+        file: The file; None for a folder.
+        tags: Entity tags of the files of a folder by their paths.
+    """
+
+    num_bytes: int
+    file: DownloadedFile | None = None
+    tags: dict[str, str] = field(default_factory=dict)
 
 
 def check_formats(formats: tuple[str, ...]) -> None:
@@ -35,21 +52,21 @@ class MadeDownloads:
 
     Args:
         folder: Folder of the files; the caller removes it.
-        formats: File name suffixes without their dot.
+        formats: File name suffixes without their dot, or names of folder formats.
         most_bytes: Maximum bytes of all files.
     """
 
     def __init__(self, folder: Path, formats: tuple[str, ...], most_bytes: int = MOST_BYTES) -> None:
         self._folder, self._formats, self._most_bytes = folder, formats, most_bytes
         self._turn = asyncio.Semaphore(1)
-        self._files: dict[tuple[str, str], asyncio.Task[DownloadedFile]] = {}
+        self._files: dict[tuple[str, str], asyncio.Task[_Made]] = {}
 
     @property
     def formats(self) -> tuple[str, ...]:
-        """File name suffixes without their dot."""
+        """File name suffixes without their dot, or names of folder formats."""
         return self._formats
 
-    async def file(self, stream: bytes, tag: str, form: str) -> DownloadedFile:
+    async def file(self, stream: bytes, tag: str, form: str, part: str = "") -> DownloadedFile | None:
         """Returns the file of a stream; all requests wait for the same process.
 
         A stream that cannot be converted is not tried again.
@@ -58,6 +75,10 @@ class MadeDownloads:
             stream: Content of the stream's `.swz` file.
             tag: Entity tag of the stream.
             form: One of `formats`.
+            part: For a folder, path of the file in it.
+
+        Returns:
+            The file; None if the folder has no such file.
 
         Raises:
             SplatwireError: If the stream cannot be converted.
@@ -67,7 +88,9 @@ class MadeDownloads:
             self._files[key] = asyncio.get_running_loop().create_task(self._make(stream, tag, form))
         found = await asyncio.shield(self._files[key])
         self._evict(key)
-        return found
+        if found.file is not None or part not in found.tags:
+            return found.file
+        return DownloadedFile((self._target(tag, form) / part).read_bytes(), found.tags[part])
 
     async def close(self) -> None:
         """Ends the process that converts a stream, if one is running."""
@@ -75,7 +98,10 @@ class MadeDownloads:
             task.cancel()
         await asyncio.gather(*self._files.values(), return_exceptions=True)
 
-    async def _make(self, stream: bytes, tag: str, form: str) -> DownloadedFile:
+    def _target(self, tag: str, form: str) -> Path:
+        return self._folder / f"{tag}.{form}"
+
+    async def _make(self, stream: bytes, tag: str, form: str) -> _Made:
         try:
             return await self._convert(stream, tag, form)
         except OSError as error:  # such as a full disk: the next request tries again
@@ -83,10 +109,10 @@ class MadeDownloads:
             log_event(LOG, logging.ERROR, "download failed", format=form, error=str(error))
             raise SplatwireError(str(error)) from error
 
-    async def _convert(self, stream: bytes, tag: str, form: str) -> DownloadedFile:
-        source, target = self._folder / f"{tag}.swz", self._folder / f"{tag}.{form}"
+    async def _convert(self, stream: bytes, tag: str, form: str) -> _Made:
+        source, target = self._folder / f"{tag}.swz", self._target(tag, form)
         async with self._turn:
-            words = ["-m", "splatwire", "convert", str(source), str(target), "--json"]
+            words = ["-m", "splatwire", "convert", str(source), str(target), "--to", form, "--json"]
             try:
                 source.write_bytes(stream)
                 process = await asyncio.create_subprocess_exec(
@@ -105,10 +131,9 @@ class MadeDownloads:
             text = " ".join(errors.decode(errors="replace").split())[-500:]
             log_event(LOG, logging.ERROR, "download failed", format=form, error=text)
             raise SplatwireError(text)
-        with target.open("rb") as file:
-            data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-        log_event(LOG, logging.INFO, "download made", format=form, bytes=len(data))
-        return DownloadedFile(data, hashlib.sha256(data).hexdigest()[:16])
+        made = await asyncio.to_thread(_opened_folder if form in FOLDERS else _opened_file, target)
+        log_event(LOG, logging.INFO, "download made", format=form, bytes=made.num_bytes)
+        return made
 
     def _evict(self, kept: tuple[str, str]) -> None:
         """Removes the oldest files if all files together exceed the limit.
@@ -116,11 +141,36 @@ class MadeDownloads:
         Responses that are still sending a removed file are not affected.
         """
         done = {key: task for key, task in self._files.items() if task.done() and not task.exception()}
-        total = sum(len(task.result().data) for task in done.values())
+        total = sum(task.result().num_bytes for task in done.values())
         for key, task in done.items():
             if total <= self._most_bytes:
                 return
             if key != kept:
-                total -= len(task.result().data)
-                (self._folder / ".".join(key)).unlink(missing_ok=True)
+                total -= task.result().num_bytes
+                target = self._target(*key)
+                if key[1] in FOLDERS:
+                    shutil.rmtree(target, ignore_errors=True)
+                else:
+                    target.unlink(missing_ok=True)
                 del self._files[key]
+
+
+def _opened_file(path: Path) -> _Made:
+    with path.open("rb") as file:
+        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    return _Made(len(data), DownloadedFile(data, _tag(data)))
+
+
+def _opened_folder(path: Path) -> _Made:
+    """Returns the files of a folder without keeping them open, because there may be thousands."""
+    total, tags = 0, {}
+    for file in path.rglob("*"):
+        if file.is_file():
+            data = file.read_bytes()
+            total += len(data)
+            tags[file.relative_to(path).as_posix()] = _tag(data)
+    return _Made(total, tags=tags)
+
+
+def _tag(data: bytes | mmap.mmap) -> str:
+    return hashlib.sha256(data).hexdigest()[:16]

@@ -28,7 +28,8 @@ from splatwire.io import drawable_scene
 from splatwire.io.formats import format_for
 from splatwire.io.formats.content import FileContent
 from splatwire.io.formats.kinds import format_named
-from splatwire.lod.tileset import write_tileset
+from splatwire.lod.sog_levels import write_sog_levels
+from splatwire.lod.tileset import TilesetReport, write_tileset
 from splatwire.sequence.clip_files import (
     CLIP_FORMATS,
     ClipFormat,
@@ -42,8 +43,8 @@ from splatwire.sequence.written_frames import write_frame_files
 
 STREAM = FILE_SUFFIX.removeprefix(".")
 """Name of the stream format in `--to`."""
-TILES = "3dtiles"
-"""Name of 3D Tiles in `--to`."""
+TILES, SOG_LEVELS = "3dtiles", "streamed.sog"
+"""Names of 3D Tiles and of streamed SOG in `--to`: folders with levels of detail of a still scene."""
 MOST_JOBS = 256
 """Maximum number of processes at the same time."""
 
@@ -55,7 +56,8 @@ class Conversion:
     Attributes:
         source: Path of the input, or `-` for standard input.
         output: Path of the output, or `-` for standard output.
-        form: Name of the format of the output: `swz`, `3dtiles`, or a writable format of explicit Gaussians.
+        form: Name of the format of the output: `swz`, `3dtiles`, `streamed.sog`, or a writable format of explicit
+            Gaussians.
     """
 
     source: str
@@ -93,8 +95,8 @@ def convert(chosen: Conversion, command: Convert) -> None:
     """
     with input_path(chosen.source) as path:
         source, kind = str(path), file_kind(path)
-        if chosen.form == TILES:
-            _convert_to_tiles(path, chosen, as_json=command.json)
+        if chosen.form in (TILES, SOG_LEVELS):
+            _convert_to_levels(path, chosen, as_json=command.json)
         elif chosen.form == STREAM:
             _run_encode.run(Encode(source, chosen.output, json=command.json))
         elif _is_timed(path) and (form := clip_format_for(chosen.output)) is not None:
@@ -126,21 +128,28 @@ def _convert_frames(path: Path, chosen: Conversion, *, as_json: bool) -> None:
         print_summary(f"{count:,} frames, {seconds:.1f} s -> {chosen.output}")
 
 
-def _convert_to_tiles(path: Path, chosen: Conversion, *, as_json: bool) -> None:
-    """Writes the levels of detail of a still scene as 3D Tiles into a new folder."""
+def _convert_to_levels(path: Path, chosen: Conversion, *, as_json: bool) -> None:
+    """Writes the levels of detail of a still scene as 3D Tiles or as streamed SOG into a new folder."""
     started = time.perf_counter()
     if _is_timed(path):
-        raise InvalidValueError(f"{chosen.source}: 3D Tiles are for still scenes; `decode --frame` writes one frame")
+        raise InvalidValueError(
+            f"{chosen.source}: {chosen.form} is for still scenes; `decode --frame` writes one frame"
+        )
     scene = drawable_scene(path, create_concealer("drop"))[0]
+    write = write_tileset if chosen.form == TILES else write_sog_levels
     with progress_bars() as report, output_folder(chosen.output) as folder:
-        written = write_tileset(scene, folder, progress=lambda share: report("writing tiles", share))
+        written = write(scene, folder, progress=lambda share: report("writing levels", share))
     seconds = time.perf_counter() - started
     if as_json:
         print_json({"output": chosen.output, **asdict(written), "seconds": seconds})
-    else:
+        return
+    if isinstance(written, TilesetReport):
         where = "on the Earth" if written.geocentric else "without geographic place"
-        text = f"{written.num_gaussians:,} Gaussians in {written.num_tiles:,} tiles of {written.num_levels} levels"
-        print_summary(f"{text}, {where}, {written.num_bytes:,} bytes, {seconds:.1f} s -> {chosen.output}")
+        text = f"{written.num_tiles:,} tiles of {written.num_levels} levels, {where}"
+    else:
+        text = f"{written.num_chunks:,} chunks of {written.num_levels} levels"
+    size = f"{written.num_bytes:,} bytes, {seconds:.1f} s"
+    print_summary(f"{written.num_gaussians:,} Gaussians in {text}, {size} -> {chosen.output}")
 
 
 def _convert_clip(path: Path, chosen: Conversion, form: ClipFormat, *, as_json: bool) -> None:
@@ -176,14 +185,15 @@ def _checked_form(name: str) -> str:
         UnknownNameError: If nothing of that name can be written.
     """
     name = name.replace("-", ".")
-    if name in (STREAM, TILES, *(clip.name for clip in CLIP_FORMATS)):
+    if name in (STREAM, TILES, SOG_LEVELS, *(clip.name for clip in CLIP_FORMATS)):
         return name
     try:
         return format_named(name).name
     except UnknownNameError:
         raise UnknownNameError(
-            "format to write", name, [STREAM, TILES, *(clip.name for clip in CLIP_FORMATS), *_writable()]
-        ) from None
+            "format to write", name,
+            [STREAM, TILES, SOG_LEVELS.replace(".", "-"), *(clip.name for clip in CLIP_FORMATS), *_writable()],
+        ) from None  # fmt: skip
 
 
 def _writable() -> list[str]:
@@ -253,8 +263,8 @@ def _output_name(source: str, form: str) -> str:
     suffixes = sorted((FILE_SUFFIX, *clips, *(known.suffix for known in FORMATS.all().values())), key=len, reverse=True)
     found = next((suffix for suffix in suffixes if path.name.lower().endswith(suffix)), path.suffix)
     stem = path.name if path.is_dir() else path.name[: len(path.name) - len(found)]
-    if form in (STREAM, TILES):
-        return stem if form == TILES else f"{stem}{FILE_SUFFIX}"
+    if form in (STREAM, TILES, SOG_LEVELS):
+        return f"{stem}{FILE_SUFFIX}" if form == STREAM else stem
     if path.exists() and _is_timed(path):
         return stem if clip_format_for(f"x.{form}") is None else f"{stem}.{form}"
     return f"{stem}{format_named(form).suffix}"

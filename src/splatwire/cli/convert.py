@@ -22,9 +22,9 @@ class Convert:
     output: Annotated[str | None, tyro.conf.arg(aliases=["-o"])] = None
     """Output file of one input; with --to, a folder with one output per input, which is created if it is missing."""
     to: str | None = None
-    """Format of the outputs: swz, ply, compressed-ply, spz, sog, splat, glb, usdc, 3dtiles (a folder with tileset.json
-    and levels of detail), or a format of an installed package. A clip is converted to swz, usdc, 4dgs or splat4d, or to
-    a folder with one file of another format per frame. Default: the suffix of the output."""
+    """Format of the outputs: swz, ply, compressed-ply, spz, sog, splat, glb, usdc, 3dtiles or streamed-sog (a folder
+    with levels of detail), or a format of an installed package. A clip is converted to swz, usdc, 4dgs or splat4d, or
+    to a folder with one file of another format per frame. Default: the suffix of the output."""
     jobs: int = 1
     """Number of inputs that are converted at the same time, each in a process of its own."""
     accept_damage: bool = False

@@ -21,7 +21,8 @@ class Serve(Listening):
     all may; only pages of this machine if --host is a loopback address and there is no --public-url."""
     downloads: tuple[str, ...] = ()
     """With --page: formats in which still scenes of explicit Gaussians are offered to other programs, as /NAME.spz:
-    ply, spz, sog, glb, splat. A file is made at its first request, and the page has links to it."""
+    ply, spz, sog, glb, splat, and the folders 3dtiles (/NAME/3dtiles/tileset.json) and streamed-sog. A file is made at
+    its first request, and the page has links to it."""
     private: tuple[str, ...] = ()
     """With --page: names of scenes that need a token (`splatwire token`). They are served over HTTP only, and listed
     nowhere."""

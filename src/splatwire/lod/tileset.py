@@ -77,18 +77,8 @@ def write_tileset(
     Raises:
         InvalidValueError: If there is no Gaussian, or the scene has anchors.
     """
-    if not isinstance(scene, SplatScene):
-        raise InvalidValueError("3D Tiles hold explicit Gaussians: `splatwire export ply` makes them of anchors")
+    scene = explicit_scene(scene, "3D Tiles hold")
     report = progress or (lambda share: None)
-    rows = scene.rows()
-    rows.log_removed("writing tiles", scene.ELEMENTS)
-    if not rows.kept.any():
-        raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to write")
-    if not rows.complete:
-        scene = SplatScene(
-            scene.splats.gathered(rows.kept), antialiased=scene.antialiased, origin=scene.origin,
-            metadata=scene.metadata,
-        )  # fmt: skip
     built = build_levels(scene, tile, lambda share: report(share / 2))
     shapes = level_shapes(scene.num_elements, tile)
     num_tiles = sum(shape.num_tiles for shape in shapes)
@@ -122,6 +112,29 @@ def write_tileset(
     data = json.dumps(document, separators=(",", ":")).encode()
     write_whole(folder / TILESET, data)
     return TilesetReport(num_tiles, len(shapes), scene.num_elements, num_bytes + len(data), geocentric)
+
+
+def explicit_scene(scene: Scene, holder: str) -> SplatScene:
+    """Returns a scene of explicit Gaussians without invisible and invalid ones, which is logged.
+
+    Args:
+        scene: The scene to write.
+        holder: Format and verb for the error message, such as "3D Tiles hold".
+
+    Raises:
+        InvalidValueError: If there is no Gaussian, or the scene has anchors.
+    """
+    if not isinstance(scene, SplatScene):
+        raise InvalidValueError(f"{holder} explicit Gaussians: `splatwire export ply` makes them of anchors")
+    rows = scene.rows()
+    rows.log_removed("writing levels", scene.ELEMENTS)
+    if not rows.kept.any():
+        raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to write")
+    if rows.complete:
+        return scene
+    return SplatScene(
+        scene.splats.gathered(rows.kept), antialiased=scene.antialiased, origin=scene.origin, metadata=scene.metadata
+    )
 
 
 def _document(root: dict[str, Any], scene: SplatScene) -> dict[str, Any]:

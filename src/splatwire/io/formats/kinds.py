@@ -442,7 +442,7 @@ _EXPLICIT = (
         "sog",
         "a SOG file",
         read=_first_used("sog", "read_sog"),
-        write=_first_used("_sog_writer", "write_sog"),
+        write=_first_used("sog_writer", "write_sog"),
         kinds=(SOG, SOG_FOLDER, SOG_META),
         keeps=_FACTS - {"note", "origin"},
     ),

@@ -18,7 +18,7 @@ from splatwire.bitstream.container import file_head, file_record
 from splatwire.bitstream.manifest import Manifest
 from splatwire.errors import BitstreamError, SplatwireError
 from splatwire.transport.http.access import Access
-from splatwire.transport.http.downloads import Downloads
+from splatwire.transport.http.downloads import FOLDERS, Downloads
 from splatwire.transport.http.messages import (
     Answer,
     GrowingFile,
@@ -39,6 +39,8 @@ from splatwire.transport.protocol.served_stream import ServedStream
 SCRIPT, DRAWING, STYLE = "splatwire.js", "splatwire-view.js", "page.css"
 """Files of the browser page: script of the receiver, script of the renderer (loaded by the receiver), style sheet."""
 FILES = {SCRIPT: "text/javascript", DRAWING: "text/javascript", STYLE: "text/css"}
+PART_TYPES = {"json": "application/json", "glb": "model/gltf-binary", "webp": "image/webp"}
+"""Media types of files in folders of other formats, by suffix."""
 STREAMS, PRIVATE = "/streams/", "/private/"
 """Folders of streams that everybody may read, and of streams that need a token."""
 _READABLE = "Access-Control-Expose-Headers: Content-Encoding, Content-Range, ETag, Retry-After\r\n"
@@ -130,30 +132,38 @@ class PageContent:
             return self._preflight(request)
         if request.method not in ("GET", "HEAD"):
             return self.answer(head)
-        name, form = wanted
+        name, form, part = wanted
         if (refused := self._unauthorized(name, request)) is not None:
             return refused.for_method(request.method)
         stream = self._file(name)
         assert isinstance(stream, bytes)
         try:
-            found = await self.downloads.file(stream, self._tag(stream), form)
-        except SplatwireError:
+            found = await self.downloads.file(stream, self._tag(stream), form, part)
+        except (SplatwireError, OSError):
             return make_answer("500 Internal Server Error", headers=shared).for_method(request.method)
+        if found is None:
+            return make_answer("404 Not Found", headers=shared).for_method(request.method)
         file_name = quote(f"{name}.{form}", safe="")
-        headers = f"Content-Disposition: attachment; filename*=UTF-8''{file_name}\r\n{shared}"
-        kind = "application/octet-stream"
+        attachment = f"Content-Disposition: attachment; filename*=UTF-8''{file_name}\r\n"
+        headers = shared if part else attachment + shared
+        kind = PART_TYPES.get(part.rpartition(".")[2], "application/octet-stream")
         private = self._is_private(name)
         return make_part(kind, found.data, headers, request, found.tag, private=private).for_method(request.method)
 
-    def _download(self, target: str) -> tuple[str, str] | None:
-        """Parses the path of a download, such as `/room.spz`.
+    def _download(self, target: str) -> tuple[str, str, str] | None:
+        """Parses the path of a download, such as `/room.spz` or `/room/3dtiles/tileset.json`.
 
         Returns:
-            Name of the stream, and file format; None if the path is not that of a download.
+            Name of the stream, file format, and path of the file in a folder (empty for formats that are one file);
+            None if the path is not that of a download.
         """
+        if target.count("/") > 2:
+            name, form, part = target[1:].split("/", 2)
+            known = form in FOLDERS and form in self._download_formats(unquote(name))
+            return (unquote(name), form, part) if known else None
         name, dot, form = unquote(target[1:]).rpartition(".")
-        known = dot and target == download_path(name, form) and form in self._download_formats(name)
-        return (name, form) if known else None
+        single = form not in FOLDERS and form in self._download_formats(name)
+        return (name, form, "") if dot and target == download_path(name, form) and single else None
 
     def _download_formats(self, name: str) -> tuple[str, ...]:
         """Returns the file formats in which a stream can be downloaded; empty for clips and neural anchors."""
@@ -161,7 +171,9 @@ class PageContent:
         if self.downloads is None or not isinstance(program, ServedStream) or program.is_live:
             return ()
         schema = _head(program)[0].schema
-        return self.downloads.formats if schema.explicit and not schema.timed else ()
+        private = self._is_private(name)  # addresses inside the files of a folder have no token
+        offered = tuple(form for form in self.downloads.formats if not (private and form in FOLDERS))
+        return offered if schema.explicit and not schema.timed else ()
 
     def _download_list(self, name: str, token: str) -> str:
         """Returns the HTML list of links to a stream's files of other formats; empty if there are none.
@@ -172,7 +184,10 @@ class PageContent:
         """
         query = f"?token={token}" if token else ""
         files = {form: html.escape(download_path(name, form) + query) for form in self._download_formats(name)}
-        links = [f'<li><a href="{url}" download>{html.escape(name)}.{form}</a></li>' for form, url in files.items()]
+        links = [
+            f'<li><a href="{url}">{html.escape(name)}, {form}</a></li>' if form in FOLDERS else
+            f'<li><a href="{url}" download>{html.escape(name)}.{form}</a></li>' for form, url in files.items()
+        ]  # fmt: skip
         return f'<nav aria-label="files for other programs"><ul>{"".join(links)}</ul></nav>' if links else ""
 
     def _answer(self, request: Request) -> Answer:
@@ -391,7 +406,9 @@ def stream_path(name: str) -> str:
 
 
 def download_path(name: str, form: str) -> str:
-    """Returns the URL path of a stream as a file of another format."""
+    """Returns the URL path of a stream as a file of another format; for a folder, of the file that is opened first."""
+    if form in FOLDERS:
+        return f"/{quote(name, safe='')}/{form}/{FOLDERS[form]}"
     return f"/{quote(name, safe='')}.{form}"
 
 

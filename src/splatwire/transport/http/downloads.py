@@ -3,6 +3,9 @@
 from mmap import mmap
 from typing import NamedTuple, Protocol, runtime_checkable
 
+FOLDERS = {"3dtiles": "tileset.json", "streamed-sog": "lod-meta.json"}
+"""Formats that are folders with several files, and the file that a player opens first."""
+
 
 class DownloadedFile(NamedTuple):
     """A stream converted to another file format, as sent to clients of the page server.
@@ -21,20 +24,24 @@ class Downloads(Protocol):
     """Protocol of a converter that offers streams in other file formats.
 
     Attributes:
-        formats: Supported formats: file name suffixes without their dot, such as `spz`.
+        formats: Supported formats: file name suffixes without their dot, such as `spz`, or keys of `FOLDERS`.
     """
 
     @property
     def formats(self) -> tuple[str, ...]:
-        """Supported formats: file name suffixes without their dot, such as `spz`."""
+        """Supported formats: file name suffixes without their dot, such as `spz`, or keys of `FOLDERS`."""
 
-    async def file(self, stream: bytes, tag: str, form: str) -> DownloadedFile:
+    async def file(self, stream: bytes, tag: str, form: str, part: str = "") -> DownloadedFile | None:
         """Returns a stream in another file format; converts the stream at the first request.
 
         Args:
             stream: Content of the stream's `.swz` file.
             tag: HTTP entity tag of the stream.
             form: Format, one of `formats`.
+            part: For a format of `FOLDERS`, path of the file in the folder, with `/`.
+
+        Returns:
+            The file; None if the folder has no file of that path.
 
         Raises:
             SplatwireError: If the stream cannot be converted.

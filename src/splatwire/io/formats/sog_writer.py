@@ -1,4 +1,4 @@
-"""Writer of bundled SOG (see `splatwire.io.formats.sog`)."""
+"""Writer of SOG (see `splatwire.io.formats.sog`)."""
 
 import io
 import json
@@ -50,35 +50,47 @@ def write_sog(
     metadata: SceneMetadata = NO_METADATA,
 ) -> int:
     """Writes a bundled SOG with the Gaussians in Morton order; arguments as in `splatwire.io.formats.write_splats`."""
-    splats = _treat_outliers(join(path, parts), path, outliers)
+    splats = treat_outliers(join(path, parts), path, outliers)
     column = find_outliers(splats.means)
     found = _errors(replace(column, outside=np.zeros(len(column.values), bool)))
     if visible_errors(found, np.median(splats.scales, axis=1)).any():
         warn_of_errors(path, found, local_scales(splats, np.arange(splats.num_gaussians)))
-    means = splats.means.astype(np.float64)
-    order = spatial_order(column)
+    files = sog_files(splats.select(spatial_order(column)), antialiased=antialiased, metadata=metadata)
+    with written_whole(path) as unfinished, zipfile.ZipFile(unfinished, "w") as bundle:  # images are compressed already
+        for name, data in files.items():
+            bundle.writestr(zipfile.ZipInfo(name, _FIXED_DATE), data)
+    return splats.num_gaussians
+
+
+def sog_files(splats: Splats, *, antialiased: bool = False, metadata: SceneMetadata = NO_METADATA) -> dict[str, bytes]:
+    """Returns the files of a SOG by name, `meta.json` last; Gaussians keep their order.
+
+    Args:
+        splats: At least one Gaussian. Neighbours in space should be neighbours in order, because that makes the images
+            smaller.
+        antialiased: True if the Gaussians were trained with antialiasing.
+        metadata: Metadata of the scene.
+    """
     pictures: dict[str, np.ndarray] = {}
-    meta = {"version": 2, "asset": asset_of(metadata), "count": len(means)}
+    meta = {"version": 2, "asset": asset_of(metadata), "count": splats.num_gaussians}
     if antialiased:
         meta["antialias"] = True
-    meta["means"] = _means(means[order], pictures)
-    logs = np.log(splats.scales[order])
+    meta["means"] = _means(splats.means.astype(np.float64), pictures)
+    logs = np.log(splats.scales)
     meta["scales"] = _coded("scales", logs, np.full(len(logs), 255, np.uint8), pictures)
-    pictures["quats.webp"] = _rotations(splats.quats[order])
+    pictures["quats.webp"] = _rotations(splats.quats)
     meta["quats"] = {"files": ["quats.webp"]}
-    sh = splats.sh[order]
-    opacities = np.rint(splats.opacities[order] * 255).clip(0, 255).astype(np.uint8)
-    meta["sh0"] = _coded("sh0", sh[:, 0], opacities, pictures)
+    opacities = np.rint(splats.opacities * 255).clip(0, 255).astype(np.uint8)
+    meta["sh0"] = _coded("sh0", splats.sh[:, 0], opacities, pictures)
     if splats.degree:
-        meta["shN"] = _harmonics(sh[:, 1:], splats.degree, pictures)
-    with written_whole(path) as unfinished, zipfile.ZipFile(unfinished, "w") as bundle:  # images are compressed already
-        for name, pixels in pictures.items():
-            bundle.writestr(zipfile.ZipInfo(name, _FIXED_DATE), _webp(pixels))
-        bundle.writestr(zipfile.ZipInfo(SOG_META_NAME, _FIXED_DATE), json.dumps(meta))
-    return len(means)
+        meta["shN"] = _harmonics(splats.sh[:, 1:], splats.degree, pictures)
+    return {
+        **{name: _webp(pixels) for name, pixels in pictures.items()},
+        SOG_META_NAME: json.dumps(meta).encode(),
+    }
 
 
-def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
+def treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
     """Moves or removes outliers that enlarge the range of positions so much that all other positions lose precision."""
     column = costly_outliers(splats, _errors)
     logs, others = _logs(column.values), _logs(column.others)

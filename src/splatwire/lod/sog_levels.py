@@ -1,0 +1,183 @@
+"""Streamed SOG (PlayCanvas, version 1): `lod-meta.json`, and SOG folders with the Gaussians of each level of detail.
+
+The format is specified at developer.playcanvas.com/user-manual/gaussian-splatting/formats/streamed-sog. Its reader is
+`splatwire.io.formats.streamed_sog`.
+"""
+
+import itertools
+import json
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
+from splatwire.files.whole import write_whole
+from splatwire.io.formats.outliers import DEFAULT, morton_order
+from splatwire.io.formats.sog_writer import sog_files, treat_outliers
+from splatwire.lod.merging import reduced
+from splatwire.lod.tileset import explicit_scene
+from splatwire.ops.kd_order import kd_order
+from splatwire.types import Scene
+from splatwire.types.origin import NO_ORIGIN, describe_origin
+from splatwire.types.splats import Splats
+from splatwire.version import __version__
+
+LOG = logging.getLogger(__name__)
+LEAF = 1 << 14
+"""Maximum number of Gaussians of the finest level per leaf of the tree."""
+LEAVES_PER_CHUNK = 16
+"""Number of leaves whose Gaussians of one level share a SOG folder."""
+FACTOR = 4
+"""Reduction of the number of Gaussians from level to level."""
+_MOST_LEVELS = 6
+_REACH = 3.0
+"""Radius of a Gaussian for the bounding box of a leaf, standard deviations."""
+
+
+@dataclass(frozen=True)
+class SogLevelsReport:
+    """Numbers of a written streamed SOG.
+
+    Attributes:
+        num_levels: Number of levels.
+        num_chunks: Number of SOG folders.
+        num_gaussians: Gaussians of the finest level.
+        num_bytes: Bytes of all files.
+    """
+
+    num_levels: int
+    num_chunks: int
+    num_gaussians: int
+    num_bytes: int
+
+
+def write_sog_levels(
+    scene: Scene, folder: Path, *, leaf: int = LEAF, progress: Callable[[float], None] | None = None
+) -> SogLevelsReport:
+    """Builds levels of detail of a scene and writes them as streamed SOG.
+
+    Each leaf of a k-d tree has all levels; each level has a quarter of the Gaussians of the next finer level.
+
+    Args:
+        scene: Explicit Gaussians; invisible and invalid ones are removed, which is logged. Outliers that cost all
+            others precision are moved nearer, as in a single SOG.
+        folder: Existing folder of the files.
+        leaf: Maximum number of Gaussians per leaf.
+        progress: Called with the completed fraction, 0 to 1.
+
+    Raises:
+        InvalidValueError: If there is no Gaussian, or the scene has anchors.
+    """
+    scene = explicit_scene(scene, "streamed SOG holds")
+    if scene.origin != NO_ORIGIN:
+        LOG.warning(
+            "%s: positions are relative to the scene's origin (%s), which SOG does not hold",
+            folder, describe_origin(scene.origin).replace(" ", ", "),
+        )  # fmt: skip
+    splats = treat_outliers(scene.splats, folder, DEFAULT)
+    count = splats.num_gaussians
+    edges = np.arange(-(-count // leaf) + 1) * count // -(-count // leaf)
+    order = kd_order(splats.means, [edges.astype(np.int64)])
+    num_levels = _num_levels(count, leaf)
+    nodes, names, counts, num_bytes = list[dict[str, Any]](), list[str](), [0] * num_levels, 0
+    num_leaves = len(edges) - 1
+    for number, begin in enumerate(range(0, num_leaves, LEAVES_PER_CHUNK)):
+        bounds = edges[begin : begin + LEAVES_PER_CHUNK + 1].tolist()
+        leaves = [
+            _levels_of(splats.select(order[first:last]), num_levels) for first, last in itertools.pairwise(bounds)
+        ]
+        files = [len(names) + level for level in range(num_levels)]
+        nodes += _nodes(leaves, files)
+        for level in range(num_levels):
+            name = f"{level}_{number}"
+            chunk = _joined([levels[level] for levels in leaves])
+            num_bytes += _write_chunk(
+                folder / name, sog_files(chunk, antialiased=scene.antialiased, metadata=scene.metadata)
+            )
+            names.append(f"{name}/{SOG_META_NAME}")
+            counts[level] += chunk.num_gaussians
+        if progress:
+            progress(min(begin + LEAVES_PER_CHUNK, num_leaves) / num_leaves)
+    document = {
+        "version": 1,
+        "asset": {"generator": f"splatwire {__version__}"},  # metadata is in the chunks
+        "count": sum(counts),
+        "counts": counts,
+        "lodLevels": num_levels,
+        "filenames": names,
+        "tree": _tree(nodes),
+    }
+    index = json.dumps(document, separators=(",", ":")).encode()
+    write_whole(folder / SOG_LEVELS_NAME, index)
+    return SogLevelsReport(num_levels, len(names), count, num_bytes + len(index))
+
+
+def _num_levels(count: int, leaf: int) -> int:
+    """Returns the number of levels: the coarsest has at most a quarter of a leaf, or is level `_MOST_LEVELS`."""
+    levels = 1
+    while levels < _MOST_LEVELS and count > FACTOR and count * FACTOR > leaf:
+        count, levels = -(-count // FACTOR), levels + 1
+    return levels
+
+
+def _levels_of(finest: Splats, num_levels: int) -> list[Splats]:
+    """Returns the levels of a leaf, finest first, each with its Gaussians in Morton order."""
+    levels = [finest]
+    for _ in range(num_levels - 1):
+        last = levels[-1]
+        fewer = -(-last.num_gaussians // FACTOR)
+        levels.append(last if fewer == last.num_gaussians else reduced(last, fewer)[0])
+    return [level.select(morton_order(level.means.astype(np.float64))) for level in levels]
+
+
+def _nodes(leaves: list[list[Splats]], files: list[int]) -> list[dict[str, Any]]:
+    """Returns the nodes of leaves whose levels are in the given files, one after the other."""
+    offsets, nodes = [0] * len(files), []
+    for levels in leaves:
+        lods = {}
+        for level, part in enumerate(levels):
+            lods[str(level)] = {"file": files[level], "offset": offsets[level], "count": part.num_gaussians}
+            offsets[level] += part.num_gaussians
+        low, high = np.min([_low(part) for part in levels], axis=0), np.max([_high(part) for part in levels], axis=0)
+        nodes.append({"bound": {"min": low.tolist(), "max": high.tolist()}, "lods": lods})
+    return nodes
+
+
+def _low(splats: Splats) -> np.ndarray:
+    return np.asarray((splats.means - _reach(splats)).min(axis=0), np.float64)
+
+
+def _high(splats: Splats) -> np.ndarray:
+    return np.asarray((splats.means + _reach(splats)).max(axis=0), np.float64)
+
+
+def _reach(splats: Splats) -> np.ndarray:
+    return np.asarray(_REACH * splats.scales.max(axis=1, keepdims=True), np.float64)
+
+
+def _joined(parts: list[Splats]) -> Splats:
+    return Splats(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+
+
+def _write_chunk(folder: Path, files: dict[str, bytes]) -> int:
+    """Writes a SOG folder; returns its bytes."""
+    folder.mkdir()
+    for name, data in files.items():
+        (folder / name).write_bytes(data)
+    return sum(map(len, files.values()))
+
+
+def _tree(nodes: list[dict[str, Any]]) -> dict[str, Any]:
+    """Returns a binary tree over leaves in k-d order; each inner node has the bounds of its children."""
+    if len(nodes) == 1:
+        return nodes[0]
+    children = [_tree(half) for half in (nodes[: len(nodes) // 2], nodes[len(nodes) // 2 :])]
+    corners = {
+        end: combine([child["bound"][end] for child in children], axis=0).tolist()
+        for end, combine in (("min", np.min), ("max", np.max))
+    }
+    return {"bound": corners, "children": children}
