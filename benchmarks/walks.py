@@ -28,8 +28,8 @@ from splatwire.evaluation.walkthrough.delivery import Link
 from splatwire.evaluation.walkthrough.evaluation import QualitySample, StreamedWalkthrough, score_walk, time_to_quality
 from splatwire.evaluation.walkthrough.path import Walk
 from splatwire.io.formats import read_splats
-from splatwire.io.formats._sog_writer import write_sog
 from splatwire.io.formats.sog import read_sog
+from splatwire.io.formats.sog_writer import write_sog
 from splatwire.lod import Viewpoint, encode_levels
 from splatwire.lod.merging import reduced
 from splatwire.ops.kd_order import kd_order
