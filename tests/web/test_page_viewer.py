@@ -9,9 +9,12 @@ import pytest
 
 from explicit import encode_splats
 from moving_clips import moving_frames
+from splatwire.bitstream import Packetization
 from splatwire.codec.gaussians.quality import Quality
+from splatwire.lod import encode_levels
 from splatwire.sequence import ClipOptions, encode_clip
 from splatwire.transport.http.pack import pack_stream
+from splatwire.types import SplatScene
 from transport.chromium import Browser, browser, executable
 from web.node import lacking
 from web.pictures import ELEMENT
@@ -190,3 +193,63 @@ def test_a_poster_is_visible_until_the_first_picture(still: str, tmp_path: Path)
         page.wait_for(f"{ELEMENT}.status.failed && {posters} === 1", 60)
         page.evaluate(f"{ELEMENT}.setAttribute('data', 'stream')")
         page.wait_for(f"{ELEMENT}.status.verified && {posters} === 0", 60)
+
+
+def orbit_of(view: list[float]) -> tuple[float, float]:
+    """Distance of the eye from the target, and its angle from the up axis, degrees."""
+    eye, target, up = np.split(np.array(view), 3)
+    distance = float(np.linalg.norm(eye - target))
+    return distance, float(np.degrees(np.arccos((eye - target) @ up / distance)))
+
+
+def test_camera_limits_hold_for_the_visitor_and_for_the_first_view(still: str) -> None:
+    with browser() as page:
+        opened(page, still)
+        page.evaluate(f"{ELEMENT}.cameraLimits = '2 3 60 80'; {ROOT}.querySelector('.scene').focus()")
+        for key, distance in (("-", 3), ("+", 2)):
+            for _ in range(20):
+                page.key(key)
+            assert orbit_of(view_of(page))[0] == pytest.approx(distance, rel=1e-4)
+        for key, polar in (("ArrowUp", 80), ("ArrowDown", 60)):
+            for _ in range(20):
+                page.key(key)
+            assert orbit_of(view_of(page))[1] == pytest.approx(polar, abs=0.01)
+        page.key("Home")
+        distance, polar = orbit_of(view_of(page))
+        assert 2 <= distance <= 3 + 1e-4
+        assert 60 - 0.01 <= polar <= 80 + 0.01
+
+
+def test_the_camera_flies_to_a_view_and_input_stops_it(still: str) -> None:
+    with browser() as page:
+        page.emulate(800, 600, prefers_reduced_motion="no-preference")
+        opened(page, still)
+        began = view_of(page)
+        goal = [0.3, -0.6, -3.5, 0.1, 0.0, 0.2, *began[6:]]
+        text = " ".join(map(str, goal))
+        assert page.resolve(f"{ELEMENT}.flyTo('{text}', 0.3)") is True
+        assert np.allclose(view_of(page), goal, atol=1e-4)
+        turned = [*goal[:6], *(-number for number in began[6:])]
+        assert page.resolve(f"{ELEMENT}.flyTo('{' '.join(map(str, turned))}', 0)") is True
+        assert np.allclose(view_of(page), turned, atol=1e-4)
+        back = " ".join(map(str, began))
+        page.evaluate(f"window.arrived = null; {ELEMENT}.flyTo('{back}', 60).then((is) => (window.arrived = is)); 0")
+        page.resolve(NEXT_FRAMES)
+        page.evaluate(f"{ROOT}.querySelector('.scene').focus()")
+        page.key("ArrowLeft")
+        page.wait_for("window.arrived === false", 60)
+        assert "nine numbers" in page.resolve(f"{ELEMENT}.flyTo('1 2 3').catch(({{message}}) => message)")
+
+
+def test_a_budget_of_gaussians_limits_what_is_drawn_of_levels(tmp_path: Path) -> None:
+    if reason := lacking():
+        pytest.skip(reason)
+    scene, packed = SplatScene(ball(20_000)), tmp_path / "levels.html"
+    packed.write_bytes(pack_stream(encode_levels(scene, Packetization(block_size=500, lanes=2)), "levels"))
+    with browser() as page:
+        opened(page, packed.as_uri())
+        page.wait_for(f"{ELEMENT}.status.gaussians > 4000", 60)
+        page.evaluate(f"{ELEMENT}.maxGaussians = 3000")
+        page.wait_for(f"{ELEMENT}.status.gaussians > 0 && {ELEMENT}.status.gaussians <= 3000", 60)
+        page.evaluate(f"{ELEMENT}.removeAttribute('max-gaussians')")
+        page.wait_for(f"{ELEMENT}.status.gaussians > 4000", 60)

@@ -54,6 +54,7 @@ export class WorkerReceiver implements Receiver {
   #shownAt = 0;
   #ask = 0;
   /** Camera of the page, its request number, and the number of the last answered request. */
+  #budget = 0;
   #camera = ANY_CAMERA;
   #viewRequest = 0;
   #answeredRequest = 0;
@@ -335,8 +336,9 @@ export class WorkerReceiver implements Receiver {
     return this.failed !== null;
   }
 
-  look({ camera, ask }: ToWorker & { kind: "look" }): void {
+  look({ camera, budget, ask }: ToWorker & { kind: "look" }): void {
     this.#camera = camera;
+    this.#budget = budget;
     this.#viewRequest = ask;
     if (this.#answeredRequest === ask) this.#answeredRequest = 0; // the page restarts its numbering with a new stream
     void this.#draw().then(() => {
@@ -383,6 +385,7 @@ export class WorkerReceiver implements Receiver {
     while (received.hasNew || this.#answeredRequest !== this.#viewRequest) {
       const ask = this.#viewRequest;
       let fresh = received.hasNew;
+      tiling!.budget = this.#budget;
       for (const { gone, come } of received.swaps(this.#camera, this.#pieces)) {
         const tiles = [];
         for (const tile of gone) this.#pieces.delete(tile);

@@ -211,7 +211,7 @@ export async function visit(
     postMessage: (message: FromWorker): void => {
       said.push(message);
       if (message.kind === "facts" && message.facts.viewDependent)
-        setImmediate(() => reception.look({ kind: "look", camera: NEAR, ask: ++looks }));
+        setImmediate(() => reception.look({ kind: "look", camera: NEAR, budget: 1_000_000, ask: ++looks }));
     },
   };
   const from = { session: null, name: "a", file: URL_, ...source },

@@ -17,6 +17,9 @@ export interface SplatWireAttributes {
   /** Degrees per second; 12 for the empty string. */
   autorotate?: string | boolean | undefined;
   poster?: string | undefined;
+  /** Four numbers: least and largest distance, world units, least and largest polar angle, degrees. */
+  "camera-limits"?: string | undefined;
+  "max-gaussians"?: number | string | undefined;
 }
 
 /** Event listeners as `on...` attributes, for frameworks that support them. */

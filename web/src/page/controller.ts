@@ -16,8 +16,9 @@ import { ClipPlayback } from "./clip_playback.ts";
 import { Comparison } from "./comparison.ts";
 import { createElement } from "./elements.ts";
 import { type Dispatch, newStatus, type Status } from "./events.ts";
+import { gaussianBudget } from "./gaussian_budget.ts";
 import { Hotspots } from "./hotspots.ts";
-import { EMBEDDED, embedCode, readLink, viewpointOf, writeLink } from "./links.ts";
+import { EMBEDDED, embedCode, limitsOf, readLink, viewpointOf, writeLink } from "./links.ts";
 import { Milestones } from "./milestones.ts";
 import { showMetadata, showPacketStatistics } from "./packet_statistics.ts";
 import { Panel } from "./panel.ts";
@@ -50,6 +51,7 @@ export class Controller {
   readonly #hotspots = new Hotspots(() => this.#cameraMoved());
   readonly #whole = createElement("div", { class: "whole" });
   #poster: HTMLImageElement | null = null;
+  #contextLosses = 0;
   #idleTimer = 0;
   #cameraFrame = 0;
   #reportedViewpoint = "";
@@ -117,6 +119,10 @@ export class Controller {
     const hotspots = createElement("div", { class: "hotspots" }, this.#hotspots.slot);
     this.#whole.append(this.stage.surface, this.#comparison.canvas, hotspots, this.panel.element);
     root.replaceChildren(this.#whole);
+    this.stage.onContextLost = () => {
+      this.#contextLosses++;
+      this.#viewUpdates?.repeat();
+    };
     this.stage.onChange = () => {
       this.#comparison.pictureChanged();
       this.#cameraMoved();
@@ -154,6 +160,8 @@ export class Controller {
     if (name === "up") this.stage.setUp(value ?? "");
     if (name === "viewpoint") this.#viewpoint(true);
     if (name === "poster") this.#showPoster(value);
+    if (name === "camera-limits") this.stage.setLimits(limitsOf(value));
+    if (name === "max-gaussians") this.#viewUpdates?.repeat();
     if (name === "autorotate") {
       this.#rotation.set(value);
       this.panel.rotating = this.#rotation.running;
@@ -200,6 +208,7 @@ export class Controller {
     this.panel.set({ ...(concealer ? { concealer } : {}), ...link.settings });
     this.applyAttribute("gestures");
     this.applyAttribute("poster");
+    this.applyAttribute("camera-limits");
     if (link.viewpoint) stage.setViewpoint(link.viewpoint);
     this.#viewpoint(false);
     this.applyAttribute("autorotate");
@@ -231,7 +240,10 @@ export class Controller {
 
   /** Shows the controls, which fade after some seconds without input. Input also pauses the rotation. */
   #onInput(name: string): void {
-    if (name && name !== "pointermove") this.#rotation.onInput();
+    if (name && name !== "pointermove") {
+      this.#rotation.onInput();
+      if (name !== "focusin") this.stage.flight.stop();
+    }
     clearTimeout(this.#idleTimer);
     this.#whole.classList.remove("idle");
     this.#idleTimer = window.setTimeout(() => this.#fade(), IDLE_MS);
@@ -397,7 +409,10 @@ export class Controller {
     this.#viewUpdates = null;
     stage.onCamera = null;
     if (!viewDependent) return;
-    const watch = new ViewUpdates(size, (camera, ask) => this.#send({ kind: "look", camera, ask }));
+    const watch = new ViewUpdates(size, (camera, ask) => {
+      const budget = gaussianBudget(this.host.getAttribute("max-gaussians"), this.#contextLosses);
+      this.#send({ kind: "look", camera, budget, ask });
+    });
     this.#viewUpdates = watch;
     stage.onCamera = (camera) => watch.onCamera(camera);
     stage.reportCamera();

@@ -7,6 +7,7 @@ import { applyStyles } from "./apply_styles.ts";
 import { Base } from "./base.ts";
 import { Controller } from "./controller.ts";
 import { newStatus, type SplatWireEventMap, type Status } from "./events.ts";
+import { viewpointOf } from "./links.ts";
 import type { Panel } from "./panel.ts";
 
 /** Attributes that identify the stream. Other attributes are applied without restarting it. */
@@ -22,6 +23,8 @@ export class SplatWire extends Base {
     "gestures",
     "autorotate",
     "poster",
+    "camera-limits",
+    "max-gaussians",
   ];
   #controller: Controller | null = null;
   #status = newStatus();
@@ -147,6 +150,24 @@ export class SplatWire extends Base {
     this.setAttribute("poster", value);
   }
 
+  /** Limits of the camera: four numbers, see docs/browser.md. The empty string means none. */
+  get cameraLimits(): string {
+    return this.getAttribute("camera-limits") ?? "";
+  }
+
+  set cameraLimits(value: string) {
+    this.setAttribute("camera-limits", value);
+  }
+
+  /** Maximum number of drawn Gaussians of a scene with levels; 0 means that of the device. */
+  get maxGaussians(): number {
+    return Number(this.getAttribute("max-gaussians"));
+  }
+
+  set maxGaussians(value: number) {
+    this.setAttribute("max-gaussians", String(value));
+  }
+
   /** Starts the stream again. */
   retry(): void {
     this.#release();
@@ -186,6 +207,16 @@ export class SplatWire extends Base {
   saveView(): string {
     const { eye, target, up } = this.#running.viewpoint;
     return [...eye, ...target, ...up].join(" ");
+  }
+
+  /**
+   * Moves the camera to a viewpoint, nine numbers as those of `saveView`. Resolves to true on arrival, to false if the
+   * visitor or another movement stops it.
+   */
+  async flyTo(viewpoint: string, seconds = 1): Promise<boolean> {
+    const found = viewpointOf(viewpoint);
+    if (!found) throw new Error(`a viewpoint is nine numbers (eye, target, up), not ${viewpoint}`);
+    return this.#running.stage.fly(found, seconds);
   }
 
   /** Returns a link to this page with the current view. */

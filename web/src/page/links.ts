@@ -43,7 +43,7 @@ const SCRIPT = "/splatwire.js";
 const VERSION = /^\?[0-9a-f]{16}$/;
 
 /** Attributes of the element that embed code repeats, because they change the picture. */
-export const EMBEDDED = ["up", "viewpoint", "concealer", "autorotate"] as const;
+export const EMBEDDED = ["up", "viewpoint", "concealer", "autorotate", "camera-limits"] as const;
 
 /**
  * Returns embed code for another page. `attributes` are those of the element. Returns null if this script, loaded from
@@ -61,10 +61,22 @@ export function embedCode(stream: URL, own: string, attributes: Readonly<Record<
   return `${script}\n<splat-wire${words.join("")}></splat-wire>`;
 }
 
+/** Parses this many finite numbers. Returns null for anything else. */
+function numbersOf(words: string | null, count: number): number[] | null {
+  const numbers = words?.trim().split(/\s+/).map(Number);
+  return numbers?.length === count && numbers.every(Number.isFinite) ? numbers : null;
+}
+
+/** Parses camera limits: least and largest distance, least and largest angle. Returns null for anything else. */
+export function limitsOf(words: string | null): number[] | null {
+  const numbers = numbersOf(words, 4);
+  return numbers && 0 <= numbers[0] && numbers[0] <= numbers[1] && numbers[2] <= numbers[3] ? numbers : null;
+}
+
 /** Parses nine numbers: eye, target, up. Returns null for anything else. */
 export function viewpointOf(words: string | null): Viewpoint | null {
-  const numbers = words?.trim().split(/\s+/).map(Number);
-  if (numbers?.length !== 9 || !numbers.every(Number.isFinite)) return null;
+  const numbers = numbersOf(words, 9);
+  if (!numbers) return null;
   const [ex, ey, ez, tx, ty, tz, ux, uy, uz] = numbers;
   return { eye: [ex, ey, ez], target: [tx, ty, tz], up: [ux, uy, uz] };
 }

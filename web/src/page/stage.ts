@@ -17,6 +17,7 @@ import { paint } from "../render/software_renderer.ts";
 import type { View } from "../render/view.ts";
 import { acquireContext, type ContextOwner, offerContext, releaseContext } from "../render/webgl_contexts.ts";
 import { delay, periodicPause } from "../scheduler.ts";
+import { Flight } from "./flight.ts";
 
 /**
  * Thresholds that start WebGL after the first picture: number of Gaussians, arrived or expected, or time in
@@ -49,6 +50,8 @@ export class Stage implements ContextOwner {
     (at) => this.#pick(at),
   );
   readonly controls = new Controls(this.surface, this.orbit, (text) => this.#showHint(text));
+  readonly flight = new Flight(this.orbit);
+  #limits: readonly number[] | null = null;
   readonly #hint = document.createElement("p");
   #hintTimer = 0;
   view: View | null = null;
@@ -57,6 +60,8 @@ export class Stage implements ContextOwner {
   extent: Ball | null = null;
   /** Callback with the camera of each picture. */
   onCamera: ((camera: Camera) => void) | null = null;
+  /** Callback after the loss of the WebGL context. */
+  onContextLost: (() => void) | null = null;
   /** Callback after each change of the picture. */
   onChange: (() => void) | null = null;
   #parts: Packed[] = [];
@@ -194,6 +199,7 @@ export class Stage implements ContextOwner {
     if (this.view !== view) return;
     this.release();
     releaseContext(this);
+    this.onContextLost?.();
     setTimeout(() => void this.open(), CONTEXT_RETRY_MS);
   }
 
@@ -221,6 +227,7 @@ export class Stage implements ContextOwner {
   /** Releases all resources. */
   destroy(): void {
     this.#destroyed = true;
+    this.flight.stop();
     clearTimeout(this.#hintTimer);
     this.#parts = [];
     this.#count = 0;
@@ -314,6 +321,28 @@ export class Stage implements ContextOwner {
     this.touch();
   }
 
+  /** Limits the camera: least and largest distance from the target, world units, and polar angle, degrees. */
+  setLimits(limits: readonly number[] | null): void {
+    this.#limits = limits;
+    this.#applyLimits();
+    this.touch();
+  }
+
+  #applyLimits(): void {
+    const [near, far, top, bottom] = this.#limits ?? [];
+    const pitch = (polar: number): number => (polar * Math.PI) / 180 - Math.PI / 2;
+    this.orbit.limit(
+      this.#limits && { near: near / this.#size, far: far / this.#size, low: pitch(top), high: pitch(bottom) },
+    );
+  }
+
+  /** Moves the camera to a viewpoint. Resolves to false if the movement is stopped. */
+  fly({ eye, target, up }: Viewpoint, seconds: number): Promise<boolean> {
+    const scaled = (point: readonly number[]): Vec3 => new Vec3(...point.map((value) => value / this.#size));
+    this.orbit.reorient(new Vec3(...up).normalize());
+    return this.flight.start(this.orbit.stateOf(scaled(eye), scaled(target)), seconds);
+  }
+
   /** Sets the up axis of the scene. */
   setUp(up: string): void {
     if (this.orbit.placed) return;
@@ -346,6 +375,7 @@ export class Stage implements ContextOwner {
    */
   begin(size: number, expected = 0): void {
     this.orbit.rescale(this.#size / size);
+    this.flight.stop();
     this.#parts = [];
     this.#tiles.clear();
     this.#size = size;

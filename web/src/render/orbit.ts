@@ -7,6 +7,8 @@ import type { Pose } from "./projection.ts";
 const MAX_PITCH = 1.55,
   /** Approximate height of the window's content relative to the distance. */
   WINDOW_HEIGHT = 1.2;
+/** Cosine of the angle above which two up axes are different. */
+const SAME_AXIS = 0.9999;
 const UPSIDE_DOWN = new Quat().setFromEulerAngles(0, 0, 180);
 
 /** Up vectors by name. */
@@ -41,12 +43,23 @@ export interface WindowPosition {
   readonly y: number;
 }
 
-interface State {
+/** Camera relative to the up axis: target, distance to it, and angles in radians. */
+export interface OrbitState {
   readonly target: Vec3;
   readonly distance: number;
   readonly yaw: number;
   readonly pitch: number;
 }
+
+/** Limits of the page: distances from the target in units of the view, and pitches in radians. */
+export interface OrbitLimits {
+  readonly near: number;
+  readonly far: number;
+  readonly low: number;
+  readonly high: number;
+}
+
+const NO_LIMITS: OrbitLimits = { near: 0, far: Infinity, low: -MAX_PITCH, high: MAX_PITCH };
 
 export class Orbit {
   readonly defaultDirection = DEFAULT_DIRECTION;
@@ -63,7 +76,8 @@ export class Orbit {
   /** True if the visitor moved the camera. */
   touched = false;
   /** Initial state. */
-  #initial: State = this.#state();
+  #initial: OrbitState = this.state;
+  #limits = NO_LIMITS;
   /** Point that the camera zooms towards, its smallest distance, and its window position. */
   #zoomTarget: { readonly point: Vec3; readonly near: number; readonly at: string } | null = null;
 
@@ -87,36 +101,75 @@ export class Orbit {
   /** Sets the initial state: an eye position, a target and an up vector. */
   place(eye: Vec3, target: Vec3, up: Vec3): void {
     this.upRotation.setFromDirections(Vec3.UP, up.clone().normalize());
-    const back = new Vec3().sub2(eye, target);
-    this.target.copy(target);
-    this.distance = back.length();
-    this.upRotation
-      .clone()
-      .invert()
-      .transformVector(back.mulScalar(1 / this.distance), back);
-    this.pitch = -Math.min(Math.max(Math.asin(Math.min(Math.max(back.y, -1), 1)), -MAX_PITCH), MAX_PITCH);
-    this.yaw = Math.atan2(back.x, back.z);
+    this.#restore(this.stateOf(eye, target, false));
     this.placed = true;
     this.#storeInitial();
   }
 
-  #storeInitial(): void {
-    this.#initial = this.#state();
+  /** Sets the up axis without moving the eye or the target. */
+  reorient(up: Vec3): void {
+    const { eye, target, up: before } = this.viewpoint();
+    if (before.dot(up) > SAME_AXIS) return;
+    this.turned = false;
+    this.upRotation.setFromDirections(Vec3.UP, up);
+    this.#restore(this.stateOf(eye, target));
   }
 
-  #state(): State {
+  /** Returns the state with an eye position and a target. */
+  stateOf(eye: Vec3, target: Vec3, turned = this.turned): OrbitState {
+    const back = new Vec3().sub2(eye, target),
+      distance = back.length(),
+      turn = this.upRotation.clone().invert();
+    if (turned) turn.mul2(UPSIDE_DOWN, turn);
+    turn.transformVector(back.mulScalar(1 / distance), back);
+    const pitch = -Math.min(Math.max(Math.asin(Math.min(Math.max(back.y, -1), 1)), -MAX_PITCH), MAX_PITCH);
+    return { target: target.clone(), distance, yaw: Math.atan2(back.x, back.z), pitch };
+  }
+
+  #storeInitial(): void {
+    this.#applyLimits();
+    this.#initial = this.state;
+  }
+
+  get state(): OrbitState {
     const { target, distance, yaw, pitch } = this;
     return { target: target.clone(), distance, yaw, pitch };
+  }
+
+  /** Sets the limits of the page, or removes them. */
+  limit(limits: OrbitLimits | null): void {
+    this.#limits = limits ?? NO_LIMITS;
+    this.#applyLimits();
+  }
+
+  #applyLimits(): void {
+    const { near, far, low, high } = this.#limits;
+    this.distance = Math.min(Math.max(this.distance, near), far);
+    this.pitch = Math.min(Math.max(this.pitch, low), high);
+  }
+
+  /** Moves to a state between two others, 0 to 1, on the shorter way around the up axis. Obstacles are ignored. */
+  moveBetween(from: OrbitState, to: OrbitState, share: number): void {
+    const mix = (one: number, other: number): number => one + (other - one) * share,
+      turn = Math.atan2(Math.sin(to.yaw - from.yaw), Math.cos(to.yaw - from.yaw));
+    this.target.lerp(from.target, to.target, share);
+    this.distance = mix(from.distance, to.distance);
+    this.yaw = from.yaw + turn * share;
+    this.pitch = mix(from.pitch, to.pitch);
+    this.touched = true;
+    this.#applyLimits();
+    this.changed();
   }
 
   /** Returns to the initial state. */
   reset(): void {
     this.#restore(this.#initial);
+    this.#applyLimits();
     this.touched = true;
     this.changed();
   }
 
-  #restore({ target, ...look }: State): void {
+  #restore({ target, ...look }: OrbitState): void {
     this.target.copy(target);
     Object.assign(this, look);
   }
@@ -131,6 +184,8 @@ export class Orbit {
   rescale(factor: number): void {
     this.target.mulScalar(factor);
     this.distance *= factor;
+    const { near, far, ...angles } = this.#limits;
+    this.#limits = { near: near * factor, far: far * factor, ...angles };
     const { target, distance, ...look } = this.#initial;
     this.#initial = { target: target.mulScalar(factor), distance: distance * factor, ...look };
   }
@@ -181,13 +236,15 @@ export class Orbit {
   /** Moves as far as the free space allows. `turns` marks rotations around the target. */
   #moveWithin(move: () => void, turns = false): void {
     const space = this.space(),
-      before = this.#state(),
+      before = this.state,
       began = this.#position();
     this.touched = true;
     this.#zoomTarget = null;
     move();
+    this.#applyLimits();
     if (space) {
       this.#clampToScene(space);
+      this.#applyLimits();
       if (space.isFree(began))
         turns ? this.#shortenDistance(space, before) : this.#stopAtObstacle(space, before, began);
     }
@@ -211,14 +268,14 @@ export class Orbit {
   }
 
   /** Shortens the distance if a rotation is blocked, or undoes the rotation. */
-  #shortenDistance(space: FreeSpace, before: State): void {
+  #shortenDistance(space: FreeSpace, before: OrbitState): void {
     for (let n = 0; n < 12; n++, this.distance *= 0.9) if (space.isFree(this.#position())) return;
     this.#restore(before);
   }
 
   /** Moves along the straight path up to the first obstacle. */
-  #stopAtObstacle(space: FreeSpace, before: State, began: readonly number[]): void {
-    const after = this.#state(),
+  #stopAtObstacle(space: FreeSpace, before: OrbitState, began: readonly number[]): void {
+    const after = this.state,
       end = this.#position(),
       length = Math.hypot(...end.map((value, a) => value - began[a])),
       steps = Math.min(Math.max(Math.ceil((2 * length) / space.cell), 1), 64),
@@ -233,7 +290,7 @@ export class Orbit {
         pitch: mix(before.pitch, after.pitch, share),
       });
       if (!space.isFree(this.#position())) break;
-      last = this.#state();
+      last = this.state;
     }
     this.#restore(last);
   }
@@ -248,7 +305,7 @@ export class Orbit {
 
   /** Moves sideways by fractions of the window's height. Undone if no part of the scene stays in view. */
   pan(dx: number, dy: number): void {
-    const before = this.#state(),
+    const before = this.state,
       step = this.distance * WINDOW_HEIGHT,
       across = this.pose().rotation.transformVector(new Vec3(-dx * step, dy * step, 0), new Vec3()),
       something = this.#sceneInView();

@@ -32,6 +32,13 @@ export class ViewUpdates {
     this.#update();
   }
 
+  /** Requests the Gaussians for the last camera again. */
+  repeat(): void {
+    this.#pending ??= this.#requested;
+    this.#requested = null;
+    this.#update();
+  }
+
   onAnswer(ask: number): void {
     this.#answerCount = ask;
     this.#update();

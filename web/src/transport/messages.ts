@@ -11,7 +11,8 @@ import type { Session } from "./webtransport.ts";
 export type ToWorker =
   | { kind: "open"; session: Session | null; name: string; file: string; bytes: Uint8Array<ArrayBuffer> | null }
   | { kind: "conceal"; choice: Choice; ask: number }
-  | { kind: "look"; camera: Camera; ask: number }
+  /** `budget` is the maximum number of drawn Gaussians of a scene with levels. */
+  | { kind: "look"; camera: Camera; budget: number; ask: number }
   /** Requests a frame of a clip. Answered by `frame`. */
   | { kind: "frame"; number: number; choice: Choice }
   | { kind: "digest" };

@@ -82,6 +82,7 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
   #cut: Cut = { drawn: [], wanted: [] };
   #drawn = new Set<number>();
   /** The coarser tile decoded last, cached because its units are requested one after another. */
+  budget = BUDGET;
   #cachedTile: { readonly tile: number; readonly splats: readonly Splats[] } | null = null;
 
   constructor(sideInfo: Uint8Array, plan: Plan) {
@@ -156,7 +157,7 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
     return children[tile].filter((child) => this.#drawn.has(child));
   }
 
-  look(camera: Camera | null, budget = BUDGET): boolean {
+  look(camera: Camera | null, budget = this.budget): boolean {
     const { packets, parents } = this.tiles,
       came = this.#receivedPackets,
       there = (tile: number): boolean => came[tile] === packets[tile],

@@ -15,6 +15,8 @@ export interface Tiling {
   readonly pieces: Pieces;
   /** Drawing units of the current view. */
   readonly drawn: readonly number[];
+  /** Maximum number of drawn Gaussians in a view. */
+  budget: number;
   /** Selects tiles for a view, at most `budget` Gaussians. Returns true if the drawn units changed. */
   look(camera: Camera | null, budget?: number): boolean;
   /** Returns the number of received packets of a unit's tile. */
