@@ -48,6 +48,14 @@ def test_a_private_scene_is_served_over_http_with_a_token_and_not_over_quic(run,
             server.terminate()
 
 
+@pytest.mark.parametrize("url", ["quic://host/room?token=secret", "https://host/private/room.swz?token=secret"])
+def test_receive_names_the_way_to_a_private_scene_and_does_not_repeat_its_token(run, tmp_path, url):
+    done = run("receive", url, "-o", tmp_path / "room.swz")
+    assert done.status == 2
+    assert "private scenes are sent over HTTP only" in done.err
+    assert "secret" not in done.err
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -53,6 +53,12 @@ def parse_url(url: str) -> Address:
         port = parts.port
     except ValueError:
         raise wrong from None
+    if parts.scheme in ("http", "https") or (parts.scheme in PORTS and parts.query):
+        raise InvalidValueError(
+            f"'{parts.scheme}://{parts.netloc}{parts.path}' with a token or HTTP is not an address to receive from: "
+            "private scenes are sent over HTTP only, as files: curl -H 'Authorization: Bearer TOKEN' -o scene.swz "
+            "https://HOST/private/NAME.swz"
+        )
     if parts.scheme not in PORTS or not parts.hostname or parts.query or parts.fragment or parts.username:
         raise wrong
     name = parts.path.strip("/")
