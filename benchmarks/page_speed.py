@@ -24,6 +24,7 @@ stream's head to its last Gaussian, and processor time of the threads.
 
 import argparse
 import asyncio
+import collections
 import gzip
 import io
 import json
@@ -290,9 +291,12 @@ def figures(name: str, frames: list[tuple[float, float, bytes]], events: list[di
 
 
 def threads_of(events: list[dict[str, Any]]) -> tuple[set[tuple[int, int]], set[tuple[int, int]]]:
-    """The main thread of the page, and its workers."""
+    """The main thread of the page, and its workers. The browser's own pages have other processes."""
     renderers = {e["pid"] for e in events if e["name"] == "process_name" and e["args"]["name"] == "Renderer"}
-    names = [e for e in events if e["name"] == "thread_name" and e["pid"] in renderers]
+    calls = [e for e in events if e["name"] == "FunctionCall" and e["pid"] in renderers]
+    ours = collections.Counter(e["pid"] for e in calls if "//127.0.0.1:" in json.dumps(e.get("args", {})))
+    page = {pid for pid, _ in ours.most_common(1)}
+    names = [e for e in events if e["name"] == "thread_name" and e["pid"] in page]
     main = {(e["pid"], e["tid"]) for e in names if e["args"]["name"] == "CrRendererMain"}
     workers = {(e["pid"], e["tid"]) for e in names if e["args"]["name"] == "DedicatedWorker thread"}
     return main, workers

@@ -19,14 +19,14 @@
 #define NEIGHBOURS 6
 #define LANES 8
 #define PREDICTED 8
+#define PAIRS (PREDICTED / 2)
 #define NONE 0x7fffffff
 #define FAR ((1 << 25) - 1)       // above all squared distances of narrow cells
 #define NOWHERE (-30000 & 0xffff)  // x of the places before the first Gaussian; the square of its distance fits
 #define NARROW_BITS 11
 #define TOTAL (1 << 24)
 #define ESCAPE 16
-#define GUESSES 256
-#define GUESS_SHIFT 16
+#define MOST_GUESS_BITS 8
 #define MOST_BOUNDS 512  // of a distribution that are stored
 #define ZEROS 16         // bytes behind a payload that may be read
 #define FIRST_CLASS 32
@@ -42,8 +42,15 @@
 #define MAX_RESIDUAL (1 << 24)
 #define MAX_HARMONIC (1 << 24)
 #define Z_LIMIT (6 * 65536)
+#define OCTAVES 128
+#define MOST_HARMONICS 16  // of a colour channel, rounded up to an even number
+#define TRANSFORM_UNIT 127
+#define PI 3.141592653589793
+#define R2 1.4142135623730951
+#define R3 1.7320508075688772
+#define R6 2.449489742783178
 
-enum { LATTICE = 0, CLASS = 3, OPACITY = 4, AXIS = 8, PRIMARY = 11, SPIN_BITS = 12, SPIN = 13, LUMA = 14 };
+enum { LATTICE = 0, CLASS = 3, OPACITY = 4, SCALE0 = 5, AXIS = 8, PRIMARY = 11, SPIN_BITS = 12, SPIN = 13, LUMA = 14 };
 enum { S_POSITION = 4, S_DIRECTION = 5, S_SPIN = 6, S_COLOUR = 7, S_HARMONICS = 8, STEPS = 9 };
 
 // Tables that the caller fills: of the range coder, of the codec, of the stream, and the block's means.
@@ -51,6 +58,9 @@ int32_t normal[2 * 768 + 1], inverses[NUM_SCALES], widths[NUM_SCALES];
 int32_t thinness[MAX_THIN + 1], coefficients[4 * STEPS];
 int32_t bases[8 * STEPS], scales[CONTEXTS], initial[2 * NUM_CONTEXTS];
 int32_t defaults[7];
+// Tables of the conversion to floating point: powers of two of the fractions of an octave and of whole octaves, the
+// transform of the harmonics, with rows of `MOST_HARMONICS` numbers, and the lower corner of the block.
+double fractions[1 << BITS], wholes[2 * OCTAVES], transform[MOST_HARMONICS * MOST_HARMONICS], corner[3];
 
 static int32_t models[2 * NUM_CONTEXTS];
 static const int32_t running_bounds[7] = {2, 6, 13, 24, 42, 74, 135};
@@ -174,24 +184,23 @@ static int32_t bound_of(int32_t place, int32_t scale, int32_t mean, int32_t half
   return (int32_t)((((sum >> 16) * (TOTAL - ESCAPE - count)) >> 24) + place);
 }
 
-// Bounds of every `1 << shift`-th symbol's interval, and for each position's high bits the first bound to try.
+// Distributions of one scale for all means, one after another: bounds of every `1 << shift`-th symbol's interval, and
+// for each position's `guess_bits` high bits the first bound to try. Narrow ones have a `shift` of 0. They are accessed
+// at random, so they are kept small enough for the processor's caches.
 typedef struct {
-  uint16_t guesses[GUESSES];
-  int32_t bounds[];
-} Distribution;
-// Distributions of one context for all means: their address and size. Narrow ones have a `shift` of 0.
-typedef struct {
-  const uint8_t *first;
-  int32_t stride, half, scale, shift;
-} Context;
-static Context contexts[CONTEXTS];
+  const uint16_t *guesses;
+  const int32_t *bounds;
+  int32_t stride, half, scale, shift, guess_bits;
+} Mixtures;
+static Mixtures mixtures[NUM_SCALES];
 
-static void tabulate(Distribution *table, int32_t scale, int32_t mean, int32_t half, int32_t shift) {
-  int32_t count = 2 * half + 1, most = (count + (1 << shift) - 1) >> shift;
-  for (int32_t place = 0; place <= most; place++) table->bounds[place] = bound_of(place << shift, scale, mean, half);
-  for (int32_t guess = 0, place = 0; guess < GUESSES; guess++) {
-    while (place < most - 1 && table->bounds[place + 1] <= guess << GUESS_SHIFT) place++;
-    table->guesses[guess] = (uint16_t)place;
+static void tabulate(const Mixtures *own, int32_t mean, uint16_t *guesses, int32_t *bounds) {
+  int32_t most = own->stride - 1;
+  for (int32_t place = 0; place <= most; place++)
+    bounds[place] = bound_of(place << own->shift, own->scale, mean, own->half);
+  for (int32_t guess = 0, place = 0; guess < 1 << own->guess_bits; guess++) {
+    while (place < most - 1 && bounds[place + 1] <= guess << (24 - own->guess_bits)) place++;
+    guesses[guess] = (uint16_t)place;
   }
 }
 
@@ -206,9 +215,9 @@ static int32_t outside(int32_t half) {
 
 // Finds the symbol between two stored bounds, `start` and `after`. The first guess interpolates them.
 static int32_t between(
-    const Context *context, int32_t place, int32_t start, int32_t after, int32_t mean, int32_t position) {
-  int32_t scale = context->scale, half = context->half, first = place << context->shift;
-  place = first + (int32_t)(((int64_t)(position - start) << context->shift) / (after - start));
+    const Mixtures *own, int32_t place, int32_t start, int32_t after, int32_t mean, int32_t position) {
+  int32_t scale = own->scale, half = own->half, first = place << own->shift;
+  place = first + (int32_t)(((int64_t)(position - start) << own->shift) / (after - start));
   start = bound_of(place, scale, mean, half);
   while (start > position) start = bound_of(--place, scale, mean, half);
   for (;; place++, start = after) {
@@ -220,21 +229,21 @@ static int32_t between(
   return place - half;
 }
 
-INLINE int32_t symbol(const Context *context, int32_t mean) {
+INLINE int32_t symbol(const Mixtures *own, int32_t mean) {
   uint64_t unit = span >> 24;
   int32_t position = (int32_t)target(unit, TOTAL - 1);
-  if (position >= TOTAL - ESCAPE) return outside(context->half);
-  const Distribution *table = (const Distribution *)(context->first + (mean + 4) * context->stride);
-  int32_t place = table->guesses[position >> GUESS_SHIFT];
-  int32_t start = table->bounds[place], after = table->bounds[place + 1];
+  if (position >= TOTAL - ESCAPE) return outside(own->half);
+  const int32_t *bounds = own->bounds + (mean + 4) * own->stride;
+  int32_t bits = own->guess_bits, place = own->guesses[(mean + 4) << bits | position >> (24 - bits)];
+  int32_t start = bounds[place], after = bounds[place + 1];
   while (after <= position) {
     place++;
     start = after;
-    after = table->bounds[place + 1];
+    after = bounds[place + 1];
   }
-  if (context->shift) return between(context, place, start, after, mean, position);
+  if (own->shift) return between(own, place, start, after, mean, position);
   take(unit * start, unit * (after - start));
-  return place - context->half;
+  return place - own->half;
 }
 
 // Cells; see `src/codec/gaussians/cells.ts`.
@@ -379,22 +388,34 @@ static int32_t predict(void) {
     for (int32_t c = 0; c < PREDICTED - 1; c++) means[c] = defaults[c], deviations[c] = 0;
     return 0;
   }
-  double total = 0, sums[PREDICTED] = {0}, floors[PREDICTED], apart[PREDICTED] = {0};
+  double total = 0, classes;
+  v128_t sums[PAIRS] = {0}, floors[PAIRS], apart[PAIRS] = {0};
   for (int32_t m = 0; m < num_near; m++) {
-    const double *row = values + PREDICTED * indices[m], w = weights[m];
-    total += w;
-    for (int32_t c = 0; c < PREDICTED; c++) sums[c] += w * row[c];
+    const double *row = values + PREDICTED * indices[m];
+    v128_t w = wasm_f64x2_splat(weights[m]);
+    total += weights[m];
+#pragma unroll
+    for (int32_t c = 0; c < PAIRS; c++) sums[c] = wasm_f64x2_add(sums[c], wasm_f64x2_mul(w, wasm_v128_load(row + 2 * c)));
   }
-  for (int32_t c = 0; c < PREDICTED; c++) floors[c] = __builtin_floor(sums[c] / total);
+  v128_t totals = wasm_f64x2_splat(total);
+#pragma unroll
+  for (int32_t c = 0; c < PAIRS; c++) floors[c] = wasm_f64x2_floor(wasm_f64x2_div(sums[c], totals));
   for (int32_t m = 0; m < num_near; m++) {
-    const double *row = values + PREDICTED * indices[m], w = weights[m];
-    for (int32_t c = 0; c < PREDICTED; c++) apart[c] += w * magnitude(row[c] - floors[c]);
+    const double *row = values + PREDICTED * indices[m];
+    v128_t w = wasm_f64x2_splat(weights[m]);
+#pragma unroll
+    for (int32_t c = 0; c < PAIRS; c++) {
+      v128_t distance = wasm_f64x2_abs(wasm_f64x2_sub(wasm_v128_load(row + 2 * c), floors[c]));
+      apart[c] = wasm_f64x2_add(apart[c], wasm_f64x2_mul(w, distance));
+    }
   }
-  for (int32_t c = 0; c < PREDICTED; c++) {
-    means[c] = (int32_t)floors[c];
-    deviations[c] = (int32_t)(apart[c] / total);
+#pragma unroll
+  for (int32_t c = 0; c < PAIRS; c++) {
+    wasm_v128_store64_lane(means + 2 * c, wasm_i32x4_trunc_sat_f64x2_zero(floors[c]), 0);
+    wasm_v128_store64_lane(deviations + 2 * c, wasm_i32x4_trunc_sat_f64x2_zero(wasm_f64x2_div(apart[c], totals)), 0);
   }
-  return 1 + (int32_t)((4 * sums[7] + total) / (2 * total));
+  classes = wasm_f64x2_extract_lane(sums[PAIRS - 1], 1);
+  return 1 + (int32_t)((4 * classes + total) / (2 * total));
 }
 
 static double axis[3];
@@ -453,7 +474,7 @@ static int32_t value_of(int32_t stream, int32_t spread, int32_t mean, int32_t sh
     near = (eighths + 4) >> 3;
     eighths -= 8 * near;
   }
-  int32_t steps = symbol(contexts + context, eighths), size = steps < 0 ? -steps : steps;
+  int32_t steps = symbol(mixtures + scales[context], eighths), size = steps < 0 ? -steps : steps;
   running = (running + 16 * smaller(size, 1 << 14)) >> 1;
   // at most 2^24 steps of at most 2^14: more than 32 bits, but all values are clipped to fewer
   int64_t value = ((int64_t)(near + steps) << shift) + (absolute ? 0 : mean);
@@ -564,24 +585,119 @@ static void read_gaussian(uint32_t i, double *row, int32_t start, int32_t box_bi
   }
 }
 
+// Conversion to floating point; see `src/codec/gaussians/to_splats.ts`. The operations are the same, in the same order.
+
+__attribute__((import_module("math"), import_name("sin"))) double sine(double);
+__attribute__((import_module("math"), import_name("cos"))) double cosine(double);
+
+static double *decoded_rows;
+static int32_t *decoded_harmonics;
+static uint32_t floats_at;
+
+static double power_of_two(int32_t log) {
+  return fractions[log & ((1 << BITS) - 1)] * wholes[(log >> BITS) + OCTAVES];
+}
+
+static void write_rgb(float *out, double y, double co, double cg) {
+  out[0] = (float)(y / R3 + co / R2 - cg / R6);
+  out[1] = (float)(y / R3 + 2 * cg / R6);
+  out[2] = (float)(y / R3 - co / R2 - cg / R6);
+}
+
+// `m` has the columns of the rotation matrix, one after another.
+static void write_quaternion(float *out, const double *m) {
+  double xx = m[0], yx = m[1], zx = m[2], xy = m[3], yy = m[4], zy = m[5], xz = m[6], yz = m[7], zz = m[8];
+  double trace = xx + yy + zz, w = 1 + trace, x = zy - yz, y = xz - zx, z = yx - xy;
+  if (trace < xx || trace < yy || trace < zz) {
+    if (xx >= yy && xx >= zz) w = x, x = 1 + 2 * xx - trace, y = yx + xy, z = zx + xz;
+    else if (yy >= zz) w = y, x = yx + xy, y = 1 + 2 * yy - trace, z = zy + yz;
+    else w = z, x = zx + xz, y = zy + yz, z = 1 + 2 * zz - trace;
+  }
+  double size = __builtin_sqrt(w * w + x * x + y * y + z * z);
+  out[0] = (float)(w / size), out[1] = (float)(x / size), out[2] = (float)(y / size), out[3] = (float)(z / size);
+}
+
+static void write_rotation(float *out, const double *row) {
+  double ax = row[AXIS], ay = row[AXIS + 1], az = row[AXIS + 2], length = __builtin_sqrt(ax * ax + ay * ay + az * az);
+  if (!(length > 0)) length = 1;
+  double ux = ax / length, uy = ay / length, uz = az / length;
+  double sx = magnitude(ux), sy = magnitude(uy), sz = magnitude(uz);
+  int32_t least = sy < sx ? (sz < sy ? 2 : 1) : sz < sx ? 2 : 0;
+  double dot = least == 0 ? ux : least == 1 ? uy : uz;
+  double tx = (least == 0) - dot * ux, ty = (least == 1) - dot * uy, tz = (least == 2) - dot * uz;
+  double angle = row[SPIN] * PI / wholes[(int32_t)row[SPIN_BITS] + OCTAVES];
+  double norm = __builtin_sqrt(tx * tx + ty * ty + tz * tz), c = cosine(angle) / norm, s = sine(angle) / norm;
+  double vx = c * tx + s * (uy * tz - uz * ty), vy = c * ty + s * (uz * tx - ux * tz);
+  double vz = c * tz + s * (ux * ty - uy * tx), axes[9];
+  int32_t first = 3 * (int32_t)row[PRIMARY], second = (first + 3) % 9, third = (first + 6) % 9;
+  axes[first] = ux, axes[first + 1] = uy, axes[first + 2] = uz;
+  axes[second] = vx, axes[second + 1] = vy, axes[second + 2] = vz;
+  axes[third] = uy * vz - uz * vy, axes[third + 1] = uz * vx - ux * vz, axes[third + 2] = ux * vy - uy * vx;
+  write_quaternion(out, axes);
+}
+
+// `number` is the number of harmonics of a colour channel. Most of `numbers` are 0. All sums are exact.
+static void write_harmonics(float *out, const int32_t *numbers, int32_t number) {
+  double sums[3][MOST_HARMONICS] = {{0}};
+  const double unit = (1 << BITS) * TRANSFORM_UNIT;
+  for (int32_t k = 0; k < number; k++, numbers += 3) {
+    if (!(numbers[0] | numbers[1] | numbers[2])) continue;
+    const double *shares = transform + MOST_HARMONICS * k;
+    v128_t y = wasm_f64x2_splat(numbers[0]), co = wasm_f64x2_splat(numbers[1]), cg = wasm_f64x2_splat(numbers[2]);
+    for (int32_t b = 0; b < number; b += 2) {
+      v128_t share = wasm_v128_load(shares + b);
+#define ADD(sum, value) wasm_v128_store(sum, wasm_f64x2_add(wasm_v128_load(sum), wasm_f64x2_mul(value, share)))
+      ADD(sums[0] + b, y);
+      ADD(sums[1] + b, co);
+      ADD(sums[2] + b, cg);
+    }
+  }
+  for (int32_t b = 0; b < number; b++, out += 3)
+    write_rgb(out, sums[0][b] / unit, sums[1][b] / unit, sums[2][b] / unit);
+}
+
+/// Converts the last decoded packet to floating point. Returns the address of its centres, followed by rotations,
+/// scales, opacities, colours and harmonics. `half` is half the lattice spacing, `size` the scene's unit of length.
+EXPORT(convert) uint32_t convert(uint32_t number, uint32_t harmonics, double half, double size) {
+  reserve(floats_at + 4 * (14 + harmonics) * number);
+  float *centres = (float *)floats_at, *rotations = centres + 3 * number, *sizes = rotations + 4 * number;
+  float *opacities = sizes + 3 * number, *colours = opacities + number, *rest = colours + 3 * number;
+  const double *row = decoded_rows;
+  for (uint32_t i = 0; i < number; i++, row += COLUMNS) {
+    for (int32_t a = 0; a < 3; a++) centres[3 * i + a] = (float)((2 * corner[a] + row[LATTICE + a]) * half);
+    int32_t s0 = (int32_t)row[SCALE0], s1 = s0 - (int32_t)row[SCALE0 + 1];
+    sizes[3 * i] = (float)(size * power_of_two(s0));
+    sizes[3 * i + 1] = (float)(size * power_of_two(s1));
+    sizes[3 * i + 2] = (float)(size * power_of_two(s1 - thinness[(int32_t)row[SCALE0 + 2]]));
+    opacities[i] = (float)power_of_two((int32_t)row[OPACITY]);
+    const double unit = 1 << BITS;
+    write_rgb(colours + 3 * i, row[LUMA] / unit, row[LUMA + 1] / unit, row[LUMA + 2] / unit);
+    write_rotation(rotations + 4 * i, row);
+    if (harmonics)
+      write_harmonics(rest + harmonics * i, decoded_harmonics + harmonics * i, (int32_t)(harmonics / 3));
+  }
+  return floats_at;
+}
+
 /// Computes the distributions of the stream's contexts, once all tables but `defaults` are filled.
 EXPORT(prepare) void prepare(void) {
   heap_end = ((uint32_t)&__heap_base + 15) & ~15u;
-  Context found[NUM_SCALES];
-  for (int32_t scale = 0; scale < NUM_SCALES; scale++) found[scale].first = 0;
+  for (int32_t scale = 0; scale < NUM_SCALES; scale++) mixtures[scale].stride = 0;
   for (int32_t c = 0; c < CONTEXTS; c++) {
-    Context *own = found + scales[c];
-    if (!own->first) {
-      int32_t half = half_width(scales[c]), shift = 0;
-      while ((2 * half >> shift) >= MOST_BOUNDS) shift++;
-      uint32_t stride = (sizeof(Distribution) + 4 * ((2 * half >> shift) + 2) + 15) & ~15u;
-      reserve(heap_end + MEANS * stride);
-      own->first = (const uint8_t *)heap_end;
-      own->stride = stride, own->half = half, own->scale = scales[c], own->shift = shift;
-      for (int32_t mean = -4; mean < 4; mean++, heap_end += stride)
-        tabulate((Distribution *)heap_end, scales[c], mean, half, shift);
-    }
-    contexts[c] = *own;
+    Mixtures *own = mixtures + scales[c];
+    if (own->stride) continue;
+    own->scale = scales[c], own->half = half_width(scales[c]), own->shift = 0;
+    while ((2 * own->half >> own->shift) >= MOST_BOUNDS) own->shift++;
+    own->guess_bits = smaller(bits_of((uint32_t)own->half), MOST_GUESS_BITS);
+    own->stride = (2 * own->half >> own->shift) + 2;
+    uint32_t guesses = MEANS << own->guess_bits;
+    reserve(heap_end + 2 * guesses + 4 * MEANS * own->stride);
+    uint16_t *guess = (uint16_t *)heap_end;
+    int32_t *bound = (int32_t *)(heap_end + 2 * guesses);
+    own->guesses = guess, own->bounds = bound;
+    for (int32_t mean = -4; mean < 4; mean++, guess += 1 << own->guess_bits, bound += own->stride)
+      tabulate(own, mean, guess, bound);
+    heap_end += 2 * guesses + 4 * MEANS * own->stride;
   }
 }
 
@@ -603,7 +719,9 @@ EXPORT(decode) uint32_t decode(
   reserve(cells_at + 20 * number + 12 * WINDOW + ZEROS + bytes);
   narrow_xy = (int32_t *)(cells_at + 12 * number + 4 * WINDOW);
   narrow_z = narrow_xy + number + WINDOW;
-  double *rows = (double *)rows_at;
+  double *rows = decoded_rows = (double *)rows_at;
+  decoded_harmonics = (int32_t *)harmonics_at;
+  floats_at = values_at;  // what lies there is not needed after the packet is decoded
   int64_t *integers = (int64_t *)integers_at;
   values = (double *)values_at;
   axes = (int32_t *)axes_at;

@@ -12,7 +12,10 @@ const root = fileURLToPath(new URL("..", import.meta.url)),
   source = join(root, "native/gaussians.c"),
   out = mkdtempSync(join(tmpdir(), "splatwire-native-"));
 /** Tables that the decoder's caller fills. */
-const tables = [..."normal inverses widths thinness coefficients bases scales initial defaults".split(" ")];
+const tables =
+  "normal inverses widths thinness coefficients bases scales initial defaults fractions wholes transform corner".split(
+    " ",
+  );
 try {
   const binary = join(out, "gaussians.wasm");
   execFileSync(

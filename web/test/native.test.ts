@@ -3,15 +3,21 @@ import { createHash } from "node:crypto";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
+import { COLUMNS } from "../src/codec/gaussians/layout.ts";
 import { NativePackets } from "../src/codec/gaussians/native.ts";
 import { SOURCE_DIGEST } from "../src/codec/gaussians/native_module.ts";
 import { type Decoded, PacketDecoder } from "../src/codec/gaussians/packet.ts";
-import { readSideInfo } from "../src/codec/gaussians/side_info.ts";
+import { readSideInfo, type SideInfo } from "../src/codec/gaussians/side_info.ts";
+import { convert } from "../src/codec/gaussians/to_splats.ts";
+import { emptySplats } from "../src/codec/splats.ts";
 import { Intake, planOf } from "../src/packets/plan.ts";
 import { anySideInfo, randomNumbers } from "./side_info.ts";
 import { readStream, STREAMS } from "./vectors.ts";
 
-function assertSame(native: Decoded, plain: Decoded): void {
+/** Checks the integers of both decoders, and the Gaussians of the first one. */
+function assertSame(native: Decoded, plain: Decoded, info: SideInfo, block: number): void {
+  const splats = emptySplats(native.rows.length / COLUMNS, info.degree);
+  assert.deepEqual(native.splats, convert(native, info, block, splats));
   assert.deepEqual(
     native.rows,
     plain.rows.map((value) => value + 0),
@@ -35,7 +41,7 @@ for (const path of STREAMS) {
       plain = new PacketDecoder(info);
     for (const bytes of packets) {
       const { payload, block, count } = intake.offer(bytes)!;
-      assertSame(native.decode(payload, block, count), plain.decode(payload, block, count));
+      assertSame(native.decode(payload, block, count), plain.decode(payload, block, count), info, block);
     }
   });
 }
@@ -63,7 +69,7 @@ test("WebAssembly and plain TypeScript decode any bytes to the same integers", (
     for (let packet = 0; packet < 8; packet++) {
       const payload = Uint8Array.from({ length: random(400) }, () => random(256)),
         count = 1 + random(random(4) ? 40 : 300);
-      assertSame(native.decode(payload, 0, count), plain.decode(payload, 0, count));
+      assertSame(native.decode(payload, 0, count), plain.decode(payload, 0, count), info, 0);
     }
   }
 });

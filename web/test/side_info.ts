@@ -25,7 +25,7 @@ export function anySideInfo(random: (below: number) => number): SideInfo {
     coarsest: random(4) ? random(33) : -1,
     sections: new Map(),
     bases: Int32Array.from({ length: STEPS }, () => random(2000) - 400),
-    transform: new Int8Array(number * number),
+    transform: Int8Array.from({ length: number * number }, () => random(256) - 128),
     boxes: {
       shifts: Int32Array.of(Math.max(boxBits - 8, 0)),
       corners: new Float64Array(3),

@@ -13,11 +13,11 @@ import numpy as np
 
 from splatwire.codec._residual_kernels import (
     AT,
-    GUESS_SHIFT,
+    GUESS_AT,
+    GUESS_BITS,
     HALF,
-    NUM_GUESSES,
     NUM_MEANS,
-    SCALE,
+    SHIFT,
     STRIDE,
     WEIGHT,
 )
@@ -26,19 +26,13 @@ from splatwire.entropy.normal_kernels import (
     ESCAPE,
     SYMBOL_BITS,
     TOTAL,
-    decode_escape,
-    decode_symbol,
+    cumulative,
     encode_escape,
     encode_symbol,
 )
 from splatwire.entropy.range_kernels import (
     ONE,
     ZERO,
-    decode_advance,
-    decode_below,
-    decode_bit,
-    decode_bits,
-    decode_raw,
     decode_target,
     encode_below,
     encode_bit,
@@ -47,6 +41,7 @@ from splatwire.entropy.range_kernels import (
     encode_raw,
 )
 from splatwire.entropy.tables import MEAN_BITS, NUM_SCALES
+from splatwire.entropy.word_kernels import adaptive_bit, advance, escaped, flag, number_below, raw_bits
 from splatwire.ops.compiled import njit
 
 DECODING, ENCODING = np.bool_(True), np.bool_(False)
@@ -61,14 +56,15 @@ class Coder(NamedTuple):
 
     Attributes:
         decoding: True when decoding, False when encoding.
-        data: uint8, bytes of all packets, or the output buffer.
-        end: End of this packet's bytes.
+        data: uint8, bytes of the packet, or the output buffer.
+        words: int64, words of the packet, from `words_of`; not used when encoding.
         state: int64 (3), state of the range coder.
         models: int64 (contexts, 2), adaptive models of this packet.
         bits: int64 (contexts, 2), number of zeros and ones coded per context.
-        windows: int64 (streams * spreads * seconds, 4), distribution of each context of residuals, see
-            `residual_windows`.
-        entries: int32, tables of these distributions.
+        scales: uint16 (streams * spreads * seconds), scale of each context of residuals, see `residual_windows`.
+        windows: int64 (scales, 6), distributions of each scale.
+        bounds: int32, bounds of these distributions.
+        guesses: uint16, indices of bounds at which a decoder starts its search.
         residuals: int64 (streams, spreads, seconds, 2), number of residuals and sum of their magnitudes.
         inverses: Reciprocals of the standard deviations, by scale index.
         widths: Half widths of the windows of directly coded symbols, by scale index.
@@ -77,12 +73,14 @@ class Coder(NamedTuple):
 
     decoding: Any
     data: Any
-    end: Any
+    words: Any
     state: Any
     models: Any
     bits: Any
+    scales: Any
     windows: Any
-    entries: Any
+    bounds: Any
+    guesses: Any
     residuals: Any
     inverses: Any
     widths: Any
@@ -91,22 +89,23 @@ class Coder(NamedTuple):
 
 @njit(error_model="numpy")
 @no_type_check
-def new_coder(decoding, data, end, models, statistics, tables):
+def new_coder(decoding, data, words, models, statistics, tables):
     """Creates the coder of a packet; the caller then initialises the state of its range coder.
 
     Args:
         decoding: True for a decoder.
-        data: Bytes of all packets, or the output buffer, uint8.
-        end: End of the packet's bytes.
+        data: Bytes of the packet, or the output buffer, uint8.
+        words: Words of the packet, from `words_of`; not used when encoding.
         models: Initial adaptive bit models, int64 (contexts, 2).
         statistics: Counters that become the attributes `bits` and `residuals` of the coder.
-        tables: Tables that become the attributes `windows`, `entries`, `inverses`, `widths` and `normal`.
+        tables: Tables that become the attributes `scales` to `guesses`, `inverses`, `widths` and `normal`.
     """
     bits, residuals = statistics
-    windows, entries, inverses, widths, normal = tables
+    scales, windows, bounds, guesses, inverses, widths, normal = tables
     state = np.empty(3, np.int64)
     return Coder(
-        decoding, data, end, state, models, bits, windows, entries, residuals, inverses, widths, normal
+        decoding, data, words, state, models, bits, scales, windows, bounds, guesses, residuals, inverses, widths,
+        normal,
     )  # fmt: skip
 
 
@@ -115,7 +114,7 @@ def new_coder(decoding, data, end, models, statistics, tables):
 def code_bit(coder, context, bit):
     """Encodes or decodes a bit with the adaptive model of a context."""
     if coder.decoding:
-        return decode_bit(coder.data, coder.end, coder.state, coder.models, context)
+        return adaptive_bit(coder.words, coder.state, coder.models, context)
     encode_bit(coder.data, coder.state, coder.models, context, bit)
     coder.bits[context, bit] += 1
     return bit
@@ -126,7 +125,7 @@ def code_bit(coder, context, bit):
 def code_flag(coder, bit):
     """Encodes or decodes a bit with equal probabilities for 0 and 1."""
     if coder.decoding:
-        return decode_raw(coder.data, coder.end, coder.state)
+        return flag(coder.words, coder.state)
     encode_raw(coder.data, coder.state, bit)
     return bit
 
@@ -136,7 +135,7 @@ def code_flag(coder, bit):
 def code_raw(coder, value, bits):
     """Encodes or decodes up to 63 bits with equal probabilities, most significant first."""
     if coder.decoding:
-        return decode_bits(coder.data, coder.end, coder.state, bits)
+        return raw_bits(coder.words, coder.state, bits)
     encode_bits(coder.data, coder.state, value, bits)
     return value & ((ONE << bits) - ONE)
 
@@ -146,7 +145,7 @@ def code_raw(coder, value, bits):
 def code_below(coder, value, count):
     """Encodes or decodes a number from 0 to `count - 1` with equal probabilities; `count` is at most 2**16."""
     if coder.decoding:
-        return decode_below(coder.data, coder.end, coder.state, count)
+        return number_below(coder.words, coder.state, count)
     encode_below(coder.data, coder.state, value, count)
     return value
 
@@ -156,7 +155,7 @@ def code_below(coder, value, count):
 def code_escape(coder, excess):
     """Encodes or decodes a non-negative number of unknown magnitude in Elias gamma code."""
     if coder.decoding:
-        return min(decode_escape(coder.data, coder.end, coder.state), MAX_RESIDUAL)
+        return min(escaped(coder.words, coder.state), MAX_RESIDUAL)
     encode_escape(coder.data, coder.state, excess)
     return excess
 
@@ -208,30 +207,32 @@ def _code_steps(coder, stream, spread, second, q, eighths):
     Returns:
         The residual.
     """
-    window = coder.windows[(stream * SPREADS + spread) * SECONDS + second]
-    half = window[HALF]
-    if window[AT] < 0:
-        q = _code_wide(coder, window, q, eighths)
-    else:
-        bounds = window[AT] + (eighths + (NUM_MEANS >> 1)) * window[STRIDE] + NUM_GUESSES
-        if coder.decoding:
-            target = decode_target(coder.state, SYMBOL_BITS)
-            if target >= TOTAL - ESCAPE:
-                q = _decode_outside(coder.data, coder.end, coder.state, half)
-            else:
-                place = bounds + np.int64(coder.entries[bounds - NUM_GUESSES + (target >> GUESS_SHIFT)])
-                start, next_start = np.int64(coder.entries[place]), np.int64(coder.entries[place + 1])
-                while next_start <= target:
-                    place += 1
-                    start, next_start = next_start, np.int64(coder.entries[place + 1])
-                decode_advance(coder.data, coder.end, coder.state, start, next_start - start, SYMBOL_BITS)
-                q = place - bounds - half
-        elif -half <= q <= half:
-            start = np.int64(coder.entries[bounds + half + q])
-            size = np.int64(coder.entries[bounds + half + q + 1]) - start
-            encode_interval(coder.data, coder.state, start, size, SYMBOL_BITS)
+    scale = np.int64(coder.scales[(stream * SPREADS + spread) * SECONDS + second])
+    window, mixture = coder.windows[scale], eighths + (NUM_MEANS >> 1)
+    half, first = window[HALF], window[AT] + mixture * window[STRIDE]
+    if coder.decoding:
+        target = decode_target(coder.state, SYMBOL_BITS)
+        if target >= TOTAL - ESCAPE:
+            q = _decode_outside(coder.words, coder.state, half)
         else:
-            q = _code_wide(coder, window, q, eighths)
+            bits = window[GUESS_BITS]
+            guess = window[GUESS_AT] + (mixture << bits) + (target >> (SYMBOL_BITS - bits))
+            place = first + np.int64(coder.guesses[guess])
+            start, after = np.int64(coder.bounds[place]), np.int64(coder.bounds[place + 1])
+            while after <= target:
+                place += 1
+                start, after = after, np.int64(coder.bounds[place + 1])
+            if window[SHIFT]:
+                q = _decode_between(coder, scale, place - first, start, after, target, eighths)
+            else:
+                advance(coder.words, coder.state, start, after - start, SYMBOL_BITS)
+                q = place - first - half
+    elif window[SHIFT] == 0 and -half <= q <= half:
+        start = np.int64(coder.bounds[first + half + q])
+        size = np.int64(coder.bounds[first + half + q + 1]) - start
+        encode_interval(coder.data, coder.state, start, size, SYMBOL_BITS)
+    else:
+        q = _encode_wide(coder, scale, q, eighths)
     if not coder.decoding:
         coder.residuals[stream, spread, second, 0] += 1
         coder.residuals[stream, spread, second, 1] += abs(q)
@@ -240,36 +241,69 @@ def _code_steps(coder, stream, spread, second, q, eighths):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _decode_outside(data, end, state, half):
+def _decode_outside(words, state, half):
     """Decodes a residual whose magnitude exceeds `half`, which is coded as a sign and an Elias gamma code."""
-    decode_advance(data, end, state, TOTAL - ESCAPE, ESCAPE, SYMBOL_BITS)
-    above = decode_raw(data, end, state)
-    outside = half + 1 + decode_escape(data, end, state)
+    advance(words, state, TOTAL - ESCAPE, ESCAPE, SYMBOL_BITS)
+    above = flag(words, state)
+    outside = half + 1 + escaped(words, state)
     return min(outside, MAX_RESIDUAL) if above else max(-outside, -MAX_RESIDUAL)
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _code_wide(coder, window, q, eighths):
-    """Encodes or decodes a residual without the tables of `residual_windows`.
+def _decode_between(coder, scale, place, start, after, target, eighths):
+    """Decodes a symbol of a mixture with many symbols, whose table contains every `1 << shift`-th bound.
 
-    This is needed for mixtures with many symbols, which are not tabulated. An encoder also needs it for residuals
-    outside the window of a tabulated mixture.
+    The search begins at the symbol that interpolates two tabulated bounds, because the density between them is nearly
+    constant.
 
     Args:
         coder: Entropy coder.
-        window: The context's row of `Coder.windows`.
-        q: The residual in quantisation steps; only used by an encoder.
+        scale: Scale of the context.
+        place: Index of the tabulated bound before the symbol.
+        start: This bound.
+        after: The following tabulated bound.
+        target: Position of the code, from `start` to `after` (exclusive).
         eighths: Mean of the mixture, in eighths of a step.
     """
-    scale, mean = window[SCALE], eighths << (MEAN_BITS - EIGHTHS)
+    half, shift, mean = coder.windows[scale, HALF], coder.windows[scale, SHIFT], eighths << (MEAN_BITS - EIGHTHS)
+    narrow, wide = coder.inverses[scale], coder.inverses[min(scale + WIDE, NUM_SCALES - 1)]
+    steps = np.int64(np.float64((target - start) << shift) / np.float64(after - start))
+    symbol = (place << shift) + steps - half
+    low = _bound(coder, symbol, half, mean, narrow, wide)
+    while low > target:
+        symbol -= 1
+        low = _bound(coder, symbol, half, mean, narrow, wide)
+    high = _bound(coder, symbol + 1, half, mean, narrow, wide)
+    while high <= target:
+        symbol, low = symbol + 1, high
+        high = _bound(coder, symbol + 1, half, mean, narrow, wide)
+    advance(coder.words, coder.state, low, high - low, SYMBOL_BITS)
+    return symbol
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _bound(coder, symbol, half, mean, narrow, wide):
+    """Returns the start of a symbol's probability interval; not inlined, because it is called several times."""
+    return cumulative(symbol, -half, half, mean, narrow, mean, wide, WEIGHT, coder.normal)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _encode_wide(coder, scale, q, eighths):
+    """Encodes a residual without the tables of `residual_windows`; returns it, limited to the coder's range.
+
+    This is needed for mixtures with many symbols, and for residuals outside the window of directly coded symbols.
+
+    Args:
+        coder: Entropy coder.
+        scale: Scale of the context.
+        q: The residual in quantisation steps.
+        eighths: Mean of the mixture, in eighths of a step.
+    """
+    mean = eighths << (MEAN_BITS - EIGHTHS)
     wide = min(scale + WIDE, NUM_SCALES - 1)
-    if coder.decoding:
-        q = decode_symbol(
-            coder.data, coder.end, coder.state, mean, scale, mean, wide, WEIGHT,
-            coder.inverses, coder.widths, coder.normal,
-        )  # fmt: skip
-        return min(max(q, -MAX_RESIDUAL), MAX_RESIDUAL)
     q = min(max(q, -MAX_RESIDUAL), MAX_RESIDUAL)
     encode_symbol(
         coder.data, coder.state, q, mean, scale, mean, wide, WEIGHT, coder.inverses, coder.widths, coder.normal

@@ -1,8 +1,8 @@
 """Numba kernels that tabulate the distributions of residuals, so that coding a symbol needs two table look-ups only.
 
 The distribution of a residual, which is an integer, is a mixture of two normals with a common mean. The mean is a
-multiple of an eighth of a quantisation step, so there are few different mixtures. Mixtures with many symbols are rare
-and not tabulated.
+multiple of an eighth of a quantisation step, so there are few different mixtures. Tables of mixtures
+with many symbols contain only some of the bounds.
 """
 
 from typing import no_type_check
@@ -18,15 +18,16 @@ from splatwire.ops.compiled import njit
 WEIGHT = np.int64(NARROW_WEIGHT)
 NUM_MEANS = np.int64(1 << EIGHTHS)
 """Number of different means, in eighths of a step from -4 on."""
-GUESS_BITS = np.int64(8)
-NUM_GUESSES = ONE << GUESS_BITS
-GUESS_SHIFT = TOTAL_BITS - GUESS_BITS
-"""Highest bits of the position of the code, from which the first symbol of the search is looked up."""
 MOST_SYMBOLS = np.int64(1 << 10)
-"""Maximum number of symbols on either side of a tabulated mixture."""
-SCALE, AT, STRIDE, HALF = np.arange(4)
-"""Columns of the windows of contexts: scale of the narrow normal, first entry and number of entries of the mixture of
-mean -4/8, and number of symbols on either side. The first entry is -1 for mixtures that are not tabulated.
+"""Maximum number of symbols on either side of a mixture with a table of all bounds."""
+MOST_BOUNDS = np.int64(1 << 9)
+"""Maximum number of intervals between the tabulated bounds of a mixture with more symbols."""
+MOST_GUESS_BITS = np.int64(8)
+"""Maximum number of bits of the index of a guess: the highest bits of the position of the code."""
+HALF, SHIFT, AT, STRIDE, GUESS_AT, GUESS_BITS = np.arange(6)
+"""Columns of windows: number of symbols on either side; log2 of the number of symbols between two tabulated bounds;
+first bound of the mixture of mean -4/8 and number of bounds of each mixture; first guess of the mixture of mean -4/8
+and log2 of the number of guesses of each mixture.
 """
 
 
@@ -35,6 +36,8 @@ mean -4/8, and number of symbols on either side. The first entry is -1 for mixtu
 def residual_windows(scales, inverses, widths, normal):
     """Tabulates the mixtures of all contexts.
 
+    The tables are accessed at random, so they are kept small enough for the processor's caches.
+
     Args:
         scales: int64 (contexts), scale table index of the narrow normal of each context.
         inverses: Reciprocals of the standard deviations, by scale index.
@@ -42,43 +45,50 @@ def residual_windows(scales, inverses, widths, normal):
         normal: Table of the normal cumulative distribution function.
 
     Returns:
-        Windows of the contexts, int64 (contexts, 4), with the columns `SCALE`, `AT`, `STRIDE` and `HALF`; and the
-        entries of all mixtures, int32. The entries of a mixture with n symbols are `NUM_GUESSES` indices of symbols, at
-        which a decoder starts its search, and the n + 1 bounds of the probability intervals, out of 2**`TOTAL_BITS`.
+        Scales of the contexts, uint16; windows, int64 (scales, 6), with the columns named above; bounds of probability
+        intervals, out of 2**`TOTAL_BITS`, int32; and for each mixture the indices of bounds at which a decoder starts
+        its search, by the highest bits of the position of the code, uint16.
     """
-    windows = np.empty((len(scales), 4), np.int64)
-    found, total = np.full(NUM_SCALES, -1, np.int64), np.int64(0)
-    for context in range(len(scales)):
-        scale = scales[context]
+    windows = np.zeros((NUM_SCALES, 6), np.int64)
+    num_bounds = num_guesses = np.int64(0)
+    for scale in scales:
+        if windows[scale, STRIDE]:
+            continue
         half = widths[min(scale + WIDE, NUM_SCALES - 1)]
-        stride = NUM_GUESSES + 2 * half + 2
-        if half <= MOST_SYMBOLS and found[scale] < 0:
-            found[scale] = total
-            total += NUM_MEANS * stride
-        windows[context, SCALE], windows[context, AT] = scale, found[scale]
-        windows[context, STRIDE], windows[context, HALF] = stride, half
-    entries = np.empty(total, np.int32)
+        shift = guess_bits = ZERO
+        while half > MOST_SYMBOLS and (2 * half >> shift) >= MOST_BOUNDS:
+            shift += 1
+        while half >> guess_bits and guess_bits < MOST_GUESS_BITS:
+            guess_bits += 1
+        stride = (2 * half >> shift) + 2
+        window = windows[scale]
+        window[HALF], window[SHIFT], window[AT], window[STRIDE] = half, shift, num_bounds, stride
+        window[GUESS_AT], window[GUESS_BITS] = num_guesses, guess_bits
+        num_bounds += NUM_MEANS * stride
+        num_guesses += NUM_MEANS << guess_bits
+    bounds, guesses = np.empty(num_bounds, np.int32), np.empty(num_guesses, np.uint16)
     for scale in range(NUM_SCALES):
-        if found[scale] >= 0:
-            _tabulate(scale, found[scale], entries, inverses, widths, normal)
-    return windows, entries
+        if windows[scale, STRIDE]:
+            _tabulate(scale, windows[scale], bounds, guesses, inverses, widths, normal)
+    return scales.astype(np.uint16), windows, bounds, guesses
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _tabulate(scale, at, entries, inverses, widths, normal):
+def _tabulate(scale, window, bounds, guesses, inverses, widths, normal):
     wide = min(scale + WIDE, NUM_SCALES - 1)
-    half, narrow_inverse, wide_inverse = widths[wide], inverses[scale], inverses[wide]
+    half, narrow_inverse, wide_inverse = window[HALF], inverses[scale], inverses[wide]
+    at, last, guess_at, guess_bits = window[AT], window[STRIDE] - 2, window[GUESS_AT], window[GUESS_BITS]
     for number in range(NUM_MEANS):
         mean = (number - (NUM_MEANS >> 1)) << (MEAN_BITS - EIGHTHS)
-        bounds = at + NUM_GUESSES
-        for symbol in range(-half, half + 2):
-            entries[bounds + half + symbol] = cumulative(
-                symbol, -half, half, mean, narrow_inverse, mean, wide_inverse, WEIGHT, normal
+        for place in range(last + 2):
+            bounds[at + place] = cumulative(
+                (place << window[SHIFT]) - half, -half, half, mean, narrow_inverse, mean, wide_inverse, WEIGHT, normal
             )
-        symbol = ZERO
-        for guess in range(NUM_GUESSES):
-            while symbol < 2 * half and entries[bounds + symbol + 1] <= guess << GUESS_SHIFT:
-                symbol += 1
-            entries[at + guess] = symbol
-        at = bounds + 2 * half + 2
+        place = ZERO
+        for guess in range(ONE << guess_bits):
+            while place < last and bounds[at + place + 1] <= guess << (TOTAL_BITS - guess_bits):
+                place += 1
+            guesses[guess_at + guess] = place
+        at += last + 2
+        guess_at += ONE << guess_bits

@@ -16,6 +16,10 @@ from splatwire.ops.compiled import njit
 NARROW_BITS = 11
 """Maximum number of bits of a cell for which a squared distance and an index of the window fit in an int32."""
 LANES = 8
+FARTHEST, OUTSIDE = np.float32(3 << 23), np.float32(-(1 << 13))
+"""Limit of squared distances between cells of at most `NARROW_BITS` bits, exact in a float32 and above all of them; and
+coordinate of the places before the first Gaussian, whose distance is above this limit.
+"""
 NONE = np.int32(0x7FFFFFFF)
 _AGE_BITS, _AGES = np.int32(6), np.int64(WINDOW - 1)
 P_LUMA, P_CLASS = np.int64(4), np.int64(7)
@@ -33,7 +37,8 @@ class Near(NamedTuple):
 
     Attributes:
         cells: int64 (3, n), coordinates of the packet's grid cells.
-        narrow: int32 (3, n), the same coordinates if they have at most `NARROW_BITS` bits.
+        narrow: float32 (3, `WINDOW` + n), the same coordinates if they have at most `NARROW_BITS` bits, after `WINDOW`
+            places that are far from all cells.
         keys: int32 (`WINDOW`), key of each preceding Gaussian in the window.
         close: int32 (`WINDOW` + 1), keys of the candidates for neighbours.
         lanes: int32 (`LANES`), smallest key of each group of `WINDOW / LANES` Gaussians.
@@ -63,9 +68,11 @@ class Near(NamedTuple):
 @no_type_check
 def new_near(n):
     """Returns the arrays for a packet of n Gaussians."""
+    narrow = np.empty((3, WINDOW + n), np.float32)
+    narrow[:, :WINDOW] = OUTSIDE
     return Near(
         np.empty((3, n), np.int64),
-        np.empty((3, n), np.int32),
+        narrow,
         np.empty(WINDOW, np.int32),
         np.empty(WINDOW + 1, np.int32),
         np.empty(LANES, np.int32),
@@ -104,18 +111,15 @@ def _find_narrow(near, i):
 
     The window is divided into eight groups. The sixth smallest of the groups' minima is at least as large as the sixth
     smallest key, so only the few keys up to this bound are sorted. The loops have few branches and compile to vector
-    instructions.
+    instructions. Coordinates are float32, because numba computes with int32 in 64 bits; all distances are exact.
     """
     keys, close, lanes, indices, weights = near.keys, near.close, near.lanes, near.indices, near.weights
-    cells = near.narrow
-    n = min(i, WINDOW)
-    first = i - n
-    x, y, z = cells[0, i], cells[1, i], cells[2, i]
-    for k in range(n):
-        a, b, c = x - cells[0, first + k], y - cells[1, first + k], z - cells[2, first + k]
-        keys[k] = ((a * a + b * b + c * c) << _AGE_BITS) | np.int32(n - 1 - k)
-    for k in range(n, WINDOW):
-        keys[k] = NONE
+    narrow = near.narrow
+    xs, ys, zs = narrow[0, i : i + WINDOW], narrow[1, i : i + WINDOW], narrow[2, i : i + WINDOW]
+    x, y, z = narrow[0, i + WINDOW], narrow[1, i + WINDOW], narrow[2, i + WINDOW]
+    for k in range(WINDOW):
+        a, b, c = x - xs[k], y - ys[k], z - zs[k]
+        keys[k] = (np.int32(min(a * a + b * b + c * c, FARTHEST)) << _AGE_BITS) | np.int32(WINDOW - 1 - k)
     for lane in range(LANES):
         lanes[lane] = keys[lane]
     for group in range(1, WINDOW // LANES):
@@ -141,7 +145,7 @@ def _find_narrow(near, i):
         rest, k4 = max(k4, rest), min(k4, rest)
         k5 = min(k5, rest)
     indices[0], indices[1], indices[2], indices[3], indices[4], indices[5] = k0, k1, k2, k3, k4, k5
-    count = min(n, NUM_NEIGHBOURS)
+    count = min(i, NUM_NEIGHBOURS)
     nearest = np.float64(((np.int64(k0) >> _AGE_BITS) + 1) << 12)
     for m in range(count):
         key = indices[m]

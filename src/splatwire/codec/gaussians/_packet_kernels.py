@@ -28,8 +28,10 @@ from splatwire.codec.gaussians.layout import (
     SLOT_BITS,
     SPIN,
     SPIN_BITS,
+    WINDOW,
 )
 from splatwire.entropy.range_kernels import ONE, ZERO, decoder_start, encoder_finish, encoder_start
+from splatwire.entropy.word_kernels import words_of
 from splatwire.ops.compiled import njit
 
 CELLS_AT_BITS = np.int64(6)
@@ -56,7 +58,7 @@ def _spread_cells(codes, cells, narrow):
             code = (code | (code >> 4)) & 0x100F00F00F00F00F
             code = (code | (code >> 8)) & 0x1F0000FF0000FF
             code = (code | (code >> 16)) & 0x1F00000000FFFF
-            cells[a, i] = narrow[a, i] = (code | (code >> 32)) & 0x1FFFFF
+            cells[a, i] = narrow[a, WINDOW + i] = (code | (code >> 32)) & 0x1FFFFF
 
 
 @njit(borrows=True, error_model="numpy")
@@ -248,7 +250,7 @@ def new_scratch(n):
 @njit(error_model="numpy")
 @no_type_check
 def _encode_packet(tables, stream, models, statistics, box_bits, defaults, source, buffer, rows, harmonics):
-    coder = new_coder(ENCODING, buffer, ZERO, models.copy(), statistics, tables)
+    coder = new_coder(ENCODING, buffer, np.empty(0, np.int64), models.copy(), statistics, tables)
     encoder_start(coder.state)
     _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, new_scratch(len(rows)))
     return encoder_finish(buffer, coder.state)
@@ -385,8 +387,9 @@ def decode_packets(tables, stream, models, data, ends, starts, box_bits, default
     source = (ZERO, ZERO, one, three, one, four, np.zeros((1, 3, 3)), three, three)
     for p in range(len(starts) - 1):
         begin, end = starts[p], starts[p + 1]
-        coder = new_coder(DECODING, data, ends[p + 1], models.copy(), statistics, tables)
-        decoder_start(data, ends[p], ends[p + 1], coder.state)
+        payload = data[ends[p] : ends[p + 1]]
+        coder = new_coder(DECODING, payload, words_of(payload), models.copy(), statistics, tables)
+        decoder_start(payload, ZERO, len(payload), coder.state)
         _code_packet(
             coder,
             stream,

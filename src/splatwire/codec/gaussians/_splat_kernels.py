@@ -28,12 +28,13 @@ FRACTION = (1 << BITS) - 1
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def convert(
-    rows, origins, size_log, unit, thinness, powers, colours, grey, means, quats, scales, opacities, base, room
+    rows, places, origins, size_log, unit, thinness, powers, colours, grey, means, quats, scales, opacities, sh, room
 ):
-    """Converts decoded integers to floats.
+    """Converts decoded integers to floats, and writes them to their places among all Gaussians of a scene.
 
     Args:
         rows: Decoded integers, int64 (n, COLUMNS).
+        places: Index of each Gaussian in the outputs, int64 (n).
         origins: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice units, int64 (n, 3).
         size_log: log2 of the scene's size.
         unit: `-log2` of the lattice spacing, relative to the scene's size.
@@ -41,31 +42,31 @@ def convert(
         powers: Table from `exponentials`.
         colours: Transform from RGB to Y Co Cg divided by the harmonic of degree 0, float64 (3, 3).
         grey: Y Co Cg of the colour of a Gaussian whose harmonics are 0, float64 (3).
-        means: Output, float32 (n, 3).
-        quats: Output, unit quaternions (w, x, y, z), float32 (n, 4).
-        scales: Output, standard deviations, float32 (n, 3).
-        opacities: Output, float32 (n).
-        base: Output, harmonics of degree 0, float32 (n, 3).
+        means: Output, float32 (N, 3).
+        quats: Output, unit quaternions (w, x, y, z), float32 (N, 4).
+        scales: Output, standard deviations, float32 (N, 3).
+        opacities: Output, float32 (N).
+        sh: Output, spherical harmonics, float32 (N, K + 1, 3); only degree 0 is written.
         room: Working array, float64 (9).
     """
     half = WHOLES[size_log - unit - 1 + OCTAVES]
     for i in range(len(rows)):
-        row = rows[i]
+        row, place = rows[i], places[i]
         for a in range(3):
-            means[i, a] = np.float64(2 * origins[i, a] + row[LATTICE + a]) * half
+            means[place, a] = np.float64(2 * origins[i, a] + row[LATTICE + a]) * half
         log = row[SCALE0] + (size_log << BITS)
-        scales[i, 0] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
+        scales[place, 0] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
         log -= row[SCALE1]
-        scales[i, 1] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
+        scales[place, 1] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
         log -= thinness[row[SCALE2]]
-        scales[i, 2] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
+        scales[place, 2] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
         log = row[OPACITY]
-        opacities[i] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
+        opacities[place] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
         y, co, cg = row[LUMA] * 2.0**-BITS - grey[0], row[LUMA + 1] * 2.0**-BITS, row[LUMA + 2] * 2.0**-BITS
         co, cg = co - grey[1], cg - grey[2]
         for c in range(3):
-            base[i, c] = y * colours[0, c] + co * colours[1, c] + cg * colours[2, c]
-        _rotation(row, room, quats[i])
+            sh[place, 0, c] = y * colours[0, c] + co * colours[1, c] + cg * colours[2, c]
+        _rotation(row, room, quats[place])
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -122,19 +123,22 @@ def _rotation(row, axes, quat):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def convert_harmonics(numbers, transform, colours, room, harmonics):
-    """Computes spherical harmonics from the transformed integers. Most integers are 0 and are skipped.
+def convert_harmonics(numbers, places, transform, colours, room, sh):
+    """Computes spherical harmonics from the transformed integers, and writes them to their places in a scene.
+
+    Most integers are 0 and are skipped.
 
     Args:
         numbers: Transformed harmonics, int32 (n, 3 K): Y, Co and Cg of the first, then of the second, and so on.
+        places: Index of each Gaussian in the output, int64 (n).
         transform: Numerators of the transform, whole numbers, float64 (K, K). Sums of products are exact.
         colours: Transform from RGB to Y Co Cg, times the unit of these products, float64 (3, 3).
         room: Working array, float64 (3 K).
-        harmonics: Output, float32 (n, 3 K): red, green and blue of the first harmonic, then of the second, and so on.
+        sh: Output, float32 (N, K + 1, 3): red, green and blue of each harmonic; degree 0 is not written.
     """
     width = numbers.shape[1]
     for i in range(len(numbers)):
-        empty = True
+        empty, place = True, places[i]
         for k in range(0, width, 3):
             y, co, cg = np.float64(numbers[i, k]), np.float64(numbers[i, k + 1]), np.float64(numbers[i, k + 2])
             if y == 0.0 and co == 0.0 and cg == 0.0:
@@ -150,7 +154,7 @@ def convert_harmonics(numbers, transform, colours, room, harmonics):
                 room[3 * b + 2] += cg * share
         for b in range(0, width, 3):
             for c in range(3):
-                harmonics[i, b + c] = (
+                sh[place, 1 + b // 3, c] = (
                     0.0
                     if empty
                     else room[b] * colours[0, c] + room[b + 1] * colours[1, c] + room[b + 2] * colours[2, c]

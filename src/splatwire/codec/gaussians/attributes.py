@@ -167,25 +167,44 @@ def to_splats(
         size_log: log2 of the scene's size.
         transform: int64 (K, K), transform of the harmonics with denominator `TRANSFORM_UNIT`, from `fit_transform`.
     """
+    count = len(rows)
+    shapes = (count, 3), (count, 4), (count, 3), (count,), (count, 1 + harmonics.shape[1] // 3, 3)
+    splats = Splats(*(np.empty(shape, np.float32) for shape in shapes))
+    write_splats(splats, np.arange(count), rows, harmonics, origins, unit, size_log, transform)
+    return splats
+
+
+def write_splats(
+    splats: Splats, places: np.ndarray, rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray, unit: int,
+    size_log: int, transform: np.ndarray,
+) -> None:  # fmt: skip
+    """Converts decoded integers to floats, and writes them to some Gaussians of a scene.
+
+    Args:
+        splats: All Gaussians of the scene, changed in place.
+        places: int64 (n), indices of the converted Gaussians in `splats`.
+        rows: int64 (n, COLUMNS), see `to_splats`.
+        harmonics: int32 (n, harmonics), see `to_splats`.
+        origins: int64 (n, 3), see `to_splats`.
+        unit: See `to_splats`.
+        size_log: See `to_splats`.
+        transform: int64 (K, K), see `to_splats`.
+    """
     from splatwire.codec.gaussians import _splat_kernels as kernels
 
-    count, width = len(rows), harmonics.shape[1]
-    means, quats, scales, base = (np.empty((count, size), np.float32) for size in (3, 4, 3, 3))
-    opacities, sh = np.empty(count, np.float32), np.empty((count, 3 + width), np.float32)
+    width = harmonics.shape[1]
     room = np.empty(max(9, width))
     # Contiguous arrays only, because a kernel is compiled again for each layout of its arguments.
     kernels.convert(
-        np.ascontiguousarray(rows), np.ascontiguousarray(origins), size_log, unit, thinness_table(), exponentials(),
-        LUMA_CHROMA / DC, LUMA_CHROMA.sum(axis=1) / 2, means, quats, scales, opacities, base, room,
+        np.ascontiguousarray(rows), places, np.ascontiguousarray(origins), size_log, unit, thinness_table(),
+        exponentials(), LUMA_CHROMA / DC, LUMA_CHROMA.sum(axis=1) / 2, splats.means, splats.quats, splats.scales,
+        splats.opacities, splats.sh, room,
     )  # fmt: skip
-    sh[:, :3] = base
     if width:
-        own, share = np.empty((count, width), np.float32), 2.0**-BITS / TRANSFORM_UNIT
         kernels.convert_harmonics(
-            np.ascontiguousarray(harmonics), transform.astype(np.float64), LUMA_CHROMA * share, room, own
-        )
-        sh[:, 3:] = own
-    return Splats(means, quats, scales, opacities, sh.reshape(count, -1, 3))
+            np.ascontiguousarray(harmonics), places, transform.astype(np.float64),
+            LUMA_CHROMA * (2.0**-BITS / TRANSFORM_UNIT), room, splats.sh,
+        )  # fmt: skip
 
 
 def empty_rows(count: int, num_harmonics: int) -> tuple[np.ndarray, np.ndarray]:
@@ -208,9 +227,9 @@ def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
         digest: hashlib object that is updated.
         rows: The two integer arrays of the block, as returned by `empty_rows`.
     """
-    digest.update(np.ascontiguousarray(rows[0].astype("<i8")).data)
+    digest.update(np.ascontiguousarray(rows[0], "<i8").data)
     if rows[1].size:
-        digest.update(np.ascontiguousarray(rows[1].astype("<i4")).data)
+        digest.update(np.ascontiguousarray(rows[1], "<i4").data)
 
 
 def _fixed(values: np.ndarray, low: int, high: int) -> np.ndarray:

@@ -11,7 +11,7 @@ from splatwire.bitstream.origin import ORIGIN
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.gaussians import _packet_kernels as kernels
-from splatwire.codec.gaussians.attributes import empty_rows, to_splats, update_digest
+from splatwire.codec.gaussians.attributes import empty_rows, update_digest, write_splats
 from splatwire.codec.gaussians.copies import read_copies
 from splatwire.codec.gaussians.layout import (
     AXIS,
@@ -95,10 +95,11 @@ class GaussianDecoder:
 
         See `Decoder.store` for the arguments.
         """
-        places = self._plan.block_ranks(run.block)
-        known = self._loss_mask.received
-        known[run.ranks] = True
-        received = known[places].all(axis=1)
+        places, known = run.ranks, self._loss_mask.received
+        known[places] = True
+        if len(places) < self._plan.block_elements(run.block):
+            places = self._plan.block_ranks(run.block)
+        received = known[places, 0]  # Gaussians are received as a whole
         if not received.all():
             gaps = empty_rows(len(places), self._info.num_harmonics)
             for filled, some in zip(gaps, rows, strict=True):
@@ -219,9 +220,9 @@ def store_block(
     for first in range(0, len(rows), PIECE):
         some = slice(first, first + PIECE)
         origins = np.broadcast_to(info.boxes.corners[block], filled[some][:, :3].shape)
-        decoded = to_splats(filled[some], harmonics[some], origins, info.unit, info.size_log, info.transform)
-        for name, values in vars(decoded).items():
-            getattr(splats, name)[places[some]] = values
+        write_splats(
+            splats, places[some], filled[some], harmonics[some], origins, info.unit, info.size_log, info.transform
+        )
     gone = places[lost]
     splats.opacities[gone] = 0
     splats.quats[gone] = (1, 0, 0, 0)

@@ -118,7 +118,7 @@ def _narrowed(coder, low, span, at, start, size, bits):
         low = min(low - unit * start, span - 1)
         while span < BOTTOM:
             low <<= 8
-            if at < coder.end:
+            if at < len(coder.data):
                 low |= np.int64(coder.data[at])
             at += 1
             span <<= 8

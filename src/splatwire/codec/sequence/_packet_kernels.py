@@ -18,6 +18,7 @@ from splatwire.codec.sequence.layout import (
     TRACK,
 )
 from splatwire.entropy.range_kernels import ZERO, decoder_start, encoder_finish, encoder_start
+from splatwire.entropy.word_kernels import words_of
 from splatwire.ops.compiled import njit
 
 AIM, ENOUGH = 5, 3
@@ -38,7 +39,15 @@ def _tables():
     Motion packets are coded with bit models only, which need no tables.
     """
     one = np.zeros(1, np.int64)
-    return np.zeros((1, 4), np.int64), np.zeros(1, np.int32), one, one, one
+    return (
+        np.zeros(1, np.uint16),
+        np.zeros((1, 6), np.int64),
+        np.zeros(1, np.int32),
+        np.zeros(1, np.uint16),
+        one,
+        one,
+        one,
+    )
 
 
 @njit(error_model="numpy")
@@ -108,7 +117,7 @@ def _encode_packet(models, counts, frames, first_new, dead, heads, places, shift
     predict_from_neighbours(places, states, shifts, orders, out, wanted, dead, np.zeros((0, 1, 1), np.float32))
     _trim(out, orders)
     coder = new_coder(
-        ENCODING, buffer, ZERO, models.copy(), (counts, np.zeros((1, 1, 1, 2), np.int64)), _tables()
+        ENCODING, buffer, np.empty(0, np.int64), models.copy(), (counts, np.zeros((1, 1, 1, 2), np.int64)), _tables()
     )  # fmt: skip
     encoder_start(coder.state)
     code_motion(coder, heads.copy(), n, orders, out, frames, first_new)
@@ -229,8 +238,9 @@ def decode_packets(models, frames, first_new, data, ends, starts, heads, orders,
     """
     statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)
     for p in range(len(starts) - 1):
-        coder = new_coder(DECODING, data, ends[p + 1], models.copy(), statistics, _tables())
-        decoder_start(data, ends[p], ends[p + 1], coder.state)
+        payload = data[ends[p] : ends[p + 1]]
+        coder = new_coder(DECODING, payload, words_of(payload), models.copy(), statistics, _tables())
+        decoder_start(payload, ZERO, len(payload), coder.state)
         rows = slice(starts[p], starts[p + 1])
         code_motion(
             coder, heads[rows], starts[p + 1] - starts[p], orders[p], quantised[rows], frames, first_new

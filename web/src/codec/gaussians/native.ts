@@ -7,6 +7,12 @@ import { type Decoded, type GaussianPackets, PacketDecoder } from "./packet.ts";
 import type { SideInfo } from "./side_info.ts";
 import { stepBases } from "./steps.ts";
 import { THINNESS } from "./tables.ts";
+import { FRACTIONS, WHOLES } from "./to_splats.ts";
+
+/** Length of a row of the module's table of the transform. */
+const TRANSFORM_STRIDE = 16;
+/** Functions that the module imports. */
+const IMPORTS = { math: { sin: Math.sin, cos: Math.cos } };
 
 /** Functions of `native/gaussians.c`, and addresses of its tables. */
 interface Exports {
@@ -14,6 +20,7 @@ interface Exports {
   prepare(): void;
   begin(bytes: number): number;
   decode(bytes: number, count: number, harmonics: number, boxBits: number, unit: number, coarsest: number): number;
+  convert(count: number, harmonics: number, half: number, size: number): number;
   readonly [table: string]: unknown;
 }
 
@@ -57,7 +64,7 @@ export class NativePackets implements GaussianPackets {
     readonly info: SideInfo,
     module: WebAssembly.Module,
   ) {
-    this.#exports = new WebAssembly.Instance(module).exports as unknown as Exports;
+    this.#exports = new WebAssembly.Instance(module, IMPORTS).exports as unknown as Exports;
     const tables = {
       normal: NORMAL,
       inverses: INVERSE_SCALES,
@@ -67,6 +74,9 @@ export class NativePackets implements GaussianPackets {
       bases: stepBases(info.bases),
       scales: info.scales,
       initial: info.models,
+      fractions: FRACTIONS,
+      wholes: WHOLES,
+      transform: paddedTransform(info),
     };
     for (const [name, values] of Object.entries(tables)) this.#fill(name, values);
     this.#exports.prepare();
@@ -82,22 +92,41 @@ export class NativePackets implements GaussianPackets {
     }
   }
 
-  #fill(table: string, values: Int32Array): void {
-    const address = (this.#exports[table] as WebAssembly.Global).value as number;
-    new Int32Array(this.#exports.memory.buffer, address, values.length).set(values);
+  #fill(table: string, values: Int32Array | Float64Array): void {
+    const address = (this.#exports[table] as WebAssembly.Global).value as number,
+      { buffer } = this.#exports.memory;
+    if (values instanceof Int32Array) new Int32Array(buffer, address, values.length).set(values);
+    else new Float64Array(buffer, address, values.length).set(values);
   }
 
   decode(payload: Uint8Array, block: number, count: number, brief = false): Decoded {
-    const { boxes, defaults, numHarmonics, unit, coarsest } = this.info,
-      { memory, begin, decode } = this.#exports,
+    const { boxes, defaults, degree, numHarmonics, unit, sizeLog, coarsest } = this.info,
+      { memory, begin, decode, convert } = this.#exports,
       address = begin(payload.length);
     this.#fill("defaults", defaults.subarray(7 * block, 7 * block + 7));
+    this.#fill("corner", boxes.corners.subarray(3 * block, 3 * block + 3));
     new Uint8Array(memory.buffer, address, payload.length).set(payload);
-    const at = decode(payload.length, count, numHarmonics, boxes.bits[block], unit, coarsest),
-      rows = new Float64Array(memory.buffer, at, COLUMNS * count),
+    const at = decode(payload.length, count, numHarmonics, boxes.bits[block], unit, coarsest);
+    let floats = convert(count, numHarmonics, 2 ** (sizeLog - unit - 1), 2 ** sizeLog);
+    const next = (width: number): Float32Array => {
+      const found = new Float32Array(memory.buffer, floats, width * count);
+      floats += found.byteLength;
+      return brief ? found : found.slice();
+    };
+    const [means, quats, scales, opacities, colours] = [3, 4, 3, 1, 3].map(next),
+      splats = { count, degree, means, quats, scales, opacities, colours, harmonics: next(numHarmonics) };
+    const rows = new Float64Array(memory.buffer, at, COLUMNS * count),
       harmonics = new Int32Array(memory.buffer, at + rows.byteLength, numHarmonics * count);
-    if (!brief) return { rows: rows.slice(), harmonics: harmonics.slice() };
+    if (!brief) return { rows: rows.slice(), harmonics: harmonics.slice(), splats };
     const after = Math.ceil((harmonics.byteOffset + harmonics.byteLength) / 8) * 8;
-    return { rows, harmonics, integers: new Uint8Array(memory.buffer, after, rows.byteLength) };
+    return { rows, harmonics, integers: new Uint8Array(memory.buffer, after, rows.byteLength), splats };
   }
+}
+
+/** Returns the transform of the harmonics with rows of equal length. */
+function paddedTransform({ transform, numHarmonics }: SideInfo): Float64Array {
+  const number = numHarmonics / 3,
+    padded = new Float64Array(TRANSFORM_STRIDE * number);
+  for (let k = 0; k < number; k++) padded.set(transform.subarray(number * k, number * (k + 1)), TRANSFORM_STRIDE * k);
+  return padded;
 }

@@ -3,6 +3,7 @@
 import { RangeDecoder } from "../../entropy/decoder.ts";
 import { Mixture } from "../../entropy/mixture.ts";
 import { NUM_SCALES } from "../../entropy/tables.ts";
+import type { Splats } from "../splats.ts";
 import { decodeCells } from "./cells.ts";
 import { decodeHarmonics } from "./harmonics.ts";
 import {
@@ -54,6 +55,8 @@ export interface Decoded {
   readonly harmonics: Int32Array;
   /** The numbers of `rows` as little-endian 64-bit integers, if the decoder has them anyway. */
   readonly integers?: Uint8Array;
+  /** The Gaussians made of the integers, if the decoder has them anyway. */
+  readonly splats?: Splats;
 }
 
 /** Number of different means, in eighths of a step. */

@@ -29,8 +29,8 @@ const R2 = Math.sqrt(2),
 const SUM = new Float64Array(45);
 
 /** Powers of two of the integers of one octave, and of whole octaves from -`OCTAVES` on. */
-const OCTAVES = 128,
-  FRACTIONS = Float64Array.from({ length: UNIT }, (_, i) => 2 ** (i / UNIT)),
+const OCTAVES = 128;
+export const FRACTIONS = Float64Array.from({ length: UNIT }, (_, i) => 2 ** (i / UNIT)),
   WHOLES = Float64Array.from({ length: 2 * OCTAVES }, (_, i) => 2 ** (i - OCTAVES));
 
 /** Returns 2^(log / 2^BITS); all logarithms of decoded Gaussians are within 128 octaves. */
@@ -43,13 +43,25 @@ function rgb(y: number, co: number, cg: number, out: Float32Array, at: number): 
   out[at + 2] = y / R3 - co / R2 - cg / R6;
 }
 
-/** Converts the Gaussians of a packet to floating point. Writes them to `splats`, which holds zeros, and returns it. */
-export function toSplats(
-  { rows, harmonics }: Decoded,
-  info: SideInfo,
-  block: number,
-  splats = emptySplats(rows.length / COLUMNS, info.degree),
-): Splats {
+/**
+ * Converts the Gaussians of a packet to floating point. Writes them to `room`, which holds zeros, or to new arrays. The
+ * result of a decoder that converts them itself is bit for bit the same.
+ */
+export function toSplats(decoded: Decoded, info: SideInfo, block: number, room?: Splats): Splats {
+  const { splats } = decoded;
+  if (splats && !room) return splats;
+  if (splats && room) return copySplats(splats, room);
+  return convert(decoded, info, block, room ?? emptySplats(decoded.rows.length / COLUMNS, info.degree));
+}
+
+function copySplats(from: Splats, to: Splats): Splats {
+  for (const name of ["means", "quats", "scales", "opacities", "colours", "harmonics"] as const)
+    to[name].set(from[name]);
+  return to;
+}
+
+/** Converts integers to floating point. Writes the Gaussians to `splats`, which holds zeros, and returns it. */
+export function convert({ rows, harmonics }: Decoded, info: SideInfo, block: number, splats: Splats): Splats {
   const { count, means, scales, opacities, colours, quats } = splats,
     { numHarmonics, transform } = info,
     number = numHarmonics / 3;

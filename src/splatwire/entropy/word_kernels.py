@@ -1,0 +1,116 @@
+"""Numba kernels of a range decoder that reads several bytes at once.
+
+The decoder of `range_kernels` reads byte by byte and is the plain reference: both decode the same numbers. The kernels
+here read the array from `words_of` instead. Processors predict the number of bytes of a symbol badly, so no kernel
+branches on it.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.entropy.range_kernels import ADAPTIVE_BITS, BOTTOM, ONE, RAW_BITS, ZERO, adaptive_size, adaptive_update
+from splatwire.entropy.range_kernels import decode_target as target_of
+from splatwire.ops.compiled import njit
+
+WORD_BITS = 56
+"""Bits of a word: seven bytes, so that words are not negative as int64."""
+
+
+@njit(error_model="numpy")
+@no_type_check
+def words_of(data):
+    """Returns the words that begin at each byte of a packet, int64 (n + 1).
+
+    Word i has the bytes i to i + 6, the first one as its highest byte, and zeros for bytes after the end.
+
+    Args:
+        data: Bytes of the packet, uint8 (n).
+    """
+    words = np.empty(len(data) + 1, np.int64)
+    word = np.int64(0)
+    words[len(data)] = word
+    for i in range(len(data) - 1, -1, -1):
+        word = (word >> 8) | (np.int64(data[i]) << (WORD_BITS - 8))
+        words[i] = word
+    return words
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def advance(words, state, start, size, total_bits):
+    """Continues after a symbol with the probability interval `[start, start + size)`; see `decode_advance`.
+
+    `total_bits` is at most 24, so that a symbol consumes at most three bytes.
+    """
+    unit = state[1] >> total_bits
+    span = unit * size
+    code = min(state[0] - unit * start, span - 1)
+    count = np.int64(span < BOTTOM) + np.int64(span < BOTTOM >> 8) + np.int64(span < BOTTOM >> 16)
+    bits, position = count << 3, state[2]
+    state[0] = (code << bits) | (words[min(position, len(words) - 1)] >> (WORD_BITS - bits))
+    state[1] = span << bits
+    state[2] = position + count
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def flag(words, state):
+    """Decodes a bit with equal probabilities; see `decode_raw`."""
+    bit = ONE if state[0] >= state[1] >> ONE else ZERO
+    advance(words, state, bit, ONE, ONE)
+    return bit
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def adaptive_bit(words, state, models, context):
+    """Decodes a bit with the adaptive model of a context, and updates the model; see `decode_bit`."""
+    zero = adaptive_size(models, context)
+    bit = ONE if state[0] >= zero * (state[1] >> ADAPTIVE_BITS) else ZERO
+    if bit:
+        advance(words, state, zero, 65536 - zero, ADAPTIVE_BITS)
+    else:
+        advance(words, state, ZERO, zero, ADAPTIVE_BITS)
+    adaptive_update(models, context, bit)
+    return bit
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def raw_bits(words, state, bits):
+    """Decodes a number of `bits` bits with equal probabilities; see `decode_bits`."""
+    value = np.int64(0)
+    while bits > 0:
+        some = min(bits, RAW_BITS)
+        bits -= some
+        part = target_of(state, some)
+        advance(words, state, part, ONE, some)
+        value = (value << some) | part
+    return value
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def number_below(words, state, count):
+    """Decodes a number from 0 to `count - 1` with equal probabilities; see `decode_below`."""
+    value = ((target_of(state, RAW_BITS) + ONE) * count - ONE) >> RAW_BITS
+    # Quotients of numbers below 2**53 are exact in float64 when rounded down, and faster than those of integers.
+    size = np.float64(count)
+    start = np.int64(np.float64(value << RAW_BITS) / size)
+    after = np.int64(np.float64((value + ONE) << RAW_BITS) / size)
+    advance(words, state, start, after - start, RAW_BITS)
+    return value
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def escaped(words, state):
+    """Decodes the distance of a number outside the directly coded ones; see `decode_escape`."""
+    length = 0
+    while length < 32 and flag(words, state):
+        length += 1
+    value = 1
+    for _ in range(length):
+        value = (value << 1) | flag(words, state)
+    return value - 1
