@@ -30,7 +30,10 @@ let compiled: WebAssembly.Module | null | undefined;
 function moduleOf(): WebAssembly.Module | null {
   if (compiled !== undefined) return compiled;
   try {
-    compiled = new WebAssembly.Module(Uint8Array.from(atob(MODULE), (letter) => letter.charCodeAt(0)));
+    const bytes = Uint8Array.from({ length: MODULE.length / 2 }, (_, n) =>
+      parseInt(MODULE.slice(2 * n, 2 * n + 2), 16),
+    );
+    compiled = new WebAssembly.Module(bytes);
   } catch {
     compiled = null;
   }
