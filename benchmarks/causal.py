@@ -154,7 +154,9 @@ def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
     feature = anchors.features.astype(np.float64) / np.repeat(
         steps[: len(layout.feature_groups)], layout.feature_groups
     )
-    values = np.concatenate([feature, form, anchors.offsets.flatten(1).astype(np.float64) / steps[-1]], axis=1)
+    values = np.concatenate(
+        [feature, form, anchors.offsets.reshape(len(anchors.offsets), -1).astype(np.float64) / steps[-1]], axis=1
+    )
     masks = anchors.mask.astype(np.uint8)
     found = quantise(context, places, masks, values, 0.0)
     without = replace(found, places=replace(places, unknown=np.zeros_like(known.unknown)))

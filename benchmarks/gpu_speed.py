@@ -11,7 +11,6 @@ and milliseconds of the GPU's kernels.
 """
 
 import argparse
-import dataclasses
 import json
 import os
 import time
@@ -22,6 +21,7 @@ import torch
 
 import splatwire
 from splatwire.data import Dataset, open_dataset
+from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training import create_config
 from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.neural.training.config import TrainConfig
@@ -44,9 +44,8 @@ class Loop:
     def __init__(self, train: Dataset, config: TrainConfig, device: str) -> None:
         place = torch.device(device)
         kernels = choose_kernels(place)
-        cameras = train.cameras
-        moved = dataclasses.replace(cameras, viewmats=cameras.viewmats.to(place), Ks=cameras.Ks.to(place))
-        self.step, self.photos = TrainingStep(config, moved, kernels), PhotoStore(train, place, kernels.prepare_photo)
+        cameras = to_tensors(train.cameras, place)
+        self.step, self.photos = TrainingStep(config, cameras, kernels), PhotoStore(train, place, kernels.prepare_photo)
         interval = getattr(kernels, "report_interval", None)
         self.means = RunningMeans(config) if interval is None else RunningMeans(config, interval)
         self.views, self.on_gpu = train.num_views, place.type == "cuda"

@@ -55,7 +55,7 @@ def normal_table() -> np.ndarray:
         scaled = [int((p * (1 << TOTAL_BITS)).to_integral_value(decimal.ROUND_HALF_EVEN)) for p in upper]
     scaled[-1] = 1 << TOTAL_BITS
     lower = [(1 << TOTAL_BITS) - v for v in reversed(scaled[1:])]
-    return _frozen(lower + scaled)
+    return frozen_table(lower + scaled)
 
 
 def _half_plus_integral(z: decimal.Decimal, norm: decimal.Decimal) -> decimal.Decimal:
@@ -100,7 +100,7 @@ def inverse_scale_table() -> np.ndarray:
         numerator = 2 * SCALE_STEPS << (INVERSE_BITS - SCALE_MIN_EXPONENT)
         denominator = (2 * SCALE_STEPS + 2 * mantissa + 1) << exponent
         entries.append((2 * numerator + denominator) // (2 * denominator))
-    return _frozen(entries)
+    return frozen_table(entries)
 
 
 @functools.cache
@@ -113,7 +113,7 @@ def half_width_table() -> np.ndarray:
         int64 of length `NUM_SCALES`, symbols.
     """
     inverse = inverse_scale_table()
-    return _frozen([min(8191, ((10 << INVERSE_BITS) // int(v)) + 16) for v in inverse])
+    return frozen_table([min(8191, ((10 << INVERSE_BITS) // int(v)) + 16) for v in inverse])
 
 
 @functools.cache
@@ -125,7 +125,7 @@ def weight_table() -> np.ndarray:
     Returns:
         int64 of length `NUM_WEIGHTS`.
     """
-    return _frozen([_logistic_integer(decimal.Decimal(i - NUM_WEIGHTS // 2) / 16, 16) for i in range(NUM_WEIGHTS)])
+    return frozen_table([_logistic_integer(decimal.Decimal(i - NUM_WEIGHTS // 2) / 16, 16) for i in range(NUM_WEIGHTS)])
 
 
 @functools.cache
@@ -141,7 +141,7 @@ def step_table(cells_per_unit: int, limit: int, bits: int) -> np.ndarray:
         int64 of length `2 * limit * cells_per_unit + 1`.
     """
     half = limit * cells_per_unit
-    return _frozen(
+    return frozen_table(
         [2 * _logistic_integer(decimal.Decimal(2 * i) / cells_per_unit, bits) for i in range(-half, half + 1)]
     )
 
@@ -160,7 +160,7 @@ def exp2_table(cell_bits: int, bits: int) -> np.ndarray:
         for _ in range((1 << cell_bits) + 1):
             values.append(int(value.to_integral_value(decimal.ROUND_HALF_EVEN)))
             value *= root
-    return _frozen(values)
+    return frozen_table(values)
 
 
 def _logistic_integer(x: decimal.Decimal, bits: int) -> int:
@@ -170,7 +170,8 @@ def _logistic_integer(x: decimal.Decimal, bits: int) -> int:
         return int(value.to_integral_value(decimal.ROUND_HALF_EVEN))
 
 
-def _frozen(values: list[int]) -> np.ndarray:
+def frozen_table(values: list[int]) -> np.ndarray:
+    """Returns integers as a read-only int64 array."""
     table = np.array(values, dtype=np.int64)
     table.setflags(write=False)
     return table

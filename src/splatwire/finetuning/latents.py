@@ -46,13 +46,12 @@ class Latents:
         """Returns the parameters of given Gaussians."""
         logs = np.log(np.maximum(splats.scales, np.float32(1e-12)))
         ordered = np.sort(logs, axis=1)
-        opacities = np.clip(splats.opacities, np.float32(_LEAST_OPACITY), np.float32(_MOST_OPACITY))
         zeros = np.zeros_like(splats.means)
         return Latents(
             zeros,
             zeros.copy(),
             logs,
-            np.log(opacities / (1 - opacities)),
+            _logit(splats.opacities, _LEAST_OPACITY),
             splats.sh[:, 0].copy(),
             splats.sh[:, 1:].copy(),
             splats.means.copy(),
@@ -199,8 +198,8 @@ def harmonic_gradient(
     return basis[:, :, None] * np.where(seen.colors > 0, colors, np.float32(0))[:, None, :]
 
 
-def _logit(opacities: np.ndarray) -> np.ndarray:
-    clipped = np.clip(opacities, np.float32(1e-6), np.float32(_MOST_OPACITY))
+def _logit(opacities: np.ndarray, least: float = 1e-6) -> np.ndarray:
+    clipped = np.clip(opacities, np.float32(least), np.float32(_MOST_OPACITY))
     return np.log(clipped / (1 - clipped))
 
 

@@ -1,5 +1,6 @@
 """File formats of installed packages: read, written and refused as those that come with splatwire."""
 
+import csv
 import json
 import logging
 
@@ -15,6 +16,27 @@ from splatwire.io.formats import format_for, read_content, register_format, spla
 from splatwire.types.splats import Splats
 
 HEAD = b"TOY\x01"
+PROTOCOL = """
+[protocol]
+name = "xyz"
+title = "xyz"
+metrics = ["psnr"]
+views = 1
+[[scene]]
+name = "points"
+scene = "points.xyz"
+[[loss]]
+model = "bernoulli:0.5"
+[[row]]
+key = "drop"
+label = "drop"
+block_size = 10
+[[row]]
+key = "grow"
+label = "grow"
+conceal = "grow"
+block_size = 10
+"""
 
 
 def some_splats(count: int = 50) -> Splats:
@@ -72,6 +94,15 @@ def test_format_of_the_page_works_from_file_to_file(folder):
     before, after = np.loadtxt(folder / "points.xyz"), np.loadtxt(folder / "decoded.xyz")
     apart = np.linalg.norm(before[:, None, :3] - after[None, :, :3], axis=2)
     assert float(apart.min(axis=1).max()) < 0.01
+
+
+def test_study_and_its_workers_read_files_of_the_format(folder):
+    (folder / "study.toml").write_text(PROTOCOL, encoding="utf-8")
+    run(folder, "study", "study.toml", "-o", "out", "--engine", "local", "--workers", "2")
+    with (folder / "out" / "records.csv").open() as file:
+        records = {record["conceal"]: record for record in csv.DictReader(file)}
+    assert set(records) == {"drop", "grow"}
+    assert all(float(record["psnr"]) > 0 for record in records.values())
 
 
 def test_damaged_file_of_the_format_is_one_line(folder):

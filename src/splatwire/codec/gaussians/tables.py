@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from splatwire.codec.gaussians.layout import BITS, MAX_THIN
+from splatwire.entropy.tables import frozen_table
 
 _POWER_BITS = 120
 _LN2 = 818323753292969962226
@@ -45,7 +46,7 @@ def thinness_table() -> np.ndarray:
         while powers[r & ((1 << BITS) - 1)] >> (r >> BITS) > left:
             r += 1
         entries.append(r)
-    return _frozen(entries)
+    return frozen_table(entries)
 
 
 @functools.cache
@@ -56,9 +57,3 @@ def exponentials() -> np.ndarray:
     """
     powers = np.array(negative_powers(), dtype=np.float64)
     return np.concatenate([[1.0], 2 * powers[:0:-1] * 2.0**-62])
-
-
-def _frozen(values: list[int]) -> np.ndarray:
-    table = np.array(values, dtype=np.int64)
-    table.setflags(write=False)
-    return table

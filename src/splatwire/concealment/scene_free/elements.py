@@ -7,13 +7,13 @@ mix depends on how Gaussians overlap locally, and the network predicts it.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int64
 
 from splatwire.concealment.base import Concealed
 from splatwire.concealment.scene_free.network import Perceptron
+from splatwire.concealment.scene_free.signature import log_gain
 from splatwire.ops.arrays import lower_median
 from splatwire.ops.knn import NeighborTree, nearest_others
 from splatwire.types import ReceivedScene, SplatScene
@@ -22,7 +22,6 @@ from splatwire.types.anchors import MIN_SIZE
 ELEMENT_SIGNATURE = 12
 """Number of input features per Gaussian."""
 _NEIGHBORS, _CLOSE, _SPACING_RANK = 64, 32, 6
-_MOST_LOST = 0.97
 BASE = (0.15, 0.75)
 """Exponents of `exp(L)` for size and opacity before the network's correction."""
 SIZES, POWERS = (-0.5, 1.0), (-0.5, 2.5)
@@ -56,7 +55,7 @@ def element_inputs(partial: ReceivedScene[SplatScene]) -> ElementInputs:
     gone = (~known).astype(distance.dtype)
     size, area = np.exp(log_sizes), np.exp(2 * log_sizes)
     tiny = np.finfo(size.dtype).tiny
-    lost = _gain_for((gone * size)[near].sum(axis=1) / np.maximum(size[near].sum(axis=1), tiny))
+    lost = log_gain((gone * size)[near].sum(axis=1) / np.maximum(size[near].sum(axis=1), tiny))
     close, far = near[:, :_CLOSE], distance[:, :_CLOSE]
     there = 1 - gone[close]
     reach = (far / np.maximum(np.sqrt(area[close] + area[rows, None]), MIN_SIZE)) ** 2
@@ -67,8 +66,8 @@ def element_inputs(partial: ReceivedScene[SplatScene]) -> ElementInputs:
     weight = area[close] * np.exp(-reach / 4)
     columns = [
         lost,
-        _gain_for(gone[near[:, :12]].mean(axis=1) if near.shape[1] else gone[rows]),
-        np.full_like(own, _gain_for(gone.mean())),
+        log_gain(gone[near[:, :12]].mean(axis=1) if near.shape[1] else gone[rows]),
+        np.full_like(own, log_gain(gone.mean())),
         own - _spacing(far, there, own),
         own - lower_median(log_sizes[known]),
         own - (there * log_sizes[close]).sum(axis=1) / count,
@@ -77,13 +76,9 @@ def element_inputs(partial: ReceivedScene[SplatScene]) -> ElementInputs:
         logit[rows],
         (there * logit[close]).sum(axis=1) / count,
         np.log1p(cover.sum(axis=1)),
-        _gain_for((weight * (1 - there)).sum(axis=1) / np.maximum(weight.sum(axis=1) + area[rows], tiny)),
+        log_gain((weight * (1 - there)).sum(axis=1) / np.maximum(weight.sum(axis=1) + area[rows], tiny)),
     ]
     return ElementInputs(rows, np.stack(columns, axis=1), lost, opacities[rows])
-
-
-def _gain_for(share: Any) -> Any:
-    return -np.log1p(-np.minimum(share, _MOST_LOST))
 
 
 def _spacing(distance: np.ndarray, received: np.ndarray, own: np.ndarray) -> Float[np.ndarray, "M"]:

@@ -45,7 +45,7 @@ def signatures(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Flo
     sizes = np.log(np.maximum(to_numpy(partial.scene.anchors.scalings)[around.rows], floor))
     own = sizes[:, 3:].mean(axis=1)
     overall = lost.mean() if len(lost) else lost.sum()
-    columns = [np.full_like(own, _gain_for(overall))]
+    columns = [np.full_like(own, log_gain(overall))]
     columns += _losses_nearby(lost, area, own, around)
     for members in around.classes:
         columns += _losses_in_class(lost, area, own, around.rows, members)
@@ -65,7 +65,8 @@ def near_losses(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Fl
     return (lost / np.maximum(weight[near].sum(axis=1), tiny)).astype(around.log_size.dtype)
 
 
-def _gain_for(share: Any) -> Any:
+def log_gain(share: Any) -> Any:
+    """Returns the logarithm of the area gain that compensates for a lost share, at most that of `_MOST_LOST`."""
     return -np.log1p(-np.minimum(share, _MOST_LOST))
 
 
@@ -95,15 +96,15 @@ def _losses_nearby(
 ) -> list[Float[np.ndarray, "M"]]:
     rows, near, tiny = around.rows, around.near.first(CLOSE), np.finfo(area.dtype).tiny
     there = lost[near.index]
-    columns = [_gain_for(_mean(there[:, :count])) for count in _COUNTS]
+    columns = [log_gain(_mean(there[:, :count])) for count in _COUNTS]
     theirs, far = _spread_of(area, rows, near)
     for reach in _REACHES:
         weight = theirs * np.exp(far / -reach)
         gone = (weight * there).sum(axis=1)
-        columns.append(_gain_for(gone / np.maximum(weight.sum(axis=1) + area[rows], tiny)))
+        columns.append(log_gain(gone / np.maximum(weight.sum(axis=1) + area[rows], tiny)))
         if reach == _MIDDLE_REACH:
             columns.append(np.log1p(gone / np.exp(2 * own)))
-    columns.append(_gain_for((theirs * there).sum(axis=1) / np.maximum(theirs.sum(axis=1), tiny)))
+    columns.append(log_gain((theirs * there).sum(axis=1) / np.maximum(theirs.sum(axis=1), tiny)))
     return columns
 
 
@@ -115,7 +116,7 @@ def _losses_in_class(
     weight = theirs * np.exp(far / -_MIDDLE_REACH)
     gone = (weight * there).sum(axis=1)
     whole = np.maximum(weight.sum(axis=1) + area[rows], np.finfo(area.dtype).tiny)
-    return [_gain_for(_mean(there)), _gain_for(gone / whole), np.log1p(gone / np.exp(2 * own))]
+    return [log_gain(_mean(there)), log_gain(gone / whole), np.log1p(gone / np.exp(2 * own))]
 
 
 def _sizes(sizes: Float[np.ndarray, "M 6"], own: np.ndarray, around: Surroundings) -> list[Float[np.ndarray, "M"]]:

@@ -194,10 +194,10 @@ def write_sketch(section: SketchSection, buckets: np.ndarray) -> bytes:
     buffer, state = np.empty(room, dtype=np.uint8), np.empty(3, dtype=np.int64)
     level_models, bit_models, models = _models(basis.num_levels, columns, section.masks.shape[1])
     encoder_start(state)
-    kernels.encode_levels(buffer, state, level_models, section.levels, buckets, basis.num_levels)
-    kernels.encode_rows(
-        buffer, state, bit_models, models, section.levels[chosen], section.masks, section.values, section.offsets
-    )
+    coder = kernels.Coder(False, buffer, state)
+    kernels.code_levels(coder, level_models, section.levels.copy(), buckets, basis.num_levels)
+    copies = (values.copy() for values in (section.masks, section.values, section.offsets))
+    kernels.code_rows(coder, bit_models, models, section.levels[chosen], *copies)
     length = encoder_finish(buffer, state)
     tables = basis.mean.astype("<f2").tobytes() + basis.scales.astype("<f2").tobytes()
     return header + tables + _write_directions(basis.directions) + buffer[:length].tobytes()
@@ -220,16 +220,17 @@ def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchS
 
     growth, count, basis, coded = _read_head(data, sizes)
     columns = basis.directions.shape[1]
-    state, levels = np.empty(3, dtype=np.int64), np.empty(sizes.num_anchors, dtype=np.int64)
+    state, levels = np.empty(3, dtype=np.int64), np.zeros(sizes.num_anchors, dtype=np.int64)
     level_models, bit_models, models = _models(basis.num_levels, columns, sizes.num_offsets)
     decoder_start(coded, 0, len(coded), state)
-    found = kernels.decode_levels(coded, state, level_models, buckets, basis.num_levels, levels)
+    coder = kernels.Coder(True, coded.copy(), state)  # kernels take writable arrays
+    found = kernels.code_levels(coder, level_models, levels, buckets, basis.num_levels)
     if found != count:  # checked before the rows are allocated
         raise BitstreamError(f"section '{SECTION}': {found} anchors are sketched, and {count} should be")
-    masks = np.empty((count, sizes.num_offsets), dtype=np.uint8)
-    values = np.empty((count, columns), dtype=np.int64)
-    offsets = np.empty((count, 3 * sizes.num_offsets), dtype=np.int64)
-    kernels.decode_rows(coded, state, bit_models, models, levels[levels > 0], masks, values, offsets)
+    masks = np.zeros((count, sizes.num_offsets), dtype=np.uint8)
+    values = np.zeros((count, columns), dtype=np.int64)
+    offsets = np.zeros((count, 3 * sizes.num_offsets), dtype=np.int64)
+    kernels.code_rows(coder, bit_models, models, levels[levels > 0], masks, values, offsets)
     if max(np.abs(values).max(initial=0), np.abs(offsets).max(initial=0)) >= MAX_VALUE:
         raise BitstreamError(f"section '{SECTION}' is damaged: values out of range")
     return SketchSection(*growth, basis, levels, masks, values, offsets)

@@ -165,3 +165,8 @@ def join(path: Path, parts: Iterable[Splats]) -> Splats:
     if not all(np.isfinite(value).all() for value in vars(whole).values()) or not (whole.scales > 0).all():
         raise InvalidValueError("a Gaussian has a number that is not finite, or a size that is not positive")
     return whole
+
+
+def rounded_bytes(values: np.ndarray) -> np.ndarray:
+    """Rounds values to integers and clips them to 0 to 255, uint8."""
+    return np.rint(values).clip(0, 255).astype(np.uint8)

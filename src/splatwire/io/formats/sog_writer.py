@@ -14,7 +14,7 @@ from splatwire.files.kinds import SOG_META_NAME
 from splatwire.files.whole import written_whole
 from splatwire.io.formats._asset import asset_of
 from splatwire.io.formats._codebooks import nearest_number, number_codebook, vector_palette
-from splatwire.io.formats._columns import join
+from splatwire.io.formats._columns import join, rounded_bytes
 from splatwire.io.formats._rotations import smallest_three
 from splatwire.io.formats.outliers import (
     DEFAULT,
@@ -80,8 +80,7 @@ def sog_files(splats: Splats, *, antialiased: bool = False, metadata: SceneMetad
     meta["scales"] = _coded("scales", logs, np.full(len(logs), 255, np.uint8), pictures)
     pictures["quats.webp"] = _rotations(splats.quats)
     meta["quats"] = {"files": ["quats.webp"]}
-    opacities = np.rint(splats.opacities * 255).clip(0, 255).astype(np.uint8)
-    meta["sh0"] = _coded("sh0", splats.sh[:, 0], opacities, pictures)
+    meta["sh0"] = _coded("sh0", splats.sh[:, 0], rounded_bytes(splats.opacities * 255), pictures)
     if splats.degree:
         meta["shN"] = _harmonics(splats.sh[:, 1:], splats.degree, pictures)
     return {

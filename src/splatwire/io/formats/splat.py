@@ -8,7 +8,7 @@ import numpy as np
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.capped import open_regular
 from splatwire.files.whole import written_whole
-from splatwire.io.formats._columns import build_splats, check_count, filled
+from splatwire.io.formats._columns import build_splats, check_count, filled, rounded_bytes
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.types.splats import Splats
 
@@ -59,11 +59,7 @@ def _records(part: Splats) -> np.ndarray:
         raise InvalidValueError("a Gaussian has a number that is not finite")
     records = np.empty(part.num_gaussians, dtype=RECORD)
     records["position"], records["scale"] = means, scales
-    records["color"][:, :3] = _byte(255 * (0.5 + DC * constant))
-    records["color"][:, 3] = _byte(255 * opacities)
-    records["rotation"] = _byte(128 * quats + 128)
+    records["color"][:, :3] = rounded_bytes(255 * (0.5 + DC * constant))
+    records["color"][:, 3] = rounded_bytes(255 * opacities)
+    records["rotation"] = rounded_bytes(128 * quats + 128)
     return records
-
-
-def _byte(values: np.ndarray) -> np.ndarray:
-    return np.rint(values).clip(0, 255).astype(np.uint8)

@@ -12,7 +12,7 @@ import zstandard
 from splatwire.errors import InvalidValueError
 from splatwire.files.whole import written_whole
 from splatwire.io.formats._axes import SPZ_FLIPS, flip_axes
-from splatwire.io.formats._columns import join
+from splatwire.io.formats._columns import join, rounded_bytes
 from splatwire.io.formats._spz_extensions import write_records
 from splatwire.io.formats.outliers import (
     DEFAULT,
@@ -166,9 +166,9 @@ def _columns(splats: Splats, bits: int, harmonic_bits: tuple[int, int]) -> list[
     sh = splats.sh
     columns = [
         np.ascontiguousarray(fixed).view(np.uint8).reshape(-1, 3, 4)[:, :, :3],
-        _byte(splats.opacities * 255),
-        _byte((sh[:, 0] * COLOR_SCALE + 0.5) * 255),
-        _byte((np.log(splats.scales) + 10) * 16),
+        rounded_bytes(splats.opacities * 255),
+        rounded_bytes((sh[:, 0] * COLOR_SCALE + 0.5) * 255),
+        rounded_bytes((np.log(splats.scales) + 10) * 16),
         _pack_smallest_three(splats.quats),
         np.concatenate([_harmonic(sh[:, 1:4], harmonic_bits[0]), _harmonic(sh[:, 4:], harmonic_bits[1])], axis=1),
     ]
@@ -178,11 +178,7 @@ def _columns(splats: Splats, bits: int, harmonic_bits: tuple[int, int]) -> list[
 def _harmonic(values: np.ndarray, bits: int) -> np.ndarray:
     """Quantises spherical harmonics to bytes whose lowest bits are zero, so that they compress better."""
     step = 1 << (8 - bits)
-    return _byte(np.floor((np.rint(values * 128 + 128) + step / 2) / step) * step)
-
-
-def _byte(values: np.ndarray) -> np.ndarray:
-    return np.rint(values).clip(0, 255).astype(np.uint8)
+    return rounded_bytes(np.floor((np.rint(values * 128 + 128) + step / 2) / step) * step)
 
 
 def _pack_smallest_three(quats: np.ndarray) -> np.ndarray:

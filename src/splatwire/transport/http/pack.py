@@ -70,7 +70,7 @@ def pack_streams(streams: Mapping[str, SceneStream]) -> bytes:
     for stream in streams.values():
         check_page_support(stream.manifest)
     style, scripts = web_file(STYLE), [web_file(DRAWING), web_file(SCRIPT), *([_CHOOSE] if len(streams) > 1 else [])]
-    title, told = next(iter(streams)), {name: _preview_attributes(stream) for name, stream in streams.items()}
+    title, told = next(iter(streams)), {name: stream_attributes(stream) for name, stream in streams.items()}
     return _PAGE.format(
         hashes=" ".join(f"'{_source_hash(script)}'" for script in scripts),
         style_hash=_source_hash(style),
@@ -98,7 +98,8 @@ def check_page_support(manifest: Manifest) -> None:
         )
 
 
-def _preview_attributes(stream: SceneStream) -> dict[str, str]:
+def stream_attributes(stream: SceneStream) -> dict[str, str]:
+    """Returns the HTML attributes of a stream's element `<splat-wire-preview>`; empty without a preview."""
     codec = stream.manifest.codec
     return preview_attributes(stream.side_info, codec, stream_preview(stream.side_info, codec))
 

@@ -11,9 +11,8 @@ from urllib.parse import quote
 from splatwire.bitstream import SceneStream, send_sequence, stream_to_bytes
 from splatwire.errors import InvalidValueError
 from splatwire.transport.http.content import DRAWING, SCRIPT, STYLE, web_file
-from splatwire.transport.http.pack import check_page_support
-from splatwire.transport.http.scene_list import preview_attributes, scene_list
-from splatwire.transport.protocol.preview import stream_preview
+from splatwire.transport.http.pack import check_page_support, stream_attributes
+from splatwire.transport.http.scene_list import scene_list
 from splatwire.version import __version__
 
 HASH_DIGITS = 12
@@ -99,7 +98,7 @@ def published_files(scenes: Mapping[str, PublishedScene], url: str | None = None
     files["vercel.json"] = _vercel_headers(engine).encode()
     files["streams.json"] = json.dumps({"streams": [f"/{quote(path)}" for path in paths.values()]}).encode()
     pages = {name: f"{name}.html" if place else "index.html" for place, name in enumerate(scenes)}
-    previews = {name: _preview(scene.stream) for name, scene in scenes.items()}
+    previews = {name: stream_attributes(scene.stream) for name, scene in scenes.items()}
     for name in reversed(list(scenes)):
         base = None if url is None else url.rstrip("/")
         listed = scene_list(previews, name, lambda other: quote(pages[other]))
@@ -132,11 +131,6 @@ def _engine_folder() -> str:
 
 def _hashed(stem: str, data: bytes, suffix: str) -> str:
     return f"{stem}.{hashlib.sha256(data).hexdigest()[:HASH_DIGITS]}.{suffix}"
-
-
-def _preview(stream: SceneStream) -> dict[str, str]:
-    codec = stream.manifest.codec
-    return preview_attributes(stream.side_info, codec, stream_preview(stream.side_info, codec))
 
 
 def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
