@@ -7,7 +7,6 @@ from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import map_coordinates
 
 from splatwire.errors import DatasetError
 
@@ -204,5 +203,7 @@ def _grid(view: Undistortion) -> Float[np.ndarray, "2 H W"]:
 
 def _sampled(pixels: np.ndarray, grid: Float[np.ndarray, "2 H W"], order: int) -> np.ndarray:
     """Interpolates pixels (H, W, C) at fractional positions with splines of the given order."""
+    from scipy.ndimage import map_coordinates  # takes long to load
+
     planes = [map_coordinates(plane, grid, order=order, mode="nearest") for plane in np.moveaxis(pixels, 2, 0)]
     return np.stack(planes, axis=2)
