@@ -9,7 +9,15 @@ from typing import Any, NamedTuple, no_type_check
 import numpy as np
 
 from splatwire.entropy.normal_kernels import decode_escape, encode_escape
-from splatwire.entropy.range_kernels import decode_bit, decode_raw, encode_bit, encode_raw
+from splatwire.entropy.range_kernels import (
+    decode_bit,
+    decode_raw,
+    decoder_start,
+    encode_bit,
+    encode_raw,
+    encoder_finish,
+    encoder_start,
+)
 from splatwire.ops.compiled import njit
 
 OWN = 4
@@ -38,6 +46,24 @@ class Coder(NamedTuple):
     decoding: Any
     data: Any
     state: Any
+
+    @staticmethod
+    def encoder(num_bytes: int) -> "Coder":
+        """Returns a coder that encodes at most `num_bytes` bytes."""
+        state = np.empty(3, dtype=np.int64)
+        encoder_start(state)
+        return Coder(False, np.empty(num_bytes, dtype=np.uint8), state)
+
+    @staticmethod
+    def decoder(coded: bytes) -> "Coder":
+        """Returns a coder that decodes bytes."""
+        data, state = np.frombuffer(bytearray(coded), dtype=np.uint8), np.empty(3, dtype=np.int64)
+        decoder_start(data, 0, len(data), state)
+        return Coder(True, data, state)
+
+    def finish(self) -> bytes:
+        """Ends encoding and returns the bytes."""
+        return self.data[: encoder_finish(self.data, self.state)].tobytes()
 
 
 @njit(error_model="numpy")

@@ -172,7 +172,6 @@ def write_sketch(section: SketchSection, buckets: np.ndarray) -> bytes:
         InvalidValueError: If a value is beyond the limits of the format.
     """
     from splatwire.concealment.sketch import _kernels as kernels
-    from splatwire.entropy.range_kernels import encoder_finish, encoder_start
 
     basis, columns = section.basis, section.values.shape[1]
     chosen = section.levels > 0
@@ -191,16 +190,13 @@ def write_sketch(section: SketchSection, buckets: np.ndarray) -> bytes:
         columns + section.offsets.shape[1]
     )
     room = len(section.levels) * kernels.BYTES_PER_BIT * (1 + basis.num_levels) + len(section.values) * per_row + 64
-    buffer, state = np.empty(room, dtype=np.uint8), np.empty(3, dtype=np.int64)
     level_models, bit_models, models = _models(basis.num_levels, columns, section.masks.shape[1])
-    encoder_start(state)
-    coder = kernels.Coder(False, buffer, state)
+    coder = kernels.Coder.encoder(room)
     kernels.code_levels(coder, level_models, section.levels.copy(), buckets, basis.num_levels)
     copies = (values.copy() for values in (section.masks, section.values, section.offsets))
     kernels.code_rows(coder, bit_models, models, section.levels[chosen], *copies)
-    length = encoder_finish(buffer, state)
     tables = basis.mean.astype("<f2").tobytes() + basis.scales.astype("<f2").tobytes()
-    return header + tables + _write_directions(basis.directions) + buffer[:length].tobytes()
+    return header + tables + _write_directions(basis.directions) + coder.finish()
 
 
 def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchSection:
@@ -216,14 +212,12 @@ def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchS
         BitstreamError: If the section is damaged, or belongs to another scene.
     """
     from splatwire.concealment.sketch import _kernels as kernels
-    from splatwire.entropy.range_kernels import decoder_start
 
     growth, count, basis, coded = _read_head(data, sizes)
     columns = basis.directions.shape[1]
-    state, levels = np.empty(3, dtype=np.int64), np.zeros(sizes.num_anchors, dtype=np.int64)
+    levels = np.zeros(sizes.num_anchors, dtype=np.int64)
     level_models, bit_models, models = _models(basis.num_levels, columns, sizes.num_offsets)
-    decoder_start(coded, 0, len(coded), state)
-    coder = kernels.Coder(True, coded.copy(), state)  # kernels take writable arrays
+    coder = kernels.Coder.decoder(coded)
     found = kernels.code_levels(coder, level_models, levels, buckets, basis.num_levels)
     if found != count:  # checked before the rows are allocated
         raise BitstreamError(f"section '{SECTION}': {found} anchors are sketched, and {count} should be")
@@ -236,7 +230,7 @@ def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchS
     return SketchSection(*growth, basis, levels, masks, values, offsets)
 
 
-def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, float], int, SketchBasis, np.ndarray]:
+def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, float], int, SketchBasis, bytes]:
     """Reads and checks the header and the basis of the section `sketch`.
 
     Args:
@@ -250,7 +244,7 @@ def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, flo
         neural network.
         * Number of anchors that have a copy.
         * Basis for dequantising the copies.
-        * Bytes of the range coder, uint8.
+        * Bytes of the range coder.
     """
     if data and data[0] != VERSION:
         raise UnsupportedVersionError(
@@ -273,7 +267,7 @@ def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, flo
     directions = _read_directions(reader, sizes.num_channels, columns)
     mean, scales = numbers[: sizes.num_channels], numbers[sizes.num_channels :]
     basis = SketchBasis(mean, directions, scales, offset_step, num_levels)
-    return (exponent, excess, trust), count, basis, np.frombuffer(reader.rest(), dtype=np.uint8)
+    return (exponent, excess, trust), count, basis, reader.rest()
 
 
 def _write_directions(directions: np.ndarray) -> bytes:
