@@ -5,9 +5,12 @@ from typing import Any
 
 from splatwire.version import __version__
 
+_STUDY, _FRAME = "splatwire.evaluation.study", "page.html.jinja"
+"""Package of the style sheet, and its template with what all pages share."""
+
 
 def filled_page(package: str, template: str, **values: Any) -> str:
-    """Renders a template to a self-contained page; undefined values are empty.
+    """Renders a template, which extends `page.html.jinja`, to a self-contained page; undefined values are empty.
 
     Args:
         package: Name of the Python package that contains the template.
@@ -16,7 +19,9 @@ def filled_page(package: str, template: str, **values: Any) -> str:
     """
     import jinja2
 
-    source = resources.files(package).joinpath(template).read_text(encoding="utf-8")
-    style = resources.files("splatwire.evaluation.study").joinpath("report.css").read_text(encoding="utf-8")
-    page = jinja2.Environment(autoescape=True, trim_blocks=True).from_string(source)
-    return page.render(version=__version__, style=style, **values)
+    def text(folder: str, name: str) -> str:
+        return resources.files(folder).joinpath(name).read_text(encoding="utf-8")
+
+    files = {_FRAME: text(_STUDY, _FRAME), template: text(package, template)}
+    page = jinja2.Environment(autoescape=True, trim_blocks=True, loader=jinja2.DictLoader(files)).get_template(template)
+    return page.render(version=__version__, style=text(_STUDY, "report.css"), **values)
