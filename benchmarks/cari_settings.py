@@ -114,7 +114,7 @@ def main() -> None:
         context = data.complete.masked(known)
         for name, make in fillings(complete, context).items():
             pictures = render_scene(make(), seen)
-            each = [float(psnr(a[None], b[None])) for a, b in zip(pictures, references, strict=True)]
+            each = [float(psnr(a[None], b[None])[0]) for a, b in zip(pictures, references, strict=True)]
             scores.setdefault(name, []).append(float(np.mean(each)))
             print(f"{name:<60} {scores[name][-1]:.2f}", flush=True)
     rows = {name: round(sum(values) / len(values), 2) for name, values in scores.items()}

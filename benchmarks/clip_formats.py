@@ -32,7 +32,7 @@ def score(shown: list[Splats], files: list[Path], cameras: Cameras) -> float:
     found = []
     for splats, path in zip(shown, files, strict=True):
         pairs = (iterate_views(SplatScene(some), cameras) for some in (splats, read_splats(path)))
-        found += [float(psnr(ours[None], theirs[None])) for ours, theirs in zip(*pairs, strict=True)]
+        found += [float(psnr(ours[None], theirs[None])[0]) for ours, theirs in zip(*pairs, strict=True)]
     return float(np.mean(found))
 
 

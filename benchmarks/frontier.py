@@ -23,7 +23,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from torch import Tensor
 
 from splatwire.anchors.appearance import Scene
 from splatwire.bitstream import PRESETS, SceneStream
@@ -102,7 +101,7 @@ class Looks:
     """Cameras and their reference pictures."""
 
     cameras: Cameras
-    pictures: list[Tensor]
+    pictures: list[np.ndarray]
 
 
 def looks_of(scene: Scene, arguments: argparse.Namespace) -> tuple[CalibrationViews, Looks, Looks]:
