@@ -4,7 +4,6 @@ from importlib.util import find_spec
 
 import pytest
 
-from splatwire.cli import _fresh
 from splatwire.codec import decode_stream
 from splatwire.concealment import concealer_names
 

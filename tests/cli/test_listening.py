@@ -14,7 +14,7 @@ from urllib.request import urlopen
 import pytest
 
 from splatwire.cli._background import first_of, start_thread
-from splatwire.cli._listening import REPORT_S, LoopErrors, open_server, stop_on_signals, tell_ready, url_host
+from splatwire.cli._listening import REPORT_S, LoopErrors, open_server, print_ready, stop_on_signals, url_host
 from splatwire.cli._options import Listening
 from splatwire.transport import ServerLimits, make_served_stream
 from splatwire.transport.address import parse_url
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.slow
 @pytest.mark.parametrize("host", ["::1", "::", "fe80::1", "127.0.0.1", "localhost", "[::1]"])
 @pytest.mark.parametrize("quic", [False, True])
 def test_receive_accepts_the_address_that_serve_prints(capsys, host, quic):
-    tell_ready(Listening(host=host, quic=quic), 48900, {}, "serving")
+    print_ready(Listening(host=host, quic=quic), 48900, {}, "serving")
     address = parse_url(capsys.readouterr().out.split()[-1])
     assert (address.host, address.port) == (host.strip("[]"), 48900)
     assert url_host(host) == (f"[{host.strip('[]')}]" if ":" in host else host)
@@ -75,7 +75,7 @@ def test_exhausted_file_descriptors_are_logged_once_in_a_while(capsys):
 
 def test_server_writes_errors_of_the_loop_and_renewed_certificates_into_its_log(capsys):
     pytest.importorskip("aioquic", reason="the package aioquic is not installed")
-    from splatwire.cli._quic import _told_renewed
+    from splatwire.cli._quic import _log_renewed
     from splatwire.transport.quic.certificate import self_signed
 
     async def work() -> None:
@@ -86,7 +86,7 @@ def test_server_writes_errors_of_the_loop_and_renewed_certificates_into_its_log(
                 {"message": "accept", "exception": OSError(errno.EMFILE, "Too many open files")}
             )
             loop.call_exception_handler({"message": "odd", "exception": KeyError("lost")})
-            _told_renewed(identity)
+            _log_renewed(identity)
 
     identity = self_signed()
     asyncio.run(asyncio.wait_for(work(), 20))

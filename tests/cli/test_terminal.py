@@ -176,7 +176,7 @@ def test_closed_standard_stream_is_not_wrapped(monkeypatch, capsys):
 
 
 def test_messages_of_the_command_line_are_one_line(capsys):
-    assert main._complain(str(InvalidValueError(f"{EVIL}\nsplatwire: all is well"))) == 2
+    assert main._print_error(str(InvalidValueError(f"{EVIL}\nsplatwire: all is well"))) == 2
     shown = capsys.readouterr().err
     assert shown.count("\n") == 1
     assert not controls(shown)

@@ -230,5 +230,5 @@ def test_kernels_work_without_numbas_private_option(tmp_path):
 
 
 def test_unknown_numba_options_are_detected():
-    assert compiled._knows("_nrt")
-    assert not compiled._knows("_gone")
+    assert compiled._supports_option("_nrt")
+    assert not compiled._supports_option("_gone")

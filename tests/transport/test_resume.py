@@ -218,7 +218,7 @@ def test_a_path_that_carries_only_small_datagrams_is_named():
 def test_sequence_jump_is_one_gap_range():
     gaps, largest = GapTracker(), -1
     for jump in range(1, 20_000):  # 2.6 billion numbers, which would take minutes one by one
-        gaps.came(jump << 17, largest)
+        gaps.on_received(jump << 17, largest)
         largest = jump << 17
     assert bool(gaps)
     assert len(gaps._starts) == 1
@@ -233,7 +233,7 @@ def test_gaps_equal_the_missing_sequence_numbers():
         number = (
             max(largest + rng.choice((1, 1, 1, 2, 9, 300)), 0) if rng.random() < 0.7 else rng.randrange(largest + 2)
         )
-        gaps.came(number, largest)
+        gaps.on_received(number, largest)
         missing |= set(range(largest + 1, number))
         missing.discard(number)
         missing = set(sorted(missing)[-MAX_GAPS:])

@@ -15,9 +15,9 @@ from splatwire.errors import InvalidValueError, check_kind, shown, whole_number
 
 DATAGRAM_BYTES = 1200
 """Largest datagram in bytes that fits every QUIC path (RFC 9000, 14)."""
-AGAIN = 1_000_003
+SEED_STEP = 1_000_003
 """Increment of the random seed from one round of retransmissions to the next, so that rounds differ in their losses."""
-TRIES = 8
+ATTEMPTS_PER_GROUP = 8
 """Number of transmissions, per group of pictures, of a lost packet that later groups also need (keyframe Gaussians).
 A group of half a second has time for eight round trips of 62 ms.
 """
@@ -100,8 +100,8 @@ def transmit(
     """Simulates sending a stream over a lossy channel; side information and manifest always arrive (paper 3.2.2).
 
     Every packet is sent once. In a sequence (dynamic scene), lost packets that later groups of pictures also need are
-    retransmitted until they are received, `TRIES` times per group of pictures. Packets with the motion of one group
-    are not retransmitted.
+    retransmitted until they are received, `ATTEMPTS_PER_GROUP` times per group of pictures. Packets with the motion of
+    one group are not retransmitted.
 
     Args:
         stream: Stream to send.
@@ -164,7 +164,7 @@ def retransmitted(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *,
 def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *, seed: int) -> np.ndarray:
     """Simulates retransmission in a sequence; returns during which group of pictures each packet arrives.
 
-    Only packets that later groups of pictures also need are retransmitted, `TRIES` times per group.
+    Only packets that later groups of pictures also need are retransmitted, `ATTEMPTS_PER_GROUP` times per group.
 
     Args:
         stream: Stream of a sequence (dynamic scene).
@@ -180,11 +180,11 @@ def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *
     arrival = np.where(mask.received, own, -1)
     persistent = np.array([plan.persistent(packet.id.block) for packet in stream.packets], bool)
     num_datagrams = datagrams_of(np.array([packet.num_bytes for packet in stream.packets], np.int64))
-    for turn in range(1, TRIES * len(plan.spans) // 2):
-        group = turn // TRIES
-        sent_before = (own < group) | ((own == group) & (turn % TRIES > 0))
+    for turn in range(1, ATTEMPTS_PER_GROUP * len(plan.spans) // 2):
+        group = turn // ATTEMPTS_PER_GROUP
+        sent_before = (own < group) | ((own == group) & (turn % ATTEMPTS_PER_GROUP > 0))
         again = np.flatnonzero(persistent & (arrival < 0) & sent_before)
-        came, _ = draw_in_order(num_datagrams[again], loss, seed + turn * AGAIN)
+        came, _ = draw_in_order(num_datagrams[again], loss, seed + turn * SEED_STEP)
         arrival[again[came]] = group
     return arrival
 

@@ -12,7 +12,7 @@ import tyro
 
 
 @functools.cache
-def tell(settings: type) -> None:
+def set_help_texts(settings: type) -> None:
     """Sets the help text of each option from the docstring of its field.
 
     tyro alone would keep the line breaks of docstrings, which do not fit the terminal width, and would print defaults
@@ -27,7 +27,7 @@ def tell(settings: type) -> None:
         for name in own:
             nested = list(_dataclasses_in(kinds[name]))
             for part in nested:
-                tell(part)
+                set_help_texts(part)
             if not nested and (text := texts.get(name)):
                 helped = tyro.conf.arg(help=" ".join(text.split()), help_behavior_hint=_default)
                 owner.__annotations__[name] = Annotated[kinds[name], helped]

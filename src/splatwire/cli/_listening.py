@@ -60,7 +60,7 @@ def public_origin(listening: Listening) -> str | None:
     return None if listening.public_url is None else parse_origin(listening.public_url)
 
 
-def tell_ready(listening: Listening, port: int, facts: "Mapping[str, str]", what: str, **more: Any) -> None:
+def print_ready(listening: Listening, port: int, facts: "Mapping[str, str]", what: str, **more: Any) -> None:
     """Prints the addresses of a server that is ready, and the information that clients need to connect."""
     if listening.json:
         print_json({"host": listening.host, "port": port, **more, **facts})

@@ -64,7 +64,7 @@ class _Passed(logging.Filter):
 
 
 @contextmanager
-def few_warnings(warn: Callable[[str], None]) -> Iterator[None]:
+def rate_limited_warnings(warn: Callable[[str], None]) -> Iterator[None]:
     """Context in which warnings about single frames are passed to a rate-limited function."""
     passed, loggers = _Passed(warn), [logging.getLogger(name) for name in LOGGERS]
     for logger in loggers:

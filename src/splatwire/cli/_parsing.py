@@ -10,7 +10,7 @@ import tyro
 
 from splatwire.cli._config_file import OPTION, config_path, with_flags, without_flags, words_of_file
 from splatwire.cli._deprecated_options import DEPRECATED_OPTIONS, with_current_names
-from splatwire.cli._help import tell
+from splatwire.cli._help import set_help_texts
 from splatwire.cli._verbs import DESCRIPTION, VERBS
 
 _CONFIG = (
@@ -21,7 +21,7 @@ _CONFIG = (
 )
 
 
-def _spare_typeguard() -> None:
+def _skip_typeguard_import() -> None:
     """Replaces tyro's type check of defaults by one without the package typeguard, whose import takes longer.
 
     The new check omits the items of tuples. A type checker has checked our defaults.
@@ -39,7 +39,7 @@ def _spare_typeguard() -> None:
         resolver.is_instance = is_instance
 
 
-_spare_typeguard()
+_skip_typeguard_import()
 
 
 def parse_verb(verb: str, arguments: Sequence[str]) -> Any:
@@ -91,5 +91,5 @@ def settings_of(verb: str) -> Any:
     """Returns the options class of a verb with its help texts; only the module of that verb is imported."""
     found = VERBS[verb]
     settings = getattr(importlib.import_module(f"splatwire.cli.{found.module}"), found.settings)
-    tell(settings)
+    set_help_texts(settings)
     return settings

@@ -45,11 +45,11 @@ def identity(listening: Listening) -> "Callable[[], Identity]":
         raise InvalidValueError("--certificate and --key belong together")
     if listening.certificate is None or listening.key is None:
         hosts = ("localhost", "127.0.0.1", "::1", socket.gethostname(), listening.host)
-        return RenewedIdentity(hosts, on_renewed=_told_renewed)
+        return RenewedIdentity(hosts, on_renewed=_log_renewed)
     return FileIdentity(listening.certificate, listening.key)
 
 
-def _told_renewed(identity: "Identity") -> None:
+def _log_renewed(identity: "Identity") -> None:
     """Logs the fingerprint of a renewed certificate."""
     log_event(_LOG, logging.WARNING, "certificate renewed", fingerprint=identity.fingerprint)
 

@@ -14,7 +14,7 @@ from splatwire.bitstream import read_stream
 from splatwire.bitstream.stream import FILE_SUFFIX
 from splatwire.cli import _run_decode, _run_encode, _run_export
 from splatwire.cli._files import STANDARD, check_folder, check_inputs, input_path, output_folder, prepared_output
-from splatwire.cli._left_out import DAMAGED
+from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
 from splatwire.cli.convert import Convert
 from splatwire.cli.decode import Decode
@@ -71,7 +71,7 @@ def run(command: Convert) -> None:
         raise InvalidValueError(f"--jobs is from 1 to {MOST_JOBS}, {command.jobs} is not")
     form = None if command.to is None else _checked_form(command.to)
     if command.output is not None and form is not None:
-        _convert_each(command, form)
+        _convert_inputs(command, form)
         return
     sources = command.sources if command.output is None else (*command.sources, command.output)
     if len(sources) != 2:
@@ -216,7 +216,7 @@ def _form_of_name(output: str) -> str:
         raise InvalidValueError(text) from None
 
 
-def _convert_each(command: Convert, form: str) -> None:
+def _convert_inputs(command: Convert, form: str) -> None:
     """Converts several inputs to outputs in a folder; prints one result for all of them.
 
     Raises:

@@ -9,7 +9,7 @@ from typing import Any
 from splatwire.anchors.appearance import ReceivedScene
 from splatwire.bitstream import SceneStream, read_stream
 from splatwire.bitstream.sections import sections_of
-from splatwire.cli import _fresh
+from splatwire.cli import _subprocess
 from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE, SPLATS
 from splatwire.cli._files import check_folder
 from splatwire.cli._output import print_json, progress_bars
@@ -59,7 +59,7 @@ def _explicit(options: Demo) -> Iterator[Callable[[], dict[str, Any]]]:
     """Starts evaluating the bundled explicit Gaussians in another process; yields a function that awaits it."""
     source = ASSETS / SPLATS
     views = () if options.views is None else ("--views", options.views)
-    with _fresh.in_fresh_process(
+    with _subprocess.in_fresh_process(
         "evaluate", source, "--reference", source, "--cameras", ASSETS / CAMERAS, "--loss", options.loss,
         "--seeds", options.seed, "--lpips-views", _LPIPS_VIEWS, *views, "-o", options.output / "explicit",
     ) as answer:  # fmt: skip
@@ -91,4 +91,4 @@ def _decode(stream: SceneStream) -> ReceivedScene:
     """Decodes a received stream: in this process if complete or packed contiguously, otherwise in a new process."""
     manifest = stream.manifest
     here = len(stream.packets) == manifest.num_packets or manifest.packetization.grouping == "contiguous"
-    return (decode_stream if here else _fresh.decode_in_fresh_process)(stream)
+    return (decode_stream if here else _subprocess.decode_in_fresh_process)(stream)

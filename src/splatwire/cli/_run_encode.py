@@ -175,7 +175,7 @@ def _encode_scene(command: Encode, source: Path) -> None:
         if found is not None:
             report("measuring quality", 0.0)
             _ = found.psnr
-    _tell(command, stream, seconds, lost, found)
+    _print_result(command, stream, seconds, lost, found)
 
 
 def _extras() -> ModuleType:
@@ -194,7 +194,7 @@ def _target(command: Encode) -> Target:
     return Target(quality=quality_of(quality_option(command.quality or "default")))
 
 
-def _tell(
+def _print_result(
     command: Encode, stream: SceneStream, seconds: float, kept_psnr: float | None, reached: "EncodedScene | None"
 ) -> None:
     if command.json:

@@ -58,7 +58,7 @@ def _evaluate_path(command: Evaluate, stream: SceneStream, link: Link) -> None:
             renderer=command.renderer, background=chosen_background(command.background), output=command.output,
             title=name, progress=show,
         )  # fmt: skip
-    _tell(command, content, lambda: print_facts([path_facts(content)], name))
+    _print_result(command, content, lambda: print_facts([path_facts(content)], name))
 
 
 def _evaluate_clip(command: Evaluate, stream: SceneStream) -> None:
@@ -73,7 +73,7 @@ def _evaluate_clip(command: Evaluate, stream: SceneStream) -> None:
             stream, command.reference, rows, cameras=command.cameras, views=command.views, renderer=command.renderer,
             output=command.output, title=name, progress=lambda share: show("comparing frames", share),
         )  # fmt: skip
-    _tell(command, content, lambda: _print_clip(content, name))
+    _print_result(command, content, lambda: _print_clip(content, name))
 
 
 def _print_clip(content: dict[str, Any], title: str) -> None:
@@ -97,10 +97,10 @@ def _evaluate_scene(command: Evaluate, path: Path, files: InputFiles) -> None:
         study = _study(command, path, reference, files)
         result, content = run_plain_study(study, command.output, show, files=files)
     title, note = result.study.title, result.lpips_note
-    _tell(command, content, lambda: print_rows(content["rows"], title, lpips_note=note))
+    _print_result(command, content, lambda: print_rows(content["rows"], title, lpips_note=note))
 
 
-def _tell(command: Evaluate, content: Mapping[str, Any], show: Callable[[], None]) -> None:
+def _print_result(command: Evaluate, content: Mapping[str, Any], show: Callable[[], None]) -> None:
     """Prints the results, and the path of the report."""
     if command.json:
         print_json(content)

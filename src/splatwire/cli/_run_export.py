@@ -11,7 +11,7 @@ from splatwire.anchors.export.counts import FitCounts
 from splatwire.anchors.export.fit import fit_splats
 from splatwire.cli._files import check_inputs, input_path, prepared_output
 from splatwire.cli._output import print_json, print_summary, progress_bars
-from splatwire.cli._scenes import chosen_outliers, tell_lost_harmonics
+from splatwire.cli._scenes import chosen_outliers, warn_of_lost_harmonics
 from splatwire.cli.export import Export
 from splatwire.concealment import create_concealer
 from splatwire.data import Dataset, load_cameras, open_dataset
@@ -53,7 +53,7 @@ def run(options: Export) -> None:
         else:
             degree = min(splats.degree, _degree(options))
             counts.possible = counts.written = _write(options, iter([splats.at_most_degree(degree)]), scene)
-            tell_lost_harmonics(scene, options.output)
+            warn_of_lost_harmonics(scene, options.output)
         if views is not None:
             measured = compare_export(scene, _written(options, scene), views.measured_on, views.photos, show)
     result = {

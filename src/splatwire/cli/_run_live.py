@@ -11,8 +11,8 @@ from pathlib import Path
 from splatwire.cli._background import first_of, start_thread
 from splatwire.cli._clip_options import clip_options
 from splatwire.cli._files import STANDARD
-from splatwire.cli._listening import check_listening, open_server, stop_on_signals, tell_ready
-from splatwire.cli._live_warnings import Warnings, few_warnings, print_if_read
+from splatwire.cli._listening import check_listening, open_server, print_ready, stop_on_signals
+from splatwire.cli._live_warnings import Warnings, print_if_read, rate_limited_warnings
 from splatwire.cli._protection import plan_of_file, protection_of
 from splatwire.cli.live import Live
 from splatwire.errors import InvalidValueError
@@ -64,13 +64,13 @@ async def _serve(command: Live, options: ClipOptions, protection: Protection) ->
         limits = ServerLimits(fixed_rate=command.fixed_rate, total_rate=command.total_bytes_s)
         opened = await open_server({}, command, limits, stack, live=NAME)
         server = opened.server
-        tell_ready(command, server.port, opened.facts, "live")
+        print_ready(command, server.port, opened.facts, "live")
 
         def publish(state: ServedStream) -> None:
             loop.call_soon_threadsafe(server.update, NAME, state)
 
         work = _encoding(command, options, protection, publish, stop.is_set, warn)
-        with few_warnings(warn):
+        with rate_limited_warnings(warn):
             encoding = start_thread(work.run, "encoding")
             await first_of(encoding, stop, STOP_S)
         if encoding.done():

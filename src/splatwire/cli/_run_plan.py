@@ -57,7 +57,7 @@ def run(options: PlanCommand) -> None:
     facts = {**asdict(plan), "protection_share": plan.protection_share, "loss": loss.name,
              "budget_bytes": budget, "plain_bytes": plain, "stream": path}  # fmt: skip
     content = plan_content(plan.protection, stream.manifest.stream_id, facts)
-    _tell(options, content, path, lambda how: _print_plan(plan, stream.manifest.elements, how))
+    _print_result(options, content, path, lambda how: _print_plan(plan, stream.manifest.elements, how))
 
 
 def _plan_clips(options: PlanCommand, streams: Sequence[SceneStream], loss: LossModel) -> None:
@@ -80,7 +80,7 @@ def _plan_clips(options: PlanCommand, streams: Sequence[SceneStream], loss: Loss
     path, stream = options.streams[plan.variant], streams[plan.variant]
     facts = {**asdict(plan), "loss": loss.name, "stream": path}
     content = plan_content(plan.protection, stream.manifest.stream_id, facts)
-    _tell(options, content, path, lambda how: _print_clip_plan(plan, how))
+    _print_result(options, content, path, lambda how: _print_clip_plan(plan, how))
 
 
 def _check(options: PlanCommand) -> None:
@@ -123,7 +123,7 @@ def _budget_bytes(options: PlanCommand, plain: int) -> float:
     return options.deadline * options.rate * 1e6 / 8
 
 
-def _tell(options: PlanCommand, content: dict[str, Any], path: str, show: Callable[[str], None]) -> None:
+def _print_result(options: PlanCommand, content: dict[str, Any], path: str, show: Callable[[str], None]) -> None:
     """Writes the plan for a stream to a file and prints a summary."""
     if options.output is not None:
         write_whole(options.output, (json.dumps(content, indent=1) + "\n").encode())

@@ -6,8 +6,8 @@ from urllib.parse import urlsplit
 
 from splatwire.bitstream import SceneStream, is_stream, read_stream
 from splatwire.cli._files import STANDARD, check_folder, check_inputs, stream_name
-from splatwire.cli._fresh import in_fresh_process
 from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
+from splatwire.cli._subprocess import in_fresh_process
 from splatwire.cli.publish import Publish
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.evaluation.thumbnail import picture_bytes, stream_thumbnail

@@ -14,7 +14,7 @@ from types import ModuleType
 from splatwire.bitstream import SceneStream, write_stream
 from splatwire.bitstream.stream import FILE_SUFFIX
 from splatwire.cli._files import output_path, prepared_output, read_report_json
-from splatwire.cli._left_out import DAMAGED
+from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
 from splatwire.cli._receiving import transfer_of
 from splatwire.cli.receive import Receive
@@ -43,7 +43,7 @@ def run(command: Receive) -> None:
     if command.camera is not None or command.conceal is not None:
         viewpoint = _scenes().viewpoint_of_options(command)
     options = ReceiverOptions(name=address.name, deadline_s=deadline, nack=not command.no_nack, viewpoint=viewpoint)
-    moments, periods = Moments(), itertools.count()
+    moments, periods = TransferTimes(), itertools.count()
     with progress_bars() as show, _output(command) as path, LiveFrames(path, command.conceal, show) as live:
 
         def note(event: Event) -> None:
@@ -66,7 +66,7 @@ def run(command: Receive) -> None:
             write_stream(stream, path)
         else:
             _scenes().write_scene(command, stream, path, show)
-    _tell(command, receiver, stream, reason, moments)
+    _print_result(command, receiver, stream, reason, moments)
     if stopped:
         raise KeyboardInterrupt  # sets the exit status; the received data is already written
     if not (command.partial or _is_all(reason, live=receiver.is_live, num_missed=receiver.num_missed)):
@@ -111,7 +111,9 @@ def _output(command: Receive) -> contextlib.AbstractContextManager[Path]:
     return output_path(command.output, suffix=suffix, json=command.json)
 
 
-def _tell(command: Receive, receiver: Receiver, stream: SceneStream, reason: str, moments: "Moments") -> None:
+def _print_result(
+    command: Receive, receiver: Receiver, stream: SceneStream, reason: str, moments: "TransferTimes"
+) -> None:
     report, collector = receiver.report(), receiver.collector
     assert report is not None
     assert collector is not None
@@ -148,7 +150,7 @@ def _is_all(reason: str, *, live: bool, num_missed: int) -> bool:
     return over and not num_missed
 
 
-class Moments:
+class TransferTimes:
     """Times of the first events of a transfer, in seconds from its beginning."""
 
     def __init__(self) -> None:

@@ -20,9 +20,9 @@ from splatwire.cli._listening import (
     check_listening,
     first_event,
     open_server,
+    print_ready,
     reload_on_hangup,
     stop_on_signals,
-    tell_ready,
 )
 from splatwire.cli._protection import plan_of_file, protection_of
 from splatwire.cli._publishing import publish_stream
@@ -166,7 +166,7 @@ async def _serve(command: Serve, programs: dict[str, ServedStream], access: Acce
         for name, parts in () if command.json else sizes.items():
             print(f"{name}: {sum(parts.values()):,} bytes, of which protection "
                   f"{parts['side_protection'] + parts['packet_protection']:,}")  # fmt: skip
-        tell_ready(command, opened.server.port, opened.facts, "serving", streams=sizes)
+        print_ready(command, opened.server.port, opened.facts, "serving", streams=sizes)
         while await first_event(stop, reload) is reload:
             reload.clear()
             await _reload(command, opened)

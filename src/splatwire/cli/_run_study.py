@@ -44,7 +44,7 @@ def run(command: StudyCommand) -> None:
     with progress_bars() as show:
         result = run_study(study, store, engine, show)
         files = write_outputs(result, store, command.output)
-    _tell(command, result, files)
+    _print_result(command, result, files)
 
 
 def _slurm(command: StudyCommand) -> SlurmOptions | None:
@@ -99,7 +99,7 @@ def _replaced_scene(command: StudyCommand) -> SceneEntry | None:
     )
 
 
-def _tell(command: StudyCommand, result: StudyResult, files: dict[str, Path]) -> None:
+def _print_result(command: StudyCommand, result: StudyResult, files: dict[str, Path]) -> None:
     counts = {
         "num_computed": result.num_computed,
         "num_reused": result.num_reused,

@@ -12,7 +12,7 @@ from PIL import Image
 from splatwire.cli._files import prepared_output
 from splatwire.cli._output import print_json, print_summary
 from splatwire.cli._scenes import chosen_background
-from splatwire.cli._training import check_same_recipe, parsed_size, told_size, watch
+from splatwire.cli._training import check_same_recipe, checked_size, parsed_size, watch
 from splatwire.cli.train import Train
 from splatwire.data import Dataset, dataset_layout, open_dataset
 from splatwire.data.rounding import without_origin
@@ -86,11 +86,11 @@ def _start(command: Train, place: str) -> tuple[TrainState, TrainConfig, Dataset
     chosen = " (chosen by the data)" if command.preset == "auto" else ""
     start = None if command.init is None else open_scene(command.init)
     if start is not None and (model := model_of(start)) is not None:
-        return _going_on(command, start, model, f"{chosen}, on the {place}")
+        return _continued_training(command, start, model, f"{chosen}, on the {place}")
     config = _config(command)
     train, test = _datasets(command, config)
     more = f" and {config.marks.tuning:,} more for losses" if config.marks.tuning else ""
-    told = f"recipe {config.preset}{chosen}, {config.marks.settled:,} iterations{more} on the {place}"
+    told = f"recipe {config.preset}{chosen}, {config.marks.fine_tuning_start:,} iterations{more} on the {place}"
     print(told, file=sys.stderr)
     if start is not None:
         train = dataclasses.replace(train, points=points_of(start))
@@ -99,7 +99,7 @@ def _start(command: Train, place: str) -> tuple[TrainState, TrainConfig, Dataset
     return initial_state(train, config), config, train, test
 
 
-def _going_on(
+def _continued_training(
     command: Train, scene: Any, model: str, told: str
 ) -> tuple[TrainState, TrainConfig, Dataset, Dataset | None]:
     """Returns the state, the configuration and the views for training that continues from a finished scene."""
@@ -178,7 +178,7 @@ def _datasets(command: Train, config: TrainConfig) -> tuple[Dataset, Dataset | N
 
 
 def _report(command: Train, result: TrainResult, config: TrainConfig) -> None:
-    test, scene, size = result.test, result.scene, told_size(result.scene, config.weights.size)
+    test, scene, size = result.test, result.scene, checked_size(result.scene, config.weights.size)
     if command.json:
         print_json(
             {

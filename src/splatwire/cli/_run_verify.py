@@ -5,7 +5,7 @@ from typing import Any
 
 from splatwire.bitstream import read_stream
 from splatwire.cli._files import STANDARD, check_inputs, input_path, read_report_json
-from splatwire.cli._left_out import DAMAGED
+from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import print_json
 from splatwire.cli.verify import Verify
 from splatwire.errors import BitstreamError, InvalidValueError

@@ -31,7 +31,7 @@ def run(command: View) -> None:
     if not command.stream and cameras is None:
         cameras = load_cameras(ASSETS / CAMERAS)
     if "://" in command.stream:
-        asyncio.run(_hand_on(command, cameras))
+        asyncio.run(_forward(command, cameras))
     else:
         name = stream_name(command.stream or SCENE)
         asyncio.run(_serve(command, page_of_stream(name, _read(command), cameras, command.host)))
@@ -44,7 +44,7 @@ def _read(command: View) -> SceneStream:
         return read_stream(path)[0]
 
 
-async def _hand_on(command: View, cameras: Cameras | None) -> None:
+async def _forward(command: View, cameras: Cameras | None) -> None:
     """Receives a stream from another server and forwards it to the page while it arrives."""
     name = parse_url(command.stream).name or "scene"
     relay = _relay(command)
@@ -57,7 +57,7 @@ async def _hand_on(command: View, cameras: Cameras | None) -> None:
             print(
                 f"splatwire: {command.stream} is live: the page shows what there is when it is loaded", file=sys.stderr
             )
-        receiving.add_done_callback(lambda task: _warn_of_rest(command.stream, relay) if _went_well(task) else None)
+        receiving.add_done_callback(lambda task: _warn_of_missing(command.stream, relay) if _went_well(task) else None)
         await _serve(command, page_of_relay(name, relay, cameras, command.host), receiving)
     finally:
         receiving.cancel()
@@ -90,7 +90,7 @@ def _relay(command: View) -> Relay:
     return Relay(command.stream, lambda note: transfer(options, note))
 
 
-def _warn_of_rest(url: str, relay: Relay) -> None:
+def _warn_of_missing(url: str, relay: Relay) -> None:
     """Prints a warning if a transfer ended before everything was received."""
     if reason := relay.failure():
         print(

@@ -37,7 +37,7 @@ def chosen_outliers(option: OutliersOption, name: str) -> Outliers:
     return option
 
 
-def tell_lost_harmonics(scene: Scene, path: str | Path) -> None:
+def warn_of_lost_harmonics(scene: Scene, path: str | Path) -> None:
     """Prints a warning that a `.splat` file does not store the spherical harmonics of the scene.
 
     Args:

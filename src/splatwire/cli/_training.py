@@ -34,7 +34,7 @@ _RECIPE = {
     "model": attrgetter("model.__class__"),
     "lmbda": attrgetter("weights.rate"),
     "size": attrgetter("weights.size"),
-    "iterations": attrgetter("marks.settled"),
+    "iterations": attrgetter("marks.fine_tuning_start"),
     "voxel-size": attrgetter("voxel_size"),
     "growth-interval": attrgetter("marks.growth_interval"),
     "refine": attrgetter("refine.steps"),
@@ -140,7 +140,7 @@ def parsed_size(text: str) -> int:
     return num_bytes
 
 
-def told_size(scene: AnchorScene, wanted: int) -> int | None:
+def checked_size(scene: AnchorScene, wanted: int) -> int | None:
     """Returns the size of the scene's stream in bytes if a target size was given; prints a message if it was missed."""
     if not wanted:
         return None

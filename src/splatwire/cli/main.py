@@ -15,11 +15,11 @@ from types import TracebackType
 from typing import Any
 
 import splatwire
-from splatwire.cli._left_out import DAMAGED, input_warnings
+from splatwire.cli._input_warnings import DAMAGED, input_warnings
 from splatwire.cli._resources import address_space_warning, resource_problem
+from splatwire.cli._startup_progress import startup_messages
 from splatwire.cli._terminal import one_line, printable_streams
 from splatwire.cli._verbs import VERBS, overview, unknown_verb
-from splatwire.cli._waiting import telling_why_it_takes_long
 from splatwire.errors import InvalidValueError, SplatwireError, how_to_install
 from splatwire.files.whole import with_final_names
 
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if arguments is None:
         sys.excepthook = _print_traceback
     try:
-        with _standard_streams(), _ended_in_order(), _few_collections():
+        with _standard_streams(), _signals_as_exit(), _rare_collections():
             status = _run(list(sys.argv[1:] if arguments is None else arguments))
             status = _flushed(status)
     except BrokenPipeError:  # the reader of the output has exited, e.g. `| head`
@@ -70,7 +70,7 @@ def _flushed(status: int) -> int:
         raise
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # otherwise Python would flush it again at exit
-        return _complain(f"standard output: {resource_problem(error) or error}")
+        return _print_error(f"standard output: {resource_problem(error) or error}")
     return status
 
 
@@ -85,7 +85,7 @@ def _standard_streams() -> Iterator[None]:
 
 
 @contextmanager
-def _few_collections() -> Iterator[None]:
+def _rare_collections() -> Iterator[None]:
     """Makes garbage collections rare while a command runs, for a faster start and exit.
 
     Loading libraries creates half a million objects, of which none becomes garbage. By default, Python searches for
@@ -102,7 +102,7 @@ def _few_collections() -> Iterator[None]:
 
 
 @contextmanager
-def _ended_in_order() -> Iterator[None]:
+def _signals_as_exit() -> Iterator[None]:
     """Converts SIGTERM and SIGHUP to a regular exit of the process, so that temporary files are removed."""
 
     def end(number: int, _: object) -> None:
@@ -135,7 +135,7 @@ def _run(arguments: list[str]) -> int:
         verb = _parse(arguments)
         if warning := address_space_warning():
             print(f"splatwire: warning: {warning}", file=sys.stderr)
-        waits = telling_why_it_takes_long(arguments[0])
+        waits = startup_messages(arguments[0])
         with printable_streams(), waits, input_warnings() as warnings:
             _execute(arguments[0], verb)
     except BrokenPipeError:
@@ -145,18 +145,18 @@ def _run(arguments: list[str]) -> int:
             print("splatwire: stopped", file=sys.stderr)
             return 130
         if isinstance(error, SplatwireError):
-            return _complain(str(error))
+            return _print_error(str(error))
         if problem := resource_problem(error):
-            return _complain(problem)
+            return _print_error(problem)
         if isinstance(error, OSError):
-            return _complain(str(error))
+            return _print_error(str(error))
         if isinstance(error, ModuleNotFoundError) and (how := how_to_install(error.name)):
-            return _complain(how)
+            return _print_error(how)
         raise
-    return _complain_of_damage(verb) if warnings.damaged else 0
+    return _print_damage(verb) if warnings.damaged else 0
 
 
-def _complain_of_damage(verb: Any) -> int:
+def _print_damage(verb: Any) -> int:
     """Prints that the result is incomplete because of damaged input; returns the exit status."""
     if getattr(verb, "accept_damage", False):
         return 0
@@ -206,6 +206,6 @@ def _execute(verb: str, options: Any) -> None:
     importlib.import_module(f"splatwire.cli._run_{VERBS[verb].module}").run(options)
 
 
-def _complain(message: str) -> int:
+def _print_error(message: str) -> int:
     print(f"splatwire: error: {one_line(with_final_names(message))}", file=sys.stderr)
     return 2

@@ -145,7 +145,7 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
         bias: float (out).
     """
     whole, base = weight * 2.0**WEIGHT_EXPONENT, bias * 2.0**BIAS_BITS
-    if not (_whole(whole, 2.0**48) and _whole(base, float(MAX_SYMBOL))):
+    if not (_is_whole(whole, 2.0**48) and _is_whole(base, float(MAX_SYMBOL))):
         return None
     units = whole.astype(np.int64)
     some, twos = units != 0, np.log2(np.maximum(units & -units, 1)).astype(np.int64)  # powers of 2 in each weight
@@ -175,7 +175,7 @@ def _fewest(twos: np.ndarray, some: np.ndarray, axis: int) -> np.ndarray:
     return np.maximum(np.where(some.any(axis=axis), least, 0), 0)
 
 
-def _whole(values: np.ndarray, most: float) -> bool:
+def _is_whole(values: np.ndarray, most: float) -> bool:
     """True if all values are integers of magnitude at most `most`."""
     return bool((np.abs(values) <= most).all() and (values == np.rint(values)).all())
 

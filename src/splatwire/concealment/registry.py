@@ -43,7 +43,7 @@ class Registration:
     shipped: tuple[Path, ...]
     listed: bool
 
-    def lacks(self, offers: Collection[type]) -> Need | None:
+    def missing_need(self, offers: Collection[type]) -> Need | None:
         """Returns a type that the concealer requires but the stream does not contain; None if nothing is missing.
 
         Args:
@@ -128,7 +128,7 @@ def concealer_names(sections: Iterable[str] = (), offers: Collection[type] | Non
         name
         for name, known in _still().items()
         if known.listed
-        and (offers is None or known.lacks(offers) is None)
+        and (offers is None or known.missing_need(offers) is None)
         and known.section in there
         and (known.option is None or known.section is not None)  # a section replaces the option
     )
@@ -148,7 +148,7 @@ def check_needs(method: Concealer, partial: ReceivedScene) -> None:
     """
     registered = (named.still for named in CONCEALERS.registered().values())
     known = next((still for still in registered if still is not None and still.make is type(method)), None)
-    need = None if known is None else known.lacks(partial.offers)
+    need = None if known is None else known.missing_need(partial.offers)
     if need is not None:
         able = ", ".join(concealer_names(partial.sections, partial.offers))
         words = " or ".join(kind.__name__ for kind in _kinds(need))
@@ -172,7 +172,7 @@ def why_unfit(
     """
     base, colon, _ = name.partition(":")
     known = _registered(base)
-    need = known.lacks(offers)
+    need = known.missing_need(offers)
     if need is not None:
         return f"concealer '{base}' needs {' or '.join(kind.__name__ for kind in _kinds(need))}, which it has not"
     given = colon or known.option in (options or {})

@@ -21,7 +21,7 @@ class Latents:
     Attributes:
         shifts: Displacements of the centres, in units of each Gaussian's size (`units`).
         turns: Rotations about the principal axes of each Gaussian, radians. Always 0 between optimisation steps: after
-            each step, `settle` applies the rotations to `quats`, so that the parameters stay small and independent.
+            each step, `apply_turns` applies them to `quats`, so that the parameters stay small and independent.
         logs: Natural logarithms of the standard deviations.
         logits: Logits of the opacities.
         base: Harmonics of degree 0.
@@ -64,7 +64,7 @@ class Latents:
         names = ("shifts", "turns", "logs", "logits", "base", "harmonics")
         return {name: getattr(self, name) for name in names if getattr(self, name).size}
 
-    def settle(self) -> None:
+    def apply_turns(self) -> None:
         """Applies the rotations `turns` to `quats`, then sets `turns` to 0."""
         self.quats = _unit(_product(self.quats, _rotation(self.turns)))
         self.turns[:] = 0

@@ -122,7 +122,7 @@ def fine_tune(
             found = reception.gradients(drawn, found)
         gradients = gradients_of(latents, drawn, offsets, found)
         optimizer.update(latents.trained(), gradients, options.rate * _decay(step / options.iterations))
-        latents.settle()
+        latents.apply_turns()
         if progress:
             progress(Progress(step + 1, options.iterations, -10 * math.log10(max(error, 1e-12))))
     return replace(scene, splats=round_splats(latents.splats(), coding), coding=coding, hints=None)

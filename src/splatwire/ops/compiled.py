@@ -27,7 +27,7 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 _LOCK = threading.Lock()
 
 
-def _knows(option: str) -> bool:
+def _supports_option(option: str) -> bool:
     """True if the installed version of numba supports a private compiler option."""
     try:
         from numba.core.registry import cpu_target
@@ -37,7 +37,7 @@ def _knows(option: str) -> bool:
         return False
 
 
-def _spare_scipy() -> None:
+def _skip_scipy_import() -> None:
     """Prevents numba from importing scipy's linear algebra at start.
 
     At start, numba only checks if this module is present, but its import takes as long as that of numba itself. When a
@@ -49,8 +49,8 @@ def _spare_scipy() -> None:
         linalg.ensure_blas = lambda: None
 
 
-_spare_scipy()
-CAN_BORROW = _knows("_nrt")
+_skip_scipy_import()
+CAN_BORROW = _supports_option("_nrt")
 """True if reference counting of arrays can be disabled; otherwise kernels are slower with equal results."""
 
 
@@ -92,12 +92,12 @@ def _stamped(kernel: Any) -> Any:
     """
     if not numba.config.DISABLE_JIT:
         file = kernel._cache._cache_file
-        file._source_stamp = (file._source_stamp, _made_of(kernel.py_func.__module__))
-        file._load_index = _forgiving(file._load_index)
+        file._source_stamp = (file._source_stamp, _sources_digest(kernel.py_func.__module__))
+        file._load_index = _tolerant(file._load_index)
     return kernel
 
 
-def _forgiving(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
+def _tolerant(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
     """Wraps the loader of numba's cache index so that an unreadable index counts as empty."""
 
     def index() -> dict[Any, str]:
@@ -110,7 +110,7 @@ def _forgiving(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str
 
 
 @functools.cache
-def _made_of(module: str) -> str:
+def _sources_digest(module: str) -> str:
     """Returns a hash of all source files and constants that the kernels of a module are compiled from."""
     modules: dict[str, list[str]] = {}
     _follow(module, modules)

@@ -102,7 +102,7 @@ def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]
     Returns:
         The results in the order of the items.
     """
-    turns = _Turns(work, collections.deque(enumerate(items)), {})
+    turns = _WorkQueue(work, collections.deque(enumerate(items)), {})
     wanted = min(allowed_threads(), len(items)) - 1
     helpers = [_helpers().submit(turns.take) for _ in range(wanted)]
     try:
@@ -117,7 +117,7 @@ def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]
 
 
 @dataclass(frozen=True)
-class _Turns(Generic[Item, Result]):
+class _WorkQueue(Generic[Item, Result]):
     """Queue of items that several threads process; each thread takes the next item when it is free.
 
     Attributes:

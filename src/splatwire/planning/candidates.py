@@ -89,7 +89,7 @@ def candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> list[Pro
     for inside, share in _head_shares(counts):
         repairs = dict.fromkeys(
             (0.0,) * inside + tuple(_repair(s, need, n) for s, n in zip(c, counts[inside:], strict=True))
-            for c in _falling(load.num_tiers - inside)
+            for c in _margin_assignments(load.num_tiers - inside)
         )
         for side in _sides(load, traces, rate, search, share):
             for repair in repairs:
@@ -232,7 +232,7 @@ def _side(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, sta
     def with_repair(number: int) -> Protection:
         return replace(start, side_repair=repairs[number])
 
-    def too_dear(number: int) -> bool:
+    def exceeds_limit(number: int) -> bool:
         return not search.allows(model_transfer(load, with_repair(number)).bytes_by_kind())
 
     def often_enough(number: int) -> bool:
@@ -240,11 +240,11 @@ def _side(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, sta
         received = _received_within(model, traces, search.budget_bytes)
         return float(head_arrives(model, received).mean()) >= search.head_target
 
-    allowed = range(max(bisect.bisect_left(range(len(repairs)), True, key=too_dear), 1))
+    allowed = range(max(bisect.bisect_left(range(len(repairs)), True, key=exceeds_limit), 1))
     return with_repair(min(bisect.bisect_left(allowed, True, key=often_enough), len(allowed) - 1))
 
 
-def _falling(tiers: int) -> Sequence[tuple[float | None, ...]]:
+def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
     """Enumerates the assignments of safety margins to importance tiers, most important tier first.
 
     A less important tier never has a larger margin than a more important tier. A safety margin is an entry of

@@ -131,14 +131,14 @@ def plan_protection(
         first = [] if traces.all() else list(baseline_candidates(variant.load, traces, search).values())
         tried = candidates(variant.load, traces, search)
         for done, candidate in enumerate([*tried, *first]):
-            plan = _judge(variant, number, candidate, traces[:trials], budget_bytes)
+            plan = _predicted(variant, number, candidate, traces[:trials], budget_bytes)
             if search.allows(plan.sizes):
                 (plans if done < len(tried) else plain).append(plan)
             report(0.7 * (number + (done + 1) / (len(tried) + len(first))) / len(variants))
     if not plans and not plain:
         raise InvalidValueError(f"no plan keeps protection below {max_protection:.1%} of all bytes")
     plans, plain = (
-        [_judge(variants[plan.variant], plan.variant, plan.protection, traces, budget_bytes) for plan in chosen]
+        [_predicted(variants[plan.variant], plan.variant, plan.protection, traces, budget_bytes) for plan in chosen]
         for chosen in (_leaders(plans, SHORT_LIST), plain)
     )
     finalists = _finalists(plans, plain, head_target)
@@ -189,7 +189,7 @@ def losses(variants: Sequence[StreamVariant], loss: LossModel, trials: int, seed
     return draw_losses(loss, trials, 3 * max(bare) + 3 * head // FINE_SYMBOL_BYTES, seed)
 
 
-def _judge(
+def _predicted(
     variant: StreamVariant, number: int, protection: Protection, traces: np.ndarray, budget_bytes: float | int
 ) -> ScenePlan:
     """Predicts the result of an allocation of redundancy with the distortion model, without rendering."""

@@ -63,7 +63,7 @@ class FrameSource(Protocol):
             now: Current time, seconds.
         """
 
-    def took(self, path: Path, signature: Signature | None) -> None:
+    def mark_read(self, path: Path, signature: Signature | None) -> None:
         """Records the state of a file that was read or given up.
 
         The file counts as a new frame when it changes.
@@ -103,7 +103,7 @@ class PipeSource:
                 self._rest = b""
         return found
 
-    def took(self, path: Path, signature: Signature | None) -> None:
+    def mark_read(self, path: Path, signature: Signature | None) -> None:
         """Does nothing. A file is a new frame each time that its name arrives, so no state of files is recorded."""
 
 
@@ -195,8 +195,8 @@ class FolderSource:
         self._done[path.name] = None
         self._warn(f"{path} is no frame and keeps changing: ignored until it is removed")
 
-    def took(self, path: Path, signature: Signature | None) -> None:
-        """Records the state of a file that was read or given up (see `FrameSource.took`)."""
+    def mark_read(self, path: Path, signature: Signature | None) -> None:
+        """Records the state of a file that was read or given up (see `FrameSource.mark_read`)."""
         if signature is not None and path.name in self._done:
             self._done[path.name] = signature
 

@@ -128,7 +128,7 @@ def _frames_at(moving: MovingSplats, times: list[float]) -> Iterator["Frame"]:
         if rows.num_invalid and not told:
             told = True
             rows.log_removed(f"{moving.path} at time {time:.3g}", "Gaussians")
-        yield Frame.judged(splats, rows)
+        yield Frame.from_rows(splats, rows)
 
 
 @checked
@@ -209,10 +209,10 @@ class Frame(FileContent):
         """
         rows = rows_of_splats(splats)
         rows.log_removed(where, "Gaussians")
-        return Frame.judged(splats, rows, **properties)
+        return Frame.from_rows(splats, rows, **properties)
 
     @staticmethod
-    def judged(splats: Splats, rows: Rows, **properties: Any) -> "Frame":
+    def from_rows(splats: Splats, rows: Rows, **properties: Any) -> "Frame":
         """Creates a frame from Gaussians whose values were already checked.
 
         Args:

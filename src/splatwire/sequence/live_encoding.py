@@ -109,7 +109,7 @@ class LiveEncoding:
         surplus = 0 if self._source.over else self._backlog.surplus(len(self._waiting), now)
         for _ in range(surplus):
             dropped = self._waiting.popleft()
-            self._source.took(dropped, signature_at(dropped))
+            self._source.mark_read(dropped, signature_at(dropped))
         if surplus:
             self.num_dropped += surplus
             self._warn(
@@ -140,7 +140,7 @@ class LiveEncoding:
     def _take(self, signature: Signature | None) -> None:
         """Removes the first file from the queue, and records its state so that it is not read again."""
         self._patience.clear()
-        self._source.took(self._waiting.popleft(), signature)
+        self._source.mark_read(self._waiting.popleft(), signature)
 
     def _checked(self, path: Path, frame: Frame) -> Frame | None:
         """Returns the frame if it is compatible with the previous frames; None if it is skipped."""

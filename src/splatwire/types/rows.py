@@ -67,11 +67,11 @@ def rows_of_splats(splats: Splats) -> Rows:
 
     Gaussians with opacity above 0 and up to 1 are visible; sizes must be above 0.
     """
-    found = [_judged(splats.run(begin, begin + ROWS)) for begin in range(0, splats.num_gaussians, ROWS)]
+    found = [_valid_and_visible(splats.run(begin, begin + ROWS)) for begin in range(0, splats.num_gaussians, ROWS)]
     return _rows([good & drawn for good, drawn in found], [good for good, _ in found])
 
 
-def _judged(some: Splats) -> tuple[np.ndarray, np.ndarray]:
+def _valid_and_visible(some: Splats) -> tuple[np.ndarray, np.ndarray]:
     """Checks the values of Gaussians; returns the mask of valid ones, and the mask of visible ones (opacity above 0).
 
     Each attribute column is checked separately, which is seven times as fast as checking row by row.

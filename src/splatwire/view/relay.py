@@ -59,7 +59,7 @@ class Relay:
         """
         receiving = asyncio.ensure_future(self._receive(self._events.put_nowait))
         receiving.add_done_callback(lambda _: self._events.put_nowait(None))
-        tasks = (receiving, asyncio.create_task(self._hand_on()))
+        tasks = (receiving, asyncio.create_task(self._forward()))
         try:
             await asyncio.gather(*tasks)
             if not self._pieces:
@@ -109,7 +109,7 @@ class Relay:
         """True if a file is still being received, and not yet replaced by the file of another stream."""
         return not self._over and pieces is self._pieces
 
-    async def _hand_on(self) -> None:
+    async def _forward(self) -> None:
         while (event := await self._events.get()) is not None:
             if isinstance(event, Welcomed):
                 self.is_live = event.is_live or self.is_live

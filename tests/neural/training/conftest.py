@@ -11,7 +11,7 @@ from PIL import Image
 
 from scenes import SMALL_CONFIG, VOXEL_SIZE, tiny_cameras, tiny_scene
 from splatwire.data import Dataset, SparsePoints
-from splatwire.neural.training.config import LossWeights, Marks, RefineConfig, TrainConfig
+from splatwire.neural.training.config import LossWeights, Milestones, RefineConfig, TrainConfig
 from splatwire.render.render import render_scene
 
 NUM_VIEWS = 8
@@ -34,7 +34,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 @pytest.fixture(scope="session")
 def config() -> TrainConfig:
     """A configuration with small networks and all phases within 60 iterations."""
-    marks = Marks(
+    marks = Milestones(
         iterations=60, noise_start=20, growth_pause_end=24, context_start=36, statistics_start=2, growth_start=4,
         growth_end=50, growth_interval=6,
     )  # fmt: skip

@@ -7,7 +7,7 @@ import pytest
 
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.neural.training.checkpoint import config_from_json
-from splatwire.neural.training.config import LearningRates, Marks
+from splatwire.neural.training.config import LearningRates, Milestones
 from splatwire.neural.training.presets import CAUSAL_LATE, PRESETS, create_config
 from splatwire.neural.training.schedule import learning_rates
 
@@ -25,13 +25,13 @@ def test_presets_hold_the_published_settings() -> None:
     assert math.isclose(create_config("tanks_and_temples", model="hacpp", lmbda=0.002).rates.mask_logits.final, 0.0002)
     assert create_config("synthetic_nerf").growth.coarsest_cell == 4
     assert create_config("bungeenerf").test_views == "first_31"
-    assert config.marks == Marks()
+    assert config.marks == Milestones()
 
 
 @pytest.mark.parametrize("iterations", [20, 100, 2400, 7000, 30_000, 60_000])
 def test_phases_keep_their_proportions(iterations: int) -> None:
-    full, scaled = Marks(), create_config(iterations=iterations).marks
-    for field in dataclasses.fields(Marks):
+    full, scaled = Milestones(), create_config(iterations=iterations).marks
+    for field in dataclasses.fields(Milestones):
         share = getattr(full, field.name) / full.iterations
         if field.name != "growth_interval":
             assert abs(getattr(scaled, field.name) / iterations - share) <= 0.5 / iterations

@@ -15,7 +15,7 @@ from splatwire.data import Dataset
 from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.render.gsplat_backend import GsplatRenderer
 from splatwire.neural.training import Listener, Progress, RunOptions, load_checkpoint, train_scene
-from splatwire.neural.training.config import Marks, TrainConfig
+from splatwire.neural.training.config import Milestones, TrainConfig
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import COMPILED, HOST_RANDOMNESS, Kernels, plain_kernels
 from splatwire.neural.training.losses import prepare_photo
@@ -50,7 +50,7 @@ def _run(state: TrainState, dataset: Dataset, config: TrainConfig, kernels: Kern
 
 def _short(config: TrainConfig) -> TrainConfig:
     """All phases in 24 iterations with few anchors, because the fake gsplat is slow."""
-    marks = Marks(
+    marks = Milestones(
         iterations=24, noise_start=8, growth_pause_end=10, context_start=15, statistics_start=1, growth_start=2,
         growth_end=20, growth_interval=4,
     )  # fmt: skip

@@ -3,7 +3,7 @@ import math
 
 import pytest
 
-from splatwire.neural.training.config import LearningRate, LearningRates, Marks
+from splatwire.neural.training.config import LearningRate, LearningRates, Milestones
 from splatwire.neural.training.presets import create_config
 from splatwire.neural.training.schedule import (
     Phase,
@@ -16,14 +16,14 @@ from splatwire.neural.training.schedule import (
 
 
 def test_phases_equal_the_published_schedule() -> None:
-    marks = Marks()
+    marks = Milestones()
     changes = {i: phase_of(marks, i) for i in (1, 3000, 3001, 10_000, 10_001, 30_000)}
     expected = [Phase.PLAIN, Phase.PLAIN, Phase.NOISE, Phase.NOISE, Phase.CONTEXT, Phase.CONTEXT]
     assert list(changes.values()) == expected
 
 
 def test_growth_has_pauses_and_an_end() -> None:
-    marks = Marks()
+    marks = Milestones()
     events = [i for i in range(1, 30_001) if changes_anchors(marks, i)]
     assert events[0] == 1600
     assert events[-1] == 14_900
@@ -52,7 +52,7 @@ def test_only_offset_and_mask_rates_scale_with_the_scene() -> None:
 
 def test_resumed_finished_scene_uses_rates_of_the_second_half() -> None:
     plain, longer = create_config(iterations=600), create_config(iterations=600, losses=("bernoulli:0.2",))
-    assert (longer.marks.settled, longer.marks.tuning, longer.marks.iterations) == (600, 180, 780)
+    assert (longer.marks.fine_tuning_start, longer.marks.tuning, longer.marks.iterations) == (600, 180, 780)
     assert dataclasses.replace(longer.marks, iterations=600, tuning=0) == plain.marks
     for iteration in (1, 301, 600):
         assert learning_rates(longer, iteration, 1.0) == learning_rates(plain, iteration, 1.0)

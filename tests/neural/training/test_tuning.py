@@ -16,7 +16,7 @@ from splatwire.neural.training.kernels import choose_kernels
 from splatwire.neural.training.models import trained_model
 from splatwire.neural.training.packet_loss import PacketLosses
 from splatwire.neural.training.presets import loss_training
-from splatwire.neural.training.tuning import settle
+from splatwire.neural.training.tuning import start_fine_tuning
 
 pytestmark = pytest.mark.slow
 
@@ -36,7 +36,7 @@ def test_settled_state_equals_its_exported_scene(dataset: Dataset, config: Train
         gather_mean(state, config)
     state.means["mask_logits"][::3] = -20.0
     before = export_scene(state, config)
-    settle(state, config)
+    start_fine_tuning(state, config)
     after = export_scene(state, config)
     assert not state.means
     assert not state.moments

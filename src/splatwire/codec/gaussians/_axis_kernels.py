@@ -6,7 +6,7 @@ import numpy as np
 
 from splatwire.codec._coder_kernels import code_value
 from splatwire.codec.gaussians._gaussian_kernels import follow, octave_of
-from splatwire.codec.gaussians._neighbour_kernels import spread_context
+from splatwire.codec.gaussians._neighbour_kernels import deviation_context
 from splatwire.codec.gaussians.layout import AXIS, DIRECTION_BITS, R_DIRECTION
 from splatwire.ops.compiled import njit
 
@@ -122,7 +122,7 @@ def code_axis(coder, row, primary, source, shift, near, count, running, axis, ot
         The updated moving average of magnitudes.
     """
     deviation, same = predict_axis(near, count, primary, axis)
-    spread, pole = spread_context(same, deviation, shift), largest_of(axis)
+    spread, pole = deviation_context(same, deviation, shift), largest_of(axis)
     if axis[pole] < 0:
         for a in range(3):
             axis[a] = -axis[a]

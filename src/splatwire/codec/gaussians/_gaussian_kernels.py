@@ -9,7 +9,7 @@ from splatwire.codec._step_kernels import place_shift, shift_of
 from splatwire.codec.gaussians._neighbour_kernels import (
     OCTAVES,
     P_LUMA,
-    spread_context,
+    deviation_context,
 )
 from splatwire.codec.gaussians.layout import (
     BITS,
@@ -143,7 +143,7 @@ def code_logs(coder, row, source, bases, level, near, count, thinness, absolute)
             area = 2 * s0 - long
             value = ZERO if coder.decoding else thinness_of(max(s0 - long - value, 0), thinness)
         shift = shift_of(bases, stream, level, area, long, ZERO, opacity, most)
-        spread = spread_context(count, near.deviations[stream], shift)
+        spread = deviation_context(count, near.deviations[stream], shift)
         second = shift if stream < R_SCALE1 else octave_of(running)
         value, steps = code_value(coder, stream, spread, second, mean, value, shift, absolute)
         running = follow(running, steps)
@@ -182,7 +182,7 @@ def code_colour(coder, row, source, bases, level, near, count, running, absolute
     """
     shift = shift_of(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO, BITS - 2)
     for c in range(3):
-        spread, mean = spread_context(count, near.deviations[P_LUMA + c], shift), near.means[P_LUMA + c]
+        spread, mean = deviation_context(count, near.deviations[P_LUMA + c], shift), near.means[P_LUMA + c]
         value, steps = code_value(coder, R_LUMA + c, spread, octave_of(running), mean, source[c], shift, absolute)
         row[LUMA + c] = min(max(value, -MAX_COLOUR), MAX_COLOUR)
         running = follow(running, steps)

@@ -244,7 +244,7 @@ def remember(near, row, i):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def spread_context(count, deviation, shift):
+def deviation_context(count, deviation, shift):
     """Returns the context of a residual, which depends on how much the Gaussian's neighbours differ from each other.
 
     The context is 0 without neighbours, and 1 for one or two neighbours. Otherwise it is 2 plus log2 of their mean

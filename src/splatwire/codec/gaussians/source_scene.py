@@ -149,7 +149,7 @@ class SourceScene:
             unit = min(_lattice_unit(splats, levels, bases, size_log), most_unit)
             coarsest = typical_cell(splats.means, unit, size_log)
         centres = _centres(splats, levels, bases, size_log, unit, coarsest)
-        order = _as_they_come(len(centres)) if sorted_already else gaussian_order(centres, tiers)
+        order = _input_order(len(centres)) if sorted_already else gaussian_order(centres, tiers)
         edges = np.concatenate([[0], np.cumsum(block_sizes(plan))]).astype(np.int64)
         return SourceScene(
             splats,
@@ -263,7 +263,7 @@ class SourceScene:
         )
 
 
-def _as_they_come(count: int) -> np.ndarray:
+def _input_order(count: int) -> np.ndarray:
     order = large_empty((count,), np.uint32)
     order[:] = np.arange(count, dtype=np.uint32)
     return order

@@ -6,7 +6,7 @@ import numpy as np
 
 from splatwire.codec._coder_kernels import DECODING, ENCODING, new_coder
 from splatwire.codec.sequence._motion_kernels import code_motion
-from splatwire.codec.sequence._predict_kernels import predict_from_neighbours, take
+from splatwire.codec.sequence._predict_kernels import pack_coefficients, predict_from_neighbours
 from splatwire.codec.sequence.layout import (
     KIND_OF,
     MAX_CANDIDATES,
@@ -112,7 +112,7 @@ def _encode_packet(models, counts, frames, first_new, dead, heads, places, shift
     for c in range(NUM_CHANNELS):
         used += orders[KIND_OF[c]]
     wanted = np.empty((n, used))
-    take(targets, rows, states, orders, wanted)
+    pack_coefficients(targets, rows, states, orders, wanted)
     out[:] = 0
     predict_from_neighbours(places, states, shifts, orders, out, wanted, dead, np.zeros((0, 1, 1), np.float32))
     _trim(out, orders)

@@ -219,7 +219,7 @@ def _quantise(wanted, means, octaves, dead, steps):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _settle(means, octaves, steps, row):
+def _reconstruct(means, octaves, steps, row):
     """Reconstructs the coefficients of a track: prediction plus dequantised residuals.
 
     Args:
@@ -235,7 +235,7 @@ def _settle(means, octaves, steps, row):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _put(flat, orders, rows):
+def _unpack_coefficients(flat, orders, rows):
     """Unpacks the coded coefficients of M tracks into an array by channel and degree; the inverse of packing.
 
     Args:
@@ -253,7 +253,7 @@ def _put(flat, orders, rows):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def take(values, rows, states, orders, flat):
+def pack_coefficients(values, rows, states, orders, flat):
     """Packs the coded coefficients of M tracks into rows, without the entries that are not coded.
 
     Args:
@@ -284,8 +284,8 @@ def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, d
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (M, channels).
         orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
         quantised: Residuals in quantisation steps, int32 (M, channels, frames); filled by an encoder.
-        wanted: Coefficients before quantisation, packed by `take`, float64 (M, U) for U coded coefficients per track;
-            of length 0 for a decoder.
+        wanted: Coefficients before quantisation, packed by `pack_coefficients`, float64 (M, U) for U coded coefficients
+            per track; of length 0 for a decoder.
         dead: Widening of the encoder's dead zone on either side, in 64ths of a quantisation step.
         coefficients: Output of a decoder: coefficients, float32 (M, channels, K) for at most K coefficients per
             channel, zero before; of length 0 for an encoder.
@@ -305,7 +305,7 @@ def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, d
     values, means, steps = np.zeros((len(places), used)), np.empty(used), np.zeros((len(places), used), np.int64)
     octaves = np.empty(used, np.int64)
     if not len(wanted):
-        take(quantised, np.arange(len(places)), states, orders, steps)
+        pack_coefficients(quantised, np.arange(len(places)), states, orders, steps)
     neighbours, far = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     offsets, closeness = np.empty((NUM_NEIGHBOURS, 3), np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     weights = np.empty(NUM_NEIGHBOURS, np.int64)
@@ -320,8 +320,8 @@ def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, d
                 u += 1
         if len(wanted):
             _quantise(wanted[i], means, octaves, dead, steps[i])
-        _settle(means, octaves, steps[i], values[i])
+        _reconstruct(means, octaves, steps[i], values[i])
         count = add_known(near, i, known, around, count)
     if len(wanted):
-        _put(steps, orders, quantised)
-    _put(values, orders, coefficients)
+        _unpack_coefficients(steps, orders, quantised)
+    _unpack_coefficients(values, orders, coefficients)

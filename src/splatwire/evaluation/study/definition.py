@@ -24,7 +24,7 @@ SIZE_METRICS = ("growth_percent", "attribute_growth_percent")
 """Published size metrics: relative growth of the stream without network weights, and of the attribute data only."""
 ERODIBLE = ("feature", "scaling", "offset", "mask")
 KINDS = ("losses", "sizes")
-AS_IT_IS = "stream"
+PASSTHROUGH = "stream"
 """Name of the stream variant of table rows (methods) that send a stream, or score a scene, without repacking."""
 WEIGHTS = "{weights}"
 """Placeholder `gnn:{weights}` in a concealer's name, replaced by the path of the scene's own GNN weights."""
@@ -148,7 +148,7 @@ class Row:
         if self.decoded:
             return f"decoded-{self.key}"
         if self.packetization is None:
-            return AS_IT_IS
+            return PASSTHROUGH
         packetization = self.packetization
         name = min((_difference(preset, packetization, name) for name, preset in PRESETS.items()), key=len)
         return "+".join(["-".join(name), *sorted(self.sections)])

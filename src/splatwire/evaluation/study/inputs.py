@@ -24,7 +24,7 @@ from splatwire.concealment.temporal.concealers import clip_concealer_names
 from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.study.decoded import prepare_decoded
-from splatwire.evaluation.study.definition import AS_IT_IS, WEIGHTS, Loss, Row, SceneEntry, Study, canonical
+from splatwire.evaluation.study.definition import PASSTHROUGH, WEIGHTS, Loss, Row, SceneEntry, Study, canonical
 from splatwire.evaluation.study.input_files import InputFiles
 from splatwire.evaluation.study.masks import anchor_bytes
 from splatwire.evaluation.study.parts import needed_stream, stream_parts, without_sections
@@ -71,7 +71,7 @@ class PreparedScene:
     sections: tuple[str, ...]
     codec: str
 
-    def lacks(self, row: Row) -> str:
+    def why_unsupported(self, row: Row) -> str:
         """Returns the reason why a method (table row) cannot be evaluated on this scene; empty if there is none."""
         if row.needs_weights and self.entry.weights is None:
             return "it has no calibrated weights (splatwire calibrate makes them)"
@@ -192,7 +192,7 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
     def drawn() -> Scene:
         if entry.reference is not None:
             return drawable_scene(entry.reference, "drop")[0]
-        if variant == AS_IT_IS:
+        if variant == PASSTHROUGH:
             return source.scene
         return decode_complete(store.files.stream(store.root / first.path), store.root / first.path)
 
@@ -223,11 +223,11 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
     streams = {}
     for name, row in {row.variant: row for row in reversed(study.rows) if not row.decoded}.items():
         if row.packetization is None or source.timed:
-            streams[name] = _as_it_is(source, digest)
+            streams[name] = _passthrough(source, digest)
         elif set(row.sections) <= set(source.sections) and source.can_encode(row.packetization):
             streams[name] = _prepare_stream(row, source, store, folder, progress)
     if all(row.decoded for row in study.rows):  # the scene still gives the views and the background
-        streams[AS_IT_IS] = _as_it_is(source, digest)
+        streams[PASSTHROUGH] = _passthrough(source, digest)
     if not streams:
         raise InvalidValueError(f"scene '{entry.name}' lacks what every row needs, or cannot be packed so")
     return streams
@@ -285,7 +285,7 @@ def _with_cameras(entry: SceneEntry, drawn: Callable[[], Scene], stamp: str, sto
     return dataclasses.replace(entry, cameras=store.root / name)
 
 
-def _as_it_is(source: Source, digest: str) -> PreparedStream:
+def _passthrough(source: Source, digest: str) -> PreparedStream:
     entry, path = source.entry, str(source.entry.source.resolve())
     if (stream := source.stream) is not None:
         manifest = stream.manifest

@@ -115,10 +115,12 @@ def run_study(study: Study, store: Store, engine: Engine, progress: Progress) ->
         scenes = {entry.name: prepare_scene(study, entry, store, progress) for entry in study.scenes}
         cells = list_cells(study, scenes, lpips_digest=lpips)
         _check_scenes(study, scenes, cells)
-        judges = _judges(study, cells)
-        shift = _Shift(store, engine, progress, len({c.unit.key for c in cells if not store.has(c.unit.key)}))
+        judges = _hardest_view_tasks(study, cells)
+        shift = _TaskRunner(store, engine, progress, len({c.unit.key for c in cells if not store.has(c.unit.key)}))
         others = [c for c in cells if c.seed not in (None, study.seeds[0]) and c not in judges]
-        shift.run([*(c.unit for c in _by_mask(others)), *(_judging(study, store, c.unit) for c in judges)])
+        shift.run(
+            [*(c.unit for c in _by_mask(others)), *(_storing_hardest_views(study, store, c.unit) for c in judges)]
+        )
         looks = {name: _look(study, store, [c for c in judges if c.scene == name]) for name in scenes}
         rest = [c for c in _by_mask(cells, judges) if c not in judges and c not in others]
         shift.run([_shown(looks[c.scene], c) for c in rest])
@@ -130,7 +132,9 @@ def run_study(study: Study, store: Store, engine: Engine, progress: Progress) ->
         records=records,
         looks=looks,
         skipped=_skipped(study, scenes, lpips),
-        skipped_rows={name: tuple(row.key for row in study.rows if scene.lacks(row)) for name, scene in scenes.items()},
+        skipped_rows={
+            name: tuple(row.key for row in study.rows if scene.why_unsupported(row)) for name, scene in scenes.items()
+        },
         num_computed=shift.num_done,
         num_reused=len(records) - shift.num_done,
         num_lost_workers=shift.num_lost,
@@ -138,7 +142,7 @@ def run_study(study: Study, store: Store, engine: Engine, progress: Progress) ->
 
 
 @dataclass
-class _Shift:
+class _TaskRunner:
     """Executes the tasks that the store has no results of, and counts executed tasks and dead workers."""
 
     store: Store
@@ -168,10 +172,10 @@ def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequ
     running = {cell.scene for cell in cells}
     for name, scene in scenes.items():
         if name not in running:
-            raise InvalidValueError(f"no row can run on scene '{name}': {scene.lacks(study.rows[0])}")
+            raise InvalidValueError(f"no row can run on scene '{name}': {scene.why_unsupported(study.rows[0])}")
 
 
-def _judges(study: Study, cells: Sequence[Cell]) -> list[Cell]:
+def _hardest_view_tasks(study: Study, cells: Sequence[Cell]) -> list[Cell]:
     """Selects the tasks whose PSNR determines the hardest views (lowest PSNR): one task per scene and loss.
 
     The tasks are those of the baseline. Without a baseline, they are those of the first row with losses.
@@ -186,7 +190,7 @@ def _judges(study: Study, cells: Sequence[Cell]) -> list[Cell]:
     return judges
 
 
-def _judging(study: Study, store: Store, unit: Unit) -> Unit:
+def _storing_hardest_views(study: Study, store: Store, unit: Unit) -> Unit:
     if store.has(unit.key):
         return replace(unit, pictures=hardest(store.records(unit.key), study.picture_views))
     return replace(unit, hardest=study.picture_views)
@@ -248,7 +252,7 @@ def _skipped(study: Study, scenes: Mapping[str, PreparedScene], lpips: str) -> t
         f"Row '{row.label}' did not run on {name}: {reason}."
         for name, scene in scenes.items()
         for row in study.rows
-        if (reason := scene.lacks(row))
+        if (reason := scene.why_unsupported(row))
     ]
     if not lpips and not LPIPS_SCALED.keys().isdisjoint(study.metrics):
         notes.append("LPIPS was not computed: its weights are absent (set SPLATWIRE_LPIPS_DIR).")

@@ -145,7 +145,7 @@ def list_cells(study: Study, scenes: Mapping[str, PreparedScene], *, lpips_diges
     cells = []
     for scene in scenes.values():
         for row in study.rows:
-            if scene.lacks(row):
+            if scene.why_unsupported(row):
                 continue
             losses: list[tuple[Loss | None, int | None]] = [(None, None)]
             if not row.lossless and scene.streams[row.variant].num_packets:

@@ -12,7 +12,7 @@ def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
     """Returns the iteration after which parameters are averaged.
 
     It is near the end of the training, but not before the end of the phase in which anchors are added and removed. The
-    fine-tuning at the end (`Marks.tuning`) is averaged separately from the iterations before it.
+    fine-tuning at the end (`Milestones.tuning`) is averaged separately from the iterations before it.
 
     Args:
         config: The configuration.
@@ -21,8 +21,8 @@ def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
     """
     marks = config.marks
     if marks.is_fine_tuning(iteration):
-        return max(marks.iterations - 2 * config.averaged, marks.settled)
-    return max(marks.settled - 2 * config.averaged, marks.growth_end)
+        return max(marks.iterations - 2 * config.averaged, marks.fine_tuning_start)
+    return max(marks.fine_tuning_start - 2 * config.averaged, marks.growth_end)
 
 
 @torch.no_grad()

@@ -24,7 +24,7 @@ class LearningRate:
     Attributes:
         initial: Learning rate in the first iteration.
         final: Learning rate after the last iteration.
-        late: Factor on the learning rate in all iterations after `Marks.growth_end`.
+        late: Factor on the learning rate in all iterations after `Milestones.growth_end`.
     """
 
     initial: float
@@ -66,7 +66,7 @@ class LearningRates:
 
 
 @dataclass(frozen=True)
-class Marks:
+class Milestones:
     """Schedule of a training: the iterations after which its phases start or end.
 
     Attributes:
@@ -93,20 +93,20 @@ class Marks:
     tuning: int = 0
 
     @property
-    def settled(self) -> int:
+    def fine_tuning_start(self) -> int:
         """Last iteration before the fine-tuning; the last iteration of the training if `tuning` is 0."""
         return self.iterations - self.tuning
 
     def is_fine_tuning(self, iteration: int) -> bool:
         """True if an iteration belongs to the fine-tuning at the end of the training."""
-        return self.settled < iteration <= self.iterations
+        return self.fine_tuning_start < iteration <= self.iterations
 
-    def scaled(self, iterations: int) -> "Marks":
+    def scaled(self, iterations: int) -> "Milestones":
         """Returns the schedule scaled to a training of `iterations` iterations."""
         factor = iterations / self.iterations
         values = {f.name: round(getattr(self, f.name) * factor) for f in dataclasses.fields(self)}
         interval = max(min(MIN_GROWTH_INTERVAL, self.growth_interval), values["growth_interval"])
-        return Marks(**{**values, "iterations": iterations, "growth_interval": interval})
+        return Milestones(**{**values, "iterations": iterations, "growth_interval": interval})
 
 
 @dataclass(frozen=True)
@@ -258,7 +258,7 @@ class TrainConfig(CheckedFields):
     model: ModelConfig | CausalConfig = field(default_factory=ModelConfig)
     voxel_size: float = 0.001
     hidden: tuple[int, int, int] = (50, 100, 40)
-    marks: Marks = Marks()
+    marks: Milestones = Milestones()
     rates: LearningRates = LearningRates()
     growth: GrowthRules = GrowthRules()
     weights: LossWeights = LossWeights()

@@ -9,7 +9,7 @@ from splatwire.anchors.voxels import voxel_indices
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError
 from splatwire.neural.model.tensors import to_tensors
-from splatwire.neural.training.config import Marks, TrainConfig
+from splatwire.neural.training.config import Milestones, TrainConfig
 from splatwire.neural.training.initial import camera_extent, parameter_shapes
 from splatwire.neural.training.presets import CAUSAL, HACPP
 from splatwire.neural.training.schedule import second_half
@@ -42,8 +42,8 @@ def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
         config: Configuration for a new scene; its length, loss weights and packet losses are kept.
         scene: The scene; sets shapes and voxel size.
     """
-    iterations, widths = config.marks.settled, _widths(scene)
-    marks = Marks(
+    iterations, widths = config.marks.fine_tuning_start, _widths(scene)
+    marks = Milestones(
         iterations, noise_start=-1, growth_pause_end=-1, context_start=-1, statistics_start=0, growth_start=0,
         growth_end=0, growth_interval=1,
     )  # fmt: skip

@@ -13,7 +13,7 @@ from splatwire.types import Cameras, Gaussians
 
 _KEY_BITS = 21
 """Number of bits of a signed voxel index; three indices fit one 64-bit key."""
-_FOG = 0.99
+_MOSTLY_TRANSPARENT = 0.99
 """Share of transparent anchors above which no anchor is removed.
 
 With a black background, most random initial points become transparent before the scene takes shape. If transparent
@@ -93,11 +93,11 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
     statistics.gradient_count[old][judged] = 0
     visited = statistics.visits > wanted
     transparent = visited & (statistics.opacity_sum < rules.min_opacity * statistics.visits)
-    fog = int(transparent.sum()) > _FOG * int(visited.sum())
-    if fog and 2 * state.iteration > config.marks.growth_end:
+    mostly_transparent = int(transparent.sum()) > _MOSTLY_TRANSPARENT * int(visited.sum())
+    if mostly_transparent and 2 * state.iteration > config.marks.growth_end:
         raise DivergedError(state.iteration, "every anchor has become transparent")
     keep = ~transparent
-    if fog or state.iteration < rules.first_pruning:
+    if mostly_transparent or state.iteration < rules.first_pruning:
         keep[:] = True
     statistics.opacity_sum[visited] = 0
     statistics.visits[visited] = 0
@@ -122,8 +122,8 @@ def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"
         if cell < 1 or (level > 0 and state.num_anchors == first):
             break
         chosen = gradients >= rules.gradient_threshold * 2**level
-        luck = uniform(gradients.shape, state.generator, gradients.device)
-        chosen &= luck > 0.5 ** (level + 1)
+        uniform_noise = uniform(gradients.shape, state.generator, gradients.device)
+        chosen &= uniform_noise > 0.5 ** (level + 1)
         _add_level(state, config, chosen, cell)
 
 

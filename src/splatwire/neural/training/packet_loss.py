@@ -94,7 +94,7 @@ class PacketLosses:
         the last iteration of the growth phase, because the order of anchors by importance still changes after it.
         """
         marks = self._config.marks
-        return marks.settled if marks.tuning and not self._config.losses.first else marks.growth_end
+        return marks.fine_tuning_start if marks.tuning and not self._config.losses.first else marks.growth_end
 
     @property
     def _choices(self) -> tuple[LossModel | float, ...]:

@@ -14,7 +14,7 @@ from splatwire.neural.training.config import (
     LearningRates,
     LossTraining,
     LossWeights,
-    Marks,
+    Milestones,
     RefineConfig,
     TrainConfig,
 )
@@ -222,8 +222,8 @@ def _check(rate: float, voxel: float, iterations: int) -> None:
         raise InvalidValueError(f"a run has at least {MIN_ITERATIONS} iterations, not {iterations}")
 
 
-def _marks(iterations: int, growth_interval: int | None) -> Marks:
-    marks = Marks().scaled(iterations)
+def _marks(iterations: int, growth_interval: int | None) -> Milestones:
+    marks = Milestones().scaled(iterations)
     if growth_interval is None:
         return marks
     if growth_interval < 1:

@@ -4,7 +4,7 @@ import dataclasses
 import enum
 import math
 
-from splatwire.neural.training.config import LearningRate, LearningRates, Marks, TrainConfig
+from splatwire.neural.training.config import LearningRate, LearningRates, Milestones, TrainConfig
 
 SCALED_BY_EXTENT = ("offsets", "mask_logits")
 
@@ -22,19 +22,19 @@ class Phase(enum.Enum):
     CONTEXT = "context"
 
 
-def phase_of(marks: Marks, iteration: int) -> Phase:
+def phase_of(marks: Milestones, iteration: int) -> Phase:
     """Returns the phase of `iteration`, counted from 1."""
     if iteration > marks.context_start:
         return Phase.CONTEXT
     return Phase.NOISE if iteration > marks.noise_start else Phase.PLAIN
 
 
-def gathers_statistics(marks: Marks, iteration: int) -> bool:
+def gathers_statistics(marks: Milestones, iteration: int) -> bool:
     """True if gradients and opacities of an iteration are gathered for adding and removing anchors."""
     return marks.statistics_start < iteration < marks.growth_end
 
 
-def changes_anchors(marks: Marks, iteration: int) -> bool:
+def changes_anchors(marks: Milestones, iteration: int) -> bool:
     """True if anchors are added and removed after an iteration."""
     paused = marks.noise_start <= iteration < marks.growth_pause_end
     due = marks.growth_start < iteration < marks.growth_end and iteration % marks.growth_interval == 0
@@ -72,9 +72,9 @@ def learning_rates(config: TrainConfig, iteration: int, camera_extent: float) ->
     """
     marks = config.marks
     if marks.is_fine_tuning(iteration):
-        share, plan = (iteration - marks.settled) / marks.tuning, second_half(config.rates)
+        share, plan = (iteration - marks.fine_tuning_start) / marks.tuning, second_half(config.rates)
     else:
-        share, plan = iteration / marks.settled, config.rates
+        share, plan = iteration / marks.fine_tuning_start, config.rates
     rates = {name: learning_rate_at(rate, share) for name, rate in vars(plan).items()}
     if iteration > marks.growth_end:
         rates = {name: rate * getattr(plan, name).late for name, rate in rates.items()}

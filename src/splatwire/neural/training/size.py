@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from splatwire.bitstream import stream_to_bytes
 from splatwire.codec import encode_scene
-from splatwire.neural.training.config import Marks, TrainConfig
+from splatwire.neural.training.config import Milestones, TrainConfig
 from splatwire.neural.training.export import export_scene
 from splatwire.neural.training.state import Steering, TrainState
 from splatwire.types import AnchorScene
@@ -69,7 +69,7 @@ def _measured(
     return estimated * ratio, ratio
 
 
-def first_measured(marks: Marks) -> int:
+def first_measured(marks: Milestones) -> int:
     """Returns the iteration from which the intervals between size measurements are counted.
 
     It is the middle between the start of the context phase and the end of growth.
@@ -77,22 +77,22 @@ def first_measured(marks: Marks) -> int:
     return (marks.context_start + max(marks.growth_end, marks.context_start)) // 2
 
 
-def is_time(marks: Marks, iteration: int) -> bool:
+def is_time(marks: Milestones, iteration: int) -> bool:
     """True if the size of the stream is measured after an iteration."""
     since = iteration - first_measured(marks)
     return since > 0 and since % _interval(marks) == 0
 
 
-def measurements(marks: Marks, iteration: int) -> int:
+def measurements(marks: Milestones, iteration: int) -> int:
     """Returns the number of measurements up to and including `iteration`."""
     return max(iteration - first_measured(marks), 0) // _interval(marks)
 
 
-def _interval(marks: Marks) -> int:
+def _interval(marks: Milestones) -> int:
     return max((marks.iterations - first_measured(marks)) // TIMES, 1)
 
 
-def headroom(marks: Marks, iteration: int) -> float:
+def headroom(marks: Milestones, iteration: int) -> float:
     """Returns the allowed excess of the measured size after `iteration`, as a share of the target size."""
     left = (marks.iterations - iteration) / max(marks.iterations - first_measured(marks), 1)
     return LAST + (HEADROOM - LAST) * left

@@ -25,7 +25,7 @@ from splatwire.neural.training.models import trained_model
 from splatwire.neural.training.packet_loss import PacketLosses
 from splatwire.neural.training.schedule import changes_anchors, gathers_statistics, learning_rates
 from splatwire.neural.training.state import Moments, TrainState, group_of
-from splatwire.neural.training.tuning import settle
+from splatwire.neural.training.tuning import start_fine_tuning
 from splatwire.render.base import Drawing
 from splatwire.types import Anchors, Cameras, Gaussians
 
@@ -103,8 +103,8 @@ class TrainingStep:
         """
         config = self._config
         state.iteration += 1
-        if config.marks.tuning and state.iteration == config.marks.settled + 1:
-            settle(state, config)
+        if config.marks.tuning and state.iteration == config.marks.fine_tuning_start + 1:
+            start_fine_tuning(state, config)
         self._model.begin(state)
         self._losses.begin(state, self._cameras)
         visible = self._visible(state, view)

@@ -11,7 +11,7 @@ MASK_LOGITS = (-8.0, 0.0)
 
 
 @torch.no_grad()
-def settle(state: TrainState, config: TrainConfig) -> None:
+def start_fine_tuning(state: TrainState, config: TrainConfig) -> None:
     """Converts the state of a training to the initial state of the fine-tuning at its end.
 
     Replaces the parameters by their running means, removes anchors without offsets, and resets Adam's moments.

@@ -66,7 +66,7 @@ class Gnn:
         if graph.index.numel() == 0:
             return Concealed.filled(filled)
         repaired = repair(context, graph, weights.network)
-        return Concealed.filled(_put(filled, graph, repaired))
+        return Concealed.filled(_with_repaired(filled, graph, repaired))
 
 
 def weights_in_stream(context: ReceivedScene) -> GnnWeights:
@@ -130,7 +130,7 @@ def _finite(context: ReceivedScene, anchors: Anchors, interpolated: Anchors) -> 
     )
 
 
-def _put(filled: Anchors, graph: RepairGraph, repaired: Anchors) -> Anchors:
+def _with_repaired(filled: Anchors, graph: RepairGraph, repaired: Anchors) -> Anchors:
     names = ("features", "scalings", "offsets", "mask")
     parts = {name: getattr(filled, name).clone() for name in names}
     for name in names:

@@ -272,7 +272,7 @@ class PacketCollector:
             yield at
             at = self._have.find(0, at + 1, stop)
 
-    def held(self) -> Iterator[tuple[int, bytes]]:
+    def received_masks(self) -> Iterator[tuple[int, bytes]]:
         """Yields bit masks that list the received packets; each mask is small enough for one datagram.
 
         Each item has the index of the first packet in the mask, and the mask, least significant bit first. Masks

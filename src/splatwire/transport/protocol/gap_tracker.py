@@ -23,7 +23,7 @@ class GapTracker:
         self._nack_tracker = NackTracker()
         self._nack_tracker.max_attempts = MAX_ATTEMPTS
 
-    def came(self, sequence: int, largest: int) -> None:
+    def on_received(self, sequence: int, largest: int) -> None:
         """Records a received datagram; sequence numbers between `largest` and `sequence` become missing.
 
         Args:

@@ -62,7 +62,7 @@ class HandshakeAttempt:
         self.next_at = now + after
         self._token = self._token if self._reliable else None
 
-    def again(self, now: float) -> "HandshakeAttempt":
+    def renewed(self, now: float) -> "HandshakeAttempt":
         """Returns a new attempt for the same stream, with a new random nonce."""
         digest = hashlib.sha256(b"again" + self.nonce.to_bytes(8, "little")).digest()
         return HandshakeAttempt(int.from_bytes(digest[:8], "little"), now, self._name, reliable=self._reliable)

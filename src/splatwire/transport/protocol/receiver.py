@@ -208,7 +208,7 @@ class Receiver(ReceiveState):
             Event `Interrupted` if the transfer was running, else no events.
         """
         events: list[Event] = [] if self._greeting is not None else [Interrupted()]
-        self._greeting = self._last_greeting = self._last_greeting.again(now)
+        self._greeting = self._last_greeting = self._last_greeting.renewed(now)
         return events
 
     def may_resume(self, now: float) -> bool:
@@ -341,7 +341,7 @@ class Receiver(ReceiveState):
         assert self._welcome is not None
         assert self._collector is not None
         nonce, stream_id, head = self._nonce, self._welcome.stream_id, int(self._head is None)
-        held = [] if self._welcome.is_live else list(self._collector.held())
+        held = [] if self._welcome.is_live else list(self._collector.received_masks())
         self._have = [encode(Have(nonce, stream_id, head, first, bits)) for first, bits in held]
         self._have_left, self._have_at = HAVE_TIMES, now
 
@@ -386,7 +386,7 @@ class Receiver(ReceiveState):
             self.num_datagrams += 1
             self._received += 1
             if self._welcome.viewable:
-                self._gaps.came(frame.sequence, self._largest)
+                self._gaps.on_received(frame.sequence, self._largest)
             if frame.sequence > self._largest:
                 self._largest, self._largest_at = frame.sequence, now
         events: list[Event] = [] if self._greeting is None else [Resumed(True)]

@@ -350,7 +350,7 @@ class Server:
         """
         transfer = self._transfers[key]
         at = transfer.next_at()
-        if transfer.spent:
+        if transfer.is_exhausted:
             self._forget(key, "exhausted")
         elif at is None:
             self._planned.pop(key, None)

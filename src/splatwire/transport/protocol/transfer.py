@@ -166,7 +166,7 @@ class ServerTransfer:
             self._pacer.rate, self._opening = self._limits.fixed_rate or self.control.rate, True
 
     @property
-    def spent(self) -> bool:
+    def is_exhausted(self) -> bool:
         """True if the maximum number of bytes or datagrams for this client has been sent."""
         return self.bytes_sent > self._most_bytes or self._feedback_tracker.sequence >= MAX_SEQUENCE
 
@@ -188,7 +188,7 @@ class ServerTransfer:
         silent, and after the maximum number of bytes for the client.
         """
         opening = self._opening and not self._reported and self.bytes_sent < INITIAL_WINDOW
-        if self.spent or not (self._heard or opening):
+        if self.is_exhausted or not (self._heard or opening):
             return None
         left = self._again or self._order
         sending = self._pacer.next_at() if left else max(self._pacer.next_at(), self._end_at)

@@ -283,7 +283,7 @@ export class Neighbours {
 }
 
 /** Returns the context of a residual: no neighbours, fewer than three, or the octave of their deviation in steps. */
-export function spreadContext(count: number, deviation: number, shift: number): number {
+export function deviationContext(count: number, deviation: number, shift: number): number {
   if (count < 3) return count === 0 ? 0 : 1;
   return 2 + Math.min(32 - Math.clz32((deviation * 8) >> shift), SPREADS - 3);
 }

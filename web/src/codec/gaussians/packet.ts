@@ -44,7 +44,7 @@ import {
   SPREADS,
   WIDE,
 } from "./layout.ts";
-import { LUMA_MEAN, Neighbours, spreadContext } from "./neighbours.ts";
+import { LUMA_MEAN, Neighbours, deviationContext } from "./neighbours.ts";
 import type { SideInfo } from "./side_info.ts";
 import { Steps } from "./steps.ts";
 import { THINNESS } from "./tables.ts";
@@ -197,7 +197,7 @@ export class PacketDecoder implements GaussianPackets {
   ): number {
     const { count, means, deviations } = this.#neighbours;
     const shift = clip(BITS - this.#steps.exponent(step, level, area, long, 0, opacity), 0, most);
-    return this.#decodeValue(stream, spreadContext(count, deviations[stream], shift), means[stream], shift);
+    return this.#decodeValue(stream, deviationContext(count, deviations[stream], shift), means[stream], shift);
   }
 
   /** Decodes a value with prediction `mean`: a multiple of the step, or whole steps from the mean. */
@@ -265,7 +265,7 @@ export class PacketDecoder implements GaussianPackets {
     const norm = Math.abs(mean[0]) + Math.abs(mean[1]) + Math.abs(mean[2]),
       p = side * mean[first],
       q = side * mean[second];
-    const spread = spreadContext(near.axisCount, near.axisDeviation, shift),
+    const spread = deviationContext(near.axisCount, near.axisDeviation, shift),
       square = this.#absolute ? 0 : 1;
     const e0 = clip(this.#decodeValue(4, spread, Math.floor(((p + square * q) * ONE) / norm), shift), -ONE, ONE),
       most = square ? ONE : ONE - Math.abs(e0);
@@ -295,7 +295,7 @@ export class PacketDecoder implements GaussianPackets {
     const { count, means, deviations } = this.#neighbours,
       shift = clip(BITS - this.#steps.exponent(S_COLOUR, level, 0, 0, 0, 0), 0, BITS - 2);
     for (let c = 0; c < 3; c++) {
-      const spread = spreadContext(count, deviations[LUMA_MEAN + c], shift),
+      const spread = deviationContext(count, deviations[LUMA_MEAN + c], shift),
         value = this.#decodeValue(5 + c, spread, means[LUMA_MEAN + c], shift);
       this.#rows[row + LUMA + c] = clip(value, -MAX_COLOUR, MAX_COLOUR);
     }

@@ -68,7 +68,7 @@ def scale_indices(spreads, powers, indices):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def add_symbols(symbols, outputs, first, numbers):
+def add_predicted_means(symbols, outputs, first, numbers):
     """Reconstructs attributes: the predicted mean plus the decoded symbol, both in quantisation steps.
 
     A symbol is the quantised difference of an attribute from its predicted mean. It is clipped to the range of the

@@ -88,7 +88,7 @@ def quantise(
         if stage is context.stages[-1]:
             symbols *= coded
         numbers = np.empty(symbols.shape, dtype=np.int32)
-        kernels.add_symbols(symbols, outputs, stage.masks, numbers)
+        kernels.add_predicted_means(symbols, outputs, stage.masks, numbers)
         chain.add_numbers(stage, numbers)
         if stage.masks:
             lost = values[:, columns] - numbers * 2.0**-16
@@ -194,7 +194,7 @@ def decode_packets(
         symbols, numbers = np.empty(scales.shape, dtype=np.int32), np.empty(scales.shape, dtype=np.int32)
         coded = masks if stage is last else everything
         kernels.decode_stage(data, ends, starts, states, scales, coded, *tables(), symbols)
-        kernels.add_symbols(symbols, outputs, stage.masks, numbers)
+        kernels.add_predicted_means(symbols, outputs, stage.masks, numbers)
         chain.add_numbers(stage, numbers)
         all_numbers[:, _columns(stage)] = numbers
     all_numbers[:, last.first :] *= np.repeat(masks, 3, axis=1)

@@ -12,7 +12,7 @@ _INTERVAL_S = 5.0
 _COMPILER = logging.getLogger("splatwire.ops.compiled")
 
 
-class Waiting(logging.Handler):
+class StartupProgress(logging.Handler):
     """Log handler that prints why a verb has not produced output yet: loading of libraries, or compilation."""
 
     def __init__(self, verb: str) -> None:
@@ -52,9 +52,9 @@ class Waiting(logging.Handler):
 
 
 @contextmanager
-def telling_why_it_takes_long(verb: str) -> Iterator[None]:
+def startup_messages(verb: str) -> Iterator[None]:
     """Context in which a message is printed if loading of libraries or compilation delays the output of a verb."""
-    handler, before = Waiting(verb), _COMPILER.level
+    handler, before = StartupProgress(verb), _COMPILER.level
     _COMPILER.addHandler(handler)
     _COMPILER.setLevel(logging.INFO)
     handler.start()
