@@ -153,7 +153,7 @@ def test_loss_model_is_made_from_its_text_and_checked():
 
 
 @pytest.mark.parametrize("result", [0.5, [0.5, 0.5], ["a"], [float("nan")]])
-def test_metric_that_returns_no_number_for_a_view_is_one_sentence(result):
+def test_metric_that_returns_no_number_for_a_view_is_one_error(result):
     picture = np.zeros((1, 2, 2, 3), np.float32)
     register_metric("odd")(lambda images, references, masks: result)
     with pytest.raises(InvalidValueError, match=r"metric 'odd' returned .* for one view, not a number"):

@@ -76,7 +76,7 @@ def test_weights_sum_to_one_inside_and_rows_stay_in_the_level(resolution, rows, 
     assert not outside.any()
 
 
-def test_chunk_size_changes_nothing(tiny_scene):
+def test_lookup_does_not_depend_on_the_chunk_size(tiny_scene):
     positions = torch.rand(32768 + 5, 3, generator=torch.Generator().manual_seed(3))
     grid = to_tensors(tiny_scene.coding.context.grid)
     whole = interpolate_hash_grid(grid, positions, CONFIG)

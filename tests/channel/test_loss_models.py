@@ -74,7 +74,7 @@ def test_rates_zero_and_one_lose_nothing_and_everything(model, rate):
     assert draw(model(float(rate)), 0).shape == (0,)
 
 
-def test_same_seed_same_mask():
+def test_equal_seeds_give_equal_masks():
     for model in (Bernoulli(0.2), GilbertElliott(0.2, 3)):
         assert (draw(model, 100, 7) == draw(model, 100, 7)).all()
         assert (draw(model, 100, 7) != draw(model, 100, 8)).any()

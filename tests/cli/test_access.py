@@ -66,7 +66,7 @@ def test_receive_names_the_way_to_a_private_scene_and_does_not_repeat_its_token(
         (["--private", "room", "--token-key", "none", "--page", 0], "none"),
     ],
 )
-def test_wrong_words_are_one_error_line(run, folder, monkeypatch, words, message):
+def test_invalid_arguments_are_one_error_line(run, folder, monkeypatch, words, message):
     monkeypatch.chdir(folder)
     done = run("serve", "room.swz", *words)
     assert done.status == 2

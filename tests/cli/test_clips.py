@@ -68,7 +68,7 @@ def test_encode_reports_frames_and_bytes(run, folder, tmp_path):
     assert "6 frames of" in run("encode", folder, "-o", tmp_path / "b.swz").out
 
 
-def test_a_folder_of_one_file_is_named_when_it_becomes_a_clip(run, folder, tmp_path):
+def test_folder_with_one_file_becomes_a_clip_with_a_warning(run, folder, tmp_path):
     (tmp_path / "one").mkdir()
     shutil.copy(folder / "frame_5.ply", tmp_path / "one")
     done = run("encode", tmp_path / "one", "-o", tmp_path / "clip.swz")

@@ -31,7 +31,7 @@ def frames(tmp_path):
     return folder
 
 
-def test_a_stream_is_that_of_encode(run, cloud, tmp_path):
+def test_converted_stream_equals_that_of_encode(run, cloud, tmp_path):
     done = run("convert", cloud, tmp_path / "a.swz", "--json")
     assert done.status == 0, done.err
     assert run("encode", cloud, "-o", tmp_path / "b.swz").status == 0
@@ -40,7 +40,7 @@ def test_a_stream_is_that_of_encode(run, cloud, tmp_path):
 
 
 @pytest.mark.parametrize("form", ["ply", "compressed-ply", "spz", "sog", "splat", "glb"])
-def test_every_format_of_gaussians_is_that_of_export(run, cloud, tmp_path, form):
+def test_converted_files_equal_those_of_export_in_every_format(run, cloud, tmp_path, form):
     assert run("convert", cloud, tmp_path / "a.swz").status == 0
     ending = form.replace("-", ".")
     done = run("convert", tmp_path / "a.swz", tmp_path / f"x.{ending}", "--json")
@@ -120,7 +120,9 @@ def test_damage_gives_its_own_status(run, cloud, tmp_path):
         (["cloud.ply", "a.swz", "--jobs", "0"], "--jobs is from 1"),
     ],
 )
-def test_wrong_words_are_one_error_line_and_write_nothing(run, cloud, frames, tmp_path, monkeypatch, words, message):
+def test_invalid_arguments_are_one_error_line_and_write_nothing(
+    run, cloud, frames, tmp_path, monkeypatch, words, message
+):
     monkeypatch.chdir(tmp_path)
     before = {path.name for path in tmp_path.iterdir()}
     done = run("convert", *words)

@@ -213,7 +213,7 @@ def test_endlessly_growing_file_does_not_block_other_frames(tmp_path):
 
 @pytest.mark.parametrize("interval", [0.03, 0.4, 1.0])
 @pytest.mark.parametrize("kind", ["folder", "file"])
-def test_what_is_no_frame_and_keeps_changing_is_given_up_with_one_warning(tmp_path, monkeypatch, kind, interval):
+def test_changing_file_that_is_no_frame_is_ignored_after_one_warning(tmp_path, monkeypatch, kind, interval):
     world = World(tmp_path / "in")
     other, looks = world.folder / "work", []
     (other / "deep").mkdir(parents=True) if kind == "folder" else other.touch()
@@ -272,7 +272,7 @@ def test_repeated_file_name_is_a_new_frame(tmp_path, how):
     assert world.run() == [100, 150]
 
 
-def test_unencodable_group_is_dropped_and_the_next_starts_fresh(tmp_path):
+def test_unencodable_group_is_dropped_and_the_next_starts_a_new_period(tmp_path):
     world = World(tmp_path / "in", FakeClip(refuses=102))
     for number in range(5):
         world.frame(number)
@@ -340,7 +340,7 @@ def test_a_slow_encoder_drops_frames_and_its_delay_stays_bounded(tmp_path):
     assert "dropped" in world.said[0]
 
 
-def test_draining_queue_is_kept_and_standing_queue_is_cut():
+def test_shrinking_queue_is_kept_and_persistent_queue_is_shortened():
     drains, stands = Backlog(30.0, 15), Backlog(30.0, 15)
     steps = [n * LOOK_S for n in range(500)]
     assert not any(drains.surplus(600 - round(30 * now), now) for now in steps)
@@ -357,7 +357,7 @@ def test_preexisting_frames_are_all_shown_at_the_frame_rate(tmp_path):
     assert world.live.num_dropped == 0
 
 
-def test_pipe_names_are_read_whole_and_end_with_the_pipe():
+def test_file_names_from_a_pipe_are_read_completely_until_it_closes():
     read, write = os.pipe()
     said = []
     source = PipeSource(read, said.append)

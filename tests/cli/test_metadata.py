@@ -100,7 +100,7 @@ def test_clips_keep_metadata_on_a_round_trip(run: Any, tmp_path: Path) -> None:
     assert all(text in shown.out for text in ("Garden", "Ana", "CC0"))
 
 
-def test_an_upward_axis_that_is_asked_for_counts_more_than_that_of_a_frame(run: Any, tmp_path: Path) -> None:
+def test_up_axis_option_overrides_that_of_the_frames(run: Any, tmp_path: Path) -> None:
     (tmp_path / "frames").mkdir()
     write_splats([some_splats(60, 0)], tmp_path / "frames" / "0.ply", metadata=SceneMetadata(up="z"))
     for up, expected in (("-y", None), ("y", "y")):

@@ -104,7 +104,7 @@ def test_plan_with_feedback_states_what_is_retransmitted(run, datagrams):
     assert "needs more than 0.1% of all bytes" in outcome.err
 
 
-def test_way_back_is_a_deprecated_name_of_feedback(run, datagrams):
+def test_option_way_back_is_a_deprecated_alias_of_feedback(run, datagrams):
     words = ("--loss", "bernoulli:0.2", "--views", 1, "--json", "--budget", 2.0)
     former, now = (run("plan", datagrams, *words, option) for option in ("--way-back", "--feedback"))
     assert former.json == now.json

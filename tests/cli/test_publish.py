@@ -46,7 +46,7 @@ def test_a_site_is_written_and_updated(run, cloud, tmp_path):
         (["missing.swz", "-o", "site"], "no such file"),
     ],
 )
-def test_wrong_words_are_one_error_line(run, cloud, tmp_path, monkeypatch, words, message):
+def test_invalid_arguments_are_one_error_line(run, cloud, tmp_path, monkeypatch, words, message):
     write_splats([ball_of_gaussians()], tmp_path / "cloud.spz")
     monkeypatch.chdir(tmp_path)
     done = run("publish", *words)

@@ -77,7 +77,7 @@ def test_file_size_limit_is_one_error_line_and_leaves_no_file(journey, tmp_path)
     assert not any(path.suffix == ".swz" for path in tmp_path.iterdir())
 
 
-def test_file_size_limit_leaves_no_cut_compiled_module(tmp_path):
+def test_file_size_limit_leaves_no_truncated_compiled_module(tmp_path):
     """Python cuts a compiled module at the limit without an error, and cannot load it afterwards."""
     cached = {"PYTHONPYCACHEPREFIX": str(tmp_path), "PYTHONDONTWRITEBYTECODE": ""}
     done = subprocess.run(

@@ -255,7 +255,7 @@ def test_serve_and_receive_work_over_quic(stream_file: Path, tmp_path: Path, cap
         assert call("receive", url, "-o", target, "--authority", str(certificate)) == 0
 
 
-def test_serve_ends_beside_slow_readers_with_its_summary_only():
+def test_serve_ends_despite_slow_readers_and_prints_its_summary_only():
     """Clients include readers that never read, half-open requests and an incomplete page."""
     pytest.importorskip("aioquic", reason="the package aioquic is not installed")
     command = [sys.executable, "-m", "splatwire", "serve", "--page", "0", "--port", "0", "--json"]
@@ -349,7 +349,7 @@ def test_deadline_that_passes_before_all_arrived_is_no_success(stream_file, tmp_
         ("the server fell silent", True, 0, False),
     ],
 )
-def test_only_these_results_are_complete(reason, live, missed, complete):
+def test_only_listed_end_reasons_count_as_complete(reason, live, missed, complete):
     assert _run_receive._is_all(reason, live=live, num_missed=missed) is complete
 
 

@@ -36,13 +36,13 @@ def test_psnr_is_reached_and_equals_that_of_compare(ball, tmp_path, run):
     assert rows[1]["psnr"] == pytest.approx(done["reached"]["psnr"], abs=0.01)
 
 
-def test_numbers_of_quality_are_names(ball, tmp_path, run):
+def test_quality_names_equal_their_quality_numbers(ball, tmp_path, run):
     for value in ("small", "40"):
         assert run("encode", ball, "-o", tmp_path / f"{value}.swz", "--quality", value).status == 0
     assert (tmp_path / "small.swz").read_bytes() == (tmp_path / "40.swz").read_bytes()
 
 
-def test_effort_prunes_and_says_what_is_left(ball, tmp_path, run):
+def test_effort_prunes_and_prints_the_kept_share(ball, tmp_path, run):
     done = run("encode", ball, "-o", tmp_path / "a.swz", "--quality", "30", "--effort", "default")
     assert "% kept, level 5.50)" in done.out
     assert "dB against pictures of the source" in done.out
@@ -55,7 +55,7 @@ def test_effort_prunes_and_says_what_is_left(ball, tmp_path, run):
     "options",
     [("--levels", "auto", "--block-size", "60"), ("--tiers", "0.2"), ("--preset", "datagram"), ("--up", "z")],
 )
-def test_targets_work_with_options_of_packets(options, ball, tmp_path, run):
+def test_targets_are_reached_with_other_packetizations(options, ball, tmp_path, run):
     assert run("encode", ball, "-o", tmp_path / "whole.swz", *options).status == 0
     size = (tmp_path / "whole.swz").stat().st_size - 200
     done = run("encode", ball, "-o", tmp_path / "a.swz", "--size", size, *options, "--json").json

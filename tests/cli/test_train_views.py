@@ -35,7 +35,7 @@ def views_of(folder: Path):
     return _run_train._datasets(Train(str(folder), "a.scene"), TrainConfig())
 
 
-def test_rounded_cameras_in_map_coordinates_are_named(tmp_path, caplog):
+def test_rounded_cameras_in_map_coordinates_give_a_warning(tmp_path, caplog):
     train, test = views_of(nerfstudio(tmp_path / "utm", UTM))
     assert train.cameras.origin == test.cameras.origin == NO_ORIGIN
     assert np.abs(train.cameras.centers - np.array(UTM)).max() < 1.6
@@ -62,7 +62,7 @@ def blender(folder: Path, **sizes: list[tuple[int, int]]) -> Path:
 
 
 @pytest.mark.parametrize("sizes", [{"train": [(12, 8)]}, {"train": [(12, 8)], "test": []}])
-def test_training_without_test_views_says_so(tmp_path, capsys, sizes):
+def test_training_without_test_views_gives_a_message(tmp_path, capsys, sizes):
     train, test = views_of(blender(tmp_path / "a", **sizes))
     assert (train.num_views, test) == (1, None)
     assert capsys.readouterr().err.startswith("no test views: ")

@@ -23,7 +23,7 @@ def test_encode_counts_every_byte(run, journey, tmp_path):
     assert content["num_packets"] == len(read_stream(tmp_path / "a.swz")[0].packets)
 
 
-def test_encode_takes_a_packetization(run, journey, tmp_path):
+def test_encode_accepts_a_packetization(run, journey, tmp_path):
     words = ("--block-size", 100, "--lanes", 4, "--preset", "hacpp")
     assert run("encode", journey / "tiny.scene", "-o", tmp_path / "a", *words).status == 0
     packetization = run("inspect", tmp_path / "a", "--json").json["packetization"]
@@ -174,7 +174,7 @@ def test_render_writes_one_picture_per_view(run, journey, tmp_path):
     assert (tmp_path / "view_00.png").read_bytes() == (tmp_path / "pictures" / "view_00.png").read_bytes()
 
 
-def test_render_scales_and_takes_streams(run, journey, tmp_path):
+def test_render_scales_pictures_and_accepts_streams(run, journey, tmp_path):
     words = ("--cameras", journey / "cameras.json", "--scale", 0.5, "-o", tmp_path, "--json")
     content = run("render", journey / "lossy.swz", *words).json
     assert (content["width"], content["height"]) == (32, 24)

@@ -13,7 +13,7 @@ from splatwire.types import AnchorScene
 from splatwire.types.background import BLACK, WHITE
 
 
-def test_pinned_bytes() -> None:
+def test_background_section_bytes_are_pinned() -> None:
     assert BACKGROUND.sections(BLACK) == {}
     assert BACKGROUND.sections((1.0, 0.5, 0.0)) == {
         BACKGROUND.name: bytes.fromhex("0000803f" + "0000003f" + "00000000")

@@ -136,7 +136,7 @@ def test_plain_reference_decodes_the_same_integers(scene: AnchorScene, info: Sid
 
 
 @pytest.mark.parametrize("batch", [1, 7, 333])
-def test_batch_size_changes_nothing(stream: SceneStream, info: SideInfo, batch: int):
+def test_decoded_integers_do_not_depend_on_the_batch_size(stream: SceneStream, info: SideInfo, batch: int):
     context, packet = CodingContext.of(info), stream.packets[0]
     ranks = stream.manifest.plan.members(packet.id, packet.num_elements)
     known, voxels = info.places.known, info.places.known.voxels
@@ -179,7 +179,7 @@ def test_damaged_side_information_is_refused(stream: SceneStream, info: SideInfo
             continue
 
 
-def test_arbitrary_payload_decodes(info: SideInfo):
+def test_arbitrary_payload_decodes_without_an_error(info: SideInfo):
     context, rng = CodingContext.of(info), np.random.default_rng(5)
     for size in (0, 1, 30, 400):
         places = info.places.known.select(np.arange(20))

@@ -107,7 +107,7 @@ def test_desynchronised_decoder_is_detected(stream: SceneStream) -> None:
         decode_stream(replace(stream, manifest=replace(stream.manifest, symbols_digest="0" * 64)))
 
 
-def test_missing_side_information(stream: SceneStream) -> None:
+def test_missing_side_information_is_refused(stream: SceneStream) -> None:
     with pytest.raises(MissingSideInfoError):
         decode_stream(replace(stream, side_info=b""))
 
@@ -145,7 +145,7 @@ def test_damaged_side_information_is_an_error_or_another_scene(stream: SceneStre
 
 
 @pytest.mark.slow
-def test_damaged_payloads_decode(stream: SceneStream) -> None:
+def test_damaged_payloads_decode_without_an_error(stream: SceneStream) -> None:
     # checksums detect this before the codec, which must survive it as well
     rng = np.random.default_rng(1)
     for _ in range(100):

@@ -79,7 +79,7 @@ def test_integers_follow_the_float_model(everything, scene: AnchorScene, side_in
     assert np.abs(feature / 2**14 - exact.numpy()).max() < 3e-3
 
 
-def test_batch_size_changes_nothing(everything) -> None:
+def test_predictions_do_not_depend_on_the_batch_size(everything) -> None:
     context, voxels, feature, outputs = everything
     for size in (1, 7, 333):
         parts = [context.predict(voxels[i : i + size]) for i in range(0, 3 * size, size)]
@@ -97,7 +97,7 @@ def test_lookup_equals_numpy_inside_and_outside_the_box(everything) -> None:
     assert not fast[outside, : 4 * len(context.config.grid.resolutions_3d)].any()
 
 
-def test_unused_hash_rows_change_nothing(everything) -> None:
+def test_unused_hash_rows_do_not_change_predictions(everything) -> None:
     context, voxels, feature, _ = everything
     units = context.units(voxels)
     touched = touched_rows(units, context.config.grid)

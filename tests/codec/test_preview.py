@@ -56,7 +56,7 @@ def test_preview_values_are_within_half_a_step() -> None:
     assert np.array_equal(FRAME.levels((high + 1)[None]).round()[0], MOST.astype(np.float64))
 
 
-def test_pinned_bytes() -> None:
+def test_preview_section_bytes_are_pinned() -> None:
     """A change of these bytes needs a new version of the section."""
     data = write_preview(Preview(FRAME, (1, 20, 255), np.array([[1, 2, 3, 4, 5, 6, 7, 8, 9, 10], MOST])))
     header = "01020114ff" + "cdcccc3d000000c000004040" + "9a99d93f" + "000080bf000000bf000000000000a0c0"
@@ -130,7 +130,7 @@ def check(gaussians: Gaussians) -> None:
     assert render_cpu(gaussians, camera, background=np.zeros(3, np.float32)).shape == (1, 12, 16, 3)
 
 
-def test_preview_of_explicit_gaussians_renders_alike() -> None:
+def test_preview_of_explicit_gaussians_renders_like_the_gaussians() -> None:
     data, camera = write_preview(preview_of(20)), tiny_cameras(num_views=1, width=32, height=24)
     (gaussians, background), scene = preview_gaussians(data), preview_scene(data)
     assert background == scene.background

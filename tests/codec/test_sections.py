@@ -30,7 +30,7 @@ def raw(*pairs: tuple[bytes, bytes]) -> bytes:
     return writer.bytes()
 
 
-def test_pinned_bytes() -> None:
+def test_named_section_bytes_are_pinned() -> None:
     assert write_sections({}) == b""
     assert write_sections({"zz": b"\x07", "gnn": b""}).hex() == "03676e6e00" + "027a7a0107"
 

@@ -110,14 +110,14 @@ def test_bad_proposals_are_refused() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_nothing_lost_changes_nothing(name: str) -> None:
+def test_complete_scene_is_unchanged(name: str) -> None:
     context = random_context(40, 2, loss=0)
     scene = conceal(context, name)
     assert scene is context.scene
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_losing_everything_leaves_the_prior_or_nothing(name: str) -> None:
+def test_scene_without_received_anchors_has_prior_values_or_is_empty(name: str) -> None:
     context = random_context(40, 2, loss=1)
     scene = conceal(context, name)
     assert_drawable(scene)

@@ -189,7 +189,7 @@ def test_surroundings_of_a_subset_equal_the_selection() -> None:
         assert np.array_equal(one.distance, other.distance)
 
 
-def test_only_lost_neighbours_within_reach_count() -> None:
+def test_lost_share_includes_only_neighbours_within_the_kernel() -> None:
     context = random_context(3, 13, loss=0)
     anchors = dataclasses.replace(
         context.scene.anchors,

@@ -184,7 +184,7 @@ def test_a_byte_order_mark_and_indented_comments_are_skipped(capture):
     assert len(read_views(folder)) == 12
 
 
-def test_training_names_the_rounding_of_map_coordinates(capture, caplog):
+def test_rounding_of_map_coordinates_gives_a_warning_in_training(capture, caplog):
     viewmats = np.repeat(np.eye(4)[None], 4, axis=0)
     viewmats[:, :3, 3] = [-451234, -5411876, -118]
     names, Ks = ["a", "b", "c", "d"], np.repeat(np.diag([30.0, 30, 1])[None], 4, axis=0)

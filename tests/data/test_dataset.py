@@ -295,7 +295,7 @@ def bungee_with_a_copy(capture, test, train):
         (bungee_with_a_copy, "view_08.png", "view_03.png", "every_8th"),
     ],
 )
-def test_a_test_photo_with_the_bytes_of_a_training_photo_is_named(capture, caplog, write, test, train, rule):
+def test_test_photo_equal_to_a_training_photo_gives_a_warning(capture, caplog, write, test, train, rule):
     write(capture, test, train)
     open_dataset(capture.root, split="train", test_views=rule)
     assert not caplog.messages

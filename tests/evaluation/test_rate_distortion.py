@@ -21,7 +21,7 @@ REFERENCE = curve((100, 30.0), (200, 32.5), (400, 34.0), (800, 35.1))
 BENT = curve((90, 30.4), (210, 33.0), (380, 33.9), (900, 36.0))
 
 
-def test_curve_does_not_differ_from_itself():
+def test_bd_rate_of_a_curve_against_itself_is_zero():
     assert bd_rate(REFERENCE, REFERENCE) == 0
     assert bd_quality(REFERENCE, REFERENCE) == 0
 
@@ -100,7 +100,7 @@ def test_curves_without_a_common_range_have_no_difference():
     assert bd_quality(REFERENCE, far) is None
 
 
-def test_one_point_is_no_curve_and_two_are_a_line():
+def test_bd_rate_needs_two_different_points():
     assert bd_rate(REFERENCE, REFERENCE[:1]) is None
     assert bd_rate(REFERENCE, curve((100, 31.0), (200, 31.0))) is None
     line = curve((100, 30.0), (400, 34.0))

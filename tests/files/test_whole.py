@@ -277,7 +277,7 @@ def test_self_referencing_link_is_refused(tmp_path):
     assert os.readlink(tmp_path / "loop") == "loop"
 
 
-def test_folders_are_not_made_unless_they_are_asked_for(tmp_path):
+def test_missing_parent_folders_are_created_only_on_request(tmp_path):
     for name in ("new/a", "x/y/a"):
         with pytest.raises(InvalidValueError, match="no such folder, so a cannot be written into it: make it first"):
             write_whole(tmp_path / name, b"")
@@ -286,7 +286,7 @@ def test_folders_are_not_made_unless_they_are_asked_for(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_what_can_be_written_is_found_without_a_trace(tmp_path):
+def test_writable_output_is_detected_and_no_file_is_left(tmp_path):
     (tmp_path / "folder").mkdir()
     for name in ("new", "folder"):
         check_writable(tmp_path / name)
@@ -307,7 +307,7 @@ def refuse(monkeypatch, folder, error=errno.EACCES):
 
 
 @pytest.mark.parametrize("error", [errno.EACCES, errno.EROFS, errno.EPERM, errno.ENOSPC])
-def test_what_cannot_be_written_is_found_before_the_work(tmp_path, monkeypatch, error):
+def test_unwritable_output_is_detected_before_the_work(tmp_path, monkeypatch, error):
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").touch()
     refuse(monkeypatch, tmp_path, error)
@@ -322,7 +322,7 @@ def test_what_cannot_be_written_is_found_before_the_work(tmp_path, monkeypatch, 
         check_writable(tmp_path / "folder" / ("x" * 300))
 
 
-def test_another_users_file_in_a_folder_for_all_is_found_before_the_work(tmp_path, monkeypatch):
+def test_file_of_another_user_in_a_sticky_folder_is_detected_before_the_work(tmp_path, monkeypatch):
     (tmp_path / "theirs").touch()
     tmp_path.chmod(0o1777)
     monkeypatch.setattr(os, "geteuid", lambda: os.stat(tmp_path).st_uid + 1)

@@ -86,7 +86,7 @@ def test_coincident_anchors_give_finite_values_and_received_values_stay() -> Non
     assert all(bool(part.isfinite().all()) for part in (result.features, result.scalings, result.offsets))
 
 
-def test_chunk_size_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_result_does_not_depend_on_the_chunk_size(monkeypatch: pytest.MonkeyPatch) -> None:
     context = random_context(300, 6)
     whole = estimate(Kriging(), context)
     monkeypatch.setattr("splatwire.paper.kriging._CHUNK", 7)

@@ -28,7 +28,7 @@ def complete() -> ReceivedScene:
 
 
 @pytest.mark.slow
-def test_damage_grows_with_loss_rate_and_importance(complete: ReceivedScene) -> None:
+def test_distortion_grows_with_loss_rate_and_importance(complete: ReceivedScene) -> None:
     cameras = tiny_cameras()
     tiers = footprint_importance(complete.scene, cameras).tiers((0.3,))
     damage = measure_distortion(LossyPictures(complete, cameras, "drop"), tiers, seed=1)
@@ -39,7 +39,7 @@ def test_damage_grows_with_loss_rate_and_importance(complete: ReceivedScene) -> 
     assert damage.mse[0, -1] > damage.mse[1, -1] > 0
 
 
-def test_erasing_clears_lost_anchors_and_keeps_the_rest(complete: ReceivedScene) -> None:
+def test_simulated_loss_clears_lost_anchors_and_keeps_the_others(complete: ReceivedScene) -> None:
     num = complete.scene.anchors.num_anchors
     known = np.arange(num) % 3 > 0
     partial = complete.masked(known)
@@ -51,7 +51,7 @@ def test_erasing_clears_lost_anchors_and_keeps_the_rest(complete: ReceivedScene)
     assert np.array_equal(after.positions, before.positions)
 
 
-def test_damage_measurement_requires_a_complete_stream(complete: ReceivedScene) -> None:
+def test_distortion_measurement_requires_a_complete_stream(complete: ReceivedScene) -> None:
     num = complete.scene.anchors.num_anchors
     partial = complete.masked(np.arange(num) > 0)
     with pytest.raises(InvalidValueError, match="1 anchors are lost"):
@@ -75,7 +75,7 @@ def test_incremental_pictures_equal_concealing_from_scratch(complete: ReceivedSc
         LossyPictures(complete, cameras, concealer, photos=photos[:1])
 
 
-def test_offer_with_a_preview_uses_it_as_the_worst_case() -> None:
+def test_stream_variant_with_a_preview_has_its_quality_as_worst_case() -> None:
     scene, cameras = tiny_scene(), tiny_cameras()
     frame = PreviewFrame.fitting((0.0,) * 3, 1.0, (-0.5, -0.5, -0.5, -2.0), (0.5, 0.5, 0.5, -1.0))
     section = write_preview(Preview(frame, (0, 51, 102), np.random.default_rng(0).integers(0, 16, (20, 10))))
@@ -90,7 +90,7 @@ def test_offer_with_a_preview_uses_it_as_the_worst_case() -> None:
     assert offer.left(1000) == 1000 - len(section)
 
 
-def test_offer_holds_size_and_damage_of_a_stream() -> None:
+def test_stream_variant_has_size_and_distortion_of_its_stream() -> None:
     scene, cameras = tiny_scene(), tiny_cameras()
     stream = encode_scene(scene, PRESETS["datagram"], tiers=footprint_importance(scene, cameras).tiers((0.3,)))
     decoded = decode_stream(stream)

@@ -35,14 +35,14 @@ def _budget(load: StreamLoad, factor: float) -> float:
     return factor * float(model_transfer(load, Protection(side_repair=0.0)).num_bytes.sum())
 
 
-def test_without_loss_everything_arrives(load: StreamLoad) -> None:
+def test_lossless_transfer_delivers_everything(load: StreamLoad) -> None:
     model = model_transfer(load, Protection(side_repair=0.0))
     arrival = simulate(model, draw_losses(NoLoss(), 3, len(model.kind), 0))
     assert arrival.head.all()
     assert arrival.packets.all()
 
 
-def test_outline_contains_each_datagram_once(load: StreamLoad) -> None:
+def test_transfer_model_contains_each_datagram_once(load: StreamLoad) -> None:
     model = model_transfer(load, Protection(side_repair=0.5, tier_repair=(0.5, 0.25)))
     assert sorted(model.symbol[model.kind == DATA]) == list(range(300))
     assert (model.kind == PARITY).sum() == 15 + 18
@@ -138,7 +138,7 @@ def test_protection_limit_also_binds_side_information(load: StreamLoad, damage: 
     assert plan.head_arrives < 0.999
 
 
-def test_budget_below_side_information_shows_nothing(load: StreamLoad, damage: DistortionModel) -> None:
+def test_budget_below_the_side_information_gives_the_blank_quality(load: StreamLoad, damage: DistortionModel) -> None:
     plan = plan_protection([StreamVariant(load, damage)], Bernoulli(0.2), budget_bytes=30_000, trials=20)
     assert plan.head_arrives == 0.0
     assert plan.psnr == pytest.approx(-10 * np.log10(BLANK_MSE))
@@ -164,7 +164,7 @@ def test_preview_counts_as_bytes_and_as_the_lowest_quality(load: StreamLoad, dam
         StreamVariant(load, damage, preview_bytes=-1)
 
 
-def test_same_seed_same_plan(load: StreamLoad, damage: DistortionModel) -> None:
+def test_equal_seeds_give_equal_plans(load: StreamLoad, damage: DistortionModel) -> None:
     plans = [
         plan_protection(
             [StreamVariant(load, damage)], Bernoulli(0.1), budget_bytes=_budget(load, 1.2), trials=10, seed=3
@@ -183,7 +183,7 @@ def test_invalid_arguments_are_refused(load: StreamLoad, damage: DistortionModel
         DistortionModel(np.array([0.1, 0.2]), np.zeros((1, 2)), 1e-3)
 
 
-def test_damage_of_unequal_losses_equals_measured_points() -> None:
+def test_distortion_of_measured_loss_combinations_is_exact() -> None:
     damage = DistortionModel(SHARES, np.array([[0.0, 0.010, 0.05], [0.0, 0.004, 0.02], [0.0, 0.002, 0.01]]), 1e-3)
     lost = np.array([[0.2, 0.2, 0.2], [0.0, 0.0, 0.2], [0.0, 0.2, 0.2], [0.0, 0.2, 1.0], [0.0, 0.0, 0.0]])
     added = 10 ** (-damage.psnr(lost) / 10) - 1e-3
@@ -225,7 +225,7 @@ def test_concealment_bytes_count_as_protection(load: StreamLoad, damage: Distort
         StreamVariant(load, damage, concealment_bytes=60_001)
 
 
-def test_plain_candidates_are_considered(load: StreamLoad, damage: DistortionModel) -> None:
+def test_baselines_are_compared_with_the_planned_allocations(load: StreamLoad, damage: DistortionModel) -> None:
     """If all packets are equally important, equal parity for all is the best plan."""
     flat = dataclasses.replace(load, tiers=np.zeros(300, dtype=np.int64))
     alike = DistortionModel(SHARES, damage.mse[:1], 1e-3)
@@ -242,7 +242,7 @@ def test_plain_candidates_are_considered(load: StreamLoad, damage: DistortionMod
     assert plan.psnr >= psnr - 0.05
 
 
-def test_plain_candidate_is_chosen_without_a_clear_gain(load: StreamLoad) -> None:
+def test_baseline_is_chosen_without_a_clear_gain_of_another_plan(load: StreamLoad) -> None:
     """A small difference of rendered quality does not justify leaving the plain plan."""
     flat = dataclasses.replace(load, tiers=np.zeros(300, dtype=np.int64))
     tiered_mse = np.outer([3e-3, 6e-4, 1e-4], SHARES)

@@ -50,7 +50,7 @@ def bundled() -> SplatScene:
 
 
 @pytest.mark.parametrize("effort", ["fast", "default"])
-def test_streams_have_the_size_that_was_asked_for(effort):
+def test_streams_have_the_requested_size(effort):
     scene = shell()
     whole = encoded(scene, effort, quality=quality_of("default")).stream.num_bytes
     size = 9 * whole // 10
@@ -59,7 +59,7 @@ def test_streams_have_the_size_that_was_asked_for(effort):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("degree", [0, 1])
-def test_streams_have_the_psnr_that_was_asked_for(degree):
+def test_streams_have_the_requested_psnr(degree):
     scene = shell(degree=degree)
     assert abs(encoded(scene, psnr=40.0).psnr - 40.0) <= 0.2
 
@@ -91,7 +91,7 @@ def test_bytes_and_quality_grow_with_the_quality_number(effort):
     assert psnrs[-1] - psnrs[0] > 25
 
 
-def test_gaussians_that_draw_nothing_do_not_matter():
+def test_gaussians_that_draw_nothing_do_not_change_the_stream():
     scene = shell()
     faint = Splats(**{name: np.concatenate([v, v[:50]]) for name, v in vars(scene.splats).items()})
     faint.opacities[-50:] = 0
@@ -103,7 +103,7 @@ def test_gaussians_that_draw_nothing_do_not_matter():
     )
 
 
-def test_impossible_targets_name_what_is_possible():
+def test_errors_of_impossible_targets_state_the_possible_range():
     scene = SplatScene(ball_of_gaussians())
     with pytest.raises(InvalidValueError, match=r"cannot be encoded to 100 bytes: the smallest stream has \d"):
         encoded(scene, size=100)
@@ -114,7 +114,7 @@ def test_impossible_targets_name_what_is_possible():
         encoded(nothing, size=1000)
 
 
-def test_a_size_above_the_finest_stream_is_not_filled():
+def test_size_above_that_of_the_finest_setting_gives_the_finest_stream():
     scene = SplatScene(ball_of_gaussians())
     found = encoded(scene, size=10_000_000)
     assert found.stream.num_bytes < 100_000

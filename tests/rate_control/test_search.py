@@ -15,7 +15,7 @@ CURVES = {
 @pytest.mark.parametrize("curve", CURVES.values(), ids=CURVES)
 @pytest.mark.parametrize("at", [2.6, 3.9, 4.05, 7.0, 9.9])
 @pytest.mark.parametrize("slope", [0.2, 1.0, 30.0])
-def test_values_of_increasing_functions_are_found(curve, at, slope):
+def test_search_finds_a_permitted_value_of_increasing_functions(curve, at, slope):
     seen = []
 
     def function(x: float) -> float:
@@ -32,7 +32,7 @@ def test_values_of_increasing_functions_are_found(curve, at, slope):
 
 
 @pytest.mark.parametrize(("wanted", "end"), [(-5.0, 2.0), (50.0, 10.0)])
-def test_values_beyond_the_ends_are_not_found_and_the_end_was_tried(wanted, end):
+def test_search_beyond_the_ends_tries_the_end_and_finds_nothing(wanted, end):
     seen = []
 
     def function(x: float) -> float:

@@ -28,6 +28,6 @@ def test_texts_that_are_no_sizes_are_refused_by_name(text):
 
 
 @pytest.mark.parametrize("fields", [{}, {"size": 5, "psnr": 40.0}, {"size": 0}, {"psnr": 0.0}, {"psnr": float("nan")}])
-def test_a_target_is_one_possible_number(fields):
+def test_target_without_or_with_several_or_impossible_values_is_refused(fields):
     with pytest.raises(InvalidValueError):
         Target(**fields)

@@ -118,7 +118,7 @@ def test_still_scene_is_refused_as_a_clip():
         ClipDecoder(still.manifest, still.side_info)
 
 
-def test_threads_change_no_bit(frames, stream):
+def test_stream_does_not_depend_on_the_number_of_threads(frames, stream):
     assert encode_clip(frames, ClipOptions(Fraction(25), 4, quality="near-lossless", threads=1))[0] == stream
 
 
@@ -139,7 +139,7 @@ def test_received_tracks_equal_those_of_the_complete_clip(stream, seed):
     assert lost
 
 
-def test_motion_without_its_base_is_concealed(stream):
+def test_motion_without_its_keyframe_gaussian_is_concealed(stream):
     plan = stream.manifest.plan
     bases = [p for p in stream.packets if plan.persistent(p.id.block)]
     clip = decode_stream(stream.with_packets(p for p in stream.packets if p != bases[0])).scene
@@ -167,7 +167,7 @@ def test_shuffled_frames_are_matched(frames):
         assert error(frame.scene.splats, drawn(wanted)) < 0.02
 
 
-def test_bases_arrive_and_lost_motion_stays_lost(stream):
+def test_keyframe_packets_are_retransmitted_and_motion_packets_are_not(stream):
     lossy, record = transmit(stream, parse_loss("bernoulli:0.5", "datagram"), seed=1)
     plan = stream.manifest.plan
     lost = set(stream.packets) - set(lossy.packets)
@@ -186,7 +186,7 @@ def test_tracks_with_lost_motion_are_still_drawn(frames, stream, method):
 
 
 @pytest.mark.slow
-def test_motion_concealment_beats_hold():
+def test_motion_concealment_is_better_than_keeping_the_last_position():
     stream, _ = encode_clip(moving_frames(4000), OPTIONS)
     lossy, _ = transmit(stream, parse_loss("bernoulli:0.3", "datagram"), seed=2)
     clip, whole = decode_stream(lossy).scene, decode_stream(stream).scene
@@ -222,7 +222,7 @@ def test_inconsistent_frames_are_refused(frames):
         ClipOptions(group_frames=65)
 
 
-def test_arbitrary_payload_bytes_decode(stream):
+def test_arbitrary_payload_bytes_decode_without_an_error(stream):
     """Packets with valid checksums and random bytes give no error, no hang and finite values."""
     rng = np.random.default_rng(5)
     for _ in range(20):

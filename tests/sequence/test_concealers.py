@@ -56,14 +56,14 @@ def installed(frames, tmp_path_factory):
     return folder
 
 
-def test_the_concealer_of_the_page_decodes_a_clip(installed):
+def test_documented_temporal_concealer_decodes_a_clip(installed):
     done = run_with(installed / "site", installed, "decode", "lossy.swz", "-o", "out", "--conceal", "drift", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["num_frames"] == 8
     assert json.loads(done.stdout)["concealer"] == "drift"
 
 
-def test_the_concealer_of_the_page_is_evaluated_beside_all_others(installed):
+def test_documented_temporal_concealer_is_evaluated_with_all_others(installed):
     words = ["evaluate", "clip.swz", "--reference", "frames", "--loss", "bernoulli:0.5", "--views", "1", "--json"]
     done = run_with(installed / "site", installed, *words)
     assert done.returncode == 0, done.stderr

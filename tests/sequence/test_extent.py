@@ -25,7 +25,7 @@ def cloud(count: int, shift: float, size: float) -> Splats:
     )
 
 
-def test_union_of_two_balls_is_the_smallest_enclosing_ball():
+def test_union_of_two_spheres_is_the_smallest_enclosing_sphere():
     rng = np.random.default_rng(5)
     for _ in range(50):
         one, other = (BoundingSphere(rng.normal(size=3), float(rng.uniform(0.1, 2))) for _ in range(2))
@@ -36,7 +36,7 @@ def test_union_of_two_balls_is_the_smallest_enclosing_ball():
         assert both.radius <= max(one.radius, other.radius, (apart + one.radius + other.radius) / 2) + 1e-9
 
 
-def test_far_and_faint_gaussians_do_not_extend_the_ball():
+def test_far_and_faint_gaussians_do_not_extend_the_sphere():
     splats = cloud(1000, 0.0, 1.0)
     alone = bounding_sphere(splats)
     splats.means[0] = 1000.0

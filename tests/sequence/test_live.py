@@ -60,7 +60,7 @@ def test_live_frames_without_loss_equal_the_offline_clip(frames):
     assert max(late[GROUP:]) < GROUP / FRAME_RATE  # shown before the next group arrives
 
 
-def test_every_frame_is_shown_once_and_lost_bases_are_retransmitted(frames):
+def test_every_frame_is_output_once_and_lost_keyframe_packets_are_retransmitted(frames):
     frames = [*frames, *reversed(frames)]
     watched, stream = LivePath(frames, GROUP, loss=0.2).run()
     whole = list(decode_frames(decode_stream(stream).scene))
@@ -153,7 +153,7 @@ def _held() -> tracemalloc.Snapshot:
     return tracemalloc.take_snapshot().filter_traces([tracemalloc.Filter(True, ours)])
 
 
-def test_slow_path_drops_motion_and_never_bases(frames):
+def test_slow_path_drops_motion_packets_and_no_keyframe_packets(frames):
     path = LivePath(frames, GROUP, rate=60_000.0)
     watched, stream = path.run()
     assert [frame.number for frame in watched.frames][-1] == len(frames) - 1
@@ -226,7 +226,7 @@ def test_decoder_refuses_a_manifest_that_contradicts_earlier_ones(frames):
         list(decoder.grow(other, side_info))
 
 
-def test_editions_with_a_wrong_packet_count_are_refused(frames):
+def test_stream_updates_with_a_wrong_packet_count_are_refused(frames):
     encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
     packets = [packet for splats in frames[:GROUP] for packet in encoder.push(splats)]
     with pytest.raises(InvalidValueError, match="packets, and the manifest says"):

@@ -102,7 +102,7 @@ def test_concealed_scene_keeps_its_loss_mask(zoo: Path, tmp_path: Path) -> None:
     assert scene_digest(splatwire.open_scene(tmp_path / "seen").elements) == scene_digest(scene.elements)
 
 
-def test_saved_file_omits_lost_gaussians_and_says_so(
+def test_saved_file_omits_lost_gaussians_with_a_warning(
     zoo: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     found = read_scene_file(zoo / "lossy splats")
@@ -112,7 +112,7 @@ def test_saved_file_omits_lost_gaussians_and_says_so(
 
 
 @pytest.mark.parametrize("name", ["seen.ply", "seen.spz"])
-def test_a_loss_mask_without_a_place_is_named(
+def test_loss_mask_that_a_format_cannot_store_gives_a_warning(
     name: str, zoo: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     found = read_scene_file(zoo / "lossy splats")

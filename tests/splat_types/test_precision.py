@@ -34,7 +34,7 @@ def test_float64_positions_far_from_zero_are_refused_with_the_way_to_an_origin()
         Frame.of(replace(splats, means=means))
 
 
-def test_the_way_that_the_error_names_keeps_them_exactly() -> None:
+def test_conversion_that_the_error_suggests_keeps_positions_exactly() -> None:
     means = far_means()
     origin = tuple(np.median(means, axis=0).round().tolist())
     near = replace(some_splats(20, 0), means=(means - origin).astype(np.float32))

@@ -206,7 +206,7 @@ def test_unanswered_opening_expires():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
-def test_three_greedy_clients_leave_room_for_others(seed: int):
+def test_three_clients_with_many_requests_leave_slots_for_others(seed: int):
     """Random greetings, replays, feedback and closes from 600 ports of three machines, for two minutes."""
     rng, serving, said = random.Random(seed), server(), list[tuple[Address, bytes]]()
     hosts = ("192.0.2.1", "192.0.2.2", "2001:db8::1")

@@ -194,7 +194,7 @@ def test_unvalidated_address_gets_one_small_answer():
     assert server.poll(9.0) == [], "nothing is sent before the client reports"
 
 
-def test_silent_client_expires_and_greedy_client_is_limited():
+def test_silent_client_expires_and_bytes_per_client_are_limited():
     rng = random.Random(4)
     server = Server({"scene": PROGRAM}, secret=SECRET, random=rng.randbytes, limits=ServerLimits(fixed_rate=1e9))
     receiver = Receiver(rng.getrandbits(64), 0.0)

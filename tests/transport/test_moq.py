@@ -226,7 +226,7 @@ def test_transfer_resumes_after_an_outage_of_the_relay(monkeypatch):
     assert all(event.kept for event in events if isinstance(event, Resumed))
 
 
-def test_transfer_begins_anew_with_another_stream_of_the_relay(monkeypatch):
+def test_transfer_restarts_with_another_stream_of_the_relay(monkeypatch):
     other = encode_levels(SplatScene(some_splats(2000)), Packetization(block_size=60, lanes=2))
     sessions = [FailingRelay(truth(LEVELS), left=[4]), FailingRelay(truth(other), left=[999])]
     receiver, events = relayed(monkeypatch, sessions, QUICK)
@@ -235,7 +235,7 @@ def test_transfer_begins_anew_with_another_stream_of_the_relay(monkeypatch):
     assert [event.kept for event in events if isinstance(event, Resumed)] == [False]
 
 
-def test_relay_that_stays_away_ends_the_transfer_with_what_arrived(monkeypatch):
+def test_unreturning_relay_ends_the_transfer_with_the_received_packets(monkeypatch):
     options = ReceiverOptions(silence_s=0.2, reconnect_s=1.0)
     receiver, _ = relayed(monkeypatch, [FailingRelay(truth(LEVELS), left=[4])], options)
     assert receiver.finished.reason == "no session with the relay"
@@ -246,6 +246,6 @@ def test_relay_that_stays_away_ends_the_transfer_with_what_arrived(monkeypatch):
     assert not any(isinstance(event, Interrupted) for event in events)
 
 
-def test_relay_that_is_not_there_is_an_error_at_once(monkeypatch):
+def test_unreachable_relay_is_an_error_at_once(monkeypatch):
     with pytest.raises(InvalidValueError, match="no session"):
         relayed(monkeypatch, [None], QUICK)

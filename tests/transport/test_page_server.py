@@ -86,7 +86,7 @@ def test_half_open_requests_of_one_address_block_no_other_client(said: bytes):
     run(work())
 
 
-def test_waiting_requests_are_bounded_and_the_greediest_network_yields():
+def test_incomplete_requests_are_limited_at_the_expense_of_the_largest_network():
     limits = replace(PATIENT, waiting=8)
 
     async def work() -> None:

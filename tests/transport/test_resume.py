@@ -204,7 +204,7 @@ def test_transfer_survives_many_outages_and_address_changes():
     assert receiver.stream() == STREAM
 
 
-def test_a_path_that_carries_only_small_datagrams_is_named():
+def test_path_that_passes_only_small_datagrams_gives_a_message():
     path = Path(serving(), most_bytes=1100)
     receiver = path.run(Receiver(5, 0.0, ReceiverOptions()))
     assert "MTU" in receiver.finished.reason  # not even a greeting arrives

@@ -211,7 +211,7 @@ def test_transfer_fills_a_link_without_flooding_it():
         assert sum(useful) / len(useful) > 0.7 * (1 - loss) * 1.25e6
 
 
-def test_an_unreachable_server_is_given_up():
+def test_unreachable_server_ends_the_transfer():
     result = transfer(PROGRAM, up=Link(lambda: True))
     assert not result.receiver.finished.ok
     assert "no answer" in result.receiver.finished.reason
@@ -244,7 +244,7 @@ def test_bursts_leave_packets_of_every_block():
         assert blocks == set(range(20))
 
 
-def test_head_is_interleaved_with_a_share_of_the_packets():
+def test_init_segment_is_interleaved_with_a_share_of_the_packets():
     def packets_before_its_end(lead: float) -> float:
         schedule = make_served_stream(STREAM, Protection(side_lead=lead)).schedule
         last = max(n for n, item in enumerate(schedule) if item[0] == SIDE)
@@ -296,7 +296,7 @@ def test_parity_for_absent_tiers_is_refused():
         make_served_stream(STREAM, Protection(tier_repair=(0.4, 0.1)))
 
 
-def test_packets_in_the_head_object_are_protected_with_it():
+def test_packets_bundled_in_the_init_segment_are_protected_with_it():
     """Packets of the head are never sent separately, not even with retransmission of all missing packets."""
     stream = tiered_stream()
     protection = Protection(head_share=23 / 227, tier_repair=(0.0, 0.1))
@@ -320,7 +320,7 @@ def test_packets_in_the_head_object_are_protected_with_it():
     assert everything.receiver.stream() == stream
 
 
-def test_head_object_with_unannounced_packets_ends_the_transfer():
+def test_init_segment_with_undeclared_packets_ends_the_transfer():
     stream = tiered_stream()
     program = make_served_stream(stream, Protection(head_share=0.1))
     for wrong in (program.bundled - 1, program.bundled + 1, 0):
@@ -368,7 +368,7 @@ def test_one_address_cannot_hold_all_sessions():
     assert server.num_transfers == 0
 
 
-def test_head_retransmission_sends_new_symbols():
+def test_retransmission_of_the_init_segment_sends_new_symbols():
     """New symbols are useful to every client, whereas repeated ones would mostly be duplicates."""
     program = make_served_stream(STREAM, Protection(side_repair=0.1))
     run = ServerTransfer(program, 7, ServerLimits(fixed_rate=1e9), 0.0)

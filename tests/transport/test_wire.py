@@ -118,7 +118,7 @@ def test_welcome_contains_the_preview_length():
             wire.decode(bad + zlib.crc32(bad).to_bytes(4, "little"))
 
 
-def test_greeting_is_as_large_as_any_answer():
+def test_first_client_datagram_is_at_least_as_large_as_any_answer():
     assert len(wire.encode(Hello(1, ""))) == wire.MAX_DATAGRAM
     assert len(wire.encode(Challenge(1, bytes(16)))) < 40
 

@@ -325,7 +325,7 @@ def test_packed_page_contains_the_stream_and_blocks_other_requests(stream: Scene
         pack_stream(encode_scene(tiny_scene(seed=2, num_anchors=100), Packetization()), "")
 
 
-def test_noise_gets_no_answer(programs: dict[str, ServedStream]) -> None:
+def test_malformed_requests_get_no_response(programs: dict[str, ServedStream]) -> None:
     async def work() -> None:
         async with PageServer(PageContent(programs)) as page:
             reader, writer = await asyncio.open_connection("127.0.0.1", page.port)

@@ -66,7 +66,7 @@ def test_a_clip_is_played_paused_and_sought_from_a_program(clip: str) -> None:
         page.wait_for(f"{ELEMENT}.paused", 60)
 
 
-def test_a_still_has_no_duration_and_does_not_play(still: str) -> None:
+def test_static_scene_has_no_duration_and_does_not_play(still: str) -> None:
     with browser() as page:
         opened(page, still)
         page.evaluate(f"{ELEMENT}.play(); {ELEMENT}.currentTime = 1")

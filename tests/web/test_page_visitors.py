@@ -194,7 +194,7 @@ def test_double_click_sets_the_orbit_target(scene: str) -> None:
         page.wait_for(f"String([{orbit}.distance, ...{target}]) === '{','.join(map(str, before))}'")
 
 
-def test_closed_laboratory_does_not_cover_the_scene(scene: str) -> None:
+def test_closed_settings_panel_does_not_cover_the_scene(scene: str) -> None:
     """Only a bar at the bottom covers the scene; one button opens and closes the laboratory."""
     tops = f"[...{ROOT}.querySelectorAll('.panel > *')].filter((one) => one.getClientRects().length && \
 getComputedStyle(one).visibility === 'visible').map((one) => one.getBoundingClientRect().top)"

@@ -94,7 +94,7 @@ def test_coarser_precision_classes_cost_fewer_bytes() -> None:
     assert coarse.num_bytes < 0.8 * encode_splats(splats, SMALL, classes=np.zeros(500, int)).num_bytes
 
 
-def test_packets_decode_alone_as_together(stream: SceneStream) -> None:
+def test_packets_decode_to_the_same_integers_alone_and_together(stream: SceneStream) -> None:
     groups, packets = arrange(stream.manifest.plan, stream.packets)
     sizes = np.diff(groups.starts).tolist()
     for block in range(stream.manifest.plan.num_blocks):
@@ -200,7 +200,7 @@ def test_tiers_have_blocks_of_their_own() -> None:
     assert float(decode_splats(stream)[0].opacities[~known].max()) < 0.5
 
 
-def test_threads_change_nothing() -> None:
+def test_stream_does_not_depend_on_the_number_of_threads() -> None:
     one, two = (encode_splats(some_splats(), DATAGRAM, threads=threads) for threads in (1, 2))
     assert one == two
 

@@ -6,7 +6,7 @@ from splatwire.errors import InvalidValueError
 
 
 @pytest.mark.parametrize("name", QUALITIES)
-def test_names_are_numbers(name):
+def test_quality_names_equal_their_quality_numbers(name):
     assert quality_of(NUMBERS[name]) == quality_of(name)
     assert quality_of(int(NUMBERS[name])) == quality_of(name)
 

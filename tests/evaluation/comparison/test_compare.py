@@ -42,7 +42,7 @@ def folder(tmp_path_factory):
     return target
 
 
-def test_figures_equal_those_of_reading_rendering_and_measuring_by_hand(folder):
+def test_scores_equal_those_of_separate_reading_rendering_and_metrics(folder):
     files = [folder / name for name in ("source.ply", "stream.swz", "small.spz")]
     comparison = compare_files(files, views=3)
     cameras = held_out_cameras(open_scene(files[0])).select([0, 7, 14])
@@ -144,7 +144,7 @@ def test_origin_counts_for_the_position_of_a_scene(folder):
         at[0].check(SplatScene(splats, origin=(5e5, 5e6, 0.0)), folder)
 
 
-def test_one_file_or_no_view_is_nothing_to_compare(folder):
+def test_fewer_than_two_files_or_no_view_is_an_error(folder):
     with pytest.raises(InvalidValueError, match="two files"):
         compare_files([folder / "source.ply"])
     with pytest.raises(InvalidValueError, match="at least 1 view"):

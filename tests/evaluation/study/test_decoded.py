@@ -106,7 +106,7 @@ def test_pictures_belong_to_views_by_name_or_by_number(folder, tmp_path):
     assert named.num_bytes == 99
 
 
-def test_rows_of_other_codecs_stand_beside_rows_that_are_encoded_here(folder, tmp_path):
+def test_rows_of_other_codecs_are_listed_with_encoded_rows(folder, tmp_path):
     own = '\n[[row]]\nkey = "own"\nlabel = "own"\npreset = "datagram"\nlossless = true\n'
     result, store = results(folder, tmp_path, own, row("fine", folder / "fine.ply"), row("named", folder / "named", 7))
     sizes = {s.row.key: s.num_bytes for s in summarize(result)}

@@ -73,7 +73,7 @@ def test_methods_share_loss_masks(done):
     assert masks[("drop", 0)] == masks[("idw", 0)] == masks[("contiguous", 0)] != masks[("drop", 3)]
 
 
-def test_nothing_is_computed_twice(done, study):
+def test_finished_tasks_are_not_computed_again(done, study):
     store, first = done
     again = run_study(study, store, InProcess(), silent)
     assert (again.num_computed, again.num_reused) == (0, first.num_computed)

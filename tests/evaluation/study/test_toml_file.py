@@ -109,7 +109,7 @@ def test_tables_of_the_paper_are_included():
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_published_lpips_stands_beside_the_variant_that_was_published(path, tiny_folder):
+def test_published_lpips_is_compared_with_the_same_variant(path, tiny_folder):
     """Publications of 3DGS codecs measure LPIPS of pictures in [0, 1], which `lpips` scales first."""
     study = load_study(path, replaced=load_study(tiny_folder / "protocol.toml").scenes[0])
     published = {metric for entry in study.published for metric in entry.values if "lpips" in metric}

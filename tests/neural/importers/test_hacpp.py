@@ -324,7 +324,7 @@ def test_official_anchors_are_exact_multiples_of_steps(name):
 
 
 @pytest.mark.data
-def test_the_largest_official_model_is_read_whole():
+def test_largest_official_model_is_read_completely():
     if not (DATA / "bonsai_30k").exists():
         pytest.skip(f"no official model under {DATA} (set SPLATWIRE_DATA)")
     scene = import_hacpp(DATA / "bonsai_30k")

@@ -26,7 +26,7 @@ def going_on(config: TrainConfig) -> TrainConfig:
     return dataclasses.replace(config, marks=marks, averaged=4, losses=loss_training(("bernoulli:0.3",)))
 
 
-def test_settled_state_equals_its_exported_scene(dataset: Dataset, config: TrainConfig) -> None:
+def test_state_at_the_start_of_fine_tuning_equals_its_exported_scene(dataset: Dataset, config: TrainConfig) -> None:
     config = going_on(config)
     state = initial_state(dataset, config)
     for value in (0.0, 0.1):

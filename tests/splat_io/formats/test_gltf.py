@@ -322,7 +322,9 @@ def test_other_kernels_and_colour_spaces_are_reported(tmp_path: Path, caplog: py
         ({"nodes": [{"mesh": 0}, {"mesh": -1}]}, "there is no mesh -1"),
     ],
 )
-def test_documents_that_need_more_than_is_read_are_refused(change: dict[str, Any], reason: str, tmp_path: Path) -> None:
+def test_documents_that_require_unsupported_extensions_are_refused(
+    change: dict[str, Any], reason: str, tmp_path: Path
+) -> None:
     with pytest.raises(DatasetError, match=reason):
         read_splats(write(tmp_path / "a.glb", glb(some_splats(30, 0), change)))
 
@@ -333,7 +335,7 @@ def test_extensions_of_materials_may_be_required(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("change", [{"mode": 4}, {"indices": 0}, {"targets": [{"POSITION": 0}]}])
-def test_parts_of_a_primitive_that_are_not_read_are_named(
+def test_unsupported_parts_of_a_primitive_give_a_warning(
     change: dict[str, Any], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     document, binary = document_of(glb(some_splats(30, 0)))
@@ -342,7 +344,7 @@ def test_parts_of_a_primitive_that_are_not_read_are_named(
     assert f"{next(iter(change))} of a primitive of Gaussians are left out" in caplog.text
 
 
-def test_projections_orders_and_skins_that_are_not_read_are_named(
+def test_unsupported_projections_orders_and_skins_give_a_warning(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     document, binary = document_of(glb(some_splats(30, 0), {"nodes": [{"mesh": 0, "skin": 0}]}))
@@ -359,7 +361,7 @@ def test_hidden_nodes_and_their_children_are_left_out(tmp_path: Path, caplog: py
     assert "node 0 and those below it are hidden by KHR_node_visibility" in caplog.text
 
 
-def test_opacities_that_may_be_logits_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_opacities_that_may_be_logits_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     splats = some_splats(20, 0)
     opened(glb(splats), tmp_path / "a.glb")
     assert not caplog.messages
@@ -371,7 +373,7 @@ def test_opacities_that_may_be_logits_are_named(tmp_path: Path, caplog: pytest.L
     assert f"b.glb: {outside} of 20 opacities are outside of 0 to 1, so they may be logits" in caplog.text
 
 
-def test_extras_that_may_place_the_scene_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_unapplied_placement_extras_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     asset = {"version": "2.0", "extras": {"title": "scale 3", "unit": "cm"}}
     opened(glb(some_splats(20, 0), {"asset": asset}), tmp_path / "a.glb")
     assert "field 'unit: cm' may be the unit of the positions: it is left out" in caplog.text

@@ -129,7 +129,7 @@ def test_impossible_coordinates_and_origins_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("stated", [UTM, ECEF, (0.0, 0.0, 0.0)])
 @pytest.mark.parametrize("near", [NO_ORIGIN, (4199474.0, -868431.0, 4705921.0)])
-def test_an_origin_that_does_not_fit_the_positions_is_named_and_not_used(
+def test_origin_far_from_the_positions_gives_a_warning_and_is_not_used(
     stated: Origin, near: Origin, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     splats = some_splats(300, 0)
@@ -145,7 +145,9 @@ def test_an_origin_that_does_not_fit_the_positions_is_named_and_not_used(
     assert fits or "origin (" in caplog.text
 
 
-def test_an_offset_on_positions_that_are_far_already_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_offset_of_positions_already_far_from_zero_gives_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     splats = some_splats(300, 0)
     far = replace(splats, means=splats.means + np.float32([4000.0, 2500.0, 100.0]))
     write_splats([far], tmp_path / "a.compressed.ply", origin=UTM)
@@ -163,7 +165,7 @@ def test_coordinates_beyond_any_map_are_refused(kind: str, tmp_path: Path) -> No
 
 @pytest.mark.parametrize("form", ["ply", "splat"])
 @pytest.mark.parametrize(("near", "named"), [((4000.0, 2500.0, 100.0), False), (UTM, True)])
-def test_positions_that_a_program_rounded_visibly_are_named(
+def test_visibly_rounded_positions_give_a_warning(
     form: str, near: tuple[float, float, float], named: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     splats, path = some_splats(500, 0), tmp_path / f"a.{form}"
@@ -202,9 +204,7 @@ def test_text_coordinates_with_more_digits_than_float_keep_them(
     assert read_content(text_ply(splats, ".6f", np.zeros(3), tmp_path / "b.ply")).origin == NO_ORIGIN
 
 
-def test_text_coordinates_that_were_rounded_by_their_program_are_named(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_rounded_text_coordinates_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     splats = some_splats(300, 0)
     splats.scales[:] = 0.01
     read_content(text_ply(splats, ".6g", np.array(UTM), tmp_path / "a.ply"))

@@ -122,7 +122,7 @@ def test_file_and_name_of_a_format_that_is_not_installed_are_refused(folder, tmp
 
 
 @pytest.mark.parametrize("content", [HEAD + b"\0" * 9, b"TOY text\n", b'{"toy": 1}'])
-def test_recognised_file_is_read_and_others_stay_what_they_are(register, tmp_path, content):
+def test_recognised_file_is_read_and_other_formats_are_unaffected(register, tmp_path, content):
     register(toy(recognises=lambda head, suffix: head.startswith(content[:4])))
     (tmp_path / "a.bin").write_bytes(content)
     assert file_kind(tmp_path / "a.bin").key == splats_kind(tmp_path / "a.bin") == "toy"
@@ -146,7 +146,7 @@ def test_written_file_appears_when_it_is_complete(register, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_facts_that_a_format_does_not_keep_are_named(register, tmp_path, caplog):
+def test_scene_properties_that_a_format_cannot_store_give_a_warning(register, tmp_path, caplog):
     kept = []
 
     def write(parts, path, **facts):
@@ -192,7 +192,7 @@ def test_reader_that_returns_something_else_is_one_sentence(register, tmp_path):
         read_content(tmp_path / "a.bin")
 
 
-def test_look_at_a_file_that_fails_is_a_warning(register, tmp_path, caplog):
+def test_detector_that_raises_gives_a_warning(register, tmp_path, caplog):
     (tmp_path / "a.bin").write_bytes(HEAD)
     register(toy(recognises=lambda head, suffix: 1 / 0))
     with caplog.at_level(logging.WARNING):
@@ -212,7 +212,7 @@ def test_format_of_other_scenes_takes_only_those(register, tmp_path):
         open_scene(tmp_path / "b.bin")
 
 
-def test_unknown_end_of_a_name_lists_all(register):
+def test_error_of_an_unknown_suffix_lists_all_suffixes(register):
     register(toy(name="listed"))
     with pytest.raises(UnknownNameError, match=r"known are compressed\.ply, glb, listed, ply, sog, splat, spz"):
         format_for("a.stl")

@@ -54,7 +54,7 @@ def test_other_comments_do_not_enable_antialiasing(comment: str, tmp_path: Path)
     assert not read_content(path).antialiased
 
 
-def test_the_last_comment_counts() -> None:
+def test_last_antialiasing_comment_applies() -> None:
     assert states_antialiasing(["antialiased 0", "SplatRenderMode: mip"])
     assert not states_antialiasing(["SplatRenderMode: mip", "antialiased 0"])
 
@@ -105,7 +105,7 @@ def test_filters_of_tiny_gaussians_are_applied_and_invalid_ones_refused(tmp_path
     "name",
     ["filter_3D_0", "filter_2D", "mip_filter", "antialias", "smoothing", "trbf_center", "motion_0", "t", "deleted"],
 )
-def test_columns_that_may_change_gaussians_are_named(
+def test_unsupported_columns_that_may_change_gaussians_give_a_warning(
     name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     splats = some_splats(20, 0)
@@ -121,7 +121,7 @@ def test_columns_that_may_change_gaussians_are_named(
         "mip-splatting with a kernel of 0.1", "rasterize_mode: 2",
     ],
 )  # fmt: skip
-def test_comments_about_antialiasing_that_are_not_understood_are_named(
+def test_unparsable_antialiasing_comments_give_a_warning(
     comment: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     assert not read_content(commented(tmp_path, comment)).antialiased
@@ -152,20 +152,20 @@ def test_a_long_header_is_refused_with_its_limit(tmp_path: Path) -> None:
         ("offset: [451234, 5411876, 118]", "may be a shift of the positions"),
     ],
 )
-def test_comments_with_an_origin_that_is_not_used_are_named(
+def test_unused_origin_comments_give_a_warning(
     comment: str, reason: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     assert read_content(commented(tmp_path, comment)).origin == (0, 0, 0)
     assert f"comment '{comment}' {reason}" in caplog.text
 
 
-def test_origins_that_differ_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_contradictory_origins_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     content = read_content(commented(tmp_path, "splatwire-origin 1 0 0", "splatwire-origin 2 0 0"))
     assert content.origin == (1, 0, 0)
     assert "comment 'splatwire-origin 2 0 0' differs from an earlier one: (1 0 0) is used" in caplog.text
 
 
-def test_a_shift_in_a_compressed_ply_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_shift_comment_in_a_compressed_ply_gives_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = tmp_path / "a.compressed.ply"
     write_splats([some_splats(30, 0)], path)
     comments = b"comment splatwire-offset 1 2\ncomment global_shift 1 2 3\nelement chunk"
@@ -188,7 +188,7 @@ def test_a_shift_in_a_compressed_ply_is_named(tmp_path: Path, caplog: pytest.Log
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("keyword", ["comment", "obj_info"])
-def test_a_shift_under_any_word_is_named(
+def test_shift_comments_of_any_wording_give_a_warning(
     keyword: str, comment: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = commented(tmp_path, comment)
@@ -229,7 +229,7 @@ def test_a_shift_under_any_word_is_named(
         ("up 0.1 0.9 0", "a system of axes"),
     ],
 )
-def test_units_scales_and_axes_that_are_not_applied_are_named(
+def test_unapplied_unit_scale_and_axis_comments_give_a_warning(
     comment: str, meaning: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     read_content(commented(tmp_path, comment))
@@ -287,7 +287,7 @@ def changed(folder: Path, count: int, **columns: np.ndarray | None) -> Path:
 
 @pytest.mark.parametrize("count", [4, 9, 30])
 @pytest.mark.parametrize(("prefix", "word"), [("opacity", "logits"), ("scale_", "logarithms")])
-def test_linear_columns_are_named(
+def test_linear_opacities_and_scales_give_a_warning(
     prefix: str, word: str, count: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     read_content(changed(tmp_path, count))
@@ -299,7 +299,7 @@ def test_linear_columns_are_named(
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_linear_opacities_and_scales_of_very_few_gaussians_are_named(
+def test_linear_values_of_very_few_gaussians_give_a_warning(
     count: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     read_content(changed(tmp_path, count, opacity=np.full(count, 0.9), scale_=np.full(count, 0.05)))
@@ -315,14 +315,14 @@ def test_one_invalid_row_does_not_hide_linear_columns(tmp_path: Path, caplog: py
 
 
 @pytest.mark.parametrize("values", [np.linspace(0, 255, 30), np.arange(30) % 4, np.linspace(0, 100, 30)])
-def test_opacities_of_another_maximum_are_named(
+def test_opacities_with_another_maximum_give_a_warning(
     values: np.ndarray, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     read_content(changed(tmp_path, 30, opacity=values))
     assert "so they may be from 0 to 255 or another maximum; they are read as logits" in caplog.text
 
 
-def test_colours_from_0_to_255_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_colours_from_0_to_255_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     read_content(changed(tmp_path, 30, f_dc_=np.linspace(0, 255, 30)))
     assert "all properties f_dc_* are from 0 to 255, so they may be colours from 0 to 255" in caplog.text
 
@@ -358,7 +358,7 @@ def retyped(folder: Path, **kinds: str) -> Path:
     return path
 
 
-def test_integer_properties_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_integer_properties_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     read_content(retyped(tmp_path, rot_1="uchar", f_dc_0="int"))
     assert "properties f_dc_0, rot_1 are integers, so they may be quantised" in caplog.text
     caplog.clear()
@@ -366,13 +366,13 @@ def test_integer_properties_are_named(tmp_path: Path, caplog: pytest.LogCaptureF
     assert not caplog.messages
 
 
-def test_opacities_of_a_byte_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_byte_opacities_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     read_content(retyped(tmp_path, opacity="uchar"))
     assert "so they may be" in caplog.text
 
 
 @pytest.mark.parametrize(("space", "named"), [(0, False), (1, True)])
-def test_linear_colours_of_sharp_are_named(
+def test_linear_colours_of_sharp_give_a_warning(
     space: int, named: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = changed(tmp_path, 30)
@@ -393,7 +393,7 @@ def without(folder: Path, *prefixes: str, extra: tuple[str, ...] = ()) -> Path:
     return path
 
 
-def test_a_ply_of_2dgs_and_coloured_points_give_the_way(tmp_path: Path) -> None:
+def test_errors_for_2dgs_and_coloured_points_explain_the_conversion(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match=r"2 properties scale_\*, .* those of 2DGS are flat: add a property scale_2"):
         read_content(without(tmp_path, "scale_2"))
     with pytest.raises(DatasetError, match=r"has colours \(red, green, blue\) and no properties f_dc_\*: write f_dc"):
@@ -410,7 +410,7 @@ def test_a_ply_of_2dgs_and_coloured_points_give_the_way(tmp_path: Path) -> None:
         ("other_offset.xyz", "451234 5411876 118", False),
     ],
 )  # fmt: skip
-def test_a_file_beside_a_ply_with_its_shift_is_named(
+def test_file_next_to_a_ply_with_its_shift_gives_a_warning(
     name: str, content: str, named: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = commented(tmp_path)
@@ -423,16 +423,16 @@ def test_a_file_beside_a_ply_with_its_shift_is_named(
 @pytest.mark.parametrize(
     "comment", ["kernel_size 0.1", "2D filter 0.3", "low-pass filter", "eps2d 0.1", "dilation: 0.1", "filter size 0.3"]
 )
-def test_comments_about_filters_are_named(comment: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_filter_comments_give_a_warning(comment: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     assert not read_content(commented(tmp_path, comment)).antialiased
     assert "is not understood: the scene is drawn without antialiasing" in caplog.text
 
 
 @pytest.mark.parametrize(("comment", "expected"), [("aa: true", True), ("aa 1", True), ("AA=0", False)])
-def test_aa_is_short_for_antialiasing(comment: str, expected: bool, tmp_path: Path) -> None:
+def test_comment_aa_means_antialiasing(comment: str, expected: bool, tmp_path: Path) -> None:
     assert read_content(commented(tmp_path, comment)).antialiased is expected
 
 
-def test_integer_positions_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_integer_positions_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     read_content(retyped(tmp_path, x="int", y="int", z="int"))
     assert "properties x, y, z are integers, so they may be quantised" in caplog.text

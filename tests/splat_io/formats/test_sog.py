@@ -190,7 +190,7 @@ def test_chunks_of_different_degrees_keep_their_colours(order: tuple[int, ...], 
         assert not own.sh[:, (degree + 1) ** 2 :].any()
 
 
-def test_missing_environment_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_missing_environment_gives_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     _streamed(tmp_path, {"0_0.sog": 0, "environment/environment.sog": 0}, "environment/environment.sog")
     (tmp_path / "environment" / "environment.sog").unlink()
     assert read_splats(tmp_path).num_gaussians == 40
@@ -224,7 +224,7 @@ def members(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("name", ["means_l.webp", "quats.webp", "shN_labels.webp"])
-def test_lossy_images_are_named(name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_lossy_images_give_a_warning(name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     files = members(tmp_path)
     read_splats(_archive(tmp_path / "a.sog", files))
     assert not caplog.messages
@@ -263,7 +263,7 @@ def test_swapped_bounds_of_positions_are_refused(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("place", ["meta", "extras"])
-def test_fields_that_may_place_the_scene_are_named(
+def test_unapplied_placement_fields_give_a_warning(
     place: str, field: str, value: Any, meaning: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     files = members(tmp_path)

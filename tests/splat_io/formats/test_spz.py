@@ -98,7 +98,7 @@ def test_coordinate_system_after_version_3_columns_is_converted(tmp_path: Path) 
     assert found.means.tolist() == [[1, 2, 3], [-1, -2, -3]]
 
 
-def test_unknown_extensions_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_unknown_extensions_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = write(tmp_path / "a.spz", extended(modern_spz(legacy_spz(3)), (0x12340001, b"abc")))
     with caplog.at_level(logging.WARNING):
         assert every_row(path).num_gaussians == 2
@@ -141,7 +141,7 @@ def test_version_3_extensions_without_sizes_are_ignored(tmp_path: Path, caplog: 
     assert "extensions are left out" in caplog.text
 
 
-def test_unknown_flags_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_unknown_flags_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     data = bytearray(modern_spz(legacy_spz(3)))
     data[14] = 0x10
     with caplog.at_level(logging.WARNING):
