@@ -63,7 +63,7 @@ def drawn_with_anchors(scene: AnchorScene, cameras: Cameras, view: int) -> Spawn
 
 
 def _arguments(scene: AnchorScene, cameras: Cameras, view: int) -> tuple[object, ...]:
-    """Returns the arguments of the kernel `spawn_block` that follow the range of anchors."""
+    """Returns the arguments of the kernel `spawn_block` that are equal for all ranges of anchors."""
     anchors, hints, nothing = to_arrays(scene.anchors), to_arrays(scene.hints), np.empty(0, np.float32)
     fields = (anchors.positions, anchors.features, anchors.scalings, anchors.offsets, anchors.mask)
     gains: tuple[np.ndarray, ...] = (np.empty(0, np.bool_), nothing, nothing)

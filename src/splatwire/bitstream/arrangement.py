@@ -70,7 +70,7 @@ class Run:
 
     @property
     def ranks(self) -> np.ndarray:
-        """Ranks of all elements, int64, packet by packet."""
+        """Ranks (indices in coding order) of all elements, packet by packet, int64."""
         return np.concatenate([np.empty(0, dtype=np.int64), *self.members])
 
     @property

@@ -39,12 +39,12 @@ class PacketGroups(NamedTuple):
 class PacketPlan:
     """Mapping between elements and packets, computed from a few parameters in the manifest.
 
-    The methods of this class identify an element by its rank, the index in coding order. In a stream with importance
-    tiers, they identify it by its place instead, the index after sorting by tier and, within a tier, by rank. All ranks
-    below are then places; `bitstream.tiers.tier_order` converts places to ranks. Names and sizes of packets depend on
-    the plan alone.
+    Elements are identified by their rank: the index in coding order. Streams with importance tiers are an exception:
+    there, elements are sorted by tier and then by rank, and identified by the index in this order, called place. The
+    methods then take and return places where ranks are mentioned; `bitstream.tiers.tier_order` converts places to
+    ranks.
 
-    Construction is cheap: all tables are computed on demand.
+    Names and sizes of packets depend on the plan alone. Construction is cheap: all tables are computed on demand.
 
     Attributes:
         packetization: Parameters of the split into packets.

@@ -341,7 +341,7 @@ def kind_of_format(form: FileFormat) -> Kind:
 
 
 def _claimed(kind: Kind, head: bytes, suffix: str) -> Kind:
-    """Returns the first format of an installed package that recognises a file; only for files of unknown format.
+    """Detects formats of installed packages, for a file whose format is unknown to this package.
 
     Args:
         kind: Result of the built-in detection; returned if it is a known format or no package recognises the file.

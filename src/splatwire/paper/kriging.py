@@ -190,7 +190,9 @@ def regression_inputs(context: ReceivedScene) -> Float64[Tensor, "N P"]:
 def regress(
     inputs: Float64[Tensor, "N P"], values: Float[Tensor, "N D"], exists: Bool[Tensor, "N D"]
 ) -> Float[Tensor, "N D"]:
-    """Fits `values = B inputs` by ridge regression, and returns the fitted values; B is 0 if that predicts better.
+    """Fits `values = B inputs` by ridge regression; returns the fitted values.
+
+    If B = 0 has a smaller estimated prediction error, the fitted values are 0.
 
     Args:
         inputs: Inputs of all anchors, from `regression_inputs`.

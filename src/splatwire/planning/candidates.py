@@ -107,7 +107,9 @@ def largest_head(load: StreamLoad) -> int:
 
 
 def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
-    """Returns the options for the packets that are part of the init segment: none, or those of the first tiers.
+    """Returns the numbers of tiers that the init segment may contain, with their share of all packets.
+
+    The options are no packets, only the first tier, the first two tiers, and so on, up to a limit.
 
     Args:
         counts: Number of packets of each importance tier.

@@ -86,7 +86,7 @@ def code_class(coder, context, value):
 def thinness_of(ratio, thinness):
     """Returns the code of a ratio of scales: the index of the nearest entry of `thinness_table` (companding).
 
-    For an entry of the table, the result is exactly its index.
+    Decoded ratios are entries of the table, and give their index exactly.
 
     Args:
         ratio: Base-2 logarithm of the ratio of the second to the third scale, in fixed point.

@@ -55,7 +55,7 @@ class Quality:
         return min(self.classes, _SHADED_CLASSES) if degree else self.classes
 
     def bases(self, degree: int) -> np.ndarray:
-        """Returns `-log2` of the quantisation steps of the lowest precision class, for each quantity in `STEPS`.
+        """Returns the quantisation steps of the lowest precision class, as `-log2`, one per attribute in `STEPS`.
 
         Args:
             degree: Degree of the scene's spherical harmonics.

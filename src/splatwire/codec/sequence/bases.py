@@ -47,7 +47,7 @@ class CodedBases:
 
 
 def span_size(count: int, block_size: int) -> int:
-    """Returns the block size for a division into the fewest blocks, all of nearly equal size.
+    """Returns the size of blocks of nearly equal size, as few as possible, into which elements are divided.
 
     Args:
         count: Number of elements, at least one.

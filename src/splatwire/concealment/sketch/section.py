@@ -6,11 +6,11 @@ the basis are the basis vectors of a decorrelating transform, scaled so that equ
 rendered images equally. The offsets are `offset_step * integers`; the offset mask is coded explicitly. Basis and offset
 step halve from level to level.
 
-Layout: version, number of levels, columns C and offsets per anchor, `u8`; anchors and sketched anchors, `u32`; offset
-step, exponent and maximum excess of the size gain, factor on the correction by the scene-free network (trust), `f32`;
-as `f16` the mean of the D channels and a scale for each column; the scale index of each column, and the columns of the
-basis, integers of at most 7 bits, entropy-coded with a zero-mean normal distribution of that scale. The rest of the
-section is the output of the range coder.
+Layout of the section: version, number of levels, columns C and offsets per anchor, `u8`; anchors and sketched anchors,
+`u32`; offset step, exponent and maximum excess of the size gain, factor on the correction by the scene-free network
+(trust), `f32`; as `f16` the mean of the D channels and a scale for each column; the scale index of each column, and the
+columns of the basis, integers of at most 7 bits, entropy-coded with a zero-mean normal distribution of that scale. The
+rest of the section is the output of the range coder.
 
 For each anchor in coding order: a bit "sketched" (has a copy), and the precision level in unary. The context is the
 bucket of the prior's size and the number of sketched anchors among the previous four, at most 3. For each sketched

@@ -119,7 +119,7 @@ class CalibrationRun:
         return sum(trained) / len(trained)
 
     def step(self) -> float:
-        """Performs one step of Adam on a batch of lost anchors of a random pseudo-loss; returns the training loss.
+        """Performs one step of Adam on a batch of lost anchors, for a random simulated loss; returns the training loss.
 
         Raises:
             DivergedError: If the loss is not finite.

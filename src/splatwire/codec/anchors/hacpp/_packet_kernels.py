@@ -232,7 +232,8 @@ def anchor_bits(
 def cut(masks, bits, mask_model, budget, counts):
     """Divides consecutive anchors into packets of limited size.
 
-    Each packet has separate adaptive mask models, so the code length of a mask depends on the start of its packet.
+    The adaptive models of mask bits start anew in each packet, so the code length of a mask depends on the packet's
+    first anchor.
 
     Args:
         masks: Offset masks of the anchors, uint8 (n, K).
