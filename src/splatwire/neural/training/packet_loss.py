@@ -52,7 +52,7 @@ class Loss:
     size_gain: Float[Tensor, "N"]
 
     def drawn(self, visible: Int64[Tensor, "M"], seen: Seen) -> tuple[Int64[Tensor, "m"], Seen, Float[Tensor, "m"]]:
-        """Returns the visible anchors that were received: indices, attributes with masks, factors on Gaussian sizes.
+        """Selects the visible anchors that were received: indices, attributes, and factors on Gaussian sizes.
 
         Args:
             visible: Indices of the visible anchors.

@@ -204,7 +204,7 @@ def _causal(config: TrainConfig) -> TrainConfig:
 
 
 def _with_fine_tuning(config: TrainConfig) -> TrainConfig:
-    """Returns a configuration with fine-tuning iterations at its end, which simulate packet loss."""
+    """Appends fine-tuning iterations to a configuration that simulates packet loss; returns others unchanged."""
     if not (config.losses.models or config.losses.first):
         return config
     marks, more = config.marks, round(TUNING_SHARE * config.marks.iterations)

@@ -122,7 +122,7 @@ def _header(info: SideInfo) -> bytes:
 
 
 def _read_header(data: bytes, places: SharedPlaces) -> SideInfo:
-    """Parses the header of the side information; networks and named sections stay empty."""
+    """Parses the header of the side information; the result has no networks and named sections yet."""
     reader = ByteReader(data, "side information header")
     version = reader.u8()
     if version != VERSION:

@@ -232,8 +232,8 @@ def anchor_bits(
 def cut(masks, bits, mask_model, budget, counts):
     """Divides consecutive anchors into packets of limited size.
 
-    The adaptive models of mask bits start anew in each packet, so the code length of a mask depends on the packet's
-    first anchor.
+    Each packet begins with the same models of mask bits and adapts them, so the code length of a mask depends on the
+    anchors before it in the packet.
 
     Args:
         masks: Offset masks of the anchors, uint8 (n, K).
