@@ -15,8 +15,8 @@ from scenes import tiny_cameras
 from splatwire.cli._parsing import settings_of
 from splatwire.cli._verbs import VERBS
 from splatwire.data import save_cameras
+from splatwire.files.atomic_write import atomic_output
 from splatwire.files.scene_formats import FORMATS
-from splatwire.files.whole import written_whole
 
 
 def assert_complains(outcome, *words):
@@ -91,7 +91,7 @@ def test_full_disk_leaves_no_partial_picture(run, journey, tmp_path, monkeypatch
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_interrupted_export_leaves_no_file(run, journey, tmp_path, monkeypatch, number, status):
     def slow(parts, path, **facts):
-        with written_whole(path) as unfinished:
+        with atomic_output(path) as unfinished:
             unfinished.write_bytes(b"half")
             os.kill(os.getpid(), number)
             time.sleep(60)

@@ -9,7 +9,7 @@ from urllib.parse import quote
 import pytest
 
 from explicit import encode_splats
-from splatwire.files.whole import write_whole
+from splatwire.files.atomic_write import atomic_write
 from splatwire.transport.http.publish import PublishedScene, published_files
 from transport.chromium import browser, executable
 from web.pictures import ELEMENT
@@ -34,7 +34,7 @@ def test_pages_draw_complete_and_verified_scenes_from_files_alone(tmp_path: Path
     stream = encode_splats(ball(), SMALL)
     files = published_files({"first": PublishedScene(stream), "a room": PublishedScene(stream)})
     for path, data in files.items():
-        write_whole(tmp_path / folder / path, data, parents=True)
+        atomic_write(tmp_path / folder / path, data, parents=True)
     REQUESTS.clear()
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(Handler, directory=str(tmp_path))) as server:
         thread = threading.Thread(target=server.serve_forever)

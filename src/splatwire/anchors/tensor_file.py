@@ -10,9 +10,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from splatwire.errors import BitstreamError, UnsupportedVersionError
-from splatwire.files.capped import open_regular
+from splatwire.files.atomic_write import atomic_output
 from splatwire.files.kinds import is_not
-from splatwire.files.whole import written_whole
+from splatwire.files.read_limited import open_regular
 from splatwire.ops.arrays import to_numpy
 
 
@@ -30,7 +30,7 @@ def write_tensors(tensors: Mapping[str, Any], header: dict[str, Any], path: Path
         OSError: If the file cannot be written.
     """
     plain = {name: np.ascontiguousarray(to_numpy(value)) for name, value in tensors.items()}
-    with written_whole(path) as unfinished:
+    with atomic_output(path) as unfinished:
         unfinished.touch()
         permissions = unfinished.stat().st_mode & 0o777
         try:

@@ -25,10 +25,10 @@ from splatwire.bitstream.manifest import manifest_from_bytes, manifest_to_bytes
 from splatwire.bitstream.packet_id import PacketId
 from splatwire.bitstream.scene_stream import FILE_MAGIC, SceneStream
 from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError, check_kind
-from splatwire.files.capped import open_regular, read_at_most, read_capped
+from splatwire.files.atomic_write import atomic_output
 from splatwire.files.kinds import NOTHING, STREAM, STREAM_GLB, STREAMS, file_kind, is_not, opened
 from splatwire.files.names import path_of
-from splatwire.files.whole import written_whole
+from splatwire.files.read_limited import open_regular, read_at_most, read_limited
 
 FILE_SUFFIX = ".swz"
 MANIFEST_NAME = "manifest.json"
@@ -54,7 +54,7 @@ def write_stream(stream: SceneStream, path: str | os.PathLike[str]) -> None:
     target = path_of(path, "a stream").resolve()
     is_file = target.suffix.lower() == FILE_SUFFIX
     _check_replaceable(target, is_file)
-    with written_whole(target) as new:
+    with atomic_output(target) as new:
         if is_file:
             new.write_bytes(stream_to_bytes(stream))
         else:
@@ -153,7 +153,7 @@ def _read_directory(folder: Path) -> tuple[SceneStream, ReadReport]:
             raise MissingSideInfoError(f"{folder / MANIFEST_NAME} is missing")
         raise BitstreamError(is_not(folder, "a splatwire stream", f"it has no {MANIFEST_NAME}"))
     path = folder / MANIFEST_NAME
-    manifest = manifest_from_bytes(read_capped(path, MAX_MANIFEST_BYTES, BitstreamError), str(path))
+    manifest = manifest_from_bytes(read_limited(path, MAX_MANIFEST_BYTES, BitstreamError), str(path))
     path = folder / SIDE_INFO_NAME
     if SIDE_INFO_NAME not in names:
         raise MissingSideInfoError(f"{path} is missing")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from splatwire.errors import InvalidValueError
-from splatwire.files.capped import read_capped
+from splatwire.files.read_limited import read_limited
 
 OPTION = "config"
 """Name of the option with the path of the configuration file."""
@@ -90,7 +90,7 @@ def _names(settings: type) -> Iterator[str]:
 
 def _content(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(read_capped(path, MAX_BYTES, InvalidValueError).decode())
+        return tomllib.loads(read_limited(path, MAX_BYTES, InvalidValueError).decode())
     except OSError as error:
         raise InvalidValueError(f"--{OPTION} {path}: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:

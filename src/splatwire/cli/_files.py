@@ -11,8 +11,8 @@ from typing import Any
 from splatwire.bitstream import ReadReport, is_stream
 from splatwire.bitstream.stream import FILE_SUFFIX
 from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.files.atomic_write import atomic_output, check_writable
 from splatwire.files.kinds import EMPTY, TEXT, UNKNOWN, kind_of_bytes, opened
-from splatwire.files.whole import check_writable, written_whole
 
 STANDARD = "-"
 _FORMATS = {
@@ -138,7 +138,7 @@ def output_folder(name: str) -> Iterator[Path]:
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise InvalidValueError(f"{target} is there already and not empty: frames go into a new folder")
     check_folder(target)
-    with written_whole(target) as made:
+    with atomic_output(target) as made:
         made.mkdir()
         yield made
 

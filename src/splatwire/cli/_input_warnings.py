@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from splatwire.cli._terminal import one_line
-from splatwire.files.whole import with_final_names
+from splatwire.files.atomic_write import with_final_names
 
 DAMAGED = 3
 """Exit status of a verb whose input is damaged."""

@@ -9,7 +9,7 @@ from splatwire.cli._files import input_path, output_path, stream_name
 from splatwire.cli._output import print_json, print_summary
 from splatwire.cli.pack import Pack
 from splatwire.errors import InvalidValueError
-from splatwire.files.whole import written_whole
+from splatwire.files.atomic_write import atomic_output
 from splatwire.transport.http.pack import pack_streams
 
 
@@ -42,7 +42,7 @@ def _page_writer(streams: dict[str, SceneStream]) -> Callable[[Path], None]:
     data = pack_streams(streams)
 
     def write(target: Path) -> None:
-        with written_whole(target) as new:
+        with atomic_output(target) as new:
             new.write_bytes(data)
 
     return write

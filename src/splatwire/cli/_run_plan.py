@@ -14,7 +14,7 @@ from splatwire.cli._output import print_json, progress_bars, refuse_options
 from splatwire.cli.plan import PlanCommand
 from splatwire.data import open_dataset
 from splatwire.errors import InvalidValueError
-from splatwire.files.whole import write_whole
+from splatwire.files.atomic_write import atomic_write
 from splatwire.planning.distortion import StreamVariant
 from splatwire.planning.feedback import plan_retransmission
 from splatwire.planning.measure import measured_variant
@@ -126,7 +126,7 @@ def _budget_bytes(options: PlanCommand, plain: int) -> float:
 def _print_result(options: PlanCommand, content: dict[str, Any], path: str, show: Callable[[str], None]) -> None:
     """Writes the plan for a stream to a file and prints a summary."""
     if options.output is not None:
-        write_whole(options.output, (json.dumps(content, indent=1) + "\n").encode())
+        atomic_write(options.output, (json.dumps(content, indent=1) + "\n").encode())
     if options.json:
         print_json(content)
     else:

@@ -11,8 +11,8 @@ from splatwire.cli._subprocess import in_fresh_process
 from splatwire.cli.publish import Publish
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.evaluation.thumbnail import picture_bytes, stream_thumbnail
+from splatwire.files.atomic_write import atomic_write
 from splatwire.files.scene_formats import FORMATS
-from splatwire.files.whole import write_whole
 from splatwire.transport.http.pack import check_page_support
 from splatwire.transport.http.publish import PublishedScene, published_files
 
@@ -39,7 +39,7 @@ def run(command: Publish) -> None:
         report("reading and drawing", 1.0)
     files = published_files(scenes, command.public_url)
     for path, data in files.items():
-        write_whole(command.output / path, data, parents=True)
+        atomic_write(command.output / path, data, parents=True)
     num_bytes = sum(map(len, files.values()))
     if command.json:
         print_json(

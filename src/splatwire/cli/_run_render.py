@@ -14,8 +14,8 @@ from splatwire.errors import InvalidValueError
 from splatwire.evaluation.pixels import png_bytes, to_pixels
 from splatwire.evaluation.sequence.moving_picture import draw_clip
 from splatwire.evaluation.views import views_of
+from splatwire.files.atomic_write import atomic_write
 from splatwire.files.names import distinct_names
-from splatwire.files.whole import write_whole
 from splatwire.io import drawable_scene
 from splatwire.render.framing import framing_cameras
 from splatwire.types import Cameras
@@ -64,7 +64,7 @@ def _draw_scene(options: Render, source: Path, cameras: Cameras | None, backgrou
     started, files = time.perf_counter(), [f"{name}.png" for name in distinct_names(cameras.names, "view")]
     with progress_bars() as show:
         for view, image in enumerate(views_of(scene, cameras, options.renderer, background)):
-            write_whole(options.output / files[view], png_bytes(to_pixels(image)), parents=True)
+            atomic_write(options.output / files[view], png_bytes(to_pixels(image)), parents=True)
             show("drawing", (view + 1) / cameras.num_views)
     seconds = time.perf_counter() - started
     save_cameras(cameras, options.output / "cameras.json")

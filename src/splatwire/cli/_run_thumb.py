@@ -7,7 +7,7 @@ from splatwire.cli.thumb import Thumb
 from splatwire.concealment import create_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.thumbnail import MOST_SIDE, check_suffix, picture_bytes, stream_thumbnail, thumbnail
-from splatwire.files.whole import write_whole
+from splatwire.files.atomic_write import atomic_write
 from splatwire.io import drawable_scene
 
 
@@ -22,7 +22,7 @@ def run(command: Thumb) -> None:
             pixels = stream_thumbnail(read_stream(path)[0], command.size)
         else:
             pixels = thumbnail(drawable_scene(path, create_concealer("drop"))[0], command.size)
-    write_whole(command.output, picture_bytes(pixels, command.output.suffix))
+    atomic_write(command.output, picture_bytes(pixels, command.output.suffix))
     width, height = command.size
     num_bytes = command.output.stat().st_size
     if command.json:

@@ -17,7 +17,7 @@ from splatwire.cli.train import Train
 from splatwire.data import Dataset, dataset_layout, open_dataset
 from splatwire.data.rounding import without_origin
 from splatwire.errors import BackendUnavailableError, InvalidValueError, NoViewsError, UnknownNameError
-from splatwire.files.whole import written_whole
+from splatwire.files.atomic_write import atomic_output
 from splatwire.io import open_scene, save_scene
 from splatwire.neural.render.gsplat_backend import check_gsplat
 from splatwire.neural.training import (
@@ -65,7 +65,7 @@ def run(command: Train) -> None:
     def save_preview(report: QualityReport) -> None:
         if command.preview:
             pixels = np.rint(np.clip(report.preview, 0, 1) * 255).astype(np.uint8)
-            with written_whole(command.preview) as unfinished:
+            with atomic_output(command.preview) as unfinished:
                 Image.fromarray(pixels).save(unfinished)
 
     with watch(save_preview) as listener:

@@ -21,7 +21,7 @@ from splatwire.cli._startup_progress import startup_messages
 from splatwire.cli._terminal import one_line, printable_streams
 from splatwire.cli._verbs import VERBS, overview, unknown_verb
 from splatwire.errors import InvalidValueError, SplatwireError, how_to_install
-from splatwire.files.whole import with_final_names
+from splatwire.files.atomic_write import with_final_names
 
 _OBJECTS = 200_000
 """Threshold of Python's garbage collector: net number of allocated objects before a collection."""

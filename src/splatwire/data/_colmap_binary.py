@@ -10,7 +10,7 @@ import numpy as np
 
 from splatwire.data._colmap_types import MODELS, RawCamera, RawImage
 from splatwire.errors import DatasetError
-from splatwire.files.capped import open_regular
+from splatwire.files.read_limited import open_regular
 
 _MAX_NAME_BYTES = 4096
 _LEAST_CAMERA_BYTES = 24 + 8 * min(count for _, count in MODELS)

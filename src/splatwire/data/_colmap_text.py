@@ -8,8 +8,8 @@ import numpy as np
 
 from splatwire.data._colmap_types import MODELS, RawCamera, RawImage
 from splatwire.errors import DatasetError
-from splatwire.files.capped import open_regular
 from splatwire.files.kinds import is_not
+from splatwire.files.read_limited import open_regular
 
 _MAX_LINE_BYTES = 1 << 26
 _MAX_WORDS = 20

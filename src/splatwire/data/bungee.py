@@ -9,7 +9,7 @@ from splatwire.data._checks import check_distinct, check_rigid, pinhole
 from splatwire.data.photos import photo_size
 from splatwire.data.transforms_json import TransformsView
 from splatwire.errors import DatasetError
-from splatwire.files.capped import read_json
+from splatwire.files.read_limited import read_json
 
 FILE = "poses_enu.json"
 _ROW = 17

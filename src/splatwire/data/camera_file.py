@@ -11,10 +11,10 @@ import numpy as np
 from splatwire.arguments import checked, checked_except
 from splatwire.data._checks import check_rigid, make_cameras, matrix, pinhole
 from splatwire.errors import DatasetError, check_kind
-from splatwire.files.capped import read_json
+from splatwire.files.atomic_write import atomic_write
 from splatwire.files.kinds import is_not
 from splatwire.files.names import path_of
-from splatwire.files.whole import write_whole
+from splatwire.files.read_limited import read_json
 from splatwire.ops.arrays import to_numpy
 from splatwire.types import Cameras
 from splatwire.types.origin import NO_ORIGIN
@@ -49,7 +49,7 @@ def save_cameras(cameras: Cameras, path: str | os.PathLike[str]) -> None:
         "height": cameras.height,
         "cameras": views,
     }
-    write_whole(path, (json.dumps(content, indent=1) + "\n").encode())
+    atomic_write(path, (json.dumps(content, indent=1) + "\n").encode())
 
 
 @checked

@@ -15,7 +15,7 @@ from splatwire.data.fisheye import FisheyeLens
 from splatwire.data.lens import NO_LENS, Lens, LensModel
 from splatwire.data.photos import photo_size
 from splatwire.errors import DatasetError, NoViewsError
-from splatwire.files.capped import read_json
+from splatwire.files.read_limited import read_json
 
 LOG = logging.getLogger(__name__)
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")

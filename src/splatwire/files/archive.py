@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from splatwire.errors import SplatwireError
-from splatwire.files.capped import open_regular
+from splatwire.files.read_limited import open_regular
 
 MAX_DIRECTORY_BYTES = 1 << 20
 """Maximum size of the archive's directory (list of members), bytes; parsing takes about 15 times the memory."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from splatwire.errors import SplatwireError
 from splatwire.files.archive import open_archive
-from splatwire.files.capped import open_regular
+from splatwire.files.read_limited import open_regular
 
 MAX_TENSOR_FILE_BYTES = 256 << 20
 _MAX_DESCRIPTION_BYTES = 1 << 20

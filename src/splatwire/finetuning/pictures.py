@@ -9,7 +9,7 @@ from jaxtyping import Bool, UInt8
 from splatwire.anchors.appearance import Scene, origin_of
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError
-from splatwire.files.large import large_empty
+from splatwire.files.mmap_array import large_empty
 from splatwire.render import iterate_views
 from splatwire.render.framing import framing_cameras
 from splatwire.render.importance import surrounding_cameras

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from splatwire.files.atomic_write import atomic_write
 from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
-from splatwire.files.whole import write_whole
 from splatwire.io.formats.outliers import DEFAULT, morton_order
 from splatwire.io.formats.sog_writer import sog_files, treat_outliers
 from splatwire.lod.merging import reduced
@@ -112,7 +112,7 @@ def write_sog_levels(
         "tree": _tree(nodes),
     }
     index = json.dumps(document, separators=(",", ":")).encode()
-    write_whole(folder / SOG_LEVELS_NAME, index)
+    atomic_write(folder / SOG_LEVELS_NAME, index)
     return SogLevelsReport(num_levels, len(names), count, num_bytes + len(index))
 
 

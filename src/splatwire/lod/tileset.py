@@ -12,7 +12,7 @@ import numpy as np
 
 from splatwire.bitstream.tiles import parents_of
 from splatwire.errors import InvalidValueError
-from splatwire.files.whole import write_whole
+from splatwire.files.atomic_write import atomic_write
 from splatwire.io.formats.gltf import GLTF_FLIPS
 from splatwire.io.formats.gltf_writer import write_gltf
 from splatwire.lod.building import build_levels
@@ -110,7 +110,7 @@ def write_tileset(
         )  # fmt: skip
     document = _document(root, scene)
     data = json.dumps(document, separators=(",", ":")).encode()
-    write_whole(folder / TILESET, data)
+    atomic_write(folder / TILESET, data)
     return TilesetReport(num_tiles, len(shapes), scene.num_elements, num_bytes + len(data), geocentric)
 
 

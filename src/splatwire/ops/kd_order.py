@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from splatwire.files.large import large_empty
+from splatwire.files.mmap_array import large_empty
 from splatwire.ops import _kd_kernels as kernels
 
 

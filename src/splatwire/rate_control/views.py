@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from splatwire.anchors.appearance import Scene, origin_of
 from splatwire.evaluation.views import HELD_OUT_SIZE, held_out_cameras, spread
-from splatwire.files.large import large_empty
+from splatwire.files.mmap_array import large_empty
 from splatwire.metrics.psnr import psnr
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from splatwire.files.large import large_empty
+from splatwire.files.mmap_array import large_empty
 from splatwire.ops.sort3 import sort3
 from splatwire.ops.spherical_harmonics import degree_of, num_functions, sh_basis
 from splatwire.reprs import summary_repr

@@ -36,7 +36,7 @@ from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.side_info import DEFAULT_SHIFT, SideInfo
 from splatwire.codec.gaussians.tables import thinness_table
 from splatwire.errors import InvalidValueError
-from splatwire.files.large import large_empty
+from splatwire.files.mmap_array import large_empty
 from splatwire.ops.sort3 import sort3
 from splatwire.ops.threads import share
 from splatwire.types import SplatCoding

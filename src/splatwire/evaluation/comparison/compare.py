@@ -17,7 +17,7 @@ from splatwire.evaluation.comparison.shots import Shots
 from splatwire.evaluation.study.prepared_stream import file_bytes
 from splatwire.evaluation.views import ReferenceViews, held_out_cameras, spread, views_of
 from splatwire.files.kinds import file_kind, opened, trained_ply
-from splatwire.files.large import large_empty
+from splatwire.files.mmap_array import large_empty
 from splatwire.io import open_scene
 from splatwire.metrics.lpips import Lpips, find_lpips
 from splatwire.ops.arrays import lower_median, to_numpy

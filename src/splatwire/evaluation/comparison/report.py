@@ -8,7 +8,7 @@ from typing import Any
 from splatwire.evaluation.comparison.compare import Comparison, FileScore
 from splatwire.evaluation.pixels import ERROR_GAIN
 from splatwire.evaluation.study.page import filled_page
-from splatwire.files.whole import write_whole
+from splatwire.files.atomic_write import atomic_write
 
 NAME = "report.html"
 """File name of the report within its folder."""
@@ -88,7 +88,7 @@ def write_comparison_report(comparison: Comparison, folder: Path) -> Path:
         views=[_view(scores, number, cameras.names) for number in range(len(scores[0].shots.kept))],
         worst=[_pictures(score, score.shots.worst, cameras.names) for score in scores if not score.exact],
     )  # fmt: skip
-    write_whole(folder / NAME, page.encode(), parents=True)
+    atomic_write(folder / NAME, page.encode(), parents=True)
     return folder / NAME
 
 

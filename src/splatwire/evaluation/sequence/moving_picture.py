@@ -15,7 +15,7 @@ from splatwire.codec.viewpoint import read_extent, up_axis
 from splatwire.concealment.temporal.concealers import DEFAULT, clip_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.pixels import to_pixels
-from splatwire.files.whole import written_whole
+from splatwire.files.atomic_write import atomic_output
 from splatwire.render import iterate_views
 from splatwire.render.importance import orbiting_cameras
 from splatwire.sequence.decoding import decode_frames
@@ -74,7 +74,7 @@ def draw_clip(
 
     drawn, times = pictures(), [round(number * 1000 / clip.timeline.rate) for number in range(count + 1)]
     durations = [after - before for before, after in itertools.pairwise(times)]
-    with written_whole(path) as target:
+    with atomic_output(path) as target:
         next(drawn).save(
             target, "WEBP", save_all=True, append_images=drawn, duration=durations, loop=0, quality=85, method=2
         )

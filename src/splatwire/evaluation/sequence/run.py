@@ -14,7 +14,7 @@ from splatwire.evaluation.pixels import to_pixels
 from splatwire.evaluation.sequence.evaluation import NUM_VIEWS, VIEW_SIZE, ClipRow, score_clip
 from splatwire.evaluation.sequence.report import Film, render_clip_report, score_rows
 from splatwire.evaluation.views import spread
-from splatwire.files.whole import write_whole
+from splatwire.files.atomic_write import atomic_write
 from splatwire.render.importance import surrounding_cameras
 from splatwire.sequence import Frame, open_sequence
 from splatwire.types import Cameras
@@ -59,7 +59,7 @@ def evaluate_clip(
     }  # fmt: skip
     if output is not None:
         text = f"{timeline.num_frames} frames in groups of {timeline.group_frames}, {seen_from.num_views} views"
-        write_whole(
+        atomic_write(
             output / "report.html", render_clip_report(title, text, timeline, scores, film).encode(), parents=True
         )
         content["report"] = str(output / "report.html")

@@ -28,9 +28,9 @@ from splatwire.evaluation.study.tables import (
     summary_csv,
     to_csv,
 )
+from splatwire.files.atomic_write import atomic_write
 from splatwire.files.json_text import json_text
 from splatwire.files.names import distinct_names, safe_name
-from splatwire.files.whole import write_whole
 from splatwire.metrics.registry import LPIPS_SCALED
 
 RATES = (0.005, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2)
@@ -62,15 +62,15 @@ def write_outputs(result: StudyResult, store: Store, folder: Path) -> dict[str, 
     }
     if curves := curves_of(result.study, everything):
         texts["curves"] = ("rate_distortion.csv", curves_csv(curves))
-    files = {kind: write_whole(folder / name, text.encode(), parents=True) for kind, (name, text) in texts.items()}
-    files["parquet"] = write_whole(folder / "records.parquet", table_to_bytes(records, PLACE), parents=True)
+    files = {kind: atomic_write(folder / name, text.encode(), parents=True) for kind, (name, text) in texts.items()}
+    files["parquet"] = atomic_write(folder / "records.parquet", table_to_bytes(records, PLACE), parents=True)
     for name, file in zip(result.scenes, distinct_names(result.scenes), strict=True):
         lines = leaderboard_csv([summary for summary in summaries if summary.scene == name])
-        write_whole(folder / "leaderboard" / f"{file}.csv", lines.encode(), parents=True)
+        atomic_write(folder / "leaderboard" / f"{file}.csv", lines.encode(), parents=True)
     drawn = panels(curves_of(result.study, everything))
     for panel, file in zip(drawn, distinct_names([title_of(panel) for panel in drawn]), strict=True):
         if (chart := rate_chart(panel)) is not None:
-            write_whole(folder / "curves" / f"{file}.svg", chart.encode(), parents=True)
+            atomic_write(folder / "curves" / f"{file}.svg", chart.encode(), parents=True)
     _save_masks(result, store)
     files["report"] = _write_page(result, store, everything, tables, folder)
     return files
@@ -91,7 +91,7 @@ def write_report(
         links: Paths of other reports to link to, by title.
     """
     summaries = summarize(result)
-    write_whole(folder / "results.json", (json_text(content, 1) + "\n").encode(), parents=True)
+    atomic_write(folder / "results.json", (json_text(content, 1) + "\n").encode(), parents=True)
     tables = _tables(result, store, summaries, summaries)
     return _write_page(result, store, summaries, tables, folder, curve, links)
 
@@ -105,7 +105,7 @@ def _write_page(
     worst = [] if curve is None else take_pictures(curve, store)
     lead = make_lead(result, pictures, curve, worst)
     page = render_study_report(result, summaries, tables, pictures, lead, links)
-    return write_whole(folder / "report.html", page.encode(), parents=True)
+    return atomic_write(folder / "report.html", page.encode(), parents=True)
 
 
 _IN_FILES = ("results", "curves", "orderings", "equivalence", "bytes")
@@ -161,7 +161,7 @@ def write_size_outputs(study: Study, found: Sequence[SceneSizes], folder: Path) 
         "json": ("results.json", json_text(content, 1) + "\n"),
         "report": ("report.html", render_sizes_report(study, tables)),
     }
-    return {kind: write_whole(folder / name, text.encode(), parents=True) for kind, (name, text) in texts.items()}
+    return {kind: atomic_write(folder / name, text.encode(), parents=True) for kind, (name, text) in texts.items()}
 
 
 def _markdown(study: Study, skipped: Sequence[str], tables: Sequence[Table]) -> str:

@@ -9,8 +9,8 @@ from splatwire.evaluation.pixels import png_bytes, png_pixels, to_pixels
 from splatwire.evaluation.study.run import StudyResult
 from splatwire.evaluation.study.store import Store
 from splatwire.evaluation.study.units import Cell
+from splatwire.files.atomic_write import atomic_write
 from splatwire.files.names import distinct_names
-from splatwire.files.whole import write_whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,4 +91,4 @@ def save_pictures(found: list[ViewPictures], folder: Path) -> None:
         pictures |= {f"{start}{shot.label}": shot.pixels for shot in view.shots}
         pictures |= {f"{start}loss_map\0{variant}": pixels for variant, pixels in view.loss_maps.items()}
     for file, pixels in zip(distinct_names(pictures), pictures.values(), strict=True):
-        write_whole(folder / f"{file}.png", png_bytes(pixels), parents=True)
+        atomic_write(folder / f"{file}.png", png_bytes(pixels), parents=True)

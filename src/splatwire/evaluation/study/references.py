@@ -20,7 +20,7 @@ from splatwire.evaluation.study.records import CODE
 from splatwire.evaluation.study.sequences import reference_pictures
 from splatwire.evaluation.study.store import Store, read_json
 from splatwire.evaluation.views import ReferenceViews, photo_source, photo_views, spread, views_of
-from splatwire.files.capped import open_regular
+from splatwire.files.read_limited import open_regular
 from splatwire.types import Cameras
 from splatwire.types.background import Background
 

@@ -25,7 +25,7 @@ from typing import Any
 from splatwire.errors import SplatwireError
 from splatwire.evaluation.study.input_files import InputFiles
 from splatwire.evaluation.study.records import Record, parquet, records_from_bytes, records_to_bytes
-from splatwire.files.whole import remove_unfinished, write_whole
+from splatwire.files.atomic_write import atomic_write, remove_unfinished
 
 UNIT_SUFFIX = ".parquet"
 
@@ -143,7 +143,7 @@ def _without_links(path: str, flags: int) -> int:
 
 def _write(path: Path, data: bytes) -> Path:
     try:
-        return write_whole(path, data, parents=True)
+        return atomic_write(path, data, parents=True)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             reason = f"the disk is full: {path} could not be written; make room and start again, "

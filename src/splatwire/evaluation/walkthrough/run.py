@@ -16,7 +16,7 @@ from splatwire.evaluation.walkthrough.delivery import Link
 from splatwire.evaluation.walkthrough.evaluation import StreamedWalkthrough, score_walk, time_to_quality
 from splatwire.evaluation.walkthrough.path import Walk
 from splatwire.evaluation.walkthrough.report import Pictures, decibels_text, render_walk_report
-from splatwire.files.whole import write_whole
+from splatwire.files.atomic_write import atomic_write
 from splatwire.io import open_scene
 from splatwire.types.background import Background
 
@@ -69,7 +69,7 @@ def evaluate_path(
     if output is not None:
         text = f"{len(walk.times)} pictures along {walk.cameras.num_views} cameras in {walk.seconds:g} s"
         page = render_walk_report(title, text, path_facts(content), moments, pictures)
-        write_whole(output / "report.html", page.encode(), parents=True)
+        atomic_write(output / "report.html", page.encode(), parents=True)
         content["report"] = str(output / "report.html")
     return content
 

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 from splatwire.errors import DatasetError
-from splatwire.files.capped import open_regular
+from splatwire.files.read_limited import open_regular
 
 
 def mapped_file(path: Path) -> memoryview:

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from splatwire.errors import DatasetError
-from splatwire.files.capped import read_at_most
+from splatwire.files.read_limited import read_at_most
 from splatwire.io.formats.ply_comments import OFFSET, ORIGIN, stated_origin
 from splatwire.io.formats.ply_metadata import is_metadata, names_up
 from splatwire.types.origin import describe_origin

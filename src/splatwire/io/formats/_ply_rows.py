@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from splatwire.errors import DatasetError
-from splatwire.files.large import large_empty
+from splatwire.files.mmap_array import large_empty
 from splatwire.io.formats._ply_header import PlyHeader
 
 _BLOCK_NUMBERS = 1 << 16

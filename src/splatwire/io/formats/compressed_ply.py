@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from splatwire.errors import DatasetError
-from splatwire.files.whole import written_whole
+from splatwire.files.atomic_write import atomic_output
 from splatwire.io.formats._chunks import CHUNK, WIDTHS, arrange, position_errors
 from splatwire.io.formats._columns import build_splats, check_count, join
 from splatwire.io.formats._placement import warn_of_unused_comments
@@ -182,7 +182,7 @@ def write_compressed_ply(
     words = np.stack([_pack(shares[0], _WIDE), _packed_rotations(quats), _pack(shares[1], _WIDE), _pack(rgba, _BYTES)])
     rest = sh[:, 1:].transpose(0, 2, 1).reshape(len(means), -1)
     codes = np.trunc((rest / _SH_RANGE + 0.5) * CHUNK).clip(0, CHUNK - 1).astype(np.uint8)
-    with written_whole(path) as unfinished, unfinished.open("wb") as file:
+    with atomic_output(path) as unfinished, unfinished.open("wb") as file:
         file.write(_header(len(means), rest.shape[1], remarks))
         file.write(np.concatenate(bounds, axis=1).astype("<f4").tobytes())
         file.write(words.T.astype("<u4").tobytes())

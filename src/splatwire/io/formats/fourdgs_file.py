@@ -17,7 +17,7 @@ from fourdgs.records import parse_chunk
 from fourdgs.serialization import MAGIC, check_magic, iter_records
 
 from splatwire.errors import MALFORMED, DatasetError
-from splatwire.files.whole import written_whole
+from splatwire.files.atomic_write import atomic_output
 from splatwire.io.formats._axes import SPZ_FLIPS, flip_axes
 from splatwire.io.formats._columns import build_splats, check_count, concatenate
 from splatwire.io.formats.content import FileContent
@@ -135,7 +135,7 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
         sh_degree=splats.degree,
     )
     attributes = {_AXES: _Y_UP, "color_space": "srgb-rec709-display", _FPS: f"{rate:g}"}
-    with written_whole(path) as target:
+    with atomic_output(path) as target:
         options = fourdgs.WriteOptions(metadata=attributes)
         fourdgs.write(str(target), records, count / rate, options=options)
     return count

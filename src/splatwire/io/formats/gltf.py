@@ -17,8 +17,8 @@ from urllib.parse import unquote, urlsplit
 import numpy as np
 
 from splatwire.errors import DatasetError
-from splatwire.files.capped import read_at_most, read_json
 from splatwire.files.kinds import EXT_SPLATWIRE
+from splatwire.files.read_limited import read_at_most, read_json
 from splatwire.io.formats._asset import metadata_of_asset, warn_of_unused_extras
 from splatwire.io.formats._axes import GLTF_FLIPS as GLTF_FLIPS
 from splatwire.io.formats._axes import harmonic_signs, is_similarity, transform_splats

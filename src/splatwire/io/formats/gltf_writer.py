@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from splatwire.files.atomic_write import atomic_output
 from splatwire.files.kinds import EXT_SPLATWIRE
-from splatwire.files.whole import written_whole
 from splatwire.io.formats._asset import asset_of
 from splatwire.io.formats._axes import GLTF_FLIPS, flip_axes
 from splatwire.io.formats._columns import join
@@ -70,7 +70,7 @@ def write_gltf(
     document = json.dumps(content, separators=(",", ":")).encode()
     document += b" " * (-len(document) % 4)
     num_bytes = sum(values.nbytes for values in columns.values()) + len(packed)
-    with written_whole(path) as unfinished, unfinished.open("wb") as file:
+    with atomic_output(path) as unfinished, unfinished.open("wb") as file:
         file.write(struct.pack("<4sII", MAGIC, 2, 12 + 8 + len(document) + 8 + num_bytes))
         file.write(struct.pack("<I4s", len(document), b"JSON") + document)
         file.write(struct.pack("<I4s", num_bytes, b"BIN\0"))

@@ -13,6 +13,7 @@ import numpy as np
 
 from splatwire.arguments import checked
 from splatwire.errors import MALFORMED, DatasetError, InvalidValueError, UnknownNameError
+from splatwire.files.atomic_write import atomic_output
 from splatwire.files.kinds import (
     ANCHORS_PLY,
     COMPRESSED_PLY,
@@ -38,7 +39,6 @@ from splatwire.files.kinds import (
 )
 from splatwire.files.names import path_of
 from splatwire.files.scene_formats import FORMATS, FileFormat
-from splatwire.files.whole import written_whole
 from splatwire.io.formats._placement import warn_of_files_beside
 from splatwire.io.formats.compressed_ply import content_of_chunks, write_compressed_ply
 from splatwire.io.formats.content import FileContent, warn_of_rounded_positions
@@ -318,7 +318,7 @@ def write_with(form: FileFormat, content: Any, path: Path, **facts: Any) -> int:
     assert form.write is not None
     if form.recognises is None:
         return int(form.write(content, path, **facts))
-    with written_whole(path) as target:
+    with atomic_output(path) as target:
         count = form.write(content, target, **facts)
         if not target.exists():
             raise InvalidValueError(f"file format '{form.name}'{FORMATS.brought_by(form.name)} wrote no file")

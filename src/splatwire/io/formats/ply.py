@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from splatwire.errors import DatasetError, InvalidValueError
-from splatwire.files.whole import written_whole
+from splatwire.files.atomic_write import atomic_output
 from splatwire.io.formats._columns import MAX_LOG_SCALE, build_splats, check_count, filled
 from splatwire.io.formats._placement import warn_of_unused_comments
 from splatwire.io.formats._ply_values import warn_of_other_units
@@ -200,7 +200,7 @@ def write_ply(
     count, degree, digest = 0, 0, hashlib.sha256()
     remarks = antialiasing_comments(antialiased) + origin_comments(ORIGIN, origin)
     remarks += metadata_comments(metadata.moved_origin(origin, NO_ORIGIN))
-    with written_whole(path) as unfinished, unfinished.open("wb") as file:
+    with atomic_output(path) as unfinished, unfinished.open("wb") as file:
         for part in filled(path, parts):
             if not count:
                 degree = part.degree

@@ -10,8 +10,8 @@ from typing import BinaryIO
 import numpy as np
 
 from splatwire.errors import DatasetError
-from splatwire.files.capped import open_regular
 from splatwire.files.kinds import XZ_MAGIC
+from splatwire.files.read_limited import open_regular
 from splatwire.io.formats._ply_header import read_header
 from splatwire.io.formats._ply_rows import binary_rows, text_rows
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from splatwire.arguments import CheckedFields, checked
 from splatwire.errors import DatasetError
-from splatwire.files.capped import open_regular
+from splatwire.files.read_limited import open_regular
 
 DIGEST_DIGITS = 32
 _HEAD_BYTES = 8192

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from splatwire.files.atomic_write import atomic_output
 from splatwire.files.kinds import SOG_META_NAME
-from splatwire.files.whole import written_whole
 from splatwire.io.formats._asset import asset_of
 from splatwire.io.formats._codebooks import nearest_number, number_codebook, vector_palette
 from splatwire.io.formats._columns import join, rounded_bytes
@@ -56,7 +56,7 @@ def write_sog(
     if visible_errors(found, np.median(splats.scales, axis=1)).any():
         warn_of_errors(path, found, local_scales(splats, np.arange(splats.num_gaussians)))
     files = sog_files(splats.select(spatial_order(column)), antialiased=antialiased, metadata=metadata)
-    with written_whole(path) as unfinished, zipfile.ZipFile(unfinished, "w") as bundle:  # images are compressed already
+    with atomic_output(path) as unfinished, zipfile.ZipFile(unfinished, "w") as bundle:  # images are compressed already
         for name, data in files.items():
             bundle.writestr(zipfile.ZipInfo(name, _FIXED_DATE), data)
     return splats.num_gaussians

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from splatwire.errors import DatasetError, InvalidValueError
-from splatwire.files.capped import open_regular
-from splatwire.files.whole import written_whole
+from splatwire.files.atomic_write import atomic_output
+from splatwire.files.read_limited import open_regular
 from splatwire.io.formats._columns import build_splats, check_count, filled, rounded_bytes
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.types.splats import Splats
@@ -45,7 +45,7 @@ def write_splat(parts: Iterable[Splats], path: Path) -> int:
     128. See `splatwire.io.formats.write_splats`.
     """
     count = 0
-    with written_whole(path) as unfinished, unfinished.open("wb") as file:
+    with atomic_output(path) as unfinished, unfinished.open("wb") as file:
         for part in filled(path, parts):
             file.write(_records(part).tobytes())
             count += part.num_gaussians

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from splatwire.errors import MALFORMED, BackendUnavailableError, DatasetError
-from splatwire.files.capped import read_at_most
-from splatwire.files.whole import written_whole
+from splatwire.files.atomic_write import atomic_output
+from splatwire.files.read_limited import read_at_most
 from splatwire.io.formats._columns import check_count
 from splatwire.io.formats.content import FileContent
 from splatwire.io.formats.splat import read_splat, write_splat
@@ -102,7 +102,7 @@ def write_splat4d(frames: Iterable[FileContent], path: Path, rate: float) -> int
             write_splat([splats.at_most_degree(0)], Path(folder) / f"frame_{count - 1:06}.splat")
         if not count:
             raise DatasetError(f"{path}: a sequence without frames cannot be written")
-        with written_whole(path) as target:
+        with atomic_output(path) as target:
             _run(path, "encode", "--input", folder, "--output", str(target), "--fps", f"{rate:g}")
     return count
 

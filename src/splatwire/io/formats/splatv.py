@@ -16,7 +16,7 @@ import numpy as np
 
 from splatwire.arguments import CheckedFields, checked
 from splatwire.errors import DatasetError, InvalidValueError
-from splatwire.files.capped import open_regular
+from splatwire.files.read_limited import open_regular
 from splatwire.io.formats._columns import build_splats, check_count
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.types.splats import Splats

@@ -20,7 +20,7 @@ import numpy as np
 import zstandard
 
 from splatwire.errors import DatasetError
-from splatwire.files.capped import open_regular
+from splatwire.files.read_limited import open_regular
 from splatwire.io.formats._axes import SPZ_FLIPS, frame_to_rdf, harmonic_signs, transform_splats
 from splatwire.io.formats._columns import build_splats, check_count
 from splatwire.io.formats._files import mapped_file

@@ -10,7 +10,7 @@ import numpy as np
 import zstandard
 
 from splatwire.errors import InvalidValueError
-from splatwire.files.whole import written_whole
+from splatwire.files.atomic_write import atomic_output
 from splatwire.io.formats._axes import SPZ_FLIPS, flip_axes
 from splatwire.io.formats._columns import join, rounded_bytes
 from splatwire.io.formats._spz_extensions import write_records
@@ -89,7 +89,7 @@ def write_spz(
     records = write_records(metadata)
     flags = ANTIALIASED * antialiased | EXTENDED * bool(records)
     header = (MAGIC, version, splats.num_gaussians, splats.degree, bits, flags)
-    with written_whole(path) as unfinished:
+    with atomic_output(path) as unfinished:
         write(unfinished, columns, header, records)
     return splats.num_gaussians
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from splatwire.errors import DatasetError
-from splatwire.files.capped import read_json
 from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
+from splatwire.files.read_limited import read_json
 from splatwire.io.formats import sog
 from splatwire.io.formats._asset import metadata_of_asset, warn_of_unused_extras
 from splatwire.io.formats._columns import check_count, of_degree

@@ -18,7 +18,7 @@ import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, UsdVol, Vt
 
 from splatwire.errors import MALFORMED, DatasetError
-from splatwire.files.whole import written_whole
+from splatwire.files.atomic_write import atomic_output
 from splatwire.io.formats._asset import asset_of, metadata_of_asset
 from splatwire.io.formats._axes import SPZ_FLIPS, transform_splats
 from splatwire.io.formats._axes import flip_axes as flipped
@@ -335,7 +335,7 @@ class _Writer:
         """Writes the stage in the encoding of the file name's suffix."""
         if self._rate is not None:
             self._stage.SetEndTimeCode(self._last)
-        with written_whole(path) as target:
+        with atomic_output(path) as target:
             try:
                 done = self._export(target, packed=path.suffix.lower() == _ZIP_SUFFIX)
             except Tf.ErrorException as error:  # such as a full disk

@@ -12,8 +12,8 @@ from torch import Tensor
 
 from splatwire.errors import MALFORMED, DatasetError
 from splatwire.files.archive import open_archive
-from splatwire.files.capped import read_capped, read_json
 from splatwire.files.kinds import HACPP, MODEL_3DGS, file_kind, is_not, model_nearby
+from splatwire.files.read_limited import read_json, read_limited
 from splatwire.files.tensors import MAX_TENSOR_FILE_BYTES, check_tensor_file
 from splatwire.types.background import BLACK, WHITE, Background
 
@@ -188,7 +188,7 @@ def _voxel_size_of_json(path: Path) -> float | None:
 
 
 def _arguments(path: Path) -> str:
-    return read_capped(path, _MAX_ARGUMENTS_BYTES, DatasetError).decode("utf-8", "replace")
+    return read_limited(path, _MAX_ARGUMENTS_BYTES, DatasetError).decode("utf-8", "replace")
 
 
 def _voxel_size_of_arguments(path: Path) -> float | None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import jwt
 
 from splatwire.errors import InvalidValueError
-from splatwire.files.capped import read_capped
+from splatwire.files.read_limited import read_limited
 
 AUDIENCE, ALGORITHM = "splatwire", "HS256"
 LEAST_KEY_BYTES, MOST_KEY_BYTES = 32, 4096
@@ -71,7 +71,7 @@ def read_key(path: Path) -> bytes:
     Raises:
         InvalidValueError: If the file cannot be read, or the key is too short or too long.
     """
-    key = read_capped(path, MOST_KEY_BYTES, InvalidValueError).strip()
+    key = read_limited(path, MOST_KEY_BYTES, InvalidValueError).strip()
     if len(key) < LEAST_KEY_BYTES:
         raise InvalidValueError(
             f"{path}: a key has at least {LEAST_KEY_BYTES} bytes; `openssl rand -hex 32 > {path.name}` writes one"

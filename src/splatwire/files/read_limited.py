@@ -50,7 +50,7 @@ def read_at_most(path: Path, size: int, error: type[SplatwireError]) -> bytes:
             raise error(f"{path} cannot be read: {problem.strerror or problem}") from problem
 
 
-def read_capped(path: Path, limit: int, error: type[SplatwireError]) -> bytes:
+def read_limited(path: Path, limit: int, error: type[SplatwireError]) -> bytes:
     """Reads an ordinary file of at most `limit` bytes.
 
     Raises:
@@ -68,9 +68,9 @@ def read_json(path: Path, error: type[SplatwireError]) -> Any:
     A byte order mark at the beginning is skipped.
 
     Raises:
-        SplatwireError: An `error`, see `read_capped`, or if it is not JSON.
+        SplatwireError: An `error`, see `read_limited`, or if it is not JSON.
     """
-    data = read_capped(path, MAX_JSON_BYTES, error)
+    data = read_limited(path, MAX_JSON_BYTES, error)
     try:
         return json.loads(data.decode("utf-8-sig"))
     except (ValueError, RecursionError) as problem:

@@ -8,7 +8,7 @@ import pytest
 
 from codec.gaussians.test_gaussians import some_splats
 from splatwire.bitstream import Packetization, stream_to_bytes
-from splatwire.files import large
+from splatwire.files import mmap_array as large
 from splatwire.io.formats import read_splats, write_splats
 from splatwire.lod import encode_levels
 from splatwire.types import SplatScene

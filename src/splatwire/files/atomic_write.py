@@ -33,7 +33,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 @contextmanager
-def written_whole(target: str | os.PathLike[str], *, parents: bool = False) -> Iterator[Path]:
+def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> Iterator[Path]:
     """Yields a temporary path for a file or folder; on success it replaces the target atomically.
 
     A reader sees the old file or the new one. A folder that replaces a folder is missing for a moment between two
@@ -66,14 +66,14 @@ def written_whole(target: str | os.PathLike[str], *, parents: bool = False) -> I
         raise
 
 
-def write_whole(target: str | os.PathLike[str], data: bytes, *, parents: bool = False) -> Path:
-    """Writes a file atomically, see `written_whole`; returns its path.
+def atomic_write(target: str | os.PathLike[str], data: bytes, *, parents: bool = False) -> Path:
+    """Writes a file atomically, see `atomic_output`; returns its path.
 
     Raises:
-        InvalidValueError: See `written_whole`.
+        InvalidValueError: See `atomic_output`.
         OSError: If the system call fails; nothing is changed then.
     """
-    with written_whole(target, parents=parents) as unfinished:
+    with atomic_output(target, parents=parents) as unfinished:
         unfinished.write_bytes(data)
     return Path(target)
 

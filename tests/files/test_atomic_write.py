@@ -10,14 +10,14 @@ import threading
 import pytest
 
 from splatwire.errors import InvalidValueError
-from splatwire.files import whole
-from splatwire.files.whole import check_writable, remove_unfinished, write_whole, written_whole
+from splatwire.files import atomic_write as whole
+from splatwire.files.atomic_write import atomic_output, atomic_write, check_writable, remove_unfinished
 
 WAIT = (
     "import sys, time\n"
     "from pathlib import Path\n"
-    "from splatwire.files.whole import written_whole\n"
-    "with written_whole(Path(sys.argv[1])) as new:\n"
+    "from splatwire.files.atomic_write import atomic_output\n"
+    "with atomic_output(Path(sys.argv[1])) as new:\n"
     "    new.write_bytes(b'half')\n"
     "    print('writing', flush=True)\n"
     "    time.sleep(60)\n"
@@ -45,8 +45,8 @@ def kill_a_writer(target, number):
 
 
 def test_file_gets_its_name_when_complete(tmp_path):
-    write_whole(tmp_path / "new" / "a", b"old", parents=True)
-    with written_whole(tmp_path / "new" / "a") as new:
+    atomic_write(tmp_path / "new" / "a", b"old", parents=True)
+    with atomic_output(tmp_path / "new" / "a") as new:
         new.write_bytes(b"new")
         assert (tmp_path / "new" / "a").read_bytes() == b"old"
         assert new.name == "a"
@@ -56,7 +56,7 @@ def test_file_gets_its_name_when_complete(tmp_path):
 
 def test_folder_is_replaced_atomically(tmp_path):
     for name in ("one", "two"):
-        with written_whole(tmp_path / "a") as new:
+        with atomic_output(tmp_path / "a") as new:
             new.mkdir()
             (new / name).touch()
     assert [path.name for path in (tmp_path / "a").iterdir()] == ["two"]
@@ -68,7 +68,7 @@ def test_error_keeps_the_old_file_only(tmp_path, problem):
     (tmp_path / "a").write_bytes(b"old")
 
     def write():
-        with written_whole(tmp_path / "a") as new:
+        with atomic_output(tmp_path / "a") as new:
             new.write_bytes(b"half")
             raise problem
 
@@ -81,39 +81,39 @@ def test_error_keeps_the_old_file_only(tmp_path, problem):
 def test_errors_name_the_target_not_the_hidden_folder(tmp_path, monkeypatch):
     (tmp_path / "a").mkdir()
     with pytest.raises(IsADirectoryError, match=f"'{tmp_path}/a'$"):
-        write_whole(tmp_path / "a", b"")
+        atomic_write(tmp_path / "a", b"")
 
     def full(descriptor):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match=f"No space left.*'{tmp_path}/b'$"):
-        write_whole(tmp_path / "b", b"")
+        atomic_write(tmp_path / "b", b"")
     assert not hidden(tmp_path)
 
 
 def test_links_are_followed_and_devices_refused(tmp_path):
     (tmp_path / "there").write_bytes(b"old")
     (tmp_path / "link").symlink_to(tmp_path / "there")
-    write_whole(tmp_path / "link", b"new")
+    atomic_write(tmp_path / "link", b"new")
     assert (tmp_path / "link").is_symlink()
     assert (tmp_path / "there").read_bytes() == b"new"
     with pytest.raises(InvalidValueError, match="no ordinary file"):
-        write_whole("/dev/null", b"")
+        atomic_write("/dev/null", b"")
 
 
 @pytest.mark.parametrize("name", ["same", "other"])
 def test_next_writer_removes_leftovers_of_a_killed_writer(tmp_path, name):
     kill_a_writer(tmp_path / "same", signal.SIGKILL)
     assert len(hidden(tmp_path)) == 1
-    write_whole(tmp_path / name, b"whole")
+    atomic_write(tmp_path / name, b"whole")
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
 def test_workspaces_of_running_writers_are_kept(tmp_path):
-    with written_whole(tmp_path / "a") as new:
+    with atomic_output(tmp_path / "a") as new:
         new.write_bytes(b"a")
-        other = threading.Thread(target=write_whole, args=(tmp_path / "b", b"b"))
+        other = threading.Thread(target=atomic_write, args=(tmp_path / "b", b"b"))
         other.start()
         other.join()
         remove_unfinished(tmp_path)
@@ -155,7 +155,7 @@ def test_links_in_a_workspace_are_not_followed(tmp_path):
     (spaces[2] / "old" / "c").symlink_to(secret / "id")
     (spaces[3] / "new").symlink_to(tmp_path / "home")
     (clone / ".splatwire-0123456789ab.part").symlink_to(tmp_path / "home")
-    write_whole(clone / "a", b"whole")
+    atomic_write(clone / "a", b"whole")
     assert (secret / "id").read_bytes() == b"key"
     assert not {".ssh", "b", "c", "id"} & {path.name for path in clone.iterdir()}
 
@@ -171,7 +171,7 @@ def test_foreign_folder_with_a_workspace_name_is_kept(tmp_path, inside, mode):
     for name in inside:
         (space / name).parent.mkdir(parents=True, exist_ok=True)
         (space / name).write_bytes(b"mine")
-    write_whole(tmp_path / "target", b"whole")
+    atomic_write(tmp_path / "target", b"whole")
     assert sorted(path.name for path in tmp_path.iterdir()) == [space.name, "target"]
     assert all((space / name).read_bytes() == b"mine" for name in inside)
 
@@ -181,14 +181,14 @@ def test_folder_readable_by_others_is_no_workspace(tmp_path, mode):
     """Version control systems and most archives create folders like this."""
     space = workspace(tmp_path, mode=mode)
     (space / "old" / "src").mkdir(parents=True)
-    write_whole(tmp_path / "target", b"whole")
+    atomic_write(tmp_path / "target", b"whole")
     assert sorted(path.name for path in tmp_path.iterdir()) == [space.name, "target"]
 
 
 @pytest.mark.parametrize("name", [".splatwire-x.part", ".splatwire-0123456789AB.part", ".splatwire-0123456789ab.part "])
 def test_foreign_names_are_kept(tmp_path, name):
     (tmp_path / name / "old" / "stream").mkdir(parents=True)
-    write_whole(tmp_path / "a", b"whole")
+    atomic_write(tmp_path / "a", b"whole")
     assert (tmp_path / name / "old" / "stream").is_dir()
     assert not (tmp_path / "stream").exists()
 
@@ -227,7 +227,7 @@ def test_folder_replaced_by_a_link_during_restore_is_not_followed(tmp_path, monk
 
 
 def test_workspace_is_private_and_the_result_has_default_permissions(tmp_path):
-    with written_whole(tmp_path / "a") as new:
+    with atomic_output(tmp_path / "a") as new:
         assert (tmp_path / hidden(tmp_path)[0]).stat().st_mode & 0o777 == 0o700
         new.mkdir()
     assert (tmp_path / "a").stat().st_mode & 0o777 == 0o777 & ~_umask()
@@ -250,7 +250,7 @@ def test_workspace_removed_as_stale_is_recreated(tmp_path, monkeypatch):
         return lock(handle)
 
     monkeypatch.setattr(whole, "_lock", late)
-    write_whole(tmp_path / "a", b"whole")
+    atomic_write(tmp_path / "a", b"whole")
     assert len(calls) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
@@ -265,14 +265,14 @@ def test_workspace_deleted_before_locking_is_recreated(tmp_path, monkeypatch):
         return opened(path, flags, *rest, **more)
 
     monkeypatch.setattr(os, "open", too_late)
-    write_whole(tmp_path / "a", b"1")
+    atomic_write(tmp_path / "a", b"1")
     assert tried
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
 def test_self_referencing_link_is_refused(tmp_path):
     (tmp_path / "loop").symlink_to("loop")
-    with pytest.raises((InvalidValueError, OSError)), written_whole(tmp_path / "loop"):
+    with pytest.raises((InvalidValueError, OSError)), atomic_output(tmp_path / "loop"):
         raise AssertionError
     assert os.readlink(tmp_path / "loop") == "loop"
 
@@ -280,7 +280,7 @@ def test_self_referencing_link_is_refused(tmp_path):
 def test_missing_parent_folders_are_created_only_on_request(tmp_path):
     for name in ("new/a", "x/y/a"):
         with pytest.raises(InvalidValueError, match="no such folder, so a cannot be written into it: make it first"):
-            write_whole(tmp_path / name, b"")
+            atomic_write(tmp_path / name, b"")
         with pytest.raises(InvalidValueError, match="no such folder"):
             check_writable(tmp_path / name)
     assert not list(tmp_path.iterdir())
