@@ -259,7 +259,7 @@ def _lossy_lessons(lossy: LossyStream, config: SceneFreeConfig, seeds: np.random
 
 def _decoded(stream: SceneStream) -> ReceivedScene[SplatScene]:
     partial = decode_stream(stream)
-    if Splats not in partial.offers:
+    if Splats not in partial.provides:
         raise InvalidValueError(f"this network is for explicit Gaussians, not for {partial.scene.ELEMENTS}")
     return partial
 

@@ -128,7 +128,7 @@ def test_copies_are_placed_at_the_lost_gaussians(make) -> None:
         return (anchors.positions[:, None] + anchors.offsets * anchors.scalings[:, None, :3])[there]
 
     wrong = np.median(np.linalg.norm(centers(copied) - centers(true), axis=1))
-    guessed = data.complete.find(ExpectedPlaces)
+    guessed = data.complete.get(ExpectedPlaces)
     moved = 0.1 * float(true.positions.std())
     if guessed is not None:
         moved = np.median(np.linalg.norm(true.positions - guessed.positions, axis=1))

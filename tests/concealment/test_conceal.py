@@ -179,7 +179,7 @@ def test_missing_inputs_are_one_error_sentence() -> None:
     bare = dataclasses.replace(context, records=(context[AnchorLayout],))
     with pytest.raises(InvalidValueError, match="concealer 'cari' needs Prior, which this stream of anchors has not"):
         conceal(bare, "cari")
-    assert {"drop", "grow"} <= set(concealer_names((), bare.offers)) < set(concealer_names((), context.offers))
+    assert {"drop", "grow"} <= set(concealer_names((), bare.provides)) < set(concealer_names((), context.provides))
 
 
 def test_context_with_arrays_of_unequal_length_is_refused() -> None:

@@ -195,7 +195,7 @@ def prepare_repack(stream: SceneStream, packetization: Packetization, threads: i
 def points_schema(**changes: Any) -> Schema:
     facts = {
         "name": "points", "format_version": 2, "elements": "points", "sections": ("places",),
-        "elements_per_byte": 1024, "page": False, "scene_type": PointScene, "offers": frozenset((Points,)),
+        "elements_per_byte": 1024, "page": False, "scene_type": PointScene, "provides": frozenset((Points,)),
         "prepare": prepare, "prepare_repack": prepare_repack, "open_decoder": PointDecoder,
         "update_digest": lambda digest, rows: digest.update(rows[0].tobytes()),
     }  # fmt: skip
@@ -276,7 +276,7 @@ def test_third_party_scene_is_concealed_and_rendered(stream: SceneStream, name: 
 @pytest.mark.needs_torch
 def test_concealers_with_unmet_needs_are_not_offered(stream: SceneStream) -> None:
     partial = decode_stream(stream.with_packets(stream.packets[:3]))
-    assert set(concealer_names((), partial.offers)) == {"drop", "grow"}
+    assert set(concealer_names((), partial.provides)) == {"drop", "grow"}
     for name in ("cari", "scene_free"):
         with pytest.raises(InvalidValueError, match=f"concealer '{name}' needs .* this stream of points has not: drop"):
             conceal(partial, name)
@@ -300,7 +300,7 @@ def test_page_refuses_a_third_party_scene(stream: SceneStream) -> None:
         ({"sections": "places"}, "sections must be a tuple of names, one or more"),
         ({"elements_per_byte": 0}, "elements_per_byte must be 1 or more, not 0"),
         ({"scene_type": "PointScene"}, "scene_type must be a class, not 'PointScene'"),
-        ({"offers": {"Points"}}, "offers must hold classes"),
+        ({"provides": {"Points"}}, "provides must hold classes"),
         ({"prepare": None, "open_decoder": 3}, "prepare, open_decoder cannot be called"),
         ({"name": "gaussians"}, "two schemas are called 'gaussians': splatwire.bitstream.limits.gaussians and "),
     ],
@@ -318,7 +318,7 @@ def test_schema_that_is_not_complete_is_refused(changes: dict[str, Any], sentenc
 def test_schema_without_a_part_cannot_be_made() -> None:
     with pytest.raises(TypeError, match="open_decoder"):
         Schema(
-            "other", 2, "points", ("places",), 1024, scene_type=PointScene, offers=frozenset(), prepare=prepare,
+            "other", 2, "points", ("places",), 1024, scene_type=PointScene, provides=frozenset(), prepare=prepare,
             update_digest=lambda digest, rows: None,
         )  # fmt: skip
     with pytest.raises(InvalidValueError, match="expected a complete Schema"):

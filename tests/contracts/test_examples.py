@@ -80,7 +80,7 @@ def test_example_lose_and_conceal_runs(tmp_path, capsys):
     main(str(tmp_path / "a.swz"), str(tmp_path / "cameras.json"), "bernoulli:0.4")
     lines = capsys.readouterr().out.splitlines()
     assert "packets (pak) lost" in lines[0]
-    assert [line.split()[0] for line in lines[1:]] == list(concealer_names(offers=decode_stream(stream).offers))
+    assert [line.split()[0] for line in lines[1:]] == list(concealer_names(provides=decode_stream(stream).provides))
 
 
 def test_notebook_of_codecs_runs_and_compares_all_files(tmp_path, capsys, monkeypatch):

@@ -28,7 +28,7 @@ def with_sketch(stream: SceneStream, trust: float = 0.75) -> SceneStream:
 
 def copies_of(partial: ReceivedScene) -> tuple[np.ndarray, list[float]]:
     """Positions of the copies, and their values one after another."""
-    copies = partial.find(Copies)
+    copies = partial.get(Copies)
     if copies is not None:
         splats = copies.splats
         numbers = (splats.means, splats.scales, splats.quats, splats.opacities)

@@ -109,7 +109,7 @@ def save_partial(partial: ReceivedScene[AnchorScene], path: Path) -> None:
     """
     tensors = _scene_tensors(partial.scene)
     tensors["erasures.received"] = partial.loss_mask.received
-    prior, expected = partial[Prior], partial.find(ExpectedPlaces)
+    prior, expected = partial[Prior], partial.get(ExpectedPlaces)
     tensors["prior.context"] = prior.context
     if expected is not None:
         tensors["anchors.guessed"] = expected.positions

@@ -148,7 +148,7 @@ def sketch_of(
     if len(stream.packets) < 2:
         raise InvalidValueError("calibration needs a stream of at least two packets")
     complete = replace(to_arrays(complete), scene=views.in_front(to_arrays(complete.scene)))
-    fit: Callable[..., Sketch] = GaussianSketch.fitted if complete.find(Prior) is None else AnchorSketch.fitted
+    fit: Callable[..., Sketch] = GaussianSketch.fitted if complete.get(Prior) is None else AnchorSketch.fitted
     most = round(config.share * stream.num_bytes)
     sketch = fit(stream, complete, views.reduced(config.views, config.width).cameras, most, config, show)
     quality: dict[str, float] = {}

@@ -150,7 +150,7 @@ def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray
     some streams, only packets contain the exact positions of anchors. A receiver then draws the copy of a lost anchor
     at an approximate position (`ExpectedPlaces`), so the offsets are changed to be relative to this position.
     """
-    anchors, guessed = to_arrays(complete.scene.anchors), complete.find(ExpectedPlaces)
+    anchors, guessed = to_arrays(complete.scene.anchors), complete.get(ExpectedPlaces)
     offsets, rows = anchors.offsets.astype(np.float64), anchors.num_anchors
     if guessed is None:
         return offsets.reshape(rows, -1)

@@ -70,7 +70,7 @@ def study(options: Demo) -> Study:
     """Returns the definition of the demo's evaluation."""
     source = ASSETS / SCENE
     stream, _ = read_stream(source)
-    concealers = concealer_names(sections_of(stream), schema_named(stream.manifest.codec).offers)
+    concealers = concealer_names(sections_of(stream), schema_named(stream.manifest.codec).provides)
     contiguous = replace(stream.manifest.packetization, grouping="contiguous")
     loss = Loss(options.loss)
     return Study(

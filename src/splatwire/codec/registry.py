@@ -119,8 +119,8 @@ def _problem(schema: Schema) -> str:
         return f"elements_per_byte must be 1 or more, not {schema.elements_per_byte!r}"
     if not isinstance(schema.scene_type, type):
         return f"scene_type must be a class, not {schema.scene_type!r:.40}"
-    if not all(isinstance(kind, type) for kind in schema.offers):
-        return "offers must hold classes"
+    if not all(isinstance(kind, type) for kind in schema.provides):
+        return "provides must hold classes"
     called = [*_CALLED, *(["prepare_repack"] if schema.prepare_repack is not None else [])]
     wrong = [name for name in called if not callable(getattr(schema, name))]
     return f"{', '.join(wrong)} cannot be called" if wrong else ""

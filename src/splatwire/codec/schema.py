@@ -139,7 +139,7 @@ class Schema(StreamSchema):
     Attributes:
         scene_type: Type of the scenes it encodes. If several schemas apply, the most specific type wins.
         codes: Function that returns True for the scenes of this type that the schema encodes.
-        offers: Record types that a concealer finds in every decoded stream (`ReceivedScene.offers`).
+        provides: Record types that a concealer finds in every decoded stream (`ReceivedScene.provides`).
         prepare: Prepares a scene for encoding; all of its elements are drawable.
         open_decoder: Creates a decoder from manifest, side information and the number of received bytes.
         update_digest: Adds decoded integers to a hashlib object.
@@ -150,7 +150,7 @@ class Schema(StreamSchema):
     """
 
     scene_type: type
-    offers: frozenset[type]
+    provides: frozenset[type]
     prepare: Callable[[Any, Options], Prepared]
     open_decoder: Callable[[Manifest, bytes, int], Decoder]
     update_digest: Callable[[Any, Rows], None]

@@ -43,13 +43,13 @@ class Registration:
     shipped: tuple[Path, ...]
     listed: bool
 
-    def missing_need(self, offers: Collection[type]) -> Need | None:
+    def missing_need(self, provides: Collection[type]) -> Need | None:
         """Returns a type that the concealer requires but the stream does not contain; None if nothing is missing.
 
         Args:
-            offers: Types of the stream's elements and side information records.
+            provides: Types of the stream's elements and side information records.
         """
-        return next((need for need in self.needs if not set(_kinds(need)) & set(offers)), None)
+        return next((need for need in self.needs if not set(_kinds(need)) & set(provides)), None)
 
 
 @dataclass(frozen=True)
@@ -113,14 +113,14 @@ def register_concealer(
 
 
 @checked
-def concealer_names(sections: Iterable[str] = (), offers: Collection[type] | None = None) -> tuple[str, ...]:
+def concealer_names(sections: Iterable[str] = (), provides: Collection[type] | None = None) -> tuple[str, ...]:
     """Returns the names of all usable concealers of static scenes, built-in ones first.
 
     Concealers whose package cannot be loaded are skipped and logged.
 
     Args:
         sections: Named sections of the stream; concealers that read other sections are not listed.
-        offers: Available types of elements and side information records (`ReceivedScene.offers`, `Schema.offers`);
+        provides: Available types of elements and records (`ReceivedScene.provides`, `Schema.provides`);
             concealers that require other types are not listed. None lists all.
     """
     there = {None, *sections}
@@ -128,7 +128,7 @@ def concealer_names(sections: Iterable[str] = (), offers: Collection[type] | Non
         name
         for name, known in _still().items()
         if known.listed
-        and (offers is None or known.missing_need(offers) is None)
+        and (provides is None or known.missing_need(provides) is None)
         and known.section in there
         and (known.option is None or known.section is not None)  # a section replaces the option
     )
@@ -148,22 +148,22 @@ def check_needs(method: Concealer, partial: ReceivedScene) -> None:
     """
     registered = (named.still for named in CONCEALERS.registered().values())
     known = next((still for still in registered if still is not None and still.make is type(method)), None)
-    need = None if known is None else known.missing_need(partial.offers)
+    need = None if known is None else known.missing_need(partial.provides)
     if need is not None:
-        able = ", ".join(concealer_names(partial.sections, partial.offers))
+        able = ", ".join(concealer_names(partial.sections, partial.provides))
         words = " or ".join(kind.__name__ for kind in _kinds(need))
         what = f"concealer '{method.name}' needs {words}, which this stream of {partial.scene.ELEMENTS} has not"
         raise InvalidValueError(f"{what}: {able} work")
 
 
 def why_unfit(
-    name: str, offers: Collection[type], sections: Iterable[str], options: Mapping[str, Any] | None = None
+    name: str, provides: Collection[type], sections: Iterable[str], options: Mapping[str, Any] | None = None
 ) -> str:
     """Returns the reason why a concealer cannot be used for a stream; an empty string if it can be used.
 
     Args:
         name: Name of the concealer, or `name:FILE`.
-        offers: Types of elements and side information records of the stream (`Schema.offers`).
+        provides: Types of elements and side information records of the stream (`Schema.provides`).
         sections: Named sections of the side information.
         options: Options of the concealer.
 
@@ -172,7 +172,7 @@ def why_unfit(
     """
     base, colon, _ = name.partition(":")
     known = _registered(base)
-    need = known.missing_need(offers)
+    need = known.missing_need(provides)
     if need is not None:
         return f"concealer '{base}' needs {' or '.join(kind.__name__ for kind in _kinds(need))}, which it has not"
     given = colon or known.option in (options or {})

@@ -53,7 +53,7 @@ def save_scene(
     """
     shown: Scene | ReceivedScene = scene if isinstance(scene, ReceivedScene) else as_scene(scene)
     target = path_of(path)
-    if isinstance(shown, ReceivedScene) and shown.find(Prior) is None:
+    if isinstance(shown, ReceivedScene) and shown.get(Prior) is None:
         if num_lost := shown.loss_mask.num_lost:
             LOG.warning("%s: %d lost Gaussians are left out, and such files cannot record losses", target, num_lost)
         shown = conceal(shown, "drop")
@@ -142,7 +142,7 @@ def save_decoded(
         SplatwireError: See `save_scene`.
         OSError: If the file cannot be written.
     """
-    if concealer is None and partial.find(Prior) is not None:
+    if concealer is None and partial.get(Prior) is not None:
         save_scene(partial, path, outliers=outliers)
         return partial.scene
     scene = conceal(partial, concealer or "drop")

@@ -115,7 +115,7 @@ class ReceivedScene(Generic[S]):
         if len(rows) != 1:
             raise InvalidValueError(f"scene, loss mask and records have different numbers of elements: {sorted(rows)}")
 
-    def find(self, kind: type[Record]) -> Record | None:
+    def get(self, kind: type[Record]) -> Record | None:
         """Returns the side information record of a type, such as `TierSizes`; None if it is absent."""
         return next((record for record in self.records if isinstance(record, kind)), None)
 
@@ -125,7 +125,7 @@ class ReceivedScene(Generic[S]):
         Raises:
             InvalidValueError: If the record is absent.
         """
-        found = self.find(kind)
+        found = self.get(kind)
         if found is None:
             raise InvalidValueError(
                 f"the side information of this stream of {self.scene.ELEMENTS} has no {kind.__name__}"
@@ -133,7 +133,7 @@ class ReceivedScene(Generic[S]):
         return found
 
     @property
-    def offers(self) -> frozenset[type]:
+    def provides(self) -> frozenset[type]:
         """Types of the available side information records, and the type of the elements, e.g. `Splats`."""
         return frozenset(map(type, (self.scene.elements, *self.records)))
 
@@ -159,7 +159,7 @@ class ReceivedScene(Generic[S]):
         If the side information contains approximate positions (`ExpectedPlaces`), these are returned, otherwise the
         decoded positions.
         """
-        expected = self.find(ExpectedPlaces)
+        expected = self.get(ExpectedPlaces)
         return self.scene.positions if expected is None else expected.positions
 
     @property
@@ -176,7 +176,7 @@ class ReceivedScene(Generic[S]):
     @property
     def tier_sizes(self) -> Float[np.ndarray, "N"] | None:
         """Typical size of the elements in each element's importance class (tier); None if it was not sent."""
-        tiers = self.find(TierSizes)
+        tiers = self.get(TierSizes)
         return None if tiers is None else tiers.sizes
 
     @property

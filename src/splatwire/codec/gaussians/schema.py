@@ -54,7 +54,7 @@ def _ranked(splats: Splats) -> np.ndarray:
 SCHEMA = schema_for(
     SCHEMAS[GAUSSIANS],
     scene_type=SplatScene,
-    offers=frozenset((Splats,)),
+    provides=frozenset((Splats,)),
     prepare=prepare_splats,
     prepare_repack=_prepare_repack,
     open_decoder=GaussianDecoder,

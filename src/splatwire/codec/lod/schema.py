@@ -75,7 +75,7 @@ def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
 SCHEMA = schema_for(
     SCHEMAS[LEVELS],
     scene_type=LevelScene,
-    offers=frozenset((Splats, Levels)),
+    provides=frozenset((Splats, Levels)),
     prepare=_prepare,
     prepare_repack=_prepare_repack,
     open_decoder=LevelsDecoder,

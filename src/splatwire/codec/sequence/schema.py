@@ -22,7 +22,7 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 SCHEMA = schema_for(
     SCHEMAS[TRACKS],
     scene_type=ClipScene,
-    offers=frozenset((Splats,)),
+    provides=frozenset((Splats,)),
     prepare=_prepare,
     prepare_repack=_prepare_repack,
     open_decoder=TracksDecoder,

@@ -59,7 +59,7 @@ class Sketch(CheckedFields):
             InvalidValueError: If the stream lacks the section `sketch`.
             BitstreamError: If the section is damaged or belongs to another scene.
         """
-        copies = partial.find(Copies)
+        copies = partial.get(Copies)
         if copies is not None:
             return conceal_with_copies(partial, copies)
         if SECTION not in partial.sections:

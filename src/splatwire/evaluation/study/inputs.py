@@ -97,11 +97,11 @@ class PreparedScene:
             return "" if known else f"concealer '{row.conceal}' is for still scenes, and it is a sequence"
         if name not in concealer_names() and name in clip_concealer_names():
             return f"concealer '{row.conceal}' is for sequences, and it is a still scene"
-        offers = schema_named(self.codec).offers
-        if row.erode is not None and Anchors not in offers:
+        provides = schema_named(self.codec).provides
+        if row.erode is not None and Anchors not in provides:
             return f"only anchors lose one attribute alone, and it has {self.streams[row.variant].elements}"
         sections = self.sections if row.packetization is None else row.sections
-        return why_unfit(row.conceal, offers, sections, row.options)
+        return why_unfit(row.conceal, provides, sections, row.options)
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def plain_rows(
         codec = schema_of(scene).name
         packed = packetization_named(None, codec, int(scene.drawable.sum()))
         sections = dict(loaded.sections) if isinstance(loaded, ReceivedScene) else {}
-    names = concealers or concealer_names(sections, schema_named(codec).offers)
+    names = concealers or concealer_names(sections, schema_named(codec).provides)
     if not lossy:
         return concealment_rows(() if complete else names, complete=complete)
     return concealment_rows(

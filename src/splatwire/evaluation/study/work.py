@@ -196,7 +196,7 @@ class UnitRunner:
         arrived = self._decoded(unit, unit.mask_digest, sent)
         if unit.erode is not None and unit.mask is not None and arrived.loss_mask is not None:
             whole = self._decoded(unit, "", stream).scene
-            if not isinstance(whole, ReceivedScene) or Anchors not in whole.offers:
+            if not isinstance(whole, ReceivedScene) or Anchors not in whole.provides:
                 raise InvalidValueError("only anchors lose one attribute alone: explicit Gaussians do not")
             eroded = erode(whole, ~arrived.loss_mask.known, Attribute[unit.erode.upper()])
             arrived = dataclasses.replace(arrived, scene=eroded, loss_mask=eroded.loss_mask)

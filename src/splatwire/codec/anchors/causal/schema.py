@@ -23,7 +23,7 @@ SCHEMA = schema_for(
     SCHEMAS[CAUSAL],
     scene_type=AnchorScene,
     codes=lambda scene: isinstance(scene.coding, CausalCoding),
-    offers=frozenset((Anchors, Prior, AnchorLayout, ExpectedPlaces)),
+    provides=frozenset((Anchors, Prior, AnchorLayout, ExpectedPlaces)),
     prepare=_prepare,
     prepare_repack=_prepare_repack,
     open_decoder=CausalDecoder,

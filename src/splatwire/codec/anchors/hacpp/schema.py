@@ -30,7 +30,7 @@ SCHEMA = schema_for(
     SCHEMAS[ANCHORS],
     scene_type=AnchorScene,
     codes=lambda scene: isinstance(scene.coding, HacppCoding),
-    offers=frozenset((Anchors, Prior, AnchorLayout)),
+    provides=frozenset((Anchors, Prior, AnchorLayout)),
     prepare=_prepare,
     prepare_repack=_prepare_repack,
     open_decoder=open_decoder,
