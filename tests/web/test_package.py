@@ -54,8 +54,8 @@ for (const [name, path, options] of [["whole", file, {}], ["half", half, {}], ["
 }
 told.arrived = [];
 told.lost = 0;
-for await (const { gaussians, packets, instead } of receive(url, { lost: () => told.lost++ }))
-  told.arrived.push([gaussians.count, packets, instead]);
+for await (const { gaussians, packets, replaces } of receive(url, { lost: () => told.lost++ }))
+  told.arrived.push([gaussians.count, packets, replaces]);
 console.log(JSON.stringify(told));
 """
 
@@ -158,7 +158,7 @@ def test_node_decoder_gives_the_gaussians_of_python(project: Path, stream: Scene
     assert np.mean(told["grown"]["scales"]) > np.mean(told["half"]["scales"])
     assert sum(count for count, _, _ in told["arrived"]) == len(ball().means)
     assert told["arrived"][-1][1] == len(stream.packets)
-    assert [instead for _, _, instead in told["arrived"]] == [True] + [False] * (len(told["arrived"]) - 1)
+    assert [replaces for _, _, replaces in told["arrived"]] == [True] + [False] * (len(told["arrived"]) - 1)
     assert told["lost"] >= 1
 
 

@@ -9,7 +9,7 @@ import type { Camera } from "./model/camera.ts";
 import { ContainerReader, type Head } from "./packets/container.ts";
 import { nextTask, type Pause, periodicPause } from "./scheduler.ts";
 import { DecodedStream } from "./transport/decoded_stream.ts";
-import type { Arrived as ArrivedPacket } from "./transport/events.ts";
+import type { ReceivedPacket } from "./transport/events.ts";
 import { receiveAll, sourceOf } from "./transport/failover.ts";
 import { PacketStore } from "./transport/packet_store.ts";
 import type { Session } from "./transport/webtransport.ts";
@@ -83,9 +83,11 @@ export interface Progress {
   readonly clip: Clip | null;
 }
 
-/** Newly decoded Gaussians. Replaces all earlier ones if `instead` is true, otherwise adds to them. */
-export interface Arrived extends Progress {
+/** Newly decoded Gaussians. They replace all earlier ones if `replaces` is true, and are added to them otherwise. */
+export interface ReceivedUpdate extends Progress {
   readonly gaussians: Gaussians;
+  readonly replaces: boolean;
+  /** @deprecated Former name of `replaces`. */
   readonly instead: boolean;
 }
 
@@ -185,7 +187,7 @@ const GROWTH = 1.5;
  * and for clips, every result replaces the one before. After a disconnect, the transfer continues with the missing
  * packets. Throws for live clips, which have no last packet.
  */
-export async function* receive(url: string | URL, options: ReceiveOptions = {}): AsyncGenerator<Arrived, void> {
+export async function* receive(url: string | URL, options: ReceiveOptions = {}): AsyncGenerator<ReceivedUpdate, void> {
   const transfer = new Transfer(options);
   const ended = sourceOf(new URL(url, globalThis.location?.href), options.session ?? null)
     .then((source) => receiveAll(source, transfer))
@@ -218,7 +220,7 @@ class Transfer {
   #given = false;
   /** Number of packets in the last result, for streams with results that replace each other. */
   #shown = 0;
-  #waiting: ArrivedPacket[] = [];
+  #waiting: ReceivedPacket[] = [];
   #wake: () => void = () => undefined;
   #stopped = false;
   readonly #pause = periodicPause();
@@ -234,7 +236,7 @@ class Transfer {
   }
 
   /** Decodes the waiting packets and yields the result. */
-  async *taken(): AsyncGenerator<Arrived, void> {
+  async *taken(): AsyncGenerator<ReceivedUpdate, void> {
     const received = this.#received,
       waiting = this.#waiting.splice(0);
     if (!received) return;
@@ -247,12 +249,12 @@ class Transfer {
     const seen = await received.gaussiansFor(cameraOf(this.options), false, this.#pause);
     if (!seen) return;
     const gaussians = joined(seen.parts, received.decoder);
-    yield { ...progressOf(received), gaussians, instead: !this.#given };
+    yield updateOf(received, gaussians, !this.#given);
     this.#given = true;
   }
 
   /** Yields the whole scene if enough new packets arrived or the transfer has ended. */
-  async *#replaced(received: DecodedStream): AsyncGenerator<Arrived, void> {
+  async *#replaced(received: DecodedStream): AsyncGenerator<ReceivedUpdate, void> {
     const { size } = received.decoder.intake;
     if (this.#given && size === this.#shown) return;
     if (!this.ended && size < GROWTH * this.#shown) return;
@@ -260,13 +262,13 @@ class Transfer {
     this.#shown = size;
     if (!gaussians.count && !this.ended) return;
     this.#given = true;
-    yield { ...progressOf(received), gaussians, instead: true };
+    yield updateOf(received, gaussians, true);
   }
 
-  async *concealed(): AsyncGenerator<Arrived, void> {
+  async *concealed(): AsyncGenerator<ReceivedUpdate, void> {
     const received = this.#received;
     if (!received || !this.options.concealer || replaces(received)) return;
-    yield { ...progressOf(received), gaussians: await everything(received, this.options), instead: true };
+    yield updateOf(received, await everything(received, this.options), true);
   }
 
   stop(): void {
@@ -301,7 +303,7 @@ class Transfer {
     this.#shown = 0;
   }
 
-  packets(packets: readonly ArrivedPacket[]): void {
+  packets(packets: readonly ReceivedPacket[]): void {
     this.#waiting.push(...this.held.add(packets));
     this.#wake();
   }
@@ -379,6 +381,13 @@ function frameOf({ decoder }: DecodedStream, { frame, concealer = "drop" }: Opti
 
 /** Camera of the options. The default camera is for explicit Gaussians, which do not depend on the view. */
 const cameraOf = ({ camera }: Options): Camera => camera ?? { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
+
+const updateOf = (received: DecodedStream, gaussians: Gaussians, replaces: boolean): ReceivedUpdate => ({
+  ...progressOf(received),
+  gaussians,
+  replaces,
+  instead: replaces,
+});
 
 const progressOf = ({ decoder }: DecodedStream): Progress => ({
   packets: decoder.intake.size,

@@ -9,7 +9,7 @@ import type { Packet } from "./packets/packet.ts";
 import { buffersOf, pack } from "./render/packed.ts";
 import { nextTask, periodicPause, SLICE_MS } from "./scheduler.ts";
 import { DecodedStream } from "./transport/decoded_stream.ts";
-import type { Arrived, Counts, Fetching } from "./transport/events.ts";
+import type { Counts, Fetching, ReceivedPacket } from "./transport/events.ts";
 import type { Receiver } from "./transport/failover.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
 import { PacketCache } from "./transport/packet_cache.ts";
@@ -193,13 +193,13 @@ export class WorkerReceiver implements Receiver {
     say({ kind: "facts", facts });
   }
 
-  packets(packets: readonly Arrived[]): void {
+  packets(packets: readonly ReceivedPacket[]): void {
     const fresh = this.live ? packets : this.held.add(packets);
     this.kept?.add(fresh);
     this.#enqueue(fresh);
   }
 
-  #enqueue(packets: readonly Arrived[]): void {
+  #enqueue(packets: readonly ReceivedPacket[]): void {
     for (const { bytes } of packets) this.#waiting.push({ bytes, of: this.#received! });
     this.#working ??= this.#decode();
   }
@@ -219,7 +219,7 @@ export class WorkerReceiver implements Receiver {
     }
   }
 
-  #resume(head: Head, file: Uint8Array, kept: readonly Arrived[]): void {
+  #resume(head: Head, file: Uint8Array, kept: readonly ReceivedPacket[]): void {
     const expected = head.manifest.numPackets,
       intact = kept.filter(({ bytes }) => isIntact(bytes, head));
     this.#received = new DecodedStream(head, VERIFICATION);

@@ -6,7 +6,7 @@ import { test } from "node:test";
 
 import { BitstreamError } from "../src/bytes.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
-import { cutOf, type Look } from "../src/codec/levels/cut.ts";
+import { cutOf, type ViewCamera } from "../src/codec/levels/cut.ts";
 import { LevelSchema } from "../src/codec/levels/schema.ts";
 import type { Swap } from "../src/codec/levels/swaps.ts";
 import type { Splats } from "../src/codec/splats.ts";
@@ -42,7 +42,7 @@ interface Index {
 
 interface View {
   readonly there: readonly boolean[];
-  readonly look: Look | null;
+  readonly look: ViewCamera | null;
   readonly budget: number;
   readonly drawn: readonly number[];
   readonly wanted: readonly number[];

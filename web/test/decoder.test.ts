@@ -6,7 +6,7 @@ import { createServer } from "node:http";
 import type { AddressInfo } from "node:net";
 import { test } from "node:test";
 
-import { type Arrived, BitstreamError, decode, decodeClip, type Gaussians, receive } from "../src/decoder.ts";
+import { BitstreamError, decode, decodeClip, type Gaussians, type ReceivedUpdate, receive } from "../src/decoder.ts";
 import { Generator } from "../src/integrations/splat_transform.ts";
 import { ContainerReader } from "../src/packets/container.ts";
 
@@ -32,9 +32,9 @@ function partOf(file: Uint8Array, keep: (n: number) => boolean): Uint8Array {
   return new Uint8Array(Buffer.concat([container.headBytes, ...sized]));
 }
 
-async function received(file: Uint8Array, options: Parameters<typeof receive>[1]): Promise<Arrived[]> {
+async function received(file: Uint8Array, options: Parameters<typeof receive>[1]): Promise<ReceivedUpdate[]> {
   const server = createServer((request, response) => response.end(request.url === "/s.swz" ? file : undefined)),
-    found: Arrived[] = [];
+    found: ReceivedUpdate[] = [];
   await new Promise<void>((resolve) => server.listen(0, "127.0.0.1", resolve));
   try {
     const { port } = server.address() as AddressInfo;
@@ -64,7 +64,7 @@ test("coarser Gaussians replace a lost tile", async () => {
 test("the last result of receiving levels has all Gaussians of the finest level", async () => {
   const found = await received(levels, {});
   assert.equal(found.at(-1)!.gaussians.count, finestCount(levels));
-  assert.ok(found.every(({ instead }) => instead));
+  assert.ok(found.every(({ replaces, instead }) => replaces && instead));
 });
 
 test("decode, decodeClip and receive return the same frames of a clip", async () => {

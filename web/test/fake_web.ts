@@ -9,7 +9,7 @@ import type { Camera } from "../src/model/camera.ts";
 import { ContainerReader, fileHead } from "../src/packets/container.ts";
 import { crc32 } from "../src/packets/crc32.ts";
 import { type Fields, parseJson, writeJson } from "../src/packets/json.ts";
-import type { Arrived } from "../src/transport/events.ts";
+import type { ReceivedPacket } from "../src/transport/events.ts";
 import { receiveAll, type Source, type Transports } from "../src/transport/failover.ts";
 import { dataView } from "../src/transport/frames.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
@@ -179,7 +179,7 @@ export class Caches {
   }
 
   /** Everything that is kept, entry by entry. */
-  get records(): Arrived[] {
+  get records(): ReceivedPacket[] {
     return [...this.entries.values()].flatMap((bytes) => recordsOf(bytes));
   }
 }

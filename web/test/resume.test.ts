@@ -5,7 +5,7 @@ import { test } from "node:test";
 
 import { ContainerReader, type Head, HeadReader } from "../src/packets/container.ts";
 import { withBackoff } from "../src/transport/backoff.ts";
-import { type Arrived, type Counts, FILE, type Listener } from "../src/transport/events.ts";
+import { type Counts, FILE, type Listener, type ReceivedPacket } from "../src/transport/events.ts";
 import { HttpError } from "../src/transport/http_error.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
 import { receiveFile } from "../src/transport/http_source.ts";
@@ -17,7 +17,7 @@ import { fileOf, STREAMS } from "./vectors.ts";
 const STREAM = fileOf("../tests/golden/tiny_causal.swz");
 
 /** Packets of a file in an order, as a source with these positions brings them. */
-function arrived(file: Uint8Array, source: string, positions: (n: number, offset: number) => number): Arrived[] {
+function arrived(file: Uint8Array, source: string, positions: (n: number, offset: number) => number): ReceivedPacket[] {
   const offsets = packetOffsets(file);
   return new ContainerReader()
     .feed(file)
@@ -126,7 +126,7 @@ class Notes implements Listener {
     if (!this.held.hasHead) this.held.begin(file, head);
   }
 
-  packets(packets: readonly Arrived[]): void {
+  packets(packets: readonly ReceivedPacket[]): void {
     this.held.add(packets);
   }
 

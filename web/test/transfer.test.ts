@@ -23,7 +23,7 @@ test("message bytes equal Python's", { skip: expected === null && "EXPECTED is n
     symbolBytes: 256,
     packets: 12,
     packetBytes: 1150,
-    carried: 4,
+    bundled: 4,
     viewable: true,
     open: false,
   });

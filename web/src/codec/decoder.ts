@@ -29,7 +29,7 @@ export interface Viewpoint {
 }
 
 /** Sphere, world units. */
-export interface Ball {
+export interface BoundingSphere {
   readonly middle: readonly number[];
   readonly radius: number;
 }
@@ -114,7 +114,7 @@ export class StreamDecoder {
   }
 
   /** Sphere around nearly all Gaussians of every frame of a clip, world units; null if the stream has none. */
-  get extent(): Ball | null {
+  get extent(): BoundingSphere | null {
     const section = this.schema.sections.get(EXTENT);
     if (!section) return null;
     const reader = new ByteReader(section, "section 'extent'"),

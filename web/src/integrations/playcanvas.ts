@@ -2,11 +2,11 @@
 
 import { type AppBase, type Asset, type GraphicsDevice, GSplatData, GSplatResource } from "playcanvas";
 
-import { type Arrived, decode, type Gaussians, type Options, receive } from "../decoder.ts";
+import { decode, type Gaussians, type Options, type ReceivedUpdate, receive } from "../decoder.ts";
 import { plyColumns } from "./columns.ts";
 import { warnOfLosses } from "./losses.ts";
 
-type Told = (error: string | null, resource?: GSplatResource | null) => void;
+type LoadCallback = (error: string | null, resource?: GSplatResource | null) => void;
 
 /**
  * Parser for `app.loader.getHandler("gsplat").addParser(new SwzParser(app))`. Fires `progress` with packet counts on
@@ -23,7 +23,7 @@ export class SwzParser {
     return ext === "swz";
   }
 
-  load(url: string | { load: string; original: string }, callback: Told, asset?: Asset): void {
+  load(url: string | { load: string; original: string }, callback: LoadCallback, asset?: Asset): void {
     const address = typeof url === "string" ? url : url.load;
     this.#gaussians(address, asset).then(
       (gaussians) => {
@@ -53,7 +53,7 @@ export class SwzParser {
       warnOfLosses(scene, url);
       return scene.gaussians;
     }
-    let last: Arrived | null = null;
+    let last: ReceivedUpdate | null = null;
     try {
       for await (const arrived of receive(url, { ...options, signal: stop.signal })) {
         last = arrived;

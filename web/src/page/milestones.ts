@@ -6,7 +6,7 @@ export class Milestones {
   /** No event is sent after `released` is aborted. */
   constructor(
     readonly status: Status,
-    readonly tell: Dispatch,
+    readonly dispatch: Dispatch,
     readonly released: AbortSignal,
   ) {}
 
@@ -23,6 +23,6 @@ export class Milestones {
       first = !Object.values(times).some((ms) => ms > 0);
     if (times[name] > 0 || this.released.aborted) return;
     const ms = (times[name] = performance.now() - began);
-    if (first) this.tell("firstpicture", { ms, preview: name === "preview" });
+    if (first) this.dispatch("firstpicture", { ms, preview: name === "preview" });
   }
 }

@@ -10,7 +10,7 @@ export class SessionStatus {
   constructor(
     readonly status: Status,
     readonly panel: Panel,
-    readonly tell: Dispatch,
+    readonly dispatch: Dispatch,
   ) {}
 
   /** Reports a fatal error. */
@@ -19,7 +19,7 @@ export class SessionStatus {
     status.failed = text;
     this.panel.setMessage(text, "bad");
     if (!status.gaussians) this.panel.showNotice("error", text);
-    this.tell("error", { message: text });
+    this.dispatch("error", { message: text });
   }
 
   /** Reports a disconnect. */
@@ -32,7 +32,7 @@ export class SessionStatus {
     const text = `Connection lost (${reason}); next attempt in ${Math.round(retryMs / 1000) || 1} s.`;
     this.panel.setMessage(text, "bad");
     if (!this.status.gaussians) this.panel.showNotice("offline", navigator.onLine ? text : `You are offline. ${text}`);
-    this.tell("lost", { reason, retryMs });
+    this.dispatch("lost", { reason, retryMs });
   }
 
   /** Reports progress; `live` is true for live clips. */
@@ -58,7 +58,7 @@ export class SessionStatus {
       );
     else if (complete) return panel.setMessage("All packets received; checking them.");
     else panel.setMessage(`The transfer ended early: ${text}. Missing packets are concealed.`);
-    this.tell("load", { complete, verified: false });
+    this.dispatch("load", { complete, verified: false });
   }
 
   /** Reports the result of the digest check. */
@@ -69,7 +69,7 @@ export class SessionStatus {
     status.verified = same;
     if (!same) this.fail("All packets were received, but their digest is wrong: the stream was altered or is damaged.");
     else if (!status.failed) this.panel.setMessage("Complete and verified.", "done");
-    this.tell("load", { complete: true, verified: same });
+    this.dispatch("load", { complete: true, verified: same });
   }
 
   /** Resolves to the result of the digest check. `ask` starts the check if there is none yet. */

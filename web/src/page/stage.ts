@@ -2,7 +2,7 @@
 
 import { Vec3 } from "playcanvas";
 
-import type { Ball, Viewpoint } from "../codec/decoder.ts";
+import type { BoundingSphere, Viewpoint } from "../codec/decoder.ts";
 import type { Camera } from "../model/camera.ts";
 import { Controls } from "../render/controls.ts";
 import { frameScene, sceneCore } from "../render/framing.ts";
@@ -57,7 +57,7 @@ export class Stage implements ContextOwner {
   view: View | null = null;
   isVisible = true;
   /** Sphere around all frames of a clip, world units; null if the stream has none. */
-  extent: Ball | null = null;
+  extent: BoundingSphere | null = null;
   /** Callback with the camera of each picture. */
   onCamera: ((camera: Camera) => void) | null = null;
   /** Callback after the loss of the WebGL context. */
@@ -297,7 +297,7 @@ export class Stage implements ContextOwner {
   }
 
   /** Returns the sphere to frame, in units of the view: that of the stream, else the current scene. */
-  #extent(core: SceneCore): Ball {
+  #extent(core: SceneCore): BoundingSphere {
     if (!this.extent) return core;
     const { middle, radius } = this.extent;
     return { middle: middle.map((value) => value / this.#size), radius: radius / this.#size };

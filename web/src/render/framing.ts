@@ -1,7 +1,7 @@
 // Default viewpoint of scenes without one: the whole scene fits, and nothing blocks the view.
 
 import type { Quat } from "playcanvas";
-import type { Ball } from "../codec/decoder.ts";
+import type { BoundingSphere } from "../codec/decoder.ts";
 import type { FreeSpace } from "./free_space.ts";
 import type { Orbit } from "./orbit.ts";
 import { HALF_FLOAT_VALUES, type Packed } from "./packed.ts";
@@ -95,7 +95,7 @@ export function frameScene(
   space: FreeSpace,
   across: number,
   down: number,
-  extent: Ball = core,
+  extent: BoundingSphere = core,
 ): void {
   const { yaw, pitch } = orbit.defaultDirection,
     inner = innerSamples(core);

@@ -1,6 +1,6 @@
 // Interface between the sources of a stream and its receiver.
 
-import type { Look } from "../codec/levels/cut.ts";
+import type { ViewCamera } from "../codec/levels/cut.ts";
 import type { Tiles } from "../codec/levels/tiles.ts";
 import type { Head } from "../packets/container.ts";
 
@@ -23,7 +23,7 @@ export const FILE = "file";
 export const NO_SOURCE = "";
 
 /** A packet and its position. Block and lane in its header identify it; the position is specific to the source. */
-export interface Arrived {
+export interface ReceivedPacket {
   readonly source: string;
   /** In a file: offset of the size field, bytes. In a session: index in the sending order. */
   readonly position: number;
@@ -50,7 +50,7 @@ export interface Listener {
   /** Tiles requested by the view; null for streams without levels or before the first view. */
   readonly fetching?: Fetching | null;
   /** Camera of the view, a new object for each change. Null before the first one, absent without a view. */
-  readonly looking?: Look | null;
+  readonly looking?: ViewCamera | null;
   /** Called when all tiles of the view were sent. */
   sawAll?(): void;
   /** Called when the server confirmed that the stored packets belong to the current stream. */
@@ -63,7 +63,7 @@ export interface Listener {
    * be cached. `live` is true if the stream grows and further periods may follow.
    */
   head(head: Head, file: Uint8Array, keep: boolean, live?: boolean): void;
-  packets(packets: readonly Arrived[]): void;
+  packets(packets: readonly ReceivedPacket[]): void;
   counts(counts: Counts): void;
   stopped(): boolean;
 }

@@ -3,7 +3,7 @@
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { hex } from "../bytes.ts";
-import type { Look } from "../codec/levels/cut.ts";
+import type { ViewCamera } from "../codec/levels/cut.ts";
 import { crc32 } from "../packets/crc32.ts";
 import {
   BYE,
@@ -59,7 +59,7 @@ export interface Welcome {
   readonly packets: number;
   readonly packetBytes: number;
   /** Number of packets bundled with the init segment. */
-  readonly carried: number;
+  readonly bundled: number;
   /** True if the server sends the tiles of a view first. */
   readonly viewable: boolean;
   /** True if the stream grows and further periods follow. */
@@ -88,7 +88,7 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
     symbolBytes: numbers.getUint16(57, true),
     packets: numbers.getUint32(59, true),
     packetBytes: numbers.getUint16(63, true),
-    carried: numbers.getUint32(65, true),
+    bundled: numbers.getUint32(65, true),
     viewable: (flags & VIEWABLE) > 0,
     open: (flags & OPEN) > 0,
     preview: bytes.slice(at + 2, at + 2 + size),
@@ -100,7 +100,7 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
     headBytes <= MAX_HEAD_BYTES &&
     welcome.symbolBytes > 0 &&
     welcome.packets <= MAX_PACKETS &&
-    welcome.carried <= welcome.packets;
+    welcome.bundled <= welcome.packets;
   return fine ? welcome : null;
 }
 
@@ -155,7 +155,7 @@ export function writeHave(nonce: bigint, streamId: number, held: Uint8Array): Ui
 }
 
 /** Builds a view update. `number` counts the updates. */
-export function writeView(session: number, number: number, look: Look, budget: number): Uint8Array {
+export function writeView(session: number, number: number, look: ViewCamera, budget: number): Uint8Array {
   return frame(VIEW, 68, (numbers) => {
     const { viewmat, focal, width, height } = look;
     [session, number, budget].forEach((value, n) => numbers.setUint32(1 + 4 * n, value, true));

@@ -167,10 +167,10 @@ export class HttpFile {
       if (first !== null) this.ranges = "unusable";
       [offset, whole] = [0, true];
     } else {
-      const said = headers.get("content-range"),
-        range = CONTENT_RANGE.exec(said ?? ""),
+      const header = headers.get("content-range"),
+        range = CONTENT_RANGE.exec(header ?? ""),
         all = range?.[1] === "0" && Number(range[2]) + 1 === Number(range[3]),
-        fits = !said || (range && Number(range[1]) === first && (end === null || Number(range[2]) < end));
+        fits = !header || (range && Number(range[1]) === first && (end === null || Number(range[2]) < end));
       if (encoded || (headers.get("content-type") ?? "").startsWith("multipart/") || (!fits && !(all && first === 0)))
         throw new RangeUnsupported(`${this.url} answers with another part than was requested`);
       this.#partial = true;

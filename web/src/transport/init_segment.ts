@@ -61,22 +61,22 @@ export class InitSegment {
   }
 
   /** Returns the head and the bundled packets. Throws if they are damaged. */
-  read(): { head: Head; carried: Uint8Array[] } {
+  read(): { head: Head; bundled: Uint8Array[] } {
     const object = this.#object,
       numbers = dataView(object),
-      carried: Uint8Array[] = [];
+      bundled: Uint8Array[] = [];
     if (this.digest !== hex(this.welcome.digest)) throw new Error("the side information is damaged");
     const manifestEnd = 4 + (object.length >= 4 ? numbers.getUint32(0, true) : 0),
       manifest = readManifest(object.subarray(4, manifestEnd));
     let at = manifestEnd + manifest.sideInfoBytes;
     const head = checkHead(manifest, object.subarray(manifestEnd, at));
-    for (; at + 2 <= object.length && carried.length < this.welcome.carried; ) {
+    for (; at + 2 <= object.length && bundled.length < this.welcome.bundled; ) {
       const size = numbers.getUint16(at, true);
-      carried.push(object.slice(at + 2, at + 2 + size));
+      bundled.push(object.slice(at + 2, at + 2 + size));
       at += 2 + size;
     }
-    if (carried.length !== this.welcome.carried || at !== object.length)
+    if (bundled.length !== this.welcome.bundled || at !== object.length)
       throw new Error("the side information is damaged");
-    return { head, carried };
+    return { head, bundled };
   }
 }

@@ -1,6 +1,6 @@
 // Messages between the page and its worker.
 
-import type { Ball, Viewpoint } from "../codec/decoder.ts";
+import type { BoundingSphere, Viewpoint } from "../codec/decoder.ts";
 import type { Texts } from "../codec/metadata.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Packed, Tile } from "../render/packed.ts";
@@ -30,7 +30,7 @@ export interface Facts {
   readonly background: readonly [number, number, number];
   readonly viewpoint: Viewpoint | null;
   /** Sphere around all frames of a clip, world units; null if the stream has none. */
-  readonly extent: Ball | null;
+  readonly extent: BoundingSphere | null;
   /** True if opacity decreases for Gaussians below the size of a pixel. */
   readonly antialiased: boolean;
   /** Up axis of the scene; null if the stream has none. */

@@ -1,7 +1,7 @@
 // Cache of received packets in the browser (Cache Storage), for later visits. Available only over HTTPS and on
 // localhost.
 
-import type { Arrived } from "./events.ts";
+import type { ReceivedPacket } from "./events.ts";
 import { dataView } from "./frames.ts";
 
 /** Name of the cache, which changes with its entry layout, and names of earlier layouts. */
@@ -19,7 +19,7 @@ const RECORD_BYTES = 14;
 /** Cached records of a stream. */
 export interface Before {
   readonly head: Uint8Array;
-  readonly packets: readonly Arrived[];
+  readonly packets: readonly ReceivedPacket[];
 }
 
 export class PacketCache {
@@ -27,7 +27,7 @@ export class PacketCache {
   /** Random part of entry names, so that two tabs write different entries. */
   readonly #writer = crypto.randomUUID();
   #parts = 0;
-  #waiting: Arrived[] = [];
+  #waiting: ReceivedPacket[] = [];
   #timer: ReturnType<typeof setTimeout> | null = null;
   #writing: Promise<void> = Promise.resolve();
   /** True once the browser had no space left. Later entries are useless without the earlier ones. */
@@ -61,7 +61,7 @@ export class PacketCache {
   }
 
   async #read(): Promise<Before | null> {
-    const packets: Arrived[] = [];
+    const packets: ReceivedPacket[] = [];
     let head: Uint8Array | null = null;
     for (const key of await withTimeout(this.#keys())) {
       const part = await withTimeout(this.cache.match(key)),
@@ -85,7 +85,7 @@ export class PacketCache {
   }
 
   /** Adds verified packets. */
-  add(packets: readonly Arrived[]): void {
+  add(packets: readonly ReceivedPacket[]): void {
     if (this.#full) return;
     for (const packet of packets) this.#waiting.push(packet);
     this.#timer ??= setTimeout(() => void this.flush(), WRITE_MS);
@@ -142,7 +142,7 @@ function withTimeout<T>(work: Promise<T>): Promise<T> {
 }
 
 /** Serialises records: size of the source name (u16), size of the packet (u32), position (f64), name, packet. */
-export function partOf(packets: readonly Arrived[]): Uint8Array<ArrayBuffer> {
+export function partOf(packets: readonly ReceivedPacket[]): Uint8Array<ArrayBuffer> {
   const names = packets.map(({ source }) => new TextEncoder().encode(source)),
     size = packets.reduce((sum, { bytes }, n) => sum + RECORD_BYTES + names[n].length + bytes.length, 0),
     all = new Uint8Array(size),
@@ -160,9 +160,9 @@ export function partOf(packets: readonly Arrived[]): Uint8Array<ArrayBuffer> {
 }
 
 /** Parses the complete records of a cache entry. */
-export function recordsOf(bytes: Uint8Array): Arrived[] {
+export function recordsOf(bytes: Uint8Array): ReceivedPacket[] {
   const numbers = dataView(bytes),
-    found: Arrived[] = [];
+    found: ReceivedPacket[] = [];
   for (let at = 0; at + RECORD_BYTES <= bytes.length; ) {
     const content = at + RECORD_BYTES + numbers.getUint16(at, true),
       end = content + numbers.getUint32(at + 2, true),

@@ -4,7 +4,7 @@ import { BitstreamError } from "../bytes.ts";
 import { type Head, HeadReader, joined } from "../packets/container.ts";
 import { MAX_PACKET_BYTES } from "../packets/limits.ts";
 import { HEADER_BYTES } from "../packets/packet.ts";
-import { type Arrived, FILE, type Listener } from "./events.ts";
+import { FILE, type Listener, type ReceivedPacket } from "./events.ts";
 import { dataView } from "./frames.ts";
 import { isIntact, type PacketStore, SIZE_BYTES } from "./packet_store.ts";
 
@@ -46,9 +46,9 @@ export class PacketScanner {
   }
 
   /** Adds bytes and returns the packets that are now complete. `last` is true at the end of the data. */
-  feed(piece: Uint8Array, last = false): Arrived[] {
+  feed(piece: Uint8Array, last = false): ReceivedPacket[] {
     const bytes = joined(this.#rest, piece),
-      found: Arrived[] = [];
+      found: ReceivedPacket[] = [];
     let at = 0;
     while (!this.broken) {
       if (this.#isSearching) {
@@ -110,7 +110,7 @@ export class PacketReader {
   /** Number of intact packets. */
   intact = 0;
   /** The first intact packet. */
-  first: Arrived | null = null;
+  first: ReceivedPacket | null = null;
 
   /**
    * Reads from the beginning of the file or, if `head` is given, from the packet at `offset`. `keep` is true if the
@@ -147,12 +147,12 @@ export class PacketReader {
       const { head, headBytes } = this.#begin;
       if (!packets || !head) return;
       this.#scanner = new PacketScanner(head, headBytes.length);
-      this.#tell(head, headBytes);
+      this.#report(head, headBytes);
     }
     this.#take(this.#scanner.feed(packets));
   }
 
-  #take(packets: Arrived[]): void {
+  #take(packets: ReceivedPacket[]): void {
     this.intact += packets.length;
     this.first ??= packets[0] ?? null;
     if (packets.length) this.listener.packets(packets);
@@ -160,7 +160,7 @@ export class PacketReader {
     if (this.#scanner!.broken) throw new Damaged("the rest of the file is damaged");
   }
 
-  #tell(head: Head, file: Uint8Array): void {
+  #report(head: Head, file: Uint8Array): void {
     const { held, listener } = this;
     if (held.hasHead && !held.isSame(file)) {
       held.clear();

@@ -4,7 +4,7 @@
 import type { Head } from "../packets/container.ts";
 import { identityOf, readPacket } from "../packets/packet.ts";
 import { Intake, planOf } from "../packets/plan.ts";
-import { type Arrived, FILE, NO_SOURCE } from "./events.ts";
+import { FILE, NO_SOURCE, type ReceivedPacket } from "./events.ts";
 
 /** Bytes of a packet's size field in a file. */
 export const SIZE_BYTES = 4;
@@ -40,7 +40,7 @@ export class PacketStore {
   #file: Uint8Array = new Uint8Array();
   #intake: Intake | null = null;
   /** Bytes of each received packet by its identity. */
-  readonly #packets = new Map<number, Arrived>();
+  readonly #packets = new Map<number, ReceivedPacket>();
   #map = new FileMap();
   /** True if the file has another order than assumed. */
   #isOwnOrder = false;
@@ -103,9 +103,9 @@ export class PacketStore {
   }
 
   /** Adds packets with their positions. Returns the new ones and ignores damaged ones. */
-  add(packets: readonly Arrived[]): Arrived[] {
+  add(packets: readonly ReceivedPacket[]): ReceivedPacket[] {
     const { head } = this,
-      fresh: Arrived[] = [];
+      fresh: ReceivedPacket[] = [];
     if (!head) return fresh;
     for (const one of packets) {
       const packet = packetOf(one.bytes, head);
@@ -124,7 +124,7 @@ export class PacketStore {
     return fresh;
   }
 
-  #locate({ source, position, bytes }: Arrived, identity: number): void {
+  #locate({ source, position, bytes }: ReceivedPacket, identity: number): void {
     if (source === FILE) return this.#map.add(position, SIZE_BYTES + bytes.length, identity);
     if (source === NO_SOURCE || position >= this.head!.manifest.numPackets) return;
     let order = this.#orders.get(source);
@@ -134,7 +134,7 @@ export class PacketStore {
   }
 
   /** All received packets. */
-  get packets(): Arrived[] {
+  get packets(): ReceivedPacket[] {
     return [...this.#packets.values()];
   }
 

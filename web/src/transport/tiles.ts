@@ -1,7 +1,7 @@
 // Tiles of a scene with levels, fetched by range requests in the order of the view.
 
 import { readPacket } from "../packets/packet.ts";
-import type { Arrived, Fetching, Listener } from "./events.ts";
+import type { Fetching, Listener, ReceivedPacket } from "./events.ts";
 import { type HttpFile, readBytes } from "./http_file.ts";
 import { PacketScanner } from "./packet_reader.ts";
 import type { PacketStore } from "./packet_store.ts";
@@ -38,7 +38,7 @@ export async function receiveTiles(
     expected = head.manifest.numPackets,
     begin = held.headBytes;
   let bytes = 0;
-  const tell = (): void =>
+  const report = (): void =>
     listener.counts({
       way: WAY,
       bytes,
@@ -75,7 +75,7 @@ export async function receiveTiles(
         [file.ranges, file.useless] = ["usable", 0];
         listener.packets(packets);
       }
-      tell();
+      report();
       await view.taken();
       if (!packets.length) file.noteUseless(`${file.url} answers with other bytes than were requested`);
     } finally {
@@ -100,14 +100,14 @@ export async function receiveTiles(
       if (run) start(run);
       else if (busy.size) await Promise.race(busy);
       else {
-        tell();
+        report();
         await view.moved(isGivenUp);
       }
     }
   } finally {
     aborted.abort();
   }
-  tell();
+  report();
   if (view.packets >= expected) return "complete";
   if (listener.stopped()) return "stopped";
   throw new OtherOrder(`${expected - view.packets} packets are not where the index of the stream has them`);
@@ -133,7 +133,7 @@ function nextRun({ tiles, wanted }: Fetching, isFree: (tile: number) => boolean,
  * Returns the intact packets of a tile, given the bytes of its run. `begin` is the offset of the first tile in the
  * file.
  */
-function intactPackets(piece: Uint8Array, tile: number, run: Run, begin: number, view: Fetching): Arrived[] {
+function intactPackets(piece: Uint8Array, tile: number, run: Run, begin: number, view: Fetching): ReceivedPacket[] {
   const { offsets } = view.tiles,
     first = offsets[run.first],
     bytes = piece.subarray(offsets[tile] - first, offsets[tile + 1] - first);

@@ -4,10 +4,10 @@
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { hex } from "../bytes.ts";
-import type { Look } from "../codec/levels/cut.ts";
+import type { ViewCamera } from "../codec/levels/cut.ts";
 import type { Head } from "../packets/container.ts";
 import { identityOf, readPacket } from "../packets/packet.ts";
-import { type Arrived, NO_SOURCE } from "./events.ts";
+import { NO_SOURCE, type ReceivedPacket } from "./events.ts";
 import {
   dataView,
   messageType,
@@ -53,7 +53,7 @@ export class Transfer {
   welcome: Welcome | null = null;
   head: Head | null = null;
   /** Received packets that the caller has not taken yet. */
-  fresh: Arrived[] = [];
+  fresh: ReceivedPacket[] = [];
   /** How the transfer ended; null while it continues. */
   finished: string | null = null;
   headMs: number | null = null;
@@ -163,7 +163,7 @@ export class Transfer {
   }
 
   /** Builds a view update. */
-  view(look: Look, budget: number): Uint8Array {
+  view(look: ViewCamera, budget: number): Uint8Array {
     this.viewing = true;
     return writeView(this.welcome!.session, ++this.#numViewUpdates, look, budget);
   }
@@ -202,13 +202,13 @@ export class Transfer {
 
   /** Returns the indices of overdue packets. */
   #lostPlaces(now: number): number[] {
-    const { packets, carried } = this.welcome!,
+    const { packets, bundled } = this.welcome!,
       lost: number[] = [];
     const stop = this.ended ? packets : this.#highest + 1 - REORDER;
     const { open } = this.welcome!;
     while (this.#lowest < packets && this.#packetStates[this.#lowest]) this.#lowest++;
     for (
-      let place = this.head ? this.#lowest : Math.max(carried, this.#lowest);
+      let place = this.head ? this.#lowest : Math.max(bundled, this.#lowest);
       place < stop && lost.length < MAX_NACKS;
       place++
     ) {
@@ -258,7 +258,7 @@ export class Transfer {
   #goOn(before: Before, welcome: Welcome): void {
     if (welcome.streamId !== before.head.manifest.streamId || welcome.open) return void (this.isSame = false);
     const bits = before.bitsOf(welcome.order);
-    if (!bits && (welcome.carried || hex(sha256(before.object)) !== hex(welcome.digest))) return;
+    if (!bits && (welcome.bundled || hex(sha256(before.object)) !== hex(welcome.digest))) return;
     this.isSame = true;
     this.head = before.head;
     for (let place = 0; bits && place < Math.min(welcome.packets, 8 * bits.length); place++)
@@ -316,11 +316,11 @@ export class Transfer {
     if (this.#object!.missing) return;
     this.headMs ??= now - this.began;
     try {
-      const { head, carried } = this.#object!.read();
+      const { head, bundled } = this.#object!.read();
       this.head = head;
       this.heads++;
       if (this.before) this.isSame ??= this.#object!.hasManifestOf(this.before.object);
-      carried.forEach((packet, place) => this.#acceptPacket(place, packet));
+      bundled.forEach((packet, place) => this.#acceptPacket(place, packet));
       this.#checkFinished();
     } catch (error) {
       this.finished = (error as Error).message;

@@ -1,6 +1,6 @@
 // WebTransport source: side information on a reliable stream, packets as datagrams, lost ones by NACK.
 
-import { BUDGET, type Look } from "../codec/levels/cut.ts";
+import { BUDGET, type ViewCamera } from "../codec/levels/cut.ts";
 import { delay } from "../scheduler.ts";
 import type { Listener } from "./events.ts";
 import { FrameReader } from "./frames.ts";
@@ -24,7 +24,7 @@ const VIEW_MS = 100,
 const NUM_BYES = 3,
   BYE_MS = 200;
 /** View without a budget. The server sends only the base tiles until the camera is known. */
-const NO_VIEW: Look = {
+const NO_VIEW: ViewCamera = {
   viewmat: [
     [1, 0, 0, 0],
     [0, 1, 0, 0],
@@ -133,10 +133,10 @@ export async function receiveDatagrams(
     else
       for (const bytes of transfer.welcome ? looker.messages(now) : [request])
         datagrams.write(bytes).catch(() => undefined);
-    if (!looker.seen) progress.tell();
+    if (!looker.seen) progress.report();
     looker.look(now);
   }
-  progress.tell();
+  progress.report();
   if (transfer.welcome) {
     const byes = Array.from({ length: NUM_BYES }, () => datagrams.write(transfer.bye()).catch(() => undefined));
     await Promise.race([Promise.all(byes), delay(BYE_MS)]);
@@ -149,8 +149,8 @@ export async function receiveDatagrams(
 
 /** Sends view updates and feedback, at a low rate once all tiles of the view arrived. */
 class ViewReporter {
-  #looking: Look | null = null;
-  #sawFrom: Look | null = null;
+  #looking: ViewCamera | null = null;
+  #sawFrom: ViewCamera | null = null;
   #times = 0;
   #toldAt = -Infinity;
   #reportedAt = -Infinity;
@@ -178,19 +178,19 @@ class ViewReporter {
     const { transfer } = this,
       looks = transfer.welcome!.viewable && this.listener.looking !== undefined,
       looking = looks ? (this.listener.looking ?? NO_VIEW) : null,
-      said: Uint8Array[] = [];
+      datagrams: Uint8Array[] = [];
     if (looking !== this.#looking) this.#times = 0;
     if (looking && now - this.#toldAt >= (this.#times < IMMEDIATE_UPDATES ? VIEW_MS : VIEW_AGAIN_MS)) {
-      said.push(transfer.view(looking, looking === NO_VIEW ? 1 : BUDGET));
+      datagrams.push(transfer.view(looking, looking === NO_VIEW ? 1 : BUDGET));
       this.#toldAt = now;
       this.#times++;
       this.#looking = looking;
     }
     if (now - this.#reportedAt >= (now - this.#seenAt > IDLE_MS ? IDLE_MS / 2 : 0)) {
-      said.push(transfer.feedback(now));
+      datagrams.push(transfer.feedback(now));
       this.#reportedAt = now;
     }
-    return said;
+    return datagrams;
   }
 }
 
@@ -206,7 +206,7 @@ class Progress {
     readonly listener: Listener,
   ) {}
 
-  tell(): void {
+  report(): void {
     const { transfer, listener } = this;
     if (!this.#isCompared && transfer.before && transfer.isSame !== null) {
       this.#isCompared = true;

@@ -44,7 +44,7 @@ import {
   SPREADS,
   WIDE,
 } from "./layout.ts";
-import { LUMA_MEAN, Neighbours, deviationContext } from "./neighbours.ts";
+import { deviationContext, LUMA_MEAN, Neighbours } from "./neighbours.ts";
 import type { SideInfo } from "./side_info.ts";
 import { Steps } from "./steps.ts";
 import { THINNESS } from "./tables.ts";

@@ -13,7 +13,7 @@ const OUTSIDE_WEIGHT = 0.05;
 /** Smallest distance of a tile, as a multiple of its half diagonal. */
 const MIN_DISTANCE_RATIO = 0.02;
 
-export type Look = Pick<Camera, "viewmat" | "focal" | "width" | "height">;
+export type ViewCamera = Pick<Camera, "viewmat" | "focal" | "width" | "height">;
 
 export interface Cut {
   /**
@@ -32,7 +32,7 @@ export interface Cut {
  * Without a camera both values are the error in world units. The coarsest level has an infinite error because nothing
  * replaces it.
  */
-function tileUtility(tiles: Tiles, tile: number, look: Look | null, eye: readonly number[]): [number, number] {
+function tileUtility(tiles: Tiles, tile: number, look: ViewCamera | null, eye: readonly number[]): [number, number] {
   const parent = tiles.parents[tile],
     error = parent < 0 ? Infinity : tiles.errors[parent];
   if (!look) return [error, error];
@@ -80,7 +80,7 @@ const length = ([x, y, z]: readonly number[]): number => Math.sqrt(x * x + y * y
 export function cutOf(
   tiles: Tiles,
   there: (tile: number) => boolean,
-  look: Look | null,
+  look: ViewCamera | null,
   budget = BUDGET,
   drawable = there,
 ): Cut {
@@ -101,7 +101,7 @@ export function cutOf(
 }
 
 /** Returns the selected tiles, most useful first. A coarser tile precedes its children. */
-function selectedTiles(tiles: Tiles, look: Look | null, budget: number): number[] {
+function selectedTiles(tiles: Tiles, look: ViewCamera | null, budget: number): number[] {
   if (budget === Infinity) return Array.from({ length: tiles.count }, (_, tile) => tile);
   const { count, parents, gaussians } = tiles,
     eye = look ? cameraPosition(look) : [],

@@ -82,10 +82,10 @@ export function isLocallyCoherent(
       apart = 0;
     for (let k = 3; k < 3 * frames; k++) {
       const own = value(n, Math.floor(k / 3), k % 3);
-      let said = 0;
-      for (const other of near) said += value(other, Math.floor(k / 3), k % 3) / near.length;
+      let predicted = 0;
+      for (const other of near) predicted += value(other, Math.floor(k / 3), k % 3) / near.length;
       moved += own * own;
-      apart += (own - said) ** 2;
+      apart += (own - predicted) ** 2;
     }
     alike += apart <= MAX_DEVIATION * moved ? 1 : -1;
   }
