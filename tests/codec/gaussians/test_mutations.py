@@ -1,6 +1,6 @@
 """Mutated streams with valid checksums decode to finite Gaussians or to one error.
 
-`SPLATWIRE_FUZZ_CASES=100000 pytest tests/codec/gaussians/test_lies.py` runs long; a case is its number.
+`SPLATWIRE_FUZZ_CASES=100000 pytest tests/codec/gaussians/test_mutations.py` runs long; a case is its number.
 """
 
 import dataclasses
