@@ -12,7 +12,7 @@ from splatwire.bitstream import Packetization, stream_to_bytes
 from splatwire.codec import encode_scene, scene_in_order
 from splatwire.errors import InvalidValueError
 from splatwire.types import AnchorScene, SplatScene
-from splatwire.types.rows import ROWS, rows_of_splats
+from splatwire.types.validity import ROWS, validity_of_splats
 
 SMALL = Packetization(block_size=60, lanes=2)
 NAN, INF = float("nan"), float("inf")
@@ -96,7 +96,7 @@ def test_rows_are_counted_from_the_beginning_of_the_scene() -> None:
     splats = some_splats(4, 0).select(np.arange(ROWS + 9) % 4)
     splats.means[ROWS + 5] = NAN
     splats.opacities[ROWS + 7] = 0
-    rows = rows_of_splats(splats)
+    rows = validity_of_splats(splats)
     assert (rows.num_invisible, rows.num_invalid, rows.first_invalid) == (1, 1, ROWS + 5)
     assert not rows.kept[[ROWS + 5, ROWS + 7]].any()
     assert int(rows.kept.sum()) == ROWS + 7

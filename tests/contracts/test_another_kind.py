@@ -52,7 +52,7 @@ from splatwire.render import render_scene
 from splatwire.transport.http.pack import pack_stream
 from splatwire.types import Cameras, Coverage, Gaussians, LossMask, ReceivedScene, RenderHints
 from splatwire.types.background import BLACK, Background
-from splatwire.types.rows import Rows
+from splatwire.types.validity import ElementValidity
 from splatwire.view.page import page_of_stream
 
 
@@ -105,8 +105,8 @@ class PointScene:
     def facts(self) -> dict[str, int | float]:
         return {"num_points": self.num_elements}
 
-    def rows(self) -> Rows:
-        return Rows(np.ones(self.num_elements, np.bool_), 0, 0, None)
+    def rows(self) -> ElementValidity:
+        return ElementValidity(np.ones(self.num_elements, np.bool_), 0, 0, None)
 
     def select(self, index: np.ndarray) -> "PointScene":
         return replace(self, points=self.points.select(index), hints=None)

@@ -15,7 +15,7 @@ DAMAGED = 3
 """Exit status of a verb whose input is damaged."""
 _DAMAGE = "splatwire.bitstream.stream"
 _TELLING = (
-    *("splatwire.types.rows", "splatwire.codec.gaussians.outliers", "splatwire.plugins", _DAMAGE),
+    *("splatwire.types.validity", "splatwire.codec.gaussians.outliers", "splatwire.plugins", _DAMAGE),
     *("splatwire.io", "splatwire.data", "splatwire.sequence", "splatwire.files", "splatwire.cli._encoded_clips"),
 )
 _MAX_FILES = 100_000

@@ -11,7 +11,7 @@ WARN_S = 5.0
 """Minimum interval between two printed warnings, seconds; warnings in between are only counted."""
 MAX_WARNING = 1000
 """Maximum length of a warning, characters."""
-LOGGERS = ("splatwire.types.rows", "splatwire.codec.gaussians.outliers")
+LOGGERS = ("splatwire.types.validity", "splatwire.codec.gaussians.outliers")
 """Loggers that may emit warnings for every frame."""
 
 

@@ -10,7 +10,7 @@ from splatwire.bitstream.sections import split_sections
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.memory import allocating, threads_within
 from splatwire.codec.registry import schema_named
-from splatwire.codec.schema import CHUNK, Decoder, Rows, Run
+from splatwire.codec.schema import CHUNK, Decoder, Run, SymbolRows
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.viewpoint import check_viewpoint
 from splatwire.errors import DesyncError, check_kind, check_progress
@@ -52,7 +52,7 @@ def decode_stream(
         threads = threads_within(decoder.scene_bytes, working, stream.num_bytes, what, threads)
         decoder.expect(threads)
 
-        def decode_run(run: Run) -> tuple[int, Rows | None]:
+        def decode_run(run: Run) -> tuple[int, SymbolRows | None]:
             rows = decoder.decode(run)
             decoder.store(run, rows)
             return len(run.packets), rows if complete else None

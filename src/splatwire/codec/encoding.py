@@ -45,7 +45,7 @@ def encode_scene(
     """Encodes a scene into independently decodable packets (paper 3.2).
 
     Elements that draw nothing (anchors without a single existing offset) or cannot be drawn are skipped, which is
-    logged (`splatwire.types.rows`).
+    logged (`splatwire.types.validity`).
 
     Args:
         scene: The scene, or any argument of `as_scene`. Factors on size and opacity that a loss concealer has set are

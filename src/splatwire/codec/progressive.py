@@ -12,7 +12,7 @@ from splatwire.bitstream import Manifest, Packet, PacketId, PacketIntake
 from splatwire.codec.arrivals import Arrivals
 from splatwire.codec.decoding import open_decoder, runs_of
 from splatwire.codec.memory import allocating, check_memory, threads_within
-from splatwire.codec.schema import Decoder, Rows, Run
+from splatwire.codec.schema import Decoder, Run, SymbolRows
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import BitstreamError, DesyncError
 from splatwire.types import LossMask
@@ -59,7 +59,7 @@ class ProgressiveDecoder(Arrivals):
             raise BitstreamError("packets of separated attributes are decoded all at once, not one by one")
         self._threads, self._progress = threads, progress
         self._what = f"decoding {manifest.num_elements:,} {manifest.elements}"
-        self._found: dict[PacketId, tuple[Packet, Rows | None]] = {}
+        self._found: dict[PacketId, tuple[Packet, SymbolRows | None]] = {}
         self._blocks: dict[int, list[Packet]] = {}
         self._checked, self._num_known = False, 0
         self._room: Decoder | None = None
@@ -140,10 +140,10 @@ class ProgressiveDecoder(Arrivals):
             self._check()
         return np.concatenate(new)
 
-    def _decode(self, run: Run) -> tuple[Run, Rows | None]:
+    def _decode(self, run: Run) -> tuple[Run, SymbolRows | None]:
         return run, None if self._decoder.redecode_on_demand else self._decoder.decode(run)
 
-    def _keep(self, run: Run, rows: Rows | None) -> None:
+    def _keep(self, run: Run, rows: SymbolRows | None) -> None:
         """Stores the decoded integers of new packets and updates the scene.
 
         The update covers the elements of these packets. If the decoder estimates lost elements, it covers their whole
@@ -173,7 +173,7 @@ class ProgressiveDecoder(Arrivals):
     def _packets(self) -> list[Packet]:
         return [packet for packet, _ in self._found.values()]
 
-    def _rows(self, run: Run) -> Rows:
+    def _rows(self, run: Run) -> SymbolRows:
         """Returns the decoded integers of packets that were added before.
 
         If only the compressed packets were kept, they are decoded again.

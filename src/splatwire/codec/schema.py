@@ -16,7 +16,7 @@ from splatwire.types.received_scene import ReceivedScene
 
 CHUNK = 3000
 """Elements processed at once: large enough for efficient matrix products, small enough for the CPU cache."""
-Rows = tuple[np.ndarray, ...]
+SymbolRows = tuple[np.ndarray, ...]
 """Decoded integers of elements: arrays with one row per element."""
 
 
@@ -32,7 +32,7 @@ class CodedPackets:
 
     counts: np.ndarray
     payloads: list[bytes]
-    rows: Rows
+    rows: SymbolRows
 
 
 @runtime_checkable
@@ -105,14 +105,14 @@ class Decoder(Protocol):
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates arrays for all elements. Required before `store` and `scene`, but not before `decode`."""
 
-    def decode(self, run: Run) -> Rows:
+    def decode(self, run: Run) -> SymbolRows:
         """Decodes packets; any bytes decode without an error. May be called from several threads.
 
         Returns:
             The integers of the run's elements, packet by packet.
         """
 
-    def store(self, run: Run, rows: Rows) -> None:
+    def store(self, run: Run, rows: SymbolRows) -> None:
         """Writes the attributes of decoded elements to the arrays of the scene.
 
         If runs are blocks (`runs_are_blocks`), it also estimates the lost elements of the block and writes them.
@@ -122,7 +122,7 @@ class Decoder(Protocol):
             rows: Result of `decode` for these packets.
         """
 
-    def update_digest(self, digest: Any, rows: Rows) -> None:
+    def update_digest(self, digest: Any, rows: SymbolRows) -> None:
         """Adds the integers of a complete run to a hashlib object.
 
         The result does not depend on the division into runs.
@@ -153,7 +153,7 @@ class Schema(StreamSchema):
     provides: frozenset[type]
     prepare: Callable[[Any, Options], Prepared]
     open_decoder: Callable[[Manifest, bytes, int], Decoder]
-    update_digest: Callable[[Any, Rows], None]
+    update_digest: Callable[[Any, SymbolRows], None]
     codes: Callable[[Any], bool] = lambda scene: True
     prepare_repack: Callable[[SceneStream, Packetization, int | None], Prepared] | None = None
     can_repack: Callable[[SceneStream], bool] = lambda stream: True

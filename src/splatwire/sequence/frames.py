@@ -22,8 +22,8 @@ from splatwire.io.formats.content import FileContent
 from splatwire.io.formats.splatv import MovingSplats
 from splatwire.types import SplatScene
 from splatwire.types.background import BLACK, Background
-from splatwire.types.rows import Rows, rows_of_splats
 from splatwire.types.splats import Splats
+from splatwire.types.validity import ElementValidity, validity_of_splats
 
 LOG = logging.getLogger(__name__)
 SPLATV_FRAMES = 50
@@ -124,7 +124,7 @@ def _frames_at(moving: MovingSplats, times: list[float]) -> Iterator["Frame"]:
     told = False
     for time in times:
         splats = moving.at(time)
-        rows = rows_of_splats(splats)
+        rows = validity_of_splats(splats)
         if rows.num_invalid and not told:
             told = True
             rows.log_removed(f"{moving.path} at time {time:.3g}", "Gaussians")
@@ -207,12 +207,12 @@ class Frame(FileContent):
             where: Name of their source in log messages.
             properties: Further attributes of `FileContent`.
         """
-        rows = rows_of_splats(splats)
+        rows = validity_of_splats(splats)
         rows.log_removed(where, "Gaussians")
         return Frame.from_rows(splats, rows, **properties)
 
     @staticmethod
-    def from_rows(splats: Splats, rows: Rows, **properties: Any) -> "Frame":
+    def from_rows(splats: Splats, rows: ElementValidity, **properties: Any) -> "Frame":
         """Creates a frame from Gaussians whose values were already checked.
 
         Args:

@@ -13,7 +13,7 @@ from splatwire.sequence import ClipOptions, read_frames
 from splatwire.sequence.arriving import LOOK_S, Backlog, FrameSource, Patience, Signature, signature_at
 from splatwire.sequence.frames import Frame
 from splatwire.transport.protocol.live_session import StreamUpdate
-from splatwire.types.rows import rows_of_splats
+from splatwire.types.validity import validity_of_splats
 
 OTHERS = 15
 """Number of consecutive frames with a different degree of harmonics or antialiasing after which the clip adopts their
@@ -190,7 +190,7 @@ class LiveEncoding:
 
 def _has_valid_rows(frame: Frame) -> bool:
     """Returns True if at least one Gaussian has valid values; it may be transparent."""
-    return bool(frame.drawn.any()) or rows_of_splats(frame.splats).num_invalid < frame.splats.num_gaussians
+    return bool(frame.drawn.any()) or validity_of_splats(frame.splats).num_invalid < frame.splats.num_gaussians
 
 
 def _described(kind: tuple[int, bool]) -> str:

@@ -14,8 +14,8 @@ from splatwire.types.background import BLACK, Background, check_background
 from splatwire.types.causal_coding import CausalCoding
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.networks import Mlp
-from splatwire.types.rows import Rows, rows_of_anchors
 from splatwire.types.scene import Coverage, RenderHints
+from splatwire.types.validity import ElementValidity, validity_of_anchors
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +157,9 @@ class AnchorScene:
         """Mask of the anchors that at least one view can draw; only these are encoded."""
         return self.rows().kept
 
-    def rows(self) -> Rows:
+    def rows(self) -> ElementValidity:
         """Classifies the anchors as drawable, invisible or invalid; only drawable ones are encoded."""
-        return rows_of_anchors(self.anchors)
+        return validity_of_anchors(self.anchors)
 
     @property
     def num_gaussians(self) -> int:

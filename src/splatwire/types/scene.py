@@ -10,7 +10,7 @@ from splatwire.arguments import CheckedFields
 from splatwire.reprs import summary_repr
 from splatwire.types.background import Background
 from splatwire.types.loss_mask import LossMask
-from splatwire.types.rows import Rows
+from splatwire.types.validity import ElementValidity
 
 Own = TypeVar("Own")
 
@@ -113,7 +113,7 @@ class Scene(Protocol):
     def drawable(self) -> Bool[np.ndarray, "N"]:
         """Mask of the elements that at least one view can draw; only these are encoded."""
 
-    def rows(self) -> Rows:
+    def rows(self) -> ElementValidity:
         """Classifies the elements as drawable, invisible or invalid; only drawable ones are encoded."""
 
     @property

@@ -13,10 +13,10 @@ from splatwire.reprs import summary_repr
 from splatwire.types.background import BLACK, Background
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin
-from splatwire.types.rows import Rows
 from splatwire.types.scene import Coverage, RenderHints
 from splatwire.types.splat_scene import SplatScene
 from splatwire.types.splats import Splats
+from splatwire.types.validity import ElementValidity
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class ClipScene:
         """Mask of the keyframe Gaussians that at least one view can draw."""
         return self.rows().kept
 
-    def rows(self) -> Rows:
+    def rows(self) -> ElementValidity:
         """Classifies the keyframe Gaussians as drawable, invisible or invalid."""
         return self.bases().rows()
 

@@ -13,9 +13,9 @@ from splatwire.reprs import summary_repr
 from splatwire.types.background import BLACK, Background, check_background
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin, check_origin
-from splatwire.types.rows import Rows, rows_of_splats
 from splatwire.types.scene import Coverage, RenderHints
 from splatwire.types.splats import Splats
+from splatwire.types.validity import ElementValidity, validity_of_splats
 
 Own = TypeVar("Own", bound="SplatScene")
 
@@ -124,13 +124,13 @@ class SplatScene:
         """Mask of the Gaussians that at least one view can draw; only these are encoded."""
         return self.rows().kept
 
-    def rows(self) -> Rows:
+    def rows(self) -> ElementValidity:
         """Classifies the Gaussians as drawable, invisible or invalid; only drawable ones are encoded."""
         return self._rows
 
     @functools.cached_property
-    def _rows(self) -> Rows:
-        return rows_of_splats(self.splats)
+    def _rows(self) -> ElementValidity:
+        return validity_of_splats(self.splats)
 
     @property
     def num_gaussians(self) -> int:

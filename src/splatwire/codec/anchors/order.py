@@ -23,7 +23,7 @@ from splatwire.bitstream.sections import sections_of
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.geometry import anchor_order
 from splatwire.codec.metadata import metadata_sections
-from splatwire.codec.schema import CHUNK, CodedPackets, Options, Prepared, Rows
+from splatwire.codec.schema import CHUNK, CodedPackets, Options, Prepared, SymbolRows
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
 from splatwire.codec.tier_sizes import encode_tier_sizes, read_tier_sizes
@@ -133,7 +133,7 @@ def coding_order(scene: AnchorScene, order: str) -> Int64[np.ndarray, "n"]:
     """Returns the indices of a scene's drawable anchors in coding order.
 
     Args:
-        scene: The scene, N anchors, n of them drawable (`splatwire.types.rows`).
+        scene: The scene, N anchors, n of them drawable (`splatwire.types.validity`).
         order: As in `Packetization.order`.
 
     Raises:
@@ -192,7 +192,7 @@ def chunks(sizes: np.ndarray, most: int = CHUNK) -> Iterator[slice]:
         yield slice(first, len(sizes))
 
 
-def update_digest(digest: Any, rows: Rows) -> None:
+def update_digest(digest: Any, rows: SymbolRows) -> None:
     """Adds the decoded integers of anchors to a hashlib object, anchor by anchor."""
     digest.update(np.ascontiguousarray(rows[0].astype("<i4")).data)
 
@@ -246,6 +246,6 @@ class AnchorDecoder:
         """Predicts the anchors with the given indices in coding order (ranks) from side information alone."""
         raise NotImplementedError
 
-    def update_digest(self, digest: Any, rows: Rows) -> None:
+    def update_digest(self, digest: Any, rows: SymbolRows) -> None:
         """Adds the decoded integers of anchors to a hashlib object, anchor by anchor."""
         update_digest(digest, rows)

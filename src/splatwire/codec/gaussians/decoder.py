@@ -30,7 +30,7 @@ from splatwire.codec.gaussians.layout import (
 from splatwire.codec.gaussians.side_info import SideInfo, read_side_info
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
-from splatwire.codec.schema import Rows, Run
+from splatwire.codec.schema import Run, SymbolRows
 from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.types import LossMask, ReceivedScene, SplatCoding, SplatScene
 from splatwire.types.splats import Splats
@@ -86,11 +86,11 @@ class GaussianDecoder:
         self._levels = np.zeros(self._num, dtype=np.uint8)
         self._loss_mask = LossMask.of_anchors(np.zeros(self._num, dtype=np.bool_))
 
-    def decode(self, run: Run) -> Rows:
+    def decode(self, run: Run) -> SymbolRows:
         """Decodes the received packets of one block to integers (see `Decoder.decode`)."""
         return decode_packets(self._info, run.block, run.counts, run.payloads)
 
-    def store(self, run: Run, rows: Rows) -> None:
+    def store(self, run: Run, rows: SymbolRows) -> None:
         """Writes the decoded Gaussians of a block to the scene, and estimates the lost Gaussians of the block.
 
         See `Decoder.store` for the arguments.
@@ -109,7 +109,7 @@ class GaussianDecoder:
         if received.any():
             self._levels[places] = rows[0][:, CLASS].astype(np.uint8)
 
-    def update_digest(self, digest: Any, rows: Rows) -> None:
+    def update_digest(self, digest: Any, rows: SymbolRows) -> None:
         """Adds the decoded integers of one block to a hash (see `Decoder.update_digest`)."""
         update_digest(digest, rows)
 

@@ -16,7 +16,7 @@ from splatwire.codec.gaussians.layout import COLUMNS
 from splatwire.codec.memory import check_memory
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
-from splatwire.codec.schema import Rows, Run
+from splatwire.codec.schema import Run, SymbolRows
 from splatwire.codec.sequence.bases import placed
 from splatwire.codec.sequence.layout import AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK
 from splatwire.codec.sequence.motion_rows import coefficients_of, decode_motion
@@ -102,7 +102,7 @@ class TracksDecoder:
         self._rounding[:known] = other._rounding
         self._loss_mask.received[: other._num] = other._loss_mask.received
 
-    def decode(self, run: Run) -> Rows:
+    def decode(self, run: Run) -> SymbolRows:
         """Decodes the received packets of one block to integers, of keyframe Gaussians or of motion.
 
         See `Decoder.decode` for the arguments.
@@ -112,7 +112,7 @@ class TracksDecoder:
             return decode_packets(self.info.bases, base, run.counts, run.payloads)
         return decode_motion(self.info, group, run.counts, run.payloads, self._spans.first_new[group])[:2]
 
-    def store(self, run: Run, rows: Rows) -> None:
+    def store(self, run: Run, rows: SymbolRows) -> None:
         """Writes decoded keyframe Gaussians to the scene, or keeps the packets of motion (see `Decoder.store`).
 
         Motion is kept as packets and decoded on demand, because packets take a hundredth of the memory of decoded
@@ -152,7 +152,7 @@ class TracksDecoder:
         self._packets[block] = packets
         self._sizes[block] = sum(packet.num_bytes for packet in packets)
 
-    def update_digest(self, digest: Any, rows: Rows) -> None:
+    def update_digest(self, digest: Any, rows: SymbolRows) -> None:
         """Adds the decoded integers of one block to a hash (see `Decoder.update_digest`)."""
         update_digest(digest, rows)
 
@@ -330,7 +330,7 @@ class _Spans:
         return self._motion.get(group, range(0))
 
 
-def update_digest(digest: Any, rows: Rows) -> None:
+def update_digest(digest: Any, rows: SymbolRows) -> None:
     """Adds the decoded integers of one block, of keyframe Gaussians or of motion, to a hash.
 
     Args:

@@ -54,7 +54,7 @@ def build_splats(
     """Builds Gaussians from the arrays of a file with one row per Gaussian; quaternions are normalised.
 
     Opacities are clipped to [0, 1], and sizes of 0 are raised to the minimum. Invalid values become NaN;
-    `splatwire.types.rows` decides which rows can be drawn.
+    `splatwire.types.validity` decides which rows can be drawn.
 
     Args:
         path: The file, for messages.

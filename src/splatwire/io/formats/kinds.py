@@ -49,8 +49,8 @@ from splatwire.io.formats.ply_note import PlyNote
 from splatwire.plugins import source_of
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin, describe_origin
-from splatwire.types.rows import Rows, invalid_fields, rows_of_splats
 from splatwire.types.splats import Splats
+from splatwire.types.validity import ElementValidity, invalid_fields, validity_of_splats
 
 LOG = logging.getLogger(__name__)
 
@@ -96,9 +96,9 @@ def read_splats(path: Path) -> Splats:
 def read_content(path: Path) -> FileContent:
     """Reads explicit Gaussians of any supported format, with axes as in a 3DGS PLY (RDF).
 
-    Invisible and undrawable Gaussians are removed and logged (`splatwire.types.rows`). A single transparent Gaussian is
-    kept, because files of empty frames contain one. Positions far from 0 are relative to an origin near them, so that
-    float32 suffices.
+    Invisible and undrawable Gaussians are removed and logged (`splatwire.types.validity`). A single transparent
+    Gaussian is kept, because files of empty frames contain one. Positions far from 0 are relative to an origin near
+    them, so that float32 suffices.
 
     Raises:
         DatasetError: If the format is not supported, the file is damaged, or no Gaussian can be drawn; the message
@@ -132,7 +132,7 @@ def is_antialiased(path: Path) -> bool:
 
 
 @checked
-def read_rows(path: Path) -> tuple[Splats, Rows]:
+def read_rows(path: Path) -> tuple[Splats, ElementValidity]:
     """Reads all Gaussians of a file in world coordinates, including those that cannot be drawn.
 
     Returns:
@@ -146,10 +146,10 @@ def read_rows(path: Path) -> tuple[Splats, Rows]:
 
 
 @checked
-def read_all_rows(path: Path) -> tuple[FileContent, Rows]:
+def read_all_rows(path: Path) -> tuple[FileContent, ElementValidity]:
     """Reads all Gaussians of a file, including those that cannot be drawn, and classifies them.
 
-    Each Gaussian is drawable, invisible or invalid (`Rows`).
+    Each Gaussian is drawable, invisible or invalid (`ElementValidity`).
 
     Positions are relative to the origin of the content.
 
@@ -172,7 +172,7 @@ def read_all_rows(path: Path) -> tuple[FileContent, Rows]:
         raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from error
     except InvalidValueError as error:
         raise DatasetError(f"{path}: {error}") from error
-    return content, rows_of_splats(content.splats)
+    return content, validity_of_splats(content.splats)
 
 
 def _trained(folder: Path) -> Path:

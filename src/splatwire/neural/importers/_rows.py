@@ -10,7 +10,7 @@ from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.io.formats.ply_file import PlyElement
 from splatwire.neural.importers._hacpp_files import infer_voxel_size, load_voxel_size
 from splatwire.types import Anchors
-from splatwire.types.rows import rows_of_anchors
+from splatwire.types.validity import validity_of_anchors
 
 
 def offsets_of(vertices: PlyElement, num_offsets: int) -> np.ndarray:
@@ -65,7 +65,7 @@ def drawable_anchors(anchors: Anchors, path: Path) -> Anchors:
     Raises:
         DatasetError: If no anchor is left.
     """
-    rows = rows_of_anchors(anchors)
+    rows = validity_of_anchors(anchors)
     rows.log_removed(path, "anchors")
     if not bool(rows.kept.any()):
         found = f"{rows.num_invisible:,} have no offset, {rows.num_invalid:,} cannot be drawn"

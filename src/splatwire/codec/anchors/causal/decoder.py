@@ -15,7 +15,7 @@ from splatwire.codec.heads import network_of
 from splatwire.codec.memory import check_memory
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
-from splatwire.codec.schema import Rows, Run
+from splatwire.codec.schema import Run, SymbolRows
 from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.types import (
     Anchors,
@@ -109,12 +109,12 @@ class CausalDecoder(AnchorDecoder):
         self._spreads["scaling"][ranks] = self._means["scaling"][ranks] * relative
         self._spreads["offset"][ranks] = deviations[:, self._features + 4 :] * self._info.steps[-1]
 
-    def decode(self, run: Run) -> Rows:
+    def decode(self, run: Run) -> SymbolRows:
         """Decodes packets to integers; returns the integers of their anchors, packet by packet."""
         places = self._info.places.known.select(run.ranks)
         return (anchor_rows(*decode_packets(self._context, places, run.counts, run.payloads)),)
 
-    def store(self, run: Run, rows: Rows) -> None:
+    def store(self, run: Run, rows: SymbolRows) -> None:
         """Writes the dequantised attributes of decoded anchors."""
         ranks = run.ranks
         place, mask, numbers = np.split(rows[0], [3, 3 + self._offsets], axis=1)

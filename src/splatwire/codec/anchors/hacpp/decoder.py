@@ -13,7 +13,7 @@ from splatwire.codec.anchors.hacpp.separated import decode_masks, decode_parts
 from splatwire.codec.anchors.hacpp.side_info import SideInfo, read_side_info
 from splatwire.codec.anchors.order import AnchorDecoder
 from splatwire.codec.memory import check_memory
-from splatwire.codec.schema import Decoder, Rows, Run
+from splatwire.codec.schema import Decoder, Run, SymbolRows
 from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.types import AnchorScene, Attribute, ReceivedScene
 
@@ -116,7 +116,7 @@ class HacppDecoder(AnchorDecoder):
         features, outputs = self._context.predict(self._info.voxels[ranks])
         self._room.outputs[ranks], self._room.context[ranks] = outputs, features
 
-    def decode(self, run: Run) -> Rows:
+    def decode(self, run: Run) -> SymbolRows:
         """Decodes packets to integers: the offset masks and quantised attributes of the anchors in these packets.
 
         Returns:
@@ -129,7 +129,7 @@ class HacppDecoder(AnchorDecoder):
             outputs = self._arrays.outputs[ranks]
         return (decode_packets(self._context, outputs, run.counts, run.payloads, self._models)[0].rows(),)
 
-    def store(self, run: Run, rows: Rows) -> None:
+    def store(self, run: Run, rows: SymbolRows) -> None:
         """Writes the dequantised attributes of decoded anchors."""
         ranks = run.ranks
         factors = factor_table()[step_indices(self._room.outputs[ranks], self._info.config)]
@@ -165,7 +165,7 @@ class SeparatedDecoder(HacppDecoder):
         super().allocate()
         self._room.mask[:], self._room.received[:, Attribute.MASK] = self._masks, True
 
-    def decode(self, run: Run) -> Rows:
+    def decode(self, run: Run) -> SymbolRows:
         """Decodes the received packets of a block, where each packet contains one attribute of a group of anchors.
 
         Returns:
@@ -173,13 +173,13 @@ class SeparatedDecoder(HacppDecoder):
             steps, int64 (n, 3), and the mask of received attributes.
         """
         empty = Symbols.of_rows(np.empty((0, self.row_bytes // 4), np.int32), self._layout).rows()
-        found: list[Rows] = [(empty, np.empty((0, 3), np.int64), np.empty((0, len(Attribute)), np.bool_))]
+        found: list[SymbolRows] = [(empty, np.empty((0, 3), np.int64), np.empty((0, len(Attribute)), np.bool_))]
         for ranks, payloads in _groups(run):
             decoded = decode_parts(self._context, self._room.outputs[ranks], self._masks[ranks], payloads)
             found.append((decoded.symbols.rows(), decoded.factors, decoded.received))
         return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
-    def store(self, run: Run, rows: Rows) -> None:
+    def store(self, run: Run, rows: SymbolRows) -> None:
         """Writes the dequantised attributes of decoded anchors, with a mask of the received attributes."""
         symbols, factors, received = rows
         ranks = np.concatenate([np.empty(0, np.int64), *(ranks for ranks, _ in _groups(run))])

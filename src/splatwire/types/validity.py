@@ -23,7 +23,7 @@ ROWS = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class ElementValidity:
     """Classification of the elements (Gaussians or anchors) of a scene as drawable, invisible or invalid.
 
     Attributes:
@@ -62,7 +62,7 @@ class Rows:
             LOG.warning("%s: %s (the first is row %d)", where, what, self.first_invalid)
 
 
-def rows_of_splats(splats: Splats) -> Rows:
+def validity_of_splats(splats: Splats) -> ElementValidity:
     """Classifies Gaussians as drawable, invisible or invalid.
 
     Gaussians with opacity above 0 and up to 1 are visible; sizes must be above 0.
@@ -102,7 +102,7 @@ def invalid_fields(splats: Splats) -> list[str]:
     return [name for name, fine in valid.items() if not fine]
 
 
-def rows_of_anchors(anchors: Anchors) -> Rows:
+def validity_of_anchors(anchors: Anchors) -> ElementValidity:
     """Classifies anchors as drawable, invisible or invalid.
 
     Anchors with at least one offset are visible; masked-out offsets are ignored.
@@ -118,12 +118,12 @@ def rows_of_anchors(anchors: Anchors) -> Rows:
     return _rows(drawn, valid)
 
 
-def _rows(drawn: list[np.ndarray], valid: list[np.ndarray]) -> Rows:
+def _rows(drawn: list[np.ndarray], valid: list[np.ndarray]) -> ElementValidity:
     kept = np.concatenate(drawn) if drawn else np.zeros(0, np.bool_)
     bad = ~np.concatenate(valid) if valid else kept
     num_invalid = int(bad.sum())
     first = int(bad.argmax()) if num_invalid else None
-    return Rows(kept, len(kept) - int(kept.sum()) - num_invalid, num_invalid, first)
+    return ElementValidity(kept, len(kept) - int(kept.sum()) - num_invalid, num_invalid, first)
 
 
 def _finite(*columns: np.ndarray) -> np.ndarray:
