@@ -27,7 +27,7 @@ from splatwire.evaluation.sequence.evaluation import ClipRow, frame_psnr, score_
 from splatwire.evaluation.sequence.report import score_rows
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import classes_of
+from splatwire.render.precision import scene_precision_classes
 from splatwire.sequence import ClipOptions, Frame, encode_clip, frame_files, read_frames
 from splatwire.types import Cameras, SplatScene
 
@@ -55,7 +55,9 @@ def frame_by_frame(files: list[Path], cameras: Cameras) -> list[tuple[float, flo
         for frame in read_frames(some):
             scene = drawn(frame)
             packets = packetization_named("datagram", "gaussians", scene.num_elements)
-            stream = encode_scene(scene, packets, quality=quality, classes=classes_of(scene, None, recompute=True))
+            stream = encode_scene(
+                scene, packets, quality=quality, classes=scene_precision_classes(scene, None, recompute=True)
+            )
             shown = pictures(decode_stream(stream).scene, cameras)
             points.append((frame_psnr(shown, pictures(scene, cameras)), stream.num_bytes))
         found.append(tuple(np.mean(points, axis=0).tolist()))

@@ -41,7 +41,7 @@ from splatwire.planning.planner import HEAD_TRIALS, losses, plan_protection
 from splatwire.planning.transfer_model import StreamLoad, draw_losses, model_transfer
 from splatwire.render import iterate_views
 from splatwire.render.importance import footprint_importance, surrounding_cameras
-from splatwire.render.precision import classes_of
+from splatwire.render.precision import scene_precision_classes
 from splatwire.transport.protocol.preview import stream_preview
 from splatwire.transport.protocol.protection import Protection
 from splatwire.types import Cameras
@@ -131,7 +131,7 @@ class Bench:
 
     def streams(self) -> list[SceneStream]:
         """The scene as a stream without tiers, and with tiers and a preview."""
-        classes = classes_of(self.scene)
+        classes = scene_precision_classes(self.scene)
         both = [encode_scene(self.scene, PRESETS["datagram"], tiers=t, classes=classes) for t in (None, self.tiers)]
         return [both[0], self.with_preview(both[1])]
 

@@ -33,7 +33,7 @@ from splatwire.io.formats.sog_writer import write_sog
 from splatwire.lod import Viewpoint, encode_levels
 from splatwire.lod.merging import reduced
 from splatwire.ops.kd_order import kd_order
-from splatwire.render.precision import classes_of
+from splatwire.render.precision import scene_precision_classes
 from splatwire.types import Cameras, SplatScene
 from splatwire.types.splats import Splats
 
@@ -225,7 +225,7 @@ def told(moments: list[QualitySample]) -> dict[str, object]:
 def measured(path: str, side: int) -> dict[str, object]:
     """All walks through a scene."""
     one = SplatScene(read_splats(Path(path)))
-    classes = classes_of(one, None)
+    classes = scene_precision_classes(one, None)
     scene = SplatScene(copied(one.splats, side))
     stream = encode_levels(scene, classes=None if classes is None else np.tile(classes, side * side))
     datagrams = repack(stream, PRESETS["datagram"])  # as servers send it over UDP and QUIC

@@ -19,7 +19,7 @@ from splatwire.data import load_cameras, open_dataset
 from splatwire.errors import InvalidValueError
 from splatwire.io import open_scene
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import classes_of
+from splatwire.render.precision import scene_precision_classes
 from splatwire.types import Cameras
 from splatwire.types.background import Background
 
@@ -80,7 +80,7 @@ def complete_stream(source: Path, show: Reporter) -> SceneStream:
     if is_stream(source):
         return read_stream(source)[0].still(source)
     scene = open_scene(source)
-    return encode_scene(scene, classes=classes_of(scene), progress=lambda share: show("encoding", share))
+    return encode_scene(scene, classes=scene_precision_classes(scene), progress=lambda share: show("encoding", share))
 
 
 def with_quick_sketch(stream: SceneStream, cameras: Cameras | None, show: Reporter) -> SceneStream:

@@ -28,7 +28,7 @@ from splatwire.io import open_scene
 from splatwire.lod import encode_levels
 from splatwire.rate_control.targets import Target, parse_size
 from splatwire.render.importance import footprint_importance, surrounding_cameras
-from splatwire.render.precision import classes_of
+from splatwire.render.precision import scene_precision_classes
 from splatwire.render.up import estimate_up_axis
 from splatwire.sequence.frames import is_sequence
 from splatwire.types import Cameras
@@ -166,7 +166,7 @@ def _encode_scene(command: Encode, source: Path) -> None:
             stream = found.stream
         else:
             report("choosing precision", 0.0)
-            look = partial(classes_of, scene, cameras, recompute=command.quality is not None)
+            look = partial(scene_precision_classes, scene, cameras, recompute=command.quality is not None)
             classes = look if levels else look()
             report("choosing precision", 1.0)
             stream = encode(scene, classes, None if command.quality is None else quality_option(command.quality))

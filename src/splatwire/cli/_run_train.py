@@ -90,8 +90,8 @@ def _start(command: Train, place: str) -> tuple[TrainState, TrainConfig, Dataset
     config = _config(command)
     train, test = _datasets(command, config)
     more = f" and {config.marks.tuning:,} more for losses" if config.marks.tuning else ""
-    told = f"recipe {config.preset}{chosen}, {config.marks.fine_tuning_start:,} iterations{more} on the {place}"
-    print(told, file=sys.stderr)
+    summary = f"recipe {config.preset}{chosen}, {config.marks.fine_tuning_start:,} iterations{more} on the {place}"
+    print(summary, file=sys.stderr)
     if start is not None:
         train = dataclasses.replace(train, points=points_of(start))
     if train.points is None or not train.points.num_points:
@@ -100,7 +100,7 @@ def _start(command: Train, place: str) -> tuple[TrainState, TrainConfig, Dataset
 
 
 def _continued_training(
-    command: Train, scene: Any, model: str, told: str
+    command: Train, scene: Any, model: str, details: str
 ) -> tuple[TrainState, TrainConfig, Dataset, Dataset | None]:
     """Returns the state, the configuration and the views for training that continues from a finished scene."""
     if command.voxel_size is not None or command.growth_interval is not None:
@@ -113,7 +113,9 @@ def _continued_training(
     config = fine_tuning(_config(dataclasses.replace(command, iterations=iterations, model=model)), scene)
     config = dataclasses.replace(config, background=chosen_background(command.background) or scene.background)
     train, test = _datasets(command, config)
-    print(f"continuing {command.init} for {iterations:,} iterations with recipe {config.preset}{told}", file=sys.stderr)
+    print(
+        f"continuing {command.init} for {iterations:,} iterations with recipe {config.preset}{details}", file=sys.stderr
+    )
     return state_of_scene(scene, train, config), config, train, test
 
 

@@ -46,5 +46,5 @@ def warn_of_lost_harmonics(scene: Scene, path: str | Path) -> None:
     """
     degree = getattr(scene.elements, "degree", 0)
     if degree and Path(path).suffix.lower() == ".splat":
-        told = "a .splat file has one colour for all directions"
-        print(f"{path}: {told}; the scene's harmonics, of degree {degree}, are not in it", file=sys.stderr)
+        reason = "a .splat file has one colour for all directions"
+        print(f"{path}: {reason}; the scene's harmonics, of degree {degree}, are not in it", file=sys.stderr)

@@ -85,7 +85,7 @@ def encode_levels(
 
 def _classes(built: BuiltLevels, classes: np.ndarray | None, quality: str | int | float | Quality | None) -> np.ndarray:
     """Returns the precision class of each Gaussian of all levels."""
-    chosen = quality_of("default" if quality is None else quality).classes_of(built.scene.splats.degree)
+    chosen = quality_of("default" if quality is None else quality).num_classes(built.scene.splats.degree)
     merged = max(COARSEST_CLASS, 1 - chosen)
     found = np.where(built.old, np.int8(merged + 1), np.int8(merged))
     found[-len(built.order) :] = 0 if classes is None else classes[built.order]

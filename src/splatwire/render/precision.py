@@ -68,7 +68,9 @@ _WEIGHTS = {
 """Number of scalars of each attribute; colour has 3, and about 12 with spherical harmonics."""
 
 
-def classes_of(scene: Scene, cameras: Cameras | None = None, *, recompute: bool = False) -> np.ndarray | None:
+def scene_precision_classes(
+    scene: Scene, cameras: Cameras | None = None, *, recompute: bool = False
+) -> np.ndarray | None:
     """Returns the precision class of each Gaussian of a scene, from which its quantisation steps follow.
 
     Returns None for trained anchors and decoded Gaussians, which already have quantisation steps.

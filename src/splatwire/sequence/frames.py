@@ -121,12 +121,12 @@ def _open_clip_file(path: Path, kind: Kind, num_frames: int | None) -> Sequence:
 
 def _frames_at(moving: MovingSplats, times: list[float]) -> Iterator["Frame"]:
     """Yields frames of moving Gaussians at given times; logs the first frame with invalid Gaussians."""
-    told = False
+    logged = False
     for time in times:
         splats = moving.at(time)
         rows = validity_of_splats(splats)
-        if rows.num_invalid and not told:
-            told = True
+        if rows.num_invalid and not logged:
+            logged = True
             rows.log_removed(f"{moving.path} at time {time:.3g}", "Gaussians")
         yield Frame.from_rows(splats, rows)
 

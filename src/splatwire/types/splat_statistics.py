@@ -61,16 +61,16 @@ def _problems(
             (constant < _COLOURS[0]) | (constant > _COLOURS[1])
         ).any(axis=1),
     }
-    told = [
+    remarks = [
         f"{what}: {int(rows.sum()):,} of {len(rows):,}, first row {int(rows.argmax())}"
         for what, rows in found.items()
         if rows.any()
     ]
     if len(means) > 1 and core == 0:
-        told.append("nearly all Gaussians are at one place")
+        remarks.append("nearly all Gaussians are at one place")
     if splats.degree and not bool(splats.sh[:, 1:].any()):
-        told.append(f"the harmonics of degree {splats.degree} are all 0: they cost bytes for nothing")
-    return told
+        remarks.append(f"the harmonics of degree {splats.degree} are all 0: they cost bytes for nothing")
+    return remarks
 
 
 def _box(low: np.ndarray, high: np.ndarray) -> dict[str, list[float]]:

@@ -13,7 +13,7 @@ from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.gaussians.attributes import scene_log
 from splatwire.codec.gaussians.outliers import REACH, within_reach
 from splatwire.ops.quaternions import rotation_matrices
-from splatwire.render.precision import classes_of
+from splatwire.render.precision import scene_precision_classes
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
 
@@ -38,7 +38,7 @@ def cloud() -> Splats:
 def errors(splats: Splats) -> tuple[dict[str, float], int]:
     """Root mean squared error by attribute of all Gaussians except one, and bytes of the stream."""
     scene = SplatScene(splats)
-    stream = encode_scene(scene, PRESETS["paper"], classes=classes_of(scene))
+    stream = encode_scene(scene, PRESETS["paper"], classes=scene_precision_classes(scene))
     found = decode_stream(stream).scene.splats
     there = splats.select(np.arange(COUNT) != ODD)
     nearest = cdist(there.means.astype(np.float64), found.means.astype(np.float64)).argmin(axis=1)

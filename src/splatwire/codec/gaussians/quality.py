@@ -50,7 +50,7 @@ class Quality:
         if type(self.classes) is not int or not 1 <= self.classes <= MAX_CLASSES:
             raise InvalidValueError(f"classes of precision must be 1 to {MAX_CLASSES}, not {self.classes!r}")
 
-    def classes_of(self, degree: int) -> int:
+    def num_classes(self, degree: int) -> int:
         """Returns the number of precision classes used for a scene with spherical harmonics of the given degree."""
         return min(self.classes, _SHADED_CLASSES) if degree else self.classes
 
@@ -63,7 +63,7 @@ class Quality:
         Returns:
             int64 (steps), in fixed point with `STEP_BITS` fractional bits.
         """
-        classes = self.classes_of(degree)
+        classes = self.num_classes(degree)
         offsets = np.array(_SHADED if degree else _FLAT) + self.level - (self.classes - classes) / 4 - (classes - 1)
         offsets[STEPS.index("position")] += self.position
         return np.rint(offsets * (1 << STEP_BITS)).astype(np.int64)

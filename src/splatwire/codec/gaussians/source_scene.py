@@ -144,7 +144,7 @@ class SourceScene:
             splats = within_reach(splats, size_log)
             log_clipped_colours(splats)
             bases = _bases(splats, quality, size_log)
-            most = quality.classes_of(splats.degree) - 1
+            most = quality.num_classes(splats.degree) - 1
             levels = _levels_of_flat(splats, levels_of(classes, splats.num_gaussians, most), most, bases, size_log)
             unit = min(_lattice_unit(splats, levels, bases, size_log), most_unit)
             coarsest = typical_cell(splats.means, unit, size_log)

@@ -129,7 +129,7 @@ class BaseEncoder:
         if self._like is None:
             return None
         info, count = self._like, splats.num_gaussians
-        most = self._quality.classes_of(splats.degree) - 1
+        most = self._quality.num_classes(splats.degree) - 1
         levels = np.full(count, self._level, np.uint8) if classes is None else levels_of(classes, count, most)
         transform, bases = info.transform, tuple(info.bases.tolist())
         return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, levels)

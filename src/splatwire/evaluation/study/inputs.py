@@ -38,7 +38,7 @@ from splatwire.io.formats import find_format
 from splatwire.io.importing import import_model
 from splatwire.io.opening import complete_scene, decode_complete
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.precision import classes_of
+from splatwire.render.precision import scene_precision_classes
 from splatwire.types import Anchors
 from splatwire.types.background import Background
 
@@ -312,7 +312,7 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
     else:
         scene = source.scene
         started = time.perf_counter()
-        classes = classes_of(scene)
+        classes = scene_precision_classes(scene)
         stream = encode_scene(scene, row.packetization, classes=classes, progress=lambda share: progress(what, share))
     seconds = time.perf_counter() - started
     ordered = decode_stream(stream).scene

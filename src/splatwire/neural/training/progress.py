@@ -105,7 +105,7 @@ class RunningMeans:
             self._read(state)
         means = self.means
         self.recent.append(elapsed)
-        told = len(self.recent) >= _FEWEST
+        enough = len(self.recent) >= _FEWEST
         return Progress(
             iteration=state.iteration,
             iterations=self.config.marks.iterations,
@@ -114,7 +114,7 @@ class RunningMeans:
             num_anchors=state.num_anchors,
             estimated_bytes=self.size,
             seconds=seconds,
-            iterations_per_second=1 / max(median(self.recent), 1e-9) if told else None,
+            iterations_per_second=1 / max(median(self.recent), 1e-9) if enough else None,
         )
 
     def _read(self, state: TrainState) -> None:

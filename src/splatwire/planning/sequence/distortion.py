@@ -162,9 +162,9 @@ def pooled(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion
     added, factors = errors - errors[:, :, :1], np.ones(len(distortions))
     for _ in range(2):  # second round without the factors of the first
         usual = np.median([some / factor for some, factor in zip(added, factors, strict=True)], axis=0)
-        told = usual > 0
-        if told.any():
-            factors = np.array([max(float(np.median(some[told] / usual[told])), LEAST_FACTOR) for some in added])
+        known = usual > 0
+        if known.any():
+            factors = np.array([max(float(np.median(some[known] / usual[known])), LEAST_FACTOR) for some in added])
     usual, shares = np.maximum.accumulate(usual, axis=1), np.tile(grid, (len(usual), 1))
     return [
         SequenceDistortion(shares, some[:, :1] + factor * usual, distortion.frames)

@@ -63,13 +63,13 @@ def clip_variants(
     loads, damages = [], []
     for number, stream in enumerate(streams):
 
-        def told(share: float, number: int = number) -> None:
+        def on_share(share: float, number: int = number) -> None:
             progress((number + share) / len(streams))
 
         load = SequenceLoad.of(stream, stream_importance(stream))
         loads.append(load)
         damages.append(
-            measure_sequence_distortion(stream, load, method, cameras, references, floor, seed=seed, progress=told)
+            measure_sequence_distortion(stream, load, method, cameras, references, floor, seed=seed, progress=on_share)
         )
     return [SequenceVariant(load, damage) for load, damage in zip(loads, pooled(damages), strict=True)]
 

@@ -70,13 +70,13 @@ def pack_streams(streams: Mapping[str, SceneStream]) -> bytes:
     for stream in streams.values():
         check_page_support(stream.manifest)
     style, scripts = web_file(STYLE), [web_file(DRAWING), web_file(SCRIPT), *([_CHOOSE] if len(streams) > 1 else [])]
-    title, told = next(iter(streams)), {name: stream_attributes(stream) for name, stream in streams.items()}
+    title, previews = next(iter(streams)), {name: stream_attributes(stream) for name, stream in streams.items()}
     return _PAGE.format(
         hashes=" ".join(f"'{_source_hash(script)}'" for script in scripts),
         style_hash=_source_hash(style),
         title=html.escape(title),
         style=style,
-        scenes=scene_list(told, title, lambda name: f"#stream={quote(name, safe='')}"),
+        scenes=scene_list(previews, title, lambda name: f"#stream={quote(name, safe='')}"),
         streams="\n".join(_element(place, stream) for place, stream in enumerate(streams.values())),
         scripts="\n".join(f'<script type="module">{script}</script>' for script in scripts),
     ).encode()

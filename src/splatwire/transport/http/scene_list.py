@@ -20,9 +20,9 @@ def scene_list(scenes: Mapping[str, Mapping[str, str]], current: str, address: C
     if len(scenes) < 2:
         return ""
     items = []
-    for name, told in scenes.items():
-        words = " ".join(f'{key}="{html.escape(value)}"' for key, value in told.items())
-        seen = f'<splat-wire-preview aria-hidden="true" {words}></splat-wire-preview>' if "data" in told else ""
+    for name, attributes in scenes.items():
+        words = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
+        seen = f'<splat-wire-preview aria-hidden="true" {words}></splat-wire-preview>' if "data" in attributes else ""
         here = ' aria-current="page"' if name == current else ""
         items.append(f'<li><a href="{html.escape(address(name))}"{here}>{seen}{html.escape(name)}</a></li>')
     return f'<nav aria-label="scenes"><ul>{"".join(items)}</ul></nav>'

@@ -31,8 +31,8 @@ class KnownPackets:
         for place in range(at, end):
             if new := frame.held[place - at] & ~self._packets[place]:
                 self._packets[place] |= new
-                told = (8 * place + n for n in range(8) if new >> n & 1)
-                size += sum(DATA_OVERHEAD + len(packet) for n in told for packet in program.packets[n : n + 1])
+                new_packets = (8 * place + n for n in range(8) if new >> n & 1)
+                size += sum(DATA_OVERHEAD + len(packet) for n in new_packets for packet in program.packets[n : n + 1])
         return size
 
     def has(self, kind: int, symbol: int) -> bool:

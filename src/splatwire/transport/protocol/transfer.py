@@ -131,8 +131,8 @@ class ServerTransfer:
         Args:
             known: Number of packets before the update of the live stream.
         """
-        told = sum(DATA_OVERHEAD + len(packet) for packet in self.program.packets[self.program.bundled : known])
-        self._most_bytes += int(self._limits.passes * (sum(self.program.sizes().values()) - told))
+        known_bytes = sum(DATA_OVERHEAD + len(packet) for packet in self.program.packets[self.program.bundled : known])
+        self._most_bytes += int(self._limits.passes * (sum(self.program.sizes().values()) - known_bytes))
 
     def exclude_known(self, frame: Have) -> None:
         """Removes packets that the client already has from the queue, and lowers the client's limit on sent bytes."""

@@ -63,7 +63,7 @@ class RenewedIdentity:
         clock: Callable[[], datetime.datetime] = utc_now,
         on_renewed: Callable[[Identity], None] = lambda identity: None,
     ) -> None:
-        self._hosts, self._clock, self._told = tuple(hosts), clock, on_renewed
+        self._hosts, self._clock, self._on_renewed = tuple(hosts), clock, on_renewed
         self._made_at = clock()
         self._identity = self_signed(self._hosts, now=self._made_at)
 
@@ -72,7 +72,7 @@ class RenewedIdentity:
         now = self._clock()
         if now - self._made_at >= datetime.timedelta(days=RENEWED_DAYS):
             self._made_at, self._identity = now, self_signed(self._hosts, now=now)
-            self._told(self._identity)
+            self._on_renewed(self._identity)
         return self._identity
 
 

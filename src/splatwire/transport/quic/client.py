@@ -149,14 +149,14 @@ class _Client(QuicConnectionProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport_now = transport
         self._here = transport.get_extra_info("sockname")[:2]
-        super().connection_made(_Connected(transport, self._told))
+        super().connection_made(_Connected(transport, self._tap_datagram))
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._gone.set()
 
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
         assert isinstance(data, bytes)
-        self._told(False, data)
+        self._tap_datagram(False, data)
         try:
             super().datagram_received(data, self._target)
         except Exception as error:  # raised by the caller's callback: re-raised in `receive_quic`
@@ -252,17 +252,17 @@ class _Client(QuicConnectionProtocol):
         if not self._over.done():
             self._over.set_exception(error)
 
-    def _act(self, frames: list[bytes], told: list[Event]) -> None:
+    def _act(self, frames: list[bytes], transfer_events: list[Event]) -> None:
         for data in frames:
             if on_stream(data):
                 self._quic.send_stream_data(STREAM, stream_frame(data))
             elif self._established:
                 self._quic.send_datagram_frame(data)
         if self._on_event:
-            for event in told:
+            for event in transfer_events:
                 self._on_event(event)
 
-    def _told(self, outgoing: bool, data: bytes) -> None:
+    def _tap_datagram(self, outgoing: bool, data: bytes) -> None:
         if self._tap is not None:
             ends = (self._here, self._target[:2])
             self._tap(*(ends if outgoing else ends[::-1]), data)
@@ -292,11 +292,11 @@ class _Connected:
     aioquic passes a destination with every datagram, but connected sockets accept none.
     """
 
-    def __init__(self, transport: Any, told: Callable[[bool, bytes], None]) -> None:
-        self._transport, self._told = transport, told
+    def __init__(self, transport: Any, tap: Callable[[bool, bytes], None]) -> None:
+        self._transport, self._tap = transport, tap
 
     def sendto(self, data: bytes, addr: Any = None) -> None:
-        self._told(True, data)
+        self._tap(True, data)
         self._transport.sendto(data)
 
     def close(self) -> None:

@@ -159,8 +159,8 @@ class WebTransportSessions:
         except (RuntimeError, ValueError):  # aioquic replies on a stream that the client has reset
             self._connection.malformed("a stream was given up")
             return
-        for told in heard:
-            self._told(told)
+        for reported in heard:
+            self._on_event(reported)
         if isinstance(event, (events.StreamDataReceived, events.StreamReset)) and event.stream_id == self._id:
             ended = isinstance(event, events.StreamReset) or event.end_stream
             if ended:
@@ -171,7 +171,7 @@ class WebTransportSessions:
         if self._session is not None:
             self._connection.owner.on_closed(self._session)
 
-    def _told(self, event: H3Event) -> None:
+    def _on_event(self, event: H3Event) -> None:
         match event:
             case HeadersReceived() if event.stream_id not in self._answered:  # others are trailers
                 self._answer(event.stream_id, self._status(dict(event.headers)))
