@@ -68,7 +68,10 @@ def use_single_thread() -> None:
 
 
 def allowed_threads() -> int:
-    """Returns the number of threads for `share`: the minimum of processors, `OMP_NUM_THREADS` and numba's limit."""
+    """Returns the maximum number of threads on which `share` distributes work.
+
+    It is the minimum of the processors, `OMP_NUM_THREADS` and numba's limit; 1 after the restriction to one thread.
+    """
     from numba import config
 
     if _LIMIT.is_set():

@@ -50,7 +50,11 @@ def prior_columns(config: ModelConfig) -> PriorColumns:
 
 
 def factor_table() -> np.ndarray:
-    """Returns the table of factors `1 + tanh(q)` on quantisation steps, `FACTOR_BITS` fractional bits."""
+    """Returns the factors `1 + tanh(q)` on quantisation steps, for all values q of the network's output.
+
+    Returns:
+        int64, fixed point with `FACTOR_BITS` fractional bits.
+    """
     return step_table(STEP_CELLS, STEP_LIMIT, FACTOR_BITS)
 
 
