@@ -4,6 +4,7 @@ from importlib.util import find_spec
 
 import pytest
 
+from splatwire.cli import _subprocess
 from splatwire.codec import decode_stream
 from splatwire.concealment import concealer_names
 
@@ -14,7 +15,7 @@ ROWS = ["no loss", "contiguous drop", "drop", "prior", "idw", "cari", "grow"]
 
 def test_demo_shows_the_gain_of_concealment_on_the_bundled_scene(run, tmp_path, monkeypatch, pytestconfig):
     calls = []
-    monkeypatch.setattr(_fresh, "decode_in_fresh_process", lambda s: calls.append(s) or decode_stream(s))
+    monkeypatch.setattr(_subprocess, "decode_in_fresh_process", lambda s: calls.append(s) or decode_stream(s))
     tmp_path = tmp_path / "made by the demo"
     outcome = run("demo", "-o", tmp_path)
     assert outcome.status == 0, outcome.err

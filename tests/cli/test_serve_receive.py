@@ -115,18 +115,18 @@ def test_receive_reports_when_only_the_preview_arrived(
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_receive_writes_the_arrived_packets(stream_file: Path, tmp_path: Path, monkeypatch, capsys, number):
     """An interrupt after the first packet keeps the packets, reports them and exits with the status of Ctrl-C."""
-    from splatwire.cli._run_receive import Moments
+    from splatwire.cli._run_receive import TransferTimes
     from splatwire.codec import decode_stream
     from splatwire.transport import PacketArrived
 
-    note = Moments.note
+    note = TransferTimes.note
 
     def interrupted(self, event, show):
         note(self, event, show)
         if isinstance(event, PacketArrived):
             signal.raise_signal(number)
 
-    monkeypatch.setattr(Moments, "note", interrupted)
+    monkeypatch.setattr(TransferTimes, "note", interrupted)
     with serving(str(stream_file), "--rate", "0.3") as facts:
         target = tmp_path / "part.swz"
         assert call("receive", f"udp://127.0.0.1:{facts['port']}", "-o", str(target)) == 130

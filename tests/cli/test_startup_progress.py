@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from splatwire.cli import _startup_progress as _waiting
+from splatwire.cli import _startup_progress
 
 LOG = logging.getLogger("splatwire.ops.compiled")
 
@@ -12,12 +12,12 @@ LOG = logging.getLogger("splatwire.ops.compiled")
 @pytest.fixture
 def clock(monkeypatch):
     now = [100.0]
-    monkeypatch.setattr(_waiting.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(_startup_progress.time, "monotonic", lambda: now[0])
     return now
 
 
 def test_compilation_is_reported_at_once_and_every_few_seconds(clock, capsys):
-    with _waiting.startup_messages("decode"):
+    with _startup_progress.startup_messages("decode"):
         for second in range(8):
             clock[0] = 100.0 + second
             LOG.info("compiling kernel_%d", second)
@@ -31,11 +31,11 @@ def test_compilation_is_reported_at_once_and_every_few_seconds(clock, capsys):
 
 def test_loading_is_reported_only_on_a_terminal(monkeypatch, capsys):
     started = []
-    monkeypatch.setattr(_waiting.threading.Timer, "start", lambda timer: started.append(timer))
-    with _waiting.startup_messages("decode"):
+    monkeypatch.setattr(_startup_progress.threading.Timer, "start", lambda timer: started.append(timer))
+    with _startup_progress.startup_messages("decode"):
         assert not started
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    with _waiting.startup_messages("decode"):
+    with _startup_progress.startup_messages("decode"):
         (timer,) = started
         assert timer.daemon
         timer.function(*timer.args)

@@ -1,4 +1,4 @@
-"""Streamed SOG, read by the engine of PlayCanvas and by this package (tests/web/test_doors.py: by splat-transform)."""
+"""Streamed SOG, read by PlayCanvas and by this package (tests/web/test_integrations.py: by splat-transform)."""
 
 import itertools
 import json
