@@ -13,7 +13,7 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_iter
 
-from pretend_device import DEVICE, PretendTensor
+from fake_device import DEVICE, FakeDeviceTensor
 
 _FREE = ("empty", "new_empty", "new_empty_strided", "empty_like", "empty_strided", "_unsafe_view", "_reshape_alias")
 _WAITING = ("nonzero", "_local_scalar_dense", "masked_select", "equal", "is_nonzero", "unique_dim", "_unique2")
@@ -37,13 +37,13 @@ class Launches(TorchDispatchMode):
     def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = kwargs or {}
         tensors = [value for value in tree_iter((args, kwargs)) if isinstance(value, torch.Tensor)]
-        near = any(isinstance(tensor, PretendTensor) for tensor in tensors)
+        near = any(isinstance(tensor, FakeDeviceTensor) for tensor in tensors)
         target = kwargs.get("device")
         name = func.overloadpacket.__name__
         if (near or target == DEVICE) and not self._paused and not func.is_view and name not in _FREE:
             sources = tensors[1:] if name == "copy_" else tensors
             elsewhere = target is not None and near != (target == DEVICE) and bool(tensors)
-            mixed = name == "copy_" and any(not isinstance(tensor, PretendTensor) for tensor in sources)
+            mixed = name == "copy_" and any(not isinstance(tensor, FakeDeviceTensor) for tensor in sources)
             if name in _WAITING or (name in _CROSSING and (elsewhere or mixed)):
                 self.host[name] += 1
             self.operations[name] += 1

@@ -7,7 +7,7 @@ import struct
 import numpy as np
 import pytest
 
-from attacks import attack, mutated_bytes, mutated_json
+from mutations import attack, mutated_bytes, mutated_json
 from scenes import SMALL_CONFIG, VOXEL_SIZE, tiny_cameras, tiny_scene
 from splatwire.anchors.scene_file import load_scene_file, save_scene
 from splatwire.data import Dataset, SparsePoints

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from greedy import LARGEST, of_gaussians, oversized_clips, oversized_streams
+from oversized import LARGEST, of_gaussians, oversized_clips, oversized_streams
 from splatwire.bitstream import SceneStream, read_stream, stream_from_bytes, write_stream
 from splatwire.codec import ProgressiveDecoder, decode_stream, memory
 from splatwire.codec.memory import VARIABLE, allocating, check_memory, threads_within
@@ -27,25 +27,25 @@ def real_gaussians() -> bytes:
 
 
 @pytest.fixture(scope="module")
-def greedy() -> dict[str, SceneStream]:
+def oversized() -> dict[str, SceneStream]:
     clips = oversized_clips(read_stream(GOLDEN / "tiny_clip.swz")[0])
     return dict([*oversized_streams(stream_from_bytes(real_gaussians())[0]), *clips])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("codec", ["gaussians", "causal", "hacpp", "tracks"])
-def test_small_streams_allocate_little_memory(greedy: dict[str, SceneStream], codec: str, tmp_path: Path) -> None:
+def test_small_streams_allocate_little_memory(oversized: dict[str, SceneStream], codec: str, tmp_path: Path) -> None:
     """Inspects, decodes at once and progressively, writes the received packets and drops lost elements."""
     small = {"causal": "tiny_causal.swz", "hacpp": "tiny.swz", "tracks": "tiny_clip.swz"}
     warm = GOLDEN / small[codec] if codec in small else tmp_path / "warm.swz"
     (tmp_path / "warm.swz").write_bytes(real_gaussians())
-    names = [name for name, stream in greedy.items() if stream.manifest.codec == codec]
+    names = [name for name, stream in oversized.items() if stream.manifest.codec == codec]
     for n, name in enumerate(names):
-        write_stream(greedy[name], tmp_path / f"{n}.swz")
+        write_stream(oversized[name], tmp_path / f"{n}.swz")
     words = [str(path) for path in (warm, tmp_path, *(tmp_path / f"{n}.swz" for n in range(len(names))))]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     environment.pop(VARIABLE, None)
-    command = [sys.executable, str(TESTS / "greedy.py"), *words]
+    command = [sys.executable, str(TESTS / "oversized.py"), *words]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=600, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     found = dict(zip(names, json.loads(done.stdout), strict=True))
@@ -54,13 +54,13 @@ def test_small_streams_allocate_little_memory(greedy: dict[str, SceneStream], co
     assert any(VARIABLE in text for text in refused)
 
 
-def test_lost_elements_allocate_memory_only_on_access(greedy: dict[str, SceneStream]) -> None:
-    stream = greedy["gaussians announced in 4000 blocks"]
+def test_lost_elements_allocate_memory_only_on_access(oversized: dict[str, SceneStream]) -> None:
+    stream = oversized["gaussians announced in 4000 blocks"]
     decoder = ProgressiveDecoder(stream.manifest, stream.side_info)
     assert (decoder.num_known, decoder.complete) == (0, False)
     with pytest.raises(BitstreamError, match=f"would take 6.*{VARIABLE}="):
         decoder.partial  # noqa: B018
-    anchors = greedy["6400000 wide anchors"]
+    anchors = oversized["6400000 wide anchors"]
     with pytest.raises(BitstreamError, match=VARIABLE):
         ProgressiveDecoder(anchors.manifest, anchors.side_info).partial  # noqa: B018
 

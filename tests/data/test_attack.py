@@ -7,7 +7,7 @@ import re
 import pytest
 from PIL import Image
 
-from attacks import attack, mutated_bytes, mutated_json
+from mutations import attack, mutated_bytes, mutated_json
 from scenes import tiny_cameras
 from splatwire.data import load_cameras, open_dataset, save_cameras
 from splatwire.data.photos import load_mask, load_photo

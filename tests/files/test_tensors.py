@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from attacks import attack, mutated_bytes
+from mutations import attack, mutated_bytes
 from splatwire.errors import DatasetError
 from splatwire.files.tensors import read_tensors
 from tensor_files import numbers, save_described, save_tensors, tensor, text, whole

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from concealment.gaps import changed
+from fake_device import DEVICE, fake_device
 from paper.contexts import estimate
 from paper.smooth_field import smooth_field
-from pretend_device import DEVICE, pretend_device
 from scenes import tiny_cameras, tiny_scene
 from splatwire.bitstream import Packetization
 from splatwire.calibration.pseudo_loss import calibration_data, pseudo_loss
@@ -80,7 +80,7 @@ def test_network_inputs_do_not_depend_on_lost_values(data) -> None:
 
 
 def test_device_run_mixes_no_cpu_tensors(data) -> None:
-    with pretend_device():
+    with fake_device():
         result = calibrate(data, CONFIG, device=str(DEVICE))
     expected = calibrate(data, CONFIG)
     assert result.iterations == CONFIG.iterations

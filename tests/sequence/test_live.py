@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import splatwire
-from greedy import of_tracks
 from live_path import FRAME_RATE, STREAM_ID, LivePath
 from moving_clips import darkened, moving_frames
+from oversized import of_tracks
 from splatwire.bitstream import packet_from_bytes, read_stream
 from splatwire.bitstream.limits import TRACKS
 from splatwire.bitstream.sections import split_sections
@@ -341,9 +341,9 @@ def test_group_code_numbers_are_stable_and_protect_the_most_important_packets(fr
 
 def test_announced_millions_of_tracks_allocate_no_memory():
     real, _ = read_stream(Path(__file__).parents[1] / "golden" / "tiny_clip.swz")
-    greedy = of_tracks(real, 1600, 64, bases=False, motion=1)
+    announced = of_tracks(real, 1600, 64, bases=False, motion=1)
     decoder = LiveDecoder()
-    assert list(decoder.grow(greedy.manifest, greedy.side_info)) == []
-    assert list(decoder.add(greedy.packets)) == []
+    assert list(decoder.grow(announced.manifest, announced.side_info)) == []
+    assert list(decoder.add(announced.packets)) == []
     with pytest.raises(BitstreamError, match=VARIABLE):
         list(decoder.finish())

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from leash import Page, running
+from browser_driver import Page, running
 
 PREFERENCES = """
 user_pref("marionette.port", {port});

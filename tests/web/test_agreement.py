@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attacks import HOSTILE, mutated_bytes, mutated_json
 from codec.gaussians.test_gaussians import some_splats
 from moving_clips import darkened, moving_frames
+from mutations import HOSTILE, mutated_bytes, mutated_json
 from random_numbers import Numbers
 from splatwire.bitstream import (
     Packetization,

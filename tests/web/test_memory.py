@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from greedy import oversized_clips, oversized_streams
+from oversized import oversized_clips, oversized_streams
 from splatwire.bitstream import read_stream, stream_from_bytes, write_stream
 from web.node import WEB, lacking
 

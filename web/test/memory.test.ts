@@ -1,4 +1,4 @@
-// Memory of small streams that announce as many elements as the format permits (tests/greedy.py).
+// Memory of small streams that announce as many elements as the format permits (tests/oversized.py).
 
 import assert from "node:assert/strict";
 import { spawnSync } from "node:child_process";

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from attacks import HOSTILE, attack, mutated_bytes
+from mutations import HOSTILE, attack, mutated_bytes
 from splatwire.errors import DatasetError
 from splatwire.neural.importers.hacpp import import_hacpp
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 import fake_gsplat
-from pretend_device import DEVICE, PretendTensor, pretend_device
+from fake_device import DEVICE, FakeDeviceTensor, fake_device
 from scenes import SMALL_CAUSAL
 from splatwire.data import Dataset
 from splatwire.neural.model.tensors import to_tensors
@@ -64,7 +64,7 @@ def _copy(state: TrainState) -> TrainState:
 
 
 def _moved(state: TrainState, device: torch.device) -> TrainState:
-    with pretend_device():
+    with fake_device():
         return move_state(move_state(state, device), torch.device("cpu"))
 
 
@@ -123,11 +123,11 @@ def test_device_run_mixes_no_cpu_tensors(
     reference = train_scene(dataset, test, config)
     monkeypatch.setattr("splatwire.neural.training.trainer.choose_kernels", lambda device: kernels)
     monkeypatch.setattr("splatwire.neural.training.trainer.create_renderer", lambda name: _drawn_by(gsplat, name))
-    with pretend_device():
+    with fake_device():
         result = train_scene(dataset, test, config, options=options, device=str(DEVICE))
     assert result.state.iteration == 24
     assert result.state.num_anchors > 205  # 200 at the start
-    assert all(isinstance(value, PretendTensor) for value in result.state.parameters.values())
+    assert all(isinstance(value, FakeDeviceTensor) for value in result.state.parameters.values())
     assert isinstance(result.scene.anchors.features, np.ndarray)
     assert result.test is not None
     assert reference.test is not None
@@ -144,7 +144,7 @@ def _drawn_by(gsplat: GsplatRenderer, name: str) -> object:
     def draw(gaussians: object, cameras: object, *, background: torch.Tensor) -> np.ndarray:
         gaussians, cameras = to_tensors((gaussians, cameras), DEVICE)
         picture = gsplat._rasterize(gaussians, cameras, to_tensors(background, DEVICE))[0]
-        assert isinstance(picture, PretendTensor)
+        assert isinstance(picture, FakeDeviceTensor)
         return to_arrays(picture)
 
     return draw
@@ -161,7 +161,7 @@ def test_run_resumes_on_another_device(
 
     def part(device: str, until: int, state: TrainState | None) -> TrainState:
         listener = Listener(progress=news.append, should_stop=lambda: news[-1].iteration == until)
-        with pretend_device():
+        with fake_device():
             train_scene(dataset, None, config, state=state, options=RunOptions(path), listener=listener, device=device)
         return load_checkpoint(path)[0]
 
@@ -173,9 +173,9 @@ def test_run_resumes_on_another_device(
 
 def test_photos_beyond_device_memory_stay_on_the_host(dataset: Dataset) -> None:
     pixels = dataset.cameras.width * dataset.cameras.height
-    with pretend_device():
+    with fake_device():
         store = PhotoStore(dataset, DEVICE, prepare_photo_plain, device_bytes=3 * pixels * 3)
-        assert [isinstance(b, PretendTensor) for b in store._bytes] == [True] * 3 + [False] * 5
+        assert [isinstance(b, FakeDeviceTensor) for b in store._bytes] == [True] * 3 + [False] * 5
         photos = [store.photo(view).image.cpu() for view in (1, 6)]
     expected = PhotoStore(dataset, torch.device("cpu"))
     for view, photo in zip((1, 6), photos, strict=True):

@@ -6,8 +6,8 @@ import types
 import pytest
 import torch
 
+from fake_device import DEVICE, fake_device
 from launches import Launches
-from pretend_device import DEVICE, pretend_device
 from scenes import SMALL_CAUSAL
 from splatwire.data import Dataset
 from splatwire.neural.model.tensors import to_tensors
@@ -37,7 +37,7 @@ def _counted(counter: Launches, dataset: Dataset, config: TrainConfig, start: in
     """Launches and synchronisations of an iteration after `start`, without gsplat."""
     renderer = object.__new__(GsplatRenderer)
     renderer._gsplat = types.SimpleNamespace(rasterization=counter.rasterization)
-    with pretend_device():
+    with fake_device():
         state = move_state(initial_state(dataset, config), DEVICE)
         kernels = plain_kernels(renderer.draw)
         photos = PhotoStore(dataset, DEVICE, kernels.prepare_photo)
@@ -76,7 +76,7 @@ def test_causal_iteration_has_few_launches_and_synchronisations(
 
 def test_counter_counts_launches_copies_and_synchronisations() -> None:
     counter = Launches()
-    with pretend_device():
+    with fake_device():
         values = torch.arange(6.0).to(DEVICE)
         with counter:
             doubled = (values * 2).view(2, 3).T[0]

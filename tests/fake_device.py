@@ -17,14 +17,14 @@ DEVICE = torch.device("meta")
 _CROSSING = (torch.ops.aten._to_copy.default, torch.ops.aten.copy_.default)
 
 
-class PretendTensor(torch.Tensor):
+class FakeDeviceTensor(torch.Tensor):
     """A tensor that reports the simulated device."""
 
     inner: torch.Tensor
 
     @staticmethod
-    def __new__(cls, inner: torch.Tensor) -> "PretendTensor":
-        made: PretendTensor = torch.Tensor._make_wrapper_subclass(
+    def __new__(cls, inner: torch.Tensor) -> "FakeDeviceTensor":
+        made: FakeDeviceTensor = torch.Tensor._make_wrapper_subclass(
             cls, inner.shape, strides=inner.stride(), storage_offset=inner.storage_offset(), dtype=inner.dtype,
             device=DEVICE,
         )  # fmt: skip
@@ -40,8 +40,8 @@ class PretendTensor(torch.Tensor):
 
 
 @contextmanager
-def pretend_device() -> Iterator[None]:
-    """While active, tensors that are created on `DEVICE` or moved there become `PretendTensor`."""
+def fake_device() -> Iterator[None]:
+    """While active, tensors that are created on `DEVICE` or moved there become `FakeDeviceTensor`."""
     with _Operations(), _Literals():
         yield
 
@@ -51,12 +51,12 @@ class _Literals(TorchFunctionMode):
 
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = dict(kwargs or {})
-        if func is torch.Tensor.new_tensor and isinstance(args[0], PretendTensor):
+        if func is torch.Tensor.new_tensor and isinstance(args[0], FakeDeviceTensor):
             return torch.tensor(args[1], dtype=args[0].dtype).to(DEVICE)
         if func is torch.tensor and kwargs.get("device") == DEVICE:
             del kwargs["device"]
             return torch.tensor(*args, **kwargs).to(DEVICE)
-        if func is torch.Tensor.__getitem__ and isinstance(args[0], PretendTensor):
+        if func is torch.Tensor.__getitem__ and isinstance(args[0], FakeDeviceTensor):
             index = tuple(_on_device(part) for part in (args[1] if isinstance(args[1], tuple) else (args[1],)))
             return func(args[0], index)
         return func(*args, **kwargs)
@@ -72,11 +72,11 @@ class _Operations(TorchDispatchMode):
 
 
 def _run(func: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
-    wrappers: dict[int, PretendTensor] = {}
+    wrappers: dict[int, FakeDeviceTensor] = {}
     strangers: list[torch.Tensor] = []
 
     def unwrapped(value: torch.Tensor) -> torch.Tensor:
-        if isinstance(value, PretendTensor):
+        if isinstance(value, FakeDeviceTensor):
             wrappers[id(value.inner)] = value
             return value.inner
         if value.dim():
@@ -91,7 +91,7 @@ def _run(func: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]
     result = func(*plain_args, **plain_kwargs)
     elsewhere = target == DEVICE if target is not None else bool(wrappers)
     if func is torch.ops.aten.copy_.default:
-        elsewhere = isinstance(args[0], PretendTensor)
+        elsewhere = isinstance(args[0], FakeDeviceTensor)
     if not elsewhere:
         return result
-    return tree_map_only(torch.Tensor, lambda r: wrappers[id(r)] if id(r) in wrappers else PretendTensor(r), result)
+    return tree_map_only(torch.Tensor, lambda r: wrappers[id(r)] if id(r) in wrappers else FakeDeviceTensor(r), result)
