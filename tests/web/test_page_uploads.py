@@ -50,6 +50,30 @@ const ask = WebGL2RenderingContext.prototype.getSyncParameter;
 WebGL2RenderingContext.prototype.getSyncParameter = function (...given) {{
   return window.busy ? this.UNSIGNALED : ask.apply(this, given);
 }};</script>{SCENE}"""
+LINKING = f"""<script>
+window.waited = window.unlinked = 0;
+const context = WebGL2RenderingContext.prototype, until = new WeakMap(), COMPLETION = 0x91b1;
+const PARALLEL = "KHR_parallel_shader_compile"; // which software renderers lack
+const {{ linkProgram, getExtension, getSupportedExtensions, getProgramParameter }} = context;
+context.getSupportedExtensions = function () {{
+  return [...getSupportedExtensions.call(this), PARALLEL];
+}};
+context.linkProgram = function (program) {{
+  until.set(program, performance.now() + 500);
+  linkProgram.call(this, program);
+}};
+context.getExtension = function (name) {{
+  if (name === PARALLEL) return {{ COMPLETION_STATUS_KHR: COMPLETION }};
+  return getExtension.call(this, name);
+}};
+context.getProgramParameter = function (program, name) {{
+  const early = performance.now() < until.get(program);
+  if (name !== COMPLETION && early) window.waited++;
+  if (name !== COMPLETION) return getProgramParameter.call(this, program, name);
+  if (early) window.unlinked++;
+  return !early;
+}};</script>{SCENE}"""
+"""Page where each shader takes half a second to link."""
 TURNS = f"""(async () => {{
   const {{ view }} = {ELEMENT}, given = GIVEN, kinds = {{ centers: Float32Array, opacities: Float32Array }};
   const orders = given.map((order) => ({{ count: COUNT, degree: 0, harmonics: [], ...Object.fromEntries(
@@ -68,7 +92,7 @@ TURNS = f"""(async () => {{
   return found;
 }})()"""
 """Pictures while Gaussians are replaced repeatedly by the same ones in another order."""
-PAGES = {"patient": PATIENT, "late": LATE, "counted": COUNTED, "busy": BUSY}
+PAGES = {"patient": PATIENT, "late": LATE, "counted": COUNTED, "busy": BUSY, "linking": LINKING}
 WHOLE = f"{ELEMENT}?.status?.verified && {ELEMENT}.view?.shows"
 
 
@@ -144,6 +168,23 @@ def test_tiles_are_uploaded_incrementally_and_gains_only_where_changed() -> None
         assert picture(page, dropped=0) == whole
 
     on_page("counted", stream, work)
+
+
+def test_page_does_not_wait_for_shaders_and_draws_all_once_they_are_linked() -> None:
+    stream, pictures = encode_splats(ball(), SMALL, quality=Quality(10.0)), list[str]()
+
+    def work(page: Browser) -> None:
+        page.wait_for(WHOLE)
+        pictures.append(picture(page))
+
+    def work_while_linking(page: Browser) -> None:
+        work(page)
+        assert page.evaluate("window.unlinked") > 0
+        assert page.evaluate("window.waited") == 0
+
+    on_page("patient", stream, work)
+    on_page("linking", stream, work_while_linking)
+    assert pictures[0] == pictures[1]
 
 
 def test_canvas_is_resized_after_the_gpu_has_drawn() -> None:

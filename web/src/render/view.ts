@@ -14,7 +14,6 @@ import {
   Quat,
   RESOLUTION_FIXED,
   TONEMAP_NONE,
-  WebglGraphicsDevice,
 } from "playcanvas";
 
 import type { Camera, FixedCamera } from "../model/camera.ts";
@@ -24,6 +23,7 @@ import { GpuFence, UploadSlices } from "./gpu_limits.ts";
 import { HalfFloatTarget } from "./half_float_target.ts";
 import type { Orbit } from "./orbit.ts";
 import type { Packed, Tile } from "./packed.ts";
+import { PatientDevice } from "./patient_device.ts";
 import { cameraFromPose, halfHeight } from "./projection.ts";
 import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
 import { SingleMesh } from "./single_mesh.ts";
@@ -41,7 +41,7 @@ const IDLE_MS = SORT_MS;
 const MIN_INTERVAL_MS = 500,
   MAX_INTERVAL_MS = 4000,
   GPU_MULTIPLE = 4;
-/** Interval at which a waiting upload checks whether it may begin, milliseconds. */
+/** Interval at which waiting uploads and pictures check whether they may begin, milliseconds. */
 const POLL_MS = 10;
 
 /** Largest number of canvas pixels per CSS pixel. */
@@ -66,6 +66,7 @@ export class View {
   readonly #camera: Entity;
   readonly #target: HalfFloatTarget;
   readonly #gpu: GpuFence;
+  readonly #device: PatientDevice;
   /** True if the next frame waits for the GPU to finish the last one. */
   #waitsForGpu = false;
   readonly #mesh: SingleMesh;
@@ -105,7 +106,7 @@ export class View {
     readonly canvas: HTMLCanvasElement,
     readonly orbit: Orbit,
   ) {
-    const device = new WebglGraphicsDevice(canvas, {
+    const device = new PatientDevice(canvas, {
       antialias: false,
       alpha: false,
       powerPreference: "high-performance",
@@ -132,6 +133,7 @@ export class View {
       toneMapping: TONEMAP_NONE,
       gammaCorrection: GAMMA_SRGB,
     });
+    this.#device = device;
     this.#gpu = new GpuFence(device);
     this.#slices = new UploadSlices(this.#gpu, () => this.#destroyed);
     this.#target = new HalfFloatTarget(device, this.#camera.camera!);
@@ -161,7 +163,7 @@ export class View {
   destroy(): void {
     if (this.#destroyed) return;
     this.#destroyed = true;
-    const { gl } = this.#app.graphicsDevice as WebglGraphicsDevice;
+    const { gl } = this.#device;
     this.#pending = [];
     this.#mesh.clear();
     this.#tiles?.destroy();
@@ -407,6 +409,10 @@ export class View {
 
   #afterFrame(): void {
     this.#drawnAt = performance.now();
+    if (this.#device.takeSkipped()) {
+      setTimeout(() => !this.#destroyed && this.#changed(), POLL_MS);
+      return;
+    }
     this.#target.show();
     this.#gpu.mark();
     for (const resolve of this.#frame.splice(0)) resolve();
