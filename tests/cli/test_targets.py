@@ -1,11 +1,15 @@
 """`splatwire encode` with a size, a PSNR, a quality number or an effort."""
 
+import functools
+
 import numpy as np
 import pytest
 
 from explicit import ball_of_gaussians
 from splatwire.bitstream import read_stream
+from splatwire.cli import _encode_extras
 from splatwire.io.formats import write_splats
+from splatwire.rate_control import Tuning
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +55,22 @@ def test_effort_prunes_and_prints_the_kept_share(ball, tmp_path, run):
     assert fast["num_elements"] == 200
 
 
+def test_effort_best_fine_tunes_and_depends_on_seed_and_losses(ball, tmp_path, run, monkeypatch):
+    few = functools.partial(Tuning, iterations=8, num_views=4, size=32)
+    monkeypatch.setattr(_encode_extras, "Tuning", few)
+    written = []
+    for options in ((), ("--seed", "0"), ("--seed", "1"), ("--loss", "bernoulli:0.5")):
+        output = tmp_path / f"{len(written)}.swz"
+        options = ("--quality", "30", "--block-size", "20", *options)
+        done = run("encode", ball, "-o", output, "--effort", "best", *options, "--json")
+        assert done.json["reached"]["effort"] == "best"
+        assert done.json["reached"]["kept"] < 1
+        assert "fine-tuning" in done.err
+        written.append(output.read_bytes())
+    assert written[0] == written[1]
+    assert len(set(written)) == 3
+
+
 @pytest.mark.parametrize(
     "options",
     [("--levels", "auto", "--block-size", "60"), ("--tiers", "0.2"), ("--preset", "datagram"), ("--up", "z")],
@@ -73,6 +93,12 @@ def test_targets_are_reached_with_other_packetizations(options, ball, tmp_path, 
         (("--quality", "101"), "a number is 0 to 100"),
         (("--size", "10B"), "cannot be encoded to 10 bytes: the smallest stream has"),
         (("--effort", "default", "--keep", "0.5"), "--keep is for --effort fast"),
+        (("--effort", "best", "--keep", "0.5"), "--keep is for --effort fast"),
+        (("--effort", "best", "--levels", "auto"), "--effort best does not make levels of detail yet"),
+        (("--effort", "best", "--loss", "often"), "unknown loss model 'often'"),
+        (("--effort", "best", "--seed", "-1"), "seed is at least 0, not -1"),
+        (("--size", "1MB", "--loss", "bernoulli:0.2"), "--loss is for --effort best"),
+        (("--seed", "1"), "--seed is for --effort best"),
     ],
 )
 def test_contradictory_or_impossible_targets_are_errors(options, error, ball, tmp_path, run):
@@ -82,7 +108,9 @@ def test_contradictory_or_impossible_targets_are_errors(options, error, ball, tm
     assert not (tmp_path / "a.swz").exists()
 
 
-@pytest.mark.parametrize("options", [("--size", "1MB"), ("--psnr", "40"), ("--effort", "default")])
+@pytest.mark.parametrize(
+    "options", [("--size", "1MB"), ("--psnr", "40"), ("--effort", "default"), ("--effort", "best")]
+)
 def test_anchors_and_clips_have_no_targets(options, journey, tmp_path, run):
     done = run("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", *options)
     assert done.status != 0

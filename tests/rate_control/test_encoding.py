@@ -11,7 +11,7 @@ from random_numbers import Numbers
 from splatwire.codec import encode_scene
 from splatwire.codec.gaussians.quality import quality_of
 from splatwire.errors import InvalidValueError
-from splatwire.rate_control import EncodedScene, Target, encode_controlled
+from splatwire.rate_control import EncodedScene, Target, Tuning, encode_controlled
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
 
@@ -140,7 +140,9 @@ def test_splatwire_encode_takes_targets():
         {"size": 1000, "psnr": 40.0},
         {"size": 1000, "quality": 50},
         {"size": "many"},
-        {"effort": "best"},
+        {"effort": "most"},
+        {"tuning": Tuning(), "effort": "default"},
+        {"tuning": Tuning(), "quality": 40},
         {"quality": 101},
         {"options": splatwire.GaussianOptions(quality="small"), "quality": 40},
         {"options": splatwire.GaussianOptions(classes=np.zeros(1500, np.int8)), "size": 1000},

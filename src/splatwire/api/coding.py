@@ -15,12 +15,15 @@ from splatwire.codec.gaussians.quality import Quality, quality_of
 from splatwire.errors import InvalidValueError, check_progress, shown
 from splatwire.rate_control.encoding import Effort, encode_controlled
 from splatwire.rate_control.targets import Target, parse_size
+from splatwire.rate_control.tuning import Tuning
 from splatwire.sequence import ClipOptions, Frame, encode_clip
 from splatwire.types import AnchorScene, ReceivedScene, SplatScene
 from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
 
 Progress = Callable[[float], None]
+_TUNING_SHARE = 0.9
+"""Share of the reported work of the effort `best` that is fine-tuning; the rest is the search after it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +71,7 @@ def encode(
     psnr: float | None = None,
     quality: str | int | float | Quality | None = None,
     effort: Effort | None = None,
+    tuning: Tuning | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> SceneStream:
@@ -84,8 +88,10 @@ def encode(
             is at most 3 % smaller, unless the finest setting takes less.
         psnr: Explicit Gaussians: mean PSNR against pictures of the source, decibels, usually reached to 0.2 dB.
         quality: Explicit Gaussians and frames: quality setting, instead of `quality` in the options.
-        effort: Explicit Gaussians: `fast` keeps all Gaussians, `default` also removes those that pictures do not need.
-            None for `default` with `size` or `psnr`.
+        effort: Explicit Gaussians: `fast` keeps all Gaussians, `default` also removes those that pictures do not need,
+            `best` removes more and fine-tunes the others to pictures of the scene, which takes minutes. None for
+            `default` with `size` or `psnr`.
+        tuning: Options for `best`, such as the seed and a simulated packet loss; None for the defaults.
         threads: Number of threads, which does not affect the result; None for one per processor.
         progress: Called with the completed fraction of the work, 0 to 1; not for frames, whose number is unknown.
 
@@ -103,6 +109,8 @@ def encode(
         >>> len(stream.packets) == stream.manifest.num_packets
         True
     """
+    if tuning is not None and effort != "best":
+        raise InvalidValueError("tuning is for the effort best: only then Gaussians are fine-tuned")
     if isinstance(options, ClipOptions):
         if (size, psnr, effort) != (None, None, None):
             raise InvalidValueError("size, psnr and effort are for static scenes: frames take a quality")
@@ -126,12 +134,12 @@ def encode(
     given = given if quality is None else replace(given, quality=quality)
     if (size, psnr, effort) == (None, None, None):
         return encode_scene(found, threads=threads, progress=progress, **vars(given))
-    return _encode_controlled(found, given, size, psnr, effort, threads, progress)
+    return _encode_controlled(found, given, size, psnr, effort, tuning, threads, progress)
 
 
 def _encode_controlled(
     scene: SplatScene, options: GaussianOptions, size: int | str | None, psnr: float | None, effort: Effort | None,
-    threads: int | None, progress: Progress | None,
+    tuning: Tuning | None, threads: int | None, progress: Progress | None,
 ) -> SceneStream:  # fmt: skip
     if options.classes is not None or options.tiers is not None:
         raise InvalidValueError("size, psnr and effort determine precision classes, and leave one tier")
@@ -146,11 +154,14 @@ def _encode_controlled(
     def encode(some: SplatScene, classes: np.ndarray, quality: Quality) -> SceneStream:
         return encode_scene(some, options.packetization, quality=quality, classes=classes, threads=threads)
 
-    report = progress or (lambda share: None)
+    report, last = progress or (lambda share: None), _TUNING_SHARE if effort == "best" else 0.0
+
+    def forward(task: str, share: float) -> None:
+        report({"fine-tuning": last * share, "searching": last + (1 - last) * share}.get(task, 0.0))
+
     found = encode_controlled(
-        scene, target, encode, effort=effort or "default",
-        progress=lambda task, share: report(share if task == "searching" else 0.0),
-    )  # fmt: skip
+        scene, target, encode, effort=effort or "default", tuning=tuning or Tuning(), progress=forward
+    )
     report(1.0)
     return found.stream
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatwire.anchors.appearance import Scene, metadata_of
-from splatwire.bitstream import Packetization, SceneStream, measure_sizes, packetization_named, write_stream
+from splatwire.bitstream import PRESETS, Packetization, SceneStream, measure_sizes, packetization_named, write_stream
 from splatwire.bitstream.limits import UNNAMED_SCHEMA
 from splatwire.cli._files import input_path, output_path
 from splatwire.cli._options import quality_option
@@ -34,13 +34,14 @@ from splatwire.sequence.frames import is_sequence
 from splatwire.types import Cameras
 
 if TYPE_CHECKING:
-    from splatwire.rate_control import EncodedScene  # imports renderers, which most scenes are encoded without
+    from splatwire.rate_control import EncodedScene, Tuning  # imports renderers, which most scenes are encoded without
 
 _STILL = (
     "preset", "block_size", "lanes", "tiers", "keep", "data", "cameras", "refine", "levels", "no_sketch", "size",
-    "psnr", "effort",
+    "psnr", "effort", "loss", "seed",
 )  # fmt: skip
 """Options that apply only to static scenes."""
+_NO_LEVELS = "--effort best does not make levels of detail yet: use --effort default, or --levels none"
 
 
 def run(command: Encode) -> None:
@@ -88,6 +89,24 @@ def _check(command: Encode) -> None:
         raise InvalidValueError(f"--psnr takes decibels above 0, not {command.psnr:g}")
     if command.keep != 1 and _effort(command) != "fast":
         raise InvalidValueError("--keep is for --effort fast: otherwise the encoder chooses the share to keep")
+    if command.effort == "best":
+        if command.levels == "auto":
+            raise InvalidValueError(_NO_LEVELS)
+        _tuning(command, PRESETS["paper"])
+    for name in ("loss", "seed"):
+        if getattr(command, name) is not None and command.effort != "best":
+            raise InvalidValueError(f"--{name} is for --effort best: only then Gaussians are fine-tuned")
+
+
+def _tuning(command: Encode, packetization: Packetization) -> "Tuning":
+    """Returns the options of the fine-tuning.
+
+    Raises:
+        InvalidValueError: If the loss model or the seed is not valid.
+    """
+    unit = "datagram" if command.preset == "datagram" else "pak"
+    loss = None if command.loss is None else _extras().parse_loss(command.loss, unit)
+    return _extras().Tuning(loss=loss, packetization=packetization, seed=command.seed or 0)
 
 
 def _effort(command: Encode) -> str:
@@ -121,14 +140,16 @@ def _encode_scene(command: Encode, source: Path) -> None:
     schema = schema_of(scene)
     if levels and (command.tiers or not schema.explicit):
         raise InvalidValueError("levels need explicit Gaussians, and replace --tiers")
+    if levels and command.effort == "best":
+        raise InvalidValueError(_NO_LEVELS)
     if command.quality is not None and not schema.explicit:
         raise InvalidValueError(
             "--quality is for explicit Gaussians; a scene of anchors has its own quantisation steps"
         )
     if _controlled(command) and not schema.explicit:
         raise InvalidValueError(
-            "--size, --psnr and --effort default are for explicit Gaussians; a scene of anchors has its own "
-            "quantisation steps"
+            f"--size, --psnr and --effort {_effort(command)} are for explicit Gaussians; a scene of anchors has its "
+            "own quantisation steps"
         )
     if refine is not None and schema.explicit:
         raise InvalidValueError("--refine fits a context model, which explicit Gaussians do not have")
@@ -161,8 +182,9 @@ def _encode_scene(command: Encode, source: Path) -> None:
         found = None
         if _controlled(command):
             found = _extras().encode_controlled(
-                scene, _target(command), encode, effort=_effort(command), cameras=cameras, progress=report
-            )
+                scene, _target(command), encode, effort=_effort(command), cameras=cameras,
+                tuning=_tuning(command, packetization_of(command, schema.name, scene.num_elements)), progress=report,
+            )  # fmt: skip
             stream = found.stream
         else:
             report("choosing precision", 0.0)

@@ -55,9 +55,15 @@ class Encode:
     """Explicit Gaussians: maximum size of the stream, such as 500kB or 0.5MB; at most 3 % of it are left."""
     psnr: float | None = None
     """Explicit Gaussians: mean PSNR against pictures of the source, decibels, usually reached to 0.2 dB; printed."""
-    effort: Literal["fast", "default"] | None = None
+    effort: Literal["fast", "default", "best"] | None = None
     """fast: keep all Gaussians. default: also remove those that pictures of the scene do not need, as many as the
-    quality permits; fewer bytes at equal quality. Default: fast; with --size or --psnr default."""
+    quality permits; fewer bytes at equal quality. best: remove more, and fine-tune the others to pictures of the scene;
+    takes minutes. Default: fast; with --size or --psnr default."""
+    loss: str | None = None
+    """With --effort best: loss model of the channel, such as bernoulli:0.2. Fine-tuning then simulates lost packets
+    (lost datagrams with --preset datagram), so that the received Gaussians cover the lost ones."""
+    seed: int | None = None
+    """With --effort best: random seed of the fine-tuning, default 0."""
     background: BackgroundOption = None
     """Background colour to store in the stream, RGB from 0 to 1. Default: that of the scene file."""
     fps: float | None = None

@@ -56,12 +56,44 @@ class Progress:
         check_fields(self)
 
 
+@dataclass(frozen=True, eq=False)
+class TunedGaussians:
+    """Result of fine-tuning.
+
+    Attributes:
+        scene: The Gaussians before rounding, without quantisation steps.
+        coding: The quantisation steps with which they were fine-tuned.
+    """
+
+    scene: SplatScene
+    coding: SplatCoding
+
+    @property
+    def rounded(self) -> SplatScene:
+        """The rounded Gaussians and their quantisation steps: encoding them without a quality is lossless."""
+        return replace(self.scene, splats=round_splats(self.scene.splats, self.coding), coding=self.coding)
+
+
 def fine_tune(
     scene: SplatScene,
     pictures: Pictures,
     options: FineTuning = FineTuning(),  # noqa: B008 - frozen
     progress: Callable[[Progress], None] | None = None,
 ) -> SplatScene:
+    """Fine-tunes Gaussians, and rounds the result; see `tuned_gaussians` for arguments and errors.
+
+    Returns:
+        The scene with rounded Gaussians and their quantisation steps: encoding it without a quality is lossless.
+    """
+    return tuned_gaussians(scene, pictures, options, progress).rounded
+
+
+def tuned_gaussians(
+    scene: SplatScene,
+    pictures: Pictures,
+    options: FineTuning = FineTuning(),  # noqa: B008 - frozen
+    progress: Callable[[Progress], None] | None = None,
+) -> TunedGaussians:
     """Changes Gaussians so that renderings of the decoded Gaussians are as similar to given pictures as possible.
 
     Centres, rotations, scales, opacities and harmonics are optimised with Adam; the number of Gaussians stays the same.
@@ -81,7 +113,7 @@ def fine_tune(
         progress: Called after each iteration.
 
     Returns:
-        The scene with rounded Gaussians and their quantisation steps: encoding it without a quality is lossless.
+        The Gaussians before rounding, and their quantisation steps.
 
     Raises:
         InvalidValueError: If there are no Gaussians, or cameras have another origin than the scene.
@@ -125,7 +157,7 @@ def fine_tune(
         latents.apply_turns()
         if progress:
             progress(Progress(step + 1, options.iterations, -10 * math.log10(max(error, 1e-12))))
-    return replace(scene, splats=round_splats(latents.splats(), coding), coding=coding, hints=None)
+    return TunedGaussians(replace(scene, splats=latents.splats(), coding=None, hints=None), coding)
 
 
 def picture_gradients(

@@ -6,7 +6,7 @@ Chooses jointly which Gaussians are kept, their precision classes, and the quant
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -19,12 +19,14 @@ from splatwire.errors import InvalidValueError
 from splatwire.rate_control.pruning import PruningCurve
 from splatwire.rate_control.search import Interval, search
 from splatwire.rate_control.targets import Target
+from splatwire.rate_control.tuning import Tuning, check_tunable, tuned_to_source
 from splatwire.rate_control.views import SourcePictures, ViewSets
 from splatwire.render.precision import measure_gaussians, precision_classes
 from splatwire.types import Cameras, SplatScene
 
-Effort = Literal["fast", "default"]
-"""Work per scene: `fast` chooses precision classes and keeps all Gaussians; `default` also prunes."""
+Effort = Literal["fast", "default", "best"]
+"""Work per scene: `fast` chooses precision classes and keeps all Gaussians; `default` also prunes; `best` prunes more
+and fine-tunes the remaining Gaussians."""
 EFFORTS: tuple[str, ...] = get_args(Effort)
 LEVELS = (2.5, 14.0)
 """Coarsest and finest level of quantisation of a search."""
@@ -42,6 +44,8 @@ SHARE_OCTAVES = 4.0
 """Levels by which bytes change as much as by keeping all or none of the Gaussians."""
 LEAST_SHARE = 0.6
 """Smallest share of Gaussians to keep on the fine side of a jump, relative to the best one."""
+GAIN_DB = 3.0
+"""Mean gain in PSNR from fine-tuning a pruned and quantised scene, decibels."""
 Encoder = Callable[[SplatScene, np.ndarray, Quality], SceneStream]
 """Encodes a scene with the given precision classes and quality setting."""
 Progress = Callable[[str, float], None]
@@ -78,6 +82,7 @@ def encode_controlled(
     *,
     effort: Effort = "default",
     cameras: Cameras | None = None,
+    tuning: Tuning = Tuning(),  # noqa: B008 - frozen
     progress: Progress = lambda task, share: None,
 ) -> EncodedScene:
     """Encodes Gaussians to a size, a PSNR or a quality setting.
@@ -90,27 +95,45 @@ def encode_controlled(
         scene: The scene to encode. Gaussians that draw nothing or cannot be drawn are skipped, which is logged.
         target: Size, PSNR or quality setting.
         encode: Function that encodes a scene.
-        effort: `fast` keeps all Gaussians and only chooses precision classes; `default` also prunes.
+        effort: `fast` keeps all Gaussians and only chooses precision classes; `default` also prunes; `best` prunes
+            more, and fine-tunes the remaining Gaussians once before the search.
         cameras: Cameras at typical viewing positions (see `ViewSets`); None for views around the scene.
+        tuning: Options of the fine-tuning; ignored by other efforts.
         progress: Called with the name of the current task and its finished share, 0 to 1.
 
     Raises:
-        InvalidValueError: If the scene has nothing to draw, or the target cannot be reached.
+        InvalidValueError: If the scene has nothing to draw, is too large for `best`, or the target cannot be reached.
     """
     rows = scene.rows()
     rows.log_removed("encoding", scene.ELEMENTS)
     source = scene if rows.complete else scene.select(rows.kept)
     if not source.num_elements:
         raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
+    if effort == "best":
+        check_tunable(source)
     views = ViewSets.of(source, cameras)
-    plan = _Plan.of(source, effort, views, progress)
+    plan, start = _Plan.of(source, effort, views, progress), START
+    if effort == "best":
+        chosen = _before_tuning(plan, target, encode, progress)
+        plan, start = plan.tuned(chosen, cameras, tuning, progress), chosen.quality.level
     if target.quality is not None:
         return plan.encoded(target.quality, encode)
-    trials = _Trials(plan, encode, progress)
+    trials = _Trials(plan, encode, progress, start)
     if target.size is not None:
         return trials.of_size(target.size)
     assert target.psnr is not None
     return trials.of_psnr(target.psnr)
+
+
+def _before_tuning(plan: "_Plan", target: Target, encode: Encoder, progress: Progress) -> EncodedScene:
+    """Returns the pruned scene from which fine-tuning is expected to reach a target, at the expected level."""
+    if target.quality is not None:
+        return plan.encoded(target.quality, encode)
+    trials = _Trials(plan, encode, lambda task, share: progress("choosing Gaussians", share), START)
+    if target.size is not None:
+        return trials.of_size(target.size)
+    assert target.psnr is not None
+    return trials.estimated(target.psnr - GAIN_DB)
 
 
 def decoded_finest(stream: SceneStream) -> Scene:
@@ -129,24 +152,42 @@ class _Plan:
         source: The scene to encode.
         views: Views for measuring, searching and reporting.
         classes: Precision class of each Gaussian.
-        curve: Image error as a function of the share of Gaussians kept; None to keep all Gaussians.
+        curve: Image error as a function of the share of Gaussians kept; None to keep all Gaussians of `scene`.
+        scene: The Gaussians to prune and encode: those of `source`, or fine-tuned ones.
     """
 
     source: SplatScene
     views: ViewSets
     classes: np.ndarray
     curve: PruningCurve | None
+    scene: SplatScene
 
     @classmethod
     def of(cls, source: SplatScene, effort: Effort, views: ViewSets, progress: Progress) -> "_Plan":
         progress("measuring Gaussians", 0.0)
         if effort == "fast":
-            return cls(source, views, precision_classes(source.splats, views.measured), None)
+            return cls(source, views, precision_classes(source.splats, views.measured), None, source)
         measured = measure_gaussians(source, views.measured)
         progress("measuring Gaussians", 1.0)
         pictures = SourcePictures.of(source, views.search)
         curve = PruningCurve.measured(source, measured.removal, pictures, lambda share: progress("pruning", share))
-        return cls(source, views, measured.classes, curve)
+        if effort == "best":
+            curve = curve.scaled(10 ** (-GAIN_DB / 10))
+        return cls(source, views, measured.classes, curve, source)
+
+    def tuned(self, chosen: EncodedScene, cameras: Cameras | None, tuning: Tuning, progress: Progress) -> "_Plan":
+        """Returns the plan for fine-tuned Gaussians, all of which are kept.
+
+        Args:
+            chosen: The pruned scene to fine-tune, with the quality setting whose rounding is part of the fine-tuning.
+            cameras: Cameras at typical viewing positions; None for views around the scene.
+            tuning: Options of the fine-tuning.
+            progress: Called with the name of the current task and its finished share.
+        """
+        assert self.curve is not None
+        kept = self.curve.kept(chosen.kept)
+        scene, classes = tuned_to_source(self.source, kept, chosen.quality, cameras, tuning, progress)
+        return replace(self, classes=classes, curve=None, scene=scene)
 
     def encoded(self, quality: Quality, encode: Encoder, share: float | None = None) -> EncodedScene:
         """Prunes and encodes the scene at a quality setting.
@@ -158,14 +199,12 @@ class _Plan:
                 Ignored if the attribute `curve` is None: then all Gaussians are kept.
         """
         if self.curve is None:
-            stream, share = encode(self.source, self.classes, quality), 1.0
+            scene, classes = self.scene, self.classes
         else:
             kept = self.curve.kept(self.curve.best_share(quality.level) if share is None else share)
-            stream, share = (
-                encode(self.source.select(kept), self.classes[kept], quality),
-                len(kept) / self.source.num_elements,
-            )
-        return EncodedScene(stream, quality, share, self.source, self.views.held_out)
+            scene, classes = self.scene.select(kept), self.classes[kept]
+        share = scene.num_elements / self.source.num_elements
+        return EncodedScene(encode(scene, classes, quality), quality, share, self.source, self.views.held_out)
 
 
 class _Trials:
@@ -175,10 +214,11 @@ class _Trials:
         plan: The scene and its precision classes.
         encode: Function that encodes a scene.
         progress: Called with the name of the current task and its finished share.
+        start: First level.
     """
 
-    def __init__(self, plan: _Plan, encode: Encoder, progress: Progress) -> None:
-        self._plan, self._encode, self._progress = plan, encode, progress
+    def __init__(self, plan: _Plan, encode: Encoder, progress: Progress, start: float) -> None:
+        self._plan, self._encode, self._progress, self._start = plan, encode, progress, start
         self._found: list[tuple[float, EncodedScene]] = []
 
     def of_size(self, size: int) -> EncodedScene:
@@ -186,7 +226,7 @@ class _Trials:
         permitted = Interval(
             math.log(size * (1 - SIZE_TOLERANCE)), math.log(size * (1 - SIZE_TOLERANCE / 2)), math.log(size)
         )
-        self._search(lambda encoded: math.log(encoded.stream.num_bytes), permitted, START, OCTAVE_LOG)
+        self._search(lambda encoded: math.log(encoded.stream.num_bytes), permitted, self._start, OCTAVE_LOG)
         fitting = [(value, each) for value, each in self._found if each.stream.num_bytes <= size]
         if not fitting:
             least = min(each.stream.num_bytes for _, each in self._found)
@@ -195,13 +235,25 @@ class _Trials:
             )
         return max(fitting, key=lambda found: found[0])[1]
 
+    def estimated(self, psnr: float) -> EncodedScene:
+        """Searches for a quantisation level; returns the stream whose PSNR in the search views is closest to `psnr`.
+
+        The PSNR in the held-out views is not measured.
+        """
+        pictures = SourcePictures.of(self._plan.source, self._plan.views.search)
+        permitted = Interval(psnr - 2 * PSNR_TOLERANCE, psnr, psnr + 2 * PSNR_TOLERANCE)
+        self._search(
+            lambda encoded: pictures.mean_psnr(decoded_finest(encoded.stream)), permitted, self._start, OCTAVE_DB
+        )
+        return min(self._found, key=lambda found: abs(found[0] - psnr))[1]
+
     def of_psnr(self, psnr: float) -> EncodedScene:
         """Searches for a quantisation level; returns the stream with a PSNR in the held-out views closest to `psnr`.
 
         The search compares pictures in a separate set of views (`ViewSets.search`). The held-out views only correct the
         PSNR that the search aims at.
         """
-        pictures, start, wanted = SourcePictures.of(self._plan.source, self._plan.views.search), START, psnr
+        pictures, start, wanted = SourcePictures.of(self._plan.source, self._plan.views.search), self._start, psnr
         best: EncodedScene | None = None
         for _ in range(CORRECTIONS):
             first = len(self._found)

@@ -1,7 +1,7 @@
 """Choice of the share of Gaussians to keep at a quantisation level, from measured image errors of pruned scenes."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -78,6 +78,10 @@ class PruningCurve:
         errors = np.exp(_fitted(at, np.array(known), np.array(logs)))
         errors[-1] = 0.0
         return PruningCurve(order, shares, errors)
+
+    def scaled(self, factor: float) -> "PruningCurve":
+        """Returns the curve with all errors multiplied by a factor, by which fine-tuning reduces them."""
+        return replace(self, errors=factor * self.errors)
 
     def best_share(self, level: float) -> float:
         """Returns the share of Gaussians to keep at a quantisation level (`Quality.level`).

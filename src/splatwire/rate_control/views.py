@@ -23,6 +23,8 @@ MOST_VIEWS, MOST_SIZE = MEASURED_VIEWS, HELD_OUT_SIZE
 """Maximum number of given cameras in each set, and maximum width and height of their images in pixels."""
 LEAST_CAMERAS = 6
 """Minimum number of given cameras that are divided into the three sets."""
+_HELD_OUT = 2
+"""Index of the first held-out camera among given cameras. From there on, every third camera is held out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +58,23 @@ class ViewSets:
                 held_out_cameras(scene),
             )
         cameras = cameras.relative_to(origin_of(scene))
-        thirds = [list(range(first, cameras.num_views, 3)) for first in range(3)]
+        thirds = [list(range(first, cameras.num_views, 3)) for first in (0, 1, _HELD_OUT)]
         measured, search, held_out = (
             _limited(cameras, views, most)
             for views, most in zip(thirds, (MOST_VIEWS, SEARCH_VIEWS, MOST_VIEWS), strict=True)
         )
         return ViewSets(measured, search, held_out)
+
+
+def not_held_out(cameras: Cameras, count: int) -> Cameras:
+    """Returns at most `count` of the given cameras, evenly spread, without those that `ViewSets.of` holds out.
+
+    Args:
+        cameras: At least `LEAST_CAMERAS` cameras.
+        count: Maximum number of cameras.
+    """
+    views = [view for view in range(cameras.num_views) if view % 3 != _HELD_OUT]
+    return cameras.select([views[place] for place in spread(len(views), count)])
 
 
 def _limited(cameras: Cameras, views: list[int], count: int) -> Cameras:

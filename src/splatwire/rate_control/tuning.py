@@ -1,0 +1,129 @@
+"""Fine-tuning within an encoder with a target: options, and the views whose pictures are fitted."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatwire.anchors.appearance import origin_of
+from splatwire.arguments import check_fields
+from splatwire.bitstream import PRESETS, Packetization
+from splatwire.channel import LossModel
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.errors import InvalidValueError
+from splatwire.finetuning.options import FineTuning
+from splatwire.finetuning.pictures import SIZE, VIEWS, fitting_cameras, own_pictures
+from splatwire.finetuning.tune import tuned_gaussians
+from splatwire.rate_control.views import LEAST_CAMERAS, not_held_out
+from splatwire.types import Cameras, SplatScene
+
+MAX_GAUSSIANS = 1_000_000
+"""Maximum number of Gaussians of a scene to fine-tune. More would need more views than `VIEWS`: the fitted pictures
+have 38 million pixels together."""
+_MOVED = 0.3
+"""Standard deviation by which copies of given cameras are moved along each axis, relative to the median distance of a
+camera from the nearest other one."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Options of fine-tuning within an encoder with a target.
+
+    Attributes:
+        iterations: Number of iterations, each with one view, at least 1.
+        num_views: Number of fitted views, at least 2.
+        size: Maximum width and height of fitted pictures, pixels, at least 16.
+        loss: Loss model of the channel, which every second iteration simulates; None for no losses.
+        packetization: Split into packets that `loss` applies to.
+        seed: Random seed of the order of views, of losses and of moved cameras, at least 0.
+
+    Raises:
+        InvalidValueError: If a value is out of range.
+    """
+
+    iterations: int = FineTuning().iterations
+    num_views: int = VIEWS
+    size: int = SIZE
+    loss: LossModel | None = None
+    packetization: Packetization = PRESETS["paper"]
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name, least in (("iterations", 1), ("num_views", 2), ("size", 16), ("seed", 0)):
+            if getattr(self, name) < least:
+                raise InvalidValueError(f"fine-tuning: {name} is at least {least}, not {getattr(self, name)}")
+
+
+def check_tunable(scene: SplatScene) -> None:
+    """Checks that a scene is not too large for fine-tuning.
+
+    Raises:
+        InvalidValueError: If it has more than `MAX_GAUSSIANS`.
+    """
+    if scene.num_elements > MAX_GAUSSIANS:
+        raise InvalidValueError(
+            f"effort best takes at most {MAX_GAUSSIANS:,} Gaussians, and this scene has {scene.num_elements:,}: use "
+            f"effort default, or encode parts of the scene"
+        )
+
+
+def tuned_to_source(
+    source: SplatScene,
+    kept: np.ndarray,
+    quality: Quality,
+    cameras: Cameras | None,
+    tuning: Tuning,
+    progress: Callable[[str, float], None],
+) -> tuple[SplatScene, np.ndarray]:
+    """Fine-tunes a part of the Gaussians of a scene to renderings of the complete scene.
+
+    Args:
+        source: The complete scene.
+        kept: Indices of the Gaussians to fine-tune.
+        quality: Quality setting whose rounding is part of the fine-tuning.
+        cameras: Cameras at typical viewing positions; None for views around the scene.
+        tuning: The options.
+        progress: Called with the name of the current task and its finished share, 0 to 1.
+
+    Returns:
+        The Gaussians before rounding, and the precision class of each, 0 for the finest, int8.
+    """
+    seen = fitted_cameras(source, cameras, tuning)
+    pictures = own_pictures(source, seen, lambda share: progress("drawing pictures", share))
+    options = FineTuning(
+        quality, tuning.iterations, loss=tuning.loss, packetization=tuning.packetization, seed=tuning.seed
+    )
+    found = tuned_gaussians(
+        source.select(kept), pictures, options,
+        lambda report: progress("fine-tuning", report.iteration / report.iterations),
+    )  # fmt: skip
+    finest = quality.classes_of(source.splats.degree) - 1
+    return found.scene, (found.coding.classes.astype(np.int64) - finest).astype(np.int8)
+
+
+def fitted_cameras(scene: SplatScene, cameras: Cameras | None, tuning: Tuning) -> Cameras:
+    """Chooses the views whose pictures are fitted, none of which is held out.
+
+    Given cameras, all but the held-out ones are used. If they are too few, copies of them are moved at random, so that
+    Gaussians are also fitted to the views between them.
+
+    Args:
+        scene: The scene.
+        cameras: Cameras at typical viewing positions, or None. Fewer than `LEAST_CAMERAS` are ignored, as for the
+            held-out views.
+        tuning: Number of views, image size and seed.
+    """
+    if cameras is None or cameras.num_views < LEAST_CAMERAS:
+        return fitting_cameras(scene, tuning.num_views, tuning.size)
+    given = not_held_out(cameras.relative_to(origin_of(scene)), tuning.num_views)
+    given = given.scaled(min(1.0, tuning.size / max(given.width, given.height)))
+    centers = given.centers.astype(np.float64)
+    away = np.linalg.norm(centers[:, None] - centers[None], axis=2) + np.diag(np.full(len(centers), np.inf))
+    rng = np.random.Generator(np.random.PCG64(tuning.seed))
+    moved = given.select([view % given.num_views for view in range(tuning.num_views)])
+    shifts = _MOVED * float(np.median(away.min(axis=1))) * rng.standard_normal((tuning.num_views, 3))
+    shifts[: given.num_views] = 0
+    poses = moved.viewmats.copy()
+    poses[:, :3, 3] -= np.einsum("vij,vj->vi", poses[:, :3, :3], shifts).astype(np.float32)
+    return replace(moved, viewmats=poses, names=tuple(f"fit_{view:03d}" for view in range(tuning.num_views)))

@@ -1,0 +1,115 @@
+"""The effort `best`: accuracy, dependence on the seed only, gain over `default`, views that are not fitted."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import splatwire
+from shells import shell
+from splatwire.bitstream import PRESETS
+from splatwire.channel import parse_loss
+from splatwire.codec import encode_scene
+from splatwire.codec.gaussians.quality import quality_of
+from splatwire.errors import InvalidValueError
+from splatwire.finetuning import fitting_cameras
+from splatwire.rate_control import EncodedScene, Target, Tuning, encode_controlled
+from splatwire.rate_control.tuning import MAX_GAUSSIANS, fitted_cameras
+from splatwire.rate_control.views import LEAST_CAMERAS, ViewSets
+from splatwire.render.importance import surrounding_cameras
+from splatwire.types import SplatScene
+
+BUNDLED = Path(splatwire.__file__).parent / "assets" / "snowmiku_gaussians.swz"
+FEW = Tuning(iterations=8, num_views=4, size=32)
+
+
+def encoded(scene: SplatScene, effort: str = "best", tuning: Tuning = FEW, **target: object) -> EncodedScene:
+    def encode(some: SplatScene, classes: np.ndarray, quality: object) -> splatwire.SceneStream:
+        return encode_scene(some, classes=classes, quality=quality)
+
+    return encode_controlled(scene, Target(**target), encode, effort=effort, tuning=tuning)
+
+
+def test_streams_have_the_size_that_was_asked_for():
+    scene = shell(1000)
+    size = 2 * encoded(scene, "fast", quality=quality_of("small")).stream.num_bytes // 3
+    found = encoded(scene, size=size)
+    assert 0.97 * size <= found.stream.num_bytes <= size
+    assert found.kept < 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degree", [0, 1])
+def test_streams_have_the_psnr_that_was_asked_for(degree):
+    found = encoded(shell(1000, degree), tuning=Tuning(iterations=150, num_views=24, size=96), psnr=36.0)
+    assert abs(found.psnr - 36.0) <= 0.2
+
+
+@pytest.mark.slow
+def test_best_is_closer_to_the_source_than_default_at_equal_bytes():
+    scene = splatwire.open_scene(BUNDLED)
+    scene = scene.select(np.arange(0, scene.num_elements, 8))
+    default, best = (
+        encoded(scene, effort, Tuning(iterations=300, num_views=60, size=160), size=25_000)
+        for effort in ("default", "best")
+    )
+    assert best.stream.num_bytes <= 25_000
+    assert best.psnr > default.psnr + 0.5
+
+
+def test_equal_seeds_give_equal_streams_and_another_seed_or_loss_another():
+    scene, target = shell(200), {"quality": quality_of("small")}
+    loss = parse_loss("bernoulli:0.5")
+    options = FEW, FEW, replace(FEW, seed=1), replace(FEW, loss=loss, packetization=PRESETS["datagram"])
+    first, again, other, lossy = (encoded(scene, tuning=tuning, **target).stream.packets for tuning in options)
+    assert first == again
+    assert first != other
+    assert first != lossy
+
+
+def test_held_out_views_are_those_of_other_efforts():
+    scene = shell(200)
+    best, fast = (encoded(scene, effort, quality=quality_of("small")) for effort in ("best", "fast"))
+    assert (best.held_out.viewmats == fast.held_out.viewmats).all()
+    assert best.source is fast.source
+
+
+def test_given_cameras_are_fitted_unless_they_are_held_out():
+    scene = shell(100)
+    cameras = surrounding_cameras(scene, 30, 64)
+    held_out = ViewSets.of(scene, cameras).held_out.viewmats
+    fitted = fitted_cameras(scene, cameras, Tuning(num_views=50, size=32))
+    assert (fitted.num_views, fitted.width) == (50, 32)
+    assert (fitted.viewmats[:20] == cameras.viewmats[[view for view in range(30) if view % 3 != 2]]).all()
+    away = np.abs(fitted.viewmats[:, None] - held_out[None]).max(axis=(2, 3))
+    assert away.min() > 1e-3
+    assert (fitted.viewmats[20:, :3, :3] == fitted.viewmats[:30, :3, :3]).all()
+
+
+def test_views_around_the_scene_are_fitted_without_enough_cameras():
+    scene = shell(100)
+    expected = fitting_cameras(scene, 8, 32).viewmats
+    for cameras in (None, surrounding_cameras(scene, LEAST_CAMERAS - 1, 64)):
+        assert (fitted_cameras(scene, cameras, Tuning(num_views=8, size=32)).viewmats == expected).all()
+
+
+def test_scenes_that_are_too_large_are_refused_before_any_work():
+    scene = shell(10)
+    large = scene.select(np.arange(MAX_GAUSSIANS + 1) % 10)
+    with pytest.raises(InvalidValueError, match=r"at most 1,000,000 Gaussians, and this scene has 1,000,001"):
+        encoded(large, size=1)
+
+
+@pytest.mark.parametrize("options", [{"iterations": 0}, {"num_views": 1}, {"size": 15}, {"seed": -1}])
+def test_options_out_of_range_are_refused(options):
+    with pytest.raises(InvalidValueError, match="fine-tuning"):
+        Tuning(**options)
+
+
+def test_progress_of_splatwire_encode_grows_to_the_end():
+    shares: list[float] = []
+    splatwire.encode(shell(100), effort="best", tuning=FEW, size=2500, progress=shares.append)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1
+    assert len(set(shares)) > 8
