@@ -46,6 +46,9 @@ LEAST_SHARE = 0.6
 """Smallest share of Gaussians to keep on the fine side of a jump, relative to the best one."""
 GAIN_DB = 3.0
 """Mean gain in PSNR from fine-tuning a pruned and quantised scene, decibels."""
+TUNINGS, FINER = 3, 1.0
+"""Maximum number of fine-tunings for a PSNR. Another one begins with more Gaussians, according to the gain of the last
+one, if the last result misses the PSNR even at a level that is finer by `FINER` than the expected level."""
 Encoder = Callable[[SplatScene, np.ndarray, Quality], SceneStream]
 """Encodes a scene with the given precision classes and quality setting."""
 Progress = Callable[[str, float], None]
@@ -114,8 +117,9 @@ def encode_controlled(
     views = ViewSets.of(source, cameras)
     plan, start = _Plan.of(source, effort, views, progress), START
     if effort == "best":
-        chosen = _before_tuning(plan, target, encode, progress)
-        plan, start = plan.tuned(chosen, cameras, tuning, progress), chosen.quality.level
+        plan, start = _tuned(
+            plan, target, encode, lambda chosen: plan.tuned(chosen, cameras, tuning, progress), progress
+        )
     if target.quality is not None:
         return plan.encoded(target.quality, encode)
     trials = _Trials(plan, encode, progress, start)
@@ -125,15 +129,39 @@ def encode_controlled(
     return trials.of_psnr(target.psnr)
 
 
-def _before_tuning(plan: "_Plan", target: Target, encode: Encoder, progress: Progress) -> EncodedScene:
-    """Returns the pruned scene from which fine-tuning is expected to reach a target, at the expected level."""
-    if target.quality is not None:
-        return plan.encoded(target.quality, encode)
-    trials = _Trials(plan, encode, lambda task, share: progress("choosing Gaussians", share), START)
-    if target.size is not None:
-        return trials.of_size(target.size)
-    assert target.psnr is not None
-    return trials.estimated(target.psnr - GAIN_DB)
+def _tuned(
+    plan: "_Plan", target: Target, encode: Encoder, tune: Callable[[EncodedScene], "_Plan"], progress: Progress
+) -> tuple["_Plan", float]:
+    """Prunes a scene so that fine-tuning is expected to reach a target, and fine-tunes it.
+
+    Args:
+        plan: Plan with a pruning curve.
+        target: Size, PSNR or quality setting.
+        encode: Function that encodes a scene.
+        tune: Function that fine-tunes the Gaussians of a pruned scene.
+        progress: Called with the name of the current task and its finished share.
+
+    Returns:
+        The plan for the fine-tuned Gaussians, and their quantisation level.
+    """
+    gain = GAIN_DB
+    for attempt in range(TUNINGS):
+        pruned = plan.pruned_for(gain)
+        trials = _Trials(pruned, encode, lambda task, share: progress("choosing Gaussians", share), START)
+        if target.quality is not None:
+            chosen = pruned.encoded(target.quality, encode)
+        elif target.size is not None:
+            chosen = trials.of_size(target.size)
+        else:
+            assert target.psnr is not None
+            chosen = trials.estimated(target.psnr - gain)
+        tuned, level = tune(chosen), chosen.quality.level
+        if target.psnr is None or attempt + 1 == TUNINGS:
+            break
+        if trials.measured(tuned.encoded(Quality(level + FINER), encode)) >= target.psnr:
+            break
+        gain = max(trials.measured(tuned.encoded(chosen.quality, encode)) - trials.measured(chosen), 0.0)
+    return tuned, level
 
 
 def decoded_finest(stream: SceneStream) -> Scene:
@@ -171,9 +199,12 @@ class _Plan:
         progress("measuring Gaussians", 1.0)
         pictures = SourcePictures.of(source, views.search)
         curve = PruningCurve.measured(source, measured.removal, pictures, lambda share: progress("pruning", share))
-        if effort == "best":
-            curve = curve.scaled(10 ** (-GAIN_DB / 10))
         return cls(source, views, measured.classes, curve, source)
+
+    def pruned_for(self, gain: float) -> "_Plan":
+        """Returns the plan that removes as many Gaussians as a later gain in PSNR permits, in decibels."""
+        assert self.curve is not None
+        return replace(self, curve=self.curve.scaled(10 ** (-gain / 10)))
 
     def tuned(self, chosen: EncodedScene, cameras: Cameras | None, tuning: Tuning, progress: Progress) -> "_Plan":
         """Returns the plan for fine-tuned Gaussians, all of which are kept.
@@ -240,12 +271,17 @@ class _Trials:
 
         The PSNR in the held-out views is not measured.
         """
-        pictures = SourcePictures.of(self._plan.source, self._plan.views.search)
         permitted = Interval(psnr - 2 * PSNR_TOLERANCE, psnr, psnr + 2 * PSNR_TOLERANCE)
-        self._search(
-            lambda encoded: pictures.mean_psnr(decoded_finest(encoded.stream)), permitted, self._start, OCTAVE_DB
-        )
+        self._search(self.measured, permitted, self._start, OCTAVE_DB)
         return min(self._found, key=lambda found: abs(found[0] - psnr))[1]
+
+    def measured(self, encoded: EncodedScene) -> float:
+        """Returns the mean PSNR of a stream in the views of the search, decibels."""
+        return self._pictures.mean_psnr(decoded_finest(encoded.stream))
+
+    @functools.cached_property
+    def _pictures(self) -> SourcePictures:
+        return SourcePictures.of(self._plan.source, self._plan.views.search)
 
     def of_psnr(self, psnr: float) -> EncodedScene:
         """Searches for a quantisation level; returns the stream with a PSNR in the held-out views closest to `psnr`.
@@ -253,14 +289,12 @@ class _Trials:
         The search compares pictures in a separate set of views (`ViewSets.search`). The held-out views only correct the
         PSNR that the search aims at.
         """
-        pictures, start, wanted = SourcePictures.of(self._plan.source, self._plan.views.search), self._start, psnr
+        start, wanted = self._start, psnr
         best: EncodedScene | None = None
         for _ in range(CORRECTIONS):
             first = len(self._found)
             permitted = Interval(wanted - PSNR_TOLERANCE / 2, wanted, wanted + PSNR_TOLERANCE / 2)
-            self._search(
-                lambda encoded: pictures.mean_psnr(decoded_finest(encoded.stream)), permitted, start, OCTAVE_DB
-            )
+            self._search(self.measured, permitted, start, OCTAVE_DB)
             value, last = min(self._found[first:], key=lambda found: abs(found[0] - wanted))
             if best is None or abs(last.psnr - psnr) < abs(best.psnr - psnr):
                 best = last
