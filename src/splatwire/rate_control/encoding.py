@@ -4,6 +4,7 @@ Chooses jointly which Gaussians are kept, their precision classes, and the quant
 """
 
 import functools
+import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -44,11 +45,13 @@ SHARE_OCTAVES = 4.0
 """Levels by which bytes change as much as by keeping all or none of the Gaussians."""
 LEAST_SHARE = 0.6
 """Smallest share of Gaussians to keep on the fine side of a jump, relative to the best one."""
-GAIN_DB = 3.0
-"""Mean gain in PSNR from fine-tuning a pruned and quantised scene, decibels."""
-TUNINGS, FINER = 3, 1.0
-"""Maximum number of fine-tunings for a PSNR. Another one begins with more Gaussians, according to the gain of the last
-one, if the last result misses the PSNR even at a level that is finer by `FINER` than the expected level."""
+LEAST_ERROR = 1e-12
+"""Minimum mean squared error, so that logarithms are finite."""
+PRUNED_GAIN_DB, ROUNDED_GAIN_DB = 7.0, 2.5
+"""Typical reduction of the errors of pruning and of quantisation by fine-tuning, decibels."""
+TUNINGS = 2
+"""Maximum number of fine-tunings. The second one aims higher, by as much as the first one missed the target."""
+_LOG = logging.getLogger(__name__)
 Encoder = Callable[[SplatScene, np.ndarray, Quality], SceneStream]
 """Encodes a scene with the given precision classes and quality setting."""
 Progress = Callable[[str, float], None]
@@ -115,53 +118,58 @@ def encode_controlled(
     if effort == "best":
         check_tunable(source)
     views = ViewSets.of(source, cameras)
-    plan, start = _Plan.of(source, effort, views, progress), START
-    if effort == "best":
-        plan, start = _tuned(
-            plan, target, encode, lambda chosen: plan.tuned(chosen, cameras, tuning, progress), progress
-        )
-    if target.quality is not None:
-        return plan.encoded(target.quality, encode)
-    trials = _Trials(plan, encode, progress, start)
-    if target.size is not None:
-        return trials.of_size(target.size)
-    assert target.psnr is not None
-    return trials.of_psnr(target.psnr)
+    plan = _Plan.of(source, effort, views, progress)
+    if effort != "best":
+        return _Trials(plan, encode, progress).reached(target)
+
+    def choosing(task: str, share: float) -> None:
+        progress("choosing Gaussians", share)
+
+    # The search without fine-tuning comes first, so that impossible targets are errors before the fine-tuning.
+    untuned = None if target.quality is not None else _Trials(plan, encode, choosing).reached(target)
+    expected = _Trials(plan.before_tuning(), encode, choosing)
+    trials = _tuned(expected, target, encode, lambda chosen: plan.tuned(chosen, cameras, tuning, progress), progress)
+    return trials.better_of(trials.reached(target), untuned, target)
 
 
 def _tuned(
-    plan: "_Plan", target: Target, encode: Encoder, tune: Callable[[EncodedScene], "_Plan"], progress: Progress
-) -> tuple["_Plan", float]:
+    expected: "_Trials", target: Target, encode: Encoder, tune: Callable[[EncodedScene], "_Plan"], progress: Progress
+) -> "_Trials":
     """Prunes a scene so that fine-tuning is expected to reach a target, and fine-tunes it.
 
+    Fine-tuned Gaussians are adapted to their quantisation steps. Coarser steps take fewer bytes, but finer steps do not
+    improve them. The fine-tuned scene should therefore be at the target or above. If it is below, the scene is
+    fine-tuned again with a higher aim.
+
     Args:
-        plan: Plan with a pruning curve.
+        expected: Search among pruned scenes.
         target: Size, PSNR or quality setting.
         encode: Function that encodes a scene.
         tune: Function that fine-tunes the Gaussians of a pruned scene.
         progress: Called with the name of the current task and its finished share.
 
     Returns:
-        The plan for the fine-tuned Gaussians, and their quantisation level.
+        Search among streams of the fine-tuned Gaussians, which begins with the steps of the fine-tuning.
     """
-    gain = GAIN_DB
+    aim = target
     for attempt in range(TUNINGS):
-        pruned = plan.pruned_for(gain)
-        trials = _Trials(pruned, encode, lambda task, share: progress("choosing Gaussians", share), START)
-        if target.quality is not None:
-            chosen = pruned.encoded(target.quality, encode)
-        elif target.size is not None:
-            chosen = trials.of_size(target.size)
+        chosen = expected.before_tuning(aim)
+        tuned = tune(chosen)
+        trials = _Trials(tuned, encode, progress, chosen.quality.level)
+        if target.quality is not None or attempt + 1 == TUNINGS:
+            break
+        first = tuned.encoded(chosen.quality, encode)
+        if target.psnr is not None:
+            missed = target.psnr - trials.measured(first)
+            if missed <= PSNR_TOLERANCE / 2:
+                break
+            aim = Target(psnr=target.psnr + missed)
         else:
-            assert target.psnr is not None
-            chosen = trials.estimated(target.psnr - gain)
-        tuned, level = tune(chosen), chosen.quality.level
-        if target.psnr is None or attempt + 1 == TUNINGS:
-            break
-        if trials.measured(tuned.encoded(Quality(level + FINER), encode)) >= target.psnr:
-            break
-        gain = max(trials.measured(tuned.encoded(chosen.quality, encode)) - trials.measured(chosen), 0.0)
-    return tuned, level
+            assert target.size is not None
+            if first.stream.num_bytes >= target.size * (1 - SIZE_TOLERANCE):
+                break
+            aim = Target(size=round(target.size**2 / first.stream.num_bytes))
+    return trials
 
 
 def decoded_finest(stream: SceneStream) -> Scene:
@@ -201,10 +209,10 @@ class _Plan:
         curve = PruningCurve.measured(source, measured.removal, pictures, lambda share: progress("pruning", share))
         return cls(source, views, measured.classes, curve, source)
 
-    def pruned_for(self, gain: float) -> "_Plan":
-        """Returns the plan that removes as many Gaussians as a later gain in PSNR permits, in decibels."""
+    def before_tuning(self) -> "_Plan":
+        """Returns the plan that removes more Gaussians, because fine-tuning reduces the error of pruning most."""
         assert self.curve is not None
-        return replace(self, curve=self.curve.scaled(10 ** (-gain / 10)))
+        return replace(self, curve=self.curve.scaled(10 ** ((ROUNDED_GAIN_DB - PRUNED_GAIN_DB) / 10)))
 
     def tuned(self, chosen: EncodedScene, cameras: Cameras | None, tuning: Tuning, progress: Progress) -> "_Plan":
         """Returns the plan for fine-tuned Gaussians, all of which are kept.
@@ -248,7 +256,7 @@ class _Trials:
         start: First level.
     """
 
-    def __init__(self, plan: _Plan, encode: Encoder, progress: Progress, start: float) -> None:
+    def __init__(self, plan: _Plan, encode: Encoder, progress: Progress, start: float = START) -> None:
         self._plan, self._encode, self._progress, self._start = plan, encode, progress, start
         self._found: list[tuple[float, EncodedScene]] = []
 
@@ -266,14 +274,56 @@ class _Trials:
             )
         return max(fitting, key=lambda found: found[0])[1]
 
-    def estimated(self, psnr: float) -> EncodedScene:
-        """Searches for a quantisation level; returns the stream whose PSNR in the search views is closest to `psnr`.
+    def reached(self, target: Target) -> EncodedScene:
+        """Returns a stream that reaches a target.
 
-        The PSNR in the held-out views is not measured.
+        Raises:
+            InvalidValueError: If the target cannot be reached.
         """
-        permitted = Interval(psnr - 2 * PSNR_TOLERANCE, psnr, psnr + 2 * PSNR_TOLERANCE)
-        self._search(self.measured, permitted, self._start, OCTAVE_DB)
-        return min(self._found, key=lambda found: abs(found[0] - psnr))[1]
+        if target.quality is not None:
+            return self._plan.encoded(target.quality, self._encode)
+        if target.size is not None:
+            return self.of_size(target.size)
+        assert target.psnr is not None
+        return self.of_psnr(target.psnr)
+
+    def before_tuning(self, target: Target) -> EncodedScene:
+        """Returns a stream of Gaussians that are expected to reach a target after fine-tuning at the same level."""
+        if target.psnr is None:
+            return self.reached(target)
+        first = len(self._found)
+        permitted = Interval(target.psnr, target.psnr + PSNR_TOLERANCE, target.psnr + 2 * PSNR_TOLERANCE)
+        self._search(self._expected, permitted, self._start, OCTAVE_DB)
+        return min(self._found[first:], key=lambda found: abs(found[0] - permitted.wanted))[1]
+
+    def _expected(self, encoded: EncodedScene) -> float:
+        """Returns the PSNR that is expected after fine-tuning, decibels."""
+        assert self._plan.curve is not None
+        pruned = self._plan.curve.error(encoded.kept) * 10 ** ((PRUNED_GAIN_DB - ROUNDED_GAIN_DB) / 10)
+        rounded = max(10 ** (-self.measured(encoded) / 10) - pruned, 0.0)
+        left = pruned * 10 ** (-PRUNED_GAIN_DB / 10) + rounded * 10 ** (-ROUNDED_GAIN_DB / 10)
+        return -10 * math.log10(max(left, LEAST_ERROR))
+
+    def better_of(self, tuned: EncodedScene, untuned: EncodedScene | None, target: Target) -> EncodedScene:
+        """Returns the better one of two streams for a target: that with and that without fine-tuning.
+
+        Args:
+            tuned: The stream of fine-tuned Gaussians.
+            untuned: The stream without fine-tuning; None if the target is a quality setting.
+            target: The target of both streams.
+        """
+        if untuned is None:
+            return tuned
+        if target.psnr is None:
+            better = self.measured(tuned) >= self.measured(untuned)
+        else:
+            better = tuned.stream.num_bytes < untuned.stream.num_bytes
+            better = better and abs(tuned.psnr - target.psnr) <= max(
+                2 * PSNR_TOLERANCE, abs(untuned.psnr - target.psnr)
+            )
+        if not better:
+            _LOG.warning("fine-tuning gains nothing for this target: the scene is encoded as with effort default")
+        return tuned if better else untuned
 
     def measured(self, encoded: EncodedScene) -> float:
         """Returns the mean PSNR of a stream in the views of the search, decibels."""

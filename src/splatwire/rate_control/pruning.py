@@ -83,6 +83,10 @@ class PruningCurve:
         """Returns the curve with all errors multiplied by a factor, by which fine-tuning reduces them."""
         return replace(self, errors=factor * self.errors)
 
+    def error(self, share: float) -> float:
+        """Returns the mean squared error of pictures if a share of the Gaussians is kept."""
+        return float(np.interp(share, self.shares, self.errors))
+
     def best_share(self, level: float) -> float:
         """Returns the share of Gaussians to keep at a quantisation level (`Quality.level`).
 
