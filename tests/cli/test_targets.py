@@ -65,6 +65,7 @@ def test_effort_best_fine_tunes_and_depends_on_seed_and_losses(ball, tmp_path, r
         done = run("encode", ball, "-o", output, "--effort", "best", *options, "--json")
         assert done.json["reached"]["effort"] == "best"
         assert done.json["reached"]["kept"] < 1
+        assert done.json["reached"]["fine_tuned"]
         assert "fine-tuning" in done.err
         written.append(output.read_bytes())
     assert written[0] == written[1]

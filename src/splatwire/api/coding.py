@@ -154,10 +154,13 @@ def _encode_controlled(
     def encode(some: SplatScene, classes: np.ndarray, quality: Quality) -> SceneStream:
         return encode_scene(some, options.packetization, quality=quality, classes=classes, threads=threads)
 
-    report, last = progress or (lambda share: None), _TUNING_SHARE if effort == "best" else 0.0
+    report, before, done = progress or (lambda share: None), _TUNING_SHARE if effort == "best" else 0.0, 0.0
 
     def forward(task: str, share: float) -> None:
-        report({"fine-tuning": last * share, "searching": last + (1 - last) * share}.get(task, 0.0))
+        nonlocal done
+        now = {"fine-tuning": before * share, "searching": before + (1 - before) * share}.get(task, 0.0)
+        done = max(done, now)
+        report(done)
 
     found = encode_controlled(
         scene, target, encode, effort=effort or "default", tuning=tuning or Tuning(), progress=forward

@@ -233,7 +233,7 @@ def _print_result(
         if reached is not None:
             content["reached"] = {
                 "psnr": reached.psnr, "kept": reached.kept, "level": reached.quality.level,
-                "classes": reached.quality.classes, "effort": _effort(command),
+                "classes": reached.quality.classes, "effort": _effort(command), "fine_tuned": reached.fine_tuned,
             }  # fmt: skip
         print_json(content)
     else:
@@ -241,7 +241,8 @@ def _print_result(
         if kept_psnr is not None:
             text = f"{text} ({command.keep:.0%} kept: {kept_psnr:.2f} dB against pictures of all)"
         if reached is not None:
-            text = f"{text} ({reached.kept:.0%} kept, level {reached.quality.level:.2f})"
+            kept = "kept and fine-tuned" if reached.fine_tuned else "kept"
+            text = f"{text} ({reached.kept:.0%} {kept}, level {reached.quality.level:.2f})"
             text = f"{text}, {reached.psnr:.2f} dB against pictures of the source"
         print_summary(f"{text}, {stream.num_bytes:,} bytes, {seconds:.1f} s -> {command.output}", command.output)
 

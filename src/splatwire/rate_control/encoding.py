@@ -66,7 +66,8 @@ class EncodedScene:
         quality: Quantisation setting that was chosen.
         kept: Share of the Gaussians that were kept, 0 to 1.
         source: The scene before pruning and quantisation, without Gaussians that draw nothing.
-        held_out: Views for measuring the PSNR. They were not used to choose Gaussians or their precision.
+        held_out: Views for measuring the PSNR. They were not used to choose Gaussians, their precision or their values.
+        fine_tuned: True if the kept Gaussians were fine-tuned.
     """
 
     stream: SceneStream
@@ -74,6 +75,7 @@ class EncodedScene:
     kept: float
     source: SplatScene
     held_out: Cameras
+    fine_tuned: bool = False
 
     @functools.cached_property
     def psnr(self) -> float:
@@ -243,7 +245,8 @@ class _Plan:
             kept = self.curve.kept(self.curve.best_share(quality.level) if share is None else share)
             scene, classes = self.scene.select(kept), self.classes[kept]
         share = scene.num_elements / self.source.num_elements
-        return EncodedScene(encode(scene, classes, quality), quality, share, self.source, self.views.held_out)
+        tuned = self.scene is not self.source
+        return EncodedScene(encode(scene, classes, quality), quality, share, self.source, self.views.held_out, tuned)
 
 
 class _Trials:
