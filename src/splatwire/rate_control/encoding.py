@@ -131,7 +131,11 @@ def encode_controlled(
     untuned = None if target.quality is not None else _Trials(plan, encode, choosing).reached(target)
     expected = _Trials(plan.before_tuning(), encode, choosing)
     trials = _tuned(expected, target, encode, lambda chosen: plan.tuned(chosen, cameras, tuning, progress), progress)
-    return trials.better_of(trials.reached(target), untuned, target)
+    found = trials.closest(target)
+    better = trials.better_of(found, untuned, target)
+    if better is not found:
+        _LOG.warning("fine-tuning gains nothing for this target: the scene is encoded as with effort default")
+    return better
 
 
 def _tuned(
@@ -263,19 +267,14 @@ class _Trials:
         self._plan, self._encode, self._progress, self._start = plan, encode, progress, start
         self._found: list[tuple[float, EncodedScene]] = []
 
-    def of_size(self, size: int) -> EncodedScene:
-        """Searches for a quantisation level; returns the largest stream found that has at most `size` bytes."""
+    def of_size(self, size: int) -> EncodedScene | None:
+        """Searches for a quantisation level; returns the largest stream found that has at most `size` bytes, if any."""
         permitted = Interval(
             math.log(size * (1 - SIZE_TOLERANCE)), math.log(size * (1 - SIZE_TOLERANCE / 2)), math.log(size)
         )
         self._search(lambda encoded: math.log(encoded.stream.num_bytes), permitted, self._start, OCTAVE_LOG)
         fitting = [(value, each) for value, each in self._found if each.stream.num_bytes <= size]
-        if not fitting:
-            least = min(each.stream.num_bytes for _, each in self._found)
-            raise InvalidValueError(
-                f"this scene cannot be encoded to {size:,} bytes: the smallest stream has {least:,}"
-            )
-        return max(fitting, key=lambda found: found[0])[1]
+        return max(fitting, key=lambda found: found[0])[1] if fitting else None
 
     def reached(self, target: Target) -> EncodedScene:
         """Returns a stream that reaches a target.
@@ -283,6 +282,20 @@ class _Trials:
         Raises:
             InvalidValueError: If the target cannot be reached.
         """
+        found = self.closest(target)
+        if found is None:
+            least = min(each.stream.num_bytes for _, each in self._found)
+            raise InvalidValueError(
+                f"this scene cannot be encoded to {target.size:,} bytes: the smallest stream has {least:,}"
+            )
+        if target.psnr is not None and found.psnr < target.psnr - PSNR_TOLERANCE and found.quality.level == LEVELS[1]:
+            raise InvalidValueError(
+                f"this scene cannot be encoded to {target.psnr:g} dB: the finest stream has {found.psnr:.1f} dB"
+            )
+        return found
+
+    def closest(self, target: Target) -> EncodedScene | None:
+        """Returns the stream that is closest to a target, but not above a size; None if there is none."""
         if target.quality is not None:
             return self._plan.encoded(target.quality, self._encode)
         if target.size is not None:
@@ -307,26 +320,23 @@ class _Trials:
         left = pruned * 10 ** (-PRUNED_GAIN_DB / 10) + rounded * 10 ** (-ROUNDED_GAIN_DB / 10)
         return -10 * math.log10(max(left, LEAST_ERROR))
 
-    def better_of(self, tuned: EncodedScene, untuned: EncodedScene | None, target: Target) -> EncodedScene:
+    def better_of(self, tuned: EncodedScene | None, untuned: EncodedScene | None, target: Target) -> EncodedScene:
         """Returns the better one of two streams for a target: that with and that without fine-tuning.
 
         Args:
-            tuned: The stream of fine-tuned Gaussians.
+            tuned: The stream of fine-tuned Gaussians; None if it does not reach the target.
             untuned: The stream without fine-tuning; None if the target is a quality setting.
             target: The target of both streams.
         """
-        if untuned is None:
-            return tuned
+        if tuned is None or untuned is None:
+            found = tuned or untuned
+            assert found is not None
+            return found
         if target.psnr is None:
-            better = self.measured(tuned) >= self.measured(untuned)
-        else:
-            better = tuned.stream.num_bytes < untuned.stream.num_bytes
-            better = better and abs(tuned.psnr - target.psnr) <= max(
-                2 * PSNR_TOLERANCE, abs(untuned.psnr - target.psnr)
-            )
-        if not better:
-            _LOG.warning("fine-tuning gains nothing for this target: the scene is encoded as with effort default")
-        return tuned if better else untuned
+            return tuned if self.measured(tuned) >= self.measured(untuned) else untuned
+        off = abs(tuned.psnr - target.psnr)
+        reaches = off <= max(2 * PSNR_TOLERANCE, abs(untuned.psnr - target.psnr))
+        return tuned if reaches and tuned.stream.num_bytes < untuned.stream.num_bytes else untuned
 
     def measured(self, encoded: EncodedScene) -> float:
         """Returns the mean PSNR of a stream in the views of the search, decibels."""
@@ -342,12 +352,15 @@ class _Trials:
         The search compares pictures in a separate set of views (`ViewSets.search`). The held-out views only correct the
         PSNR that the search aims at.
         """
-        start, wanted = self._start, psnr
+        start, wanted, by_share = self._start, psnr, False
         best: EncodedScene | None = None
         for _ in range(CORRECTIONS):
             first = len(self._found)
             permitted = Interval(wanted - PSNR_TOLERANCE / 2, wanted, wanted + PSNR_TOLERANCE / 2)
-            self._search(self.measured, permitted, start, OCTAVE_DB)
+            if by_share:  # the level is next to a jump: another search of levels would end there, too
+                self._search_shares(self.measured, permitted, (value, last), OCTAVE_DB)
+            else:
+                by_share = self._search(self.measured, permitted, start, OCTAVE_DB)
             value, last = min(self._found[first:], key=lambda found: abs(found[0] - wanted))
             if best is None or abs(last.psnr - psnr) < abs(best.psnr - psnr):
                 best = last
@@ -355,15 +368,11 @@ class _Trials:
                 break
             start, wanted = last.quality.level + (psnr - last.psnr) / OCTAVE_DB, psnr - last.psnr + value
         assert best is not None
-        if best.psnr < psnr - PSNR_TOLERANCE and best.quality.level == LEVELS[1]:
-            raise InvalidValueError(
-                f"this scene cannot be encoded to {psnr:g} dB: the finest stream has {best.psnr:.1f} dB"
-            )
         return best
 
     def _search(
         self, measure: Callable[[EncodedScene], float], permitted: Interval, start: float, slope: float
-    ) -> None:
+    ) -> bool:
         """Searches for a quantisation level with a permitted value.
 
         If the value jumps over the permitted values between two levels, a smaller share of the Gaussians is then
@@ -374,22 +383,45 @@ class _Trials:
             permitted: Permitted values.
             start: First level.
             slope: Expected increase of the value per level.
+
+        Returns:
+            True if shares were searched.
         """
         first = len(self._found)
-
-        def at(level: float, share: float | None = None) -> float:
-            encoded = self._plan.encoded(Quality(level), self._encode, share)
-            self._found.append((measure(encoded), encoded))
-            self._progress("searching", 1 - 1 / (1 + len(self._found) / 2))
-            return self._found[-1][0]
-
-        found = search(at, permitted, start, slope, LEVELS, JUMP)
+        found = search(functools.partial(self._try, measure), permitted, start, slope, LEVELS, JUMP)
         above = [each for each in self._found[first:] if each[0] > permitted.high]
         if found is not None or not above or self._plan.curve is None:
-            return
-        value, finer = min(above, key=lambda found: found[0])
-        level, share = finer.quality.level, finer.kept
-        if level > LEVELS[0]:
-            ends, per_share = (LEAST_SHARE * share, share), slope * SHARE_OCTAVES / share
-            start = share + (permitted.wanted - value) / per_share
-            search(functools.partial(at, level), permitted, start, per_share, ends)
+            return False
+        finer = min(above, key=lambda found: found[0])
+        if finer[1].quality.level <= LEVELS[0]:
+            return False
+        self._search_shares(measure, permitted, finer, slope)
+        return True
+
+    def _search_shares(
+        self,
+        measure: Callable[[EncodedScene], float],
+        permitted: Interval,
+        known: tuple[float, EncodedScene],
+        slope: float,
+    ) -> None:
+        """Searches for a share of kept Gaussians with a permitted value.
+
+        Args:
+            measure: Function that returns the value of an encoded scene.
+            permitted: Permitted values.
+            known: An encoded scene and its value; the level is that of this scene.
+            slope: Expected increase of the value per level.
+        """
+        value, encoded = known
+        share, per_share = encoded.kept, slope * SHARE_OCTAVES / encoded.kept
+        ends = (LEAST_SHARE * share, min(share / LEAST_SHARE, 1.0))
+        start = share + (permitted.wanted - value) / per_share
+        search(functools.partial(self._try, measure, encoded.quality.level), permitted, start, per_share, ends)
+
+    def _try(self, measure: Callable[[EncodedScene], float], level: float, share: float | None = None) -> float:
+        """Encodes at a level with a share of the Gaussians, and returns the value of the result."""
+        encoded = self._plan.encoded(Quality(level), self._encode, share)
+        self._found.append((measure(encoded), encoded))
+        self._progress("searching", 1 - 1 / (1 + len(self._found) / 2))
+        return self._found[-1][0]
