@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from figures import publish
 
-from splatwire.bitstream import PRESETS, SceneStream
+from splatwire.bitstream import PRESETS, SceneStream, write_stream
 from splatwire.channel import parse_loss, transmit
 from splatwire.cli._calibration import with_quick_sketch
 from splatwire.codec import decode_stream, encode_scene
@@ -83,6 +83,8 @@ def measured(path: Path, options: argparse.Namespace) -> dict[str, object]:
     }  # fmt: skip
     for effort in ("default", "best"):
         found, row = controlled(Target(psnr=options.psnr), effort)
+        if options.streams:
+            write_stream(found.stream, options.streams / f"{path.stem}.{effort}.swz")
         result[effort] = {**row, "share_of_fast_at_equal_psnr": row["bytes"] / bytes_at(fast, row["psnr"])}
         if options.loss:
             result[f"{effort}, 20 % lost"] = lossy(found.stream, pictures)
@@ -97,6 +99,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=Tuning().num_views)
     parser.add_argument("--loss")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--streams", type=Path, help="existing folder for the streams of default and best")
     parser.add_argument("-o", "--output", type=Path)
     options = parser.parse_args()
     known = options.output is not None and options.output.exists()

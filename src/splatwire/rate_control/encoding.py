@@ -49,8 +49,8 @@ LEAST_ERROR = 1e-12
 """Minimum mean squared error, so that logarithms are finite."""
 PRUNED_GAIN_DB, ROUNDED_GAIN_DB = 7.0, 2.5
 """Typical reduction of the errors of pruning and of quantisation by fine-tuning, decibels."""
-TUNINGS = 2
-"""Maximum number of fine-tunings. The second one aims higher, by as much as the first one missed the target."""
+TUNINGS, OVERSHOOT = 2, 1.5
+"""Maximum number of fine-tunings. The second one aims higher, by `OVERSHOOT` times what the first one missed."""
 _LOG = logging.getLogger(__name__)
 Encoder = Callable[[SplatScene, np.ndarray, Quality], SceneStream]
 """Encodes a scene with the given precision classes and quality setting."""
@@ -169,7 +169,7 @@ def _tuned(
             missed = target.psnr - trials.measured(first)
             if missed <= PSNR_TOLERANCE / 2:
                 break
-            aim = Target(psnr=target.psnr + missed)
+            aim = Target(psnr=target.psnr + OVERSHOOT * missed)
         else:
             assert target.size is not None
             if first.stream.num_bytes >= target.size * (1 - SIZE_TOLERANCE):
@@ -260,11 +260,14 @@ class _Trials:
         plan: The scene and its precision classes.
         encode: Function that encodes a scene.
         progress: Called with the name of the current task and its finished share.
-        start: First level.
+        tuned_level: Level for which the Gaussians were fine-tuned: the first and finest of the search, because finer
+            levels do not improve them. None without fine-tuning.
     """
 
-    def __init__(self, plan: _Plan, encode: Encoder, progress: Progress, start: float = START) -> None:
-        self._plan, self._encode, self._progress, self._start = plan, encode, progress, start
+    def __init__(self, plan: _Plan, encode: Encoder, progress: Progress, tuned_level: float | None = None) -> None:
+        self._plan, self._encode, self._progress = plan, encode, progress
+        self._start = START if tuned_level is None else tuned_level
+        self._ends = LEVELS[0], LEVELS[1] if tuned_level is None else tuned_level
         self._found: list[tuple[float, EncodedScene]] = []
 
     def of_size(self, size: int) -> EncodedScene | None:
@@ -364,7 +367,7 @@ class _Trials:
             value, last = min(self._found[first:], key=lambda found: abs(found[0] - wanted))
             if best is None or abs(last.psnr - psnr) < abs(best.psnr - psnr):
                 best = last
-            if abs(last.psnr - psnr) <= PSNR_TOLERANCE or last.quality.level in LEVELS:
+            if abs(last.psnr - psnr) <= PSNR_TOLERANCE or last.quality.level in self._ends:
                 break
             start, wanted = last.quality.level + (psnr - last.psnr) / OCTAVE_DB, psnr - last.psnr + value
         assert best is not None
@@ -388,7 +391,7 @@ class _Trials:
             True if shares were searched.
         """
         first = len(self._found)
-        found = search(functools.partial(self._try, measure), permitted, start, slope, LEVELS, JUMP)
+        found = search(functools.partial(self._try, measure), permitted, start, slope, self._ends, JUMP)
         above = [each for each in self._found[first:] if each[0] > permitted.high]
         if found is not None or not above or self._plan.curve is None:
             return False
