@@ -357,14 +357,15 @@ class _Trials:
         """
         start, wanted, by_share = self._start, psnr, False
         best: EncodedScene | None = None
+        found: tuple[float, EncodedScene] | None = None
         for _ in range(CORRECTIONS):
             first = len(self._found)
             permitted = Interval(wanted - PSNR_TOLERANCE / 2, wanted, wanted + PSNR_TOLERANCE / 2)
-            if by_share:  # the level is next to a jump: another search of levels would end there, too
-                self._search_shares(self.measured, permitted, (value, last), OCTAVE_DB)
+            if by_share and found is not None:  # another search of levels would end next to the same jump
+                self._search_shares(self.measured, permitted, found, OCTAVE_DB)
             else:
                 by_share = self._search(self.measured, permitted, start, OCTAVE_DB)
-            value, last = min(self._found[first:], key=lambda found: abs(found[0] - wanted))
+            value, last = found = min(self._found[first:], key=lambda each: abs(each[0] - wanted))
             if best is None or abs(last.psnr - psnr) < abs(best.psnr - psnr):
                 best = last
             if abs(last.psnr - psnr) <= PSNR_TOLERANCE or last.quality.level in self._ends:
