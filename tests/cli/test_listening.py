@@ -14,8 +14,17 @@ from urllib.request import urlopen
 import pytest
 
 from splatwire.cli._background import first_of, start_thread
-from splatwire.cli._listening import REPORT_S, LoopErrors, open_server, print_ready, stop_on_signals, url_host
+from splatwire.cli._listening import (
+    REPORT_S,
+    LoopErrors,
+    check_listening,
+    open_server,
+    print_ready,
+    stop_on_signals,
+    url_host,
+)
 from splatwire.cli._options import Listening
+from splatwire.errors import InvalidValueError
 from splatwire.transport import ServerLimits, make_served_stream
 from splatwire.transport.address import parse_url
 from splatwire.transport.http.content import PageContent
@@ -34,6 +43,13 @@ def test_receive_accepts_the_address_that_serve_prints(capsys, host, quic):
     address = parse_url(capsys.readouterr().out.split()[-1])
     assert (address.host, address.port) == (host.strip("[]"), 48900)
     assert url_host(host) == (f"[{host.strip('[]')}]" if ":" in host else host)
+
+
+@pytest.mark.parametrize("rate", [0.0, 1e-9, 0.1, float("nan"), 2e6])
+def test_a_total_rate_at_which_transfers_never_end_is_refused(rate):
+    check_listening(Listening(total_rate=0.15))
+    with pytest.raises(InvalidValueError, match=r"--total-rate is 0\.15 to 1000000"):
+        check_listening(Listening(total_rate=rate))
 
 
 def test_downloads_over_http_are_counted():

@@ -1,11 +1,13 @@
 """Verbs fail on a damaged stream unless damage is allowed, and `verify` names damaged packets."""
 
+import hashlib
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from splatwire.bitstream import make_packet, packet_from_bytes
+from splatwire.bitstream import make_packet, packet_from_bytes, read_stream, write_stream
 
 DAMAGES = ("flipped", "cut", "cut within a size", "longer", "foreign packet", "empty packet")
 
@@ -92,3 +94,19 @@ def test_verify_finds_damaged_manifest_and_side_information(run, journey, tmp_pa
     done = run("verify", tmp_path / "x.swz")
     assert done.status == 3
     assert "x.swz" in done.out
+
+
+@pytest.mark.parametrize(("name", "place"), [("tiny_levels", -1), ("tiny_clip", 1), ("tiny_causal", 1)])
+def test_verify_finds_impossible_side_information_with_a_correct_digest(run, tmp_path, name, place):
+    """Changes the last error in an index of tiles, or a version."""
+    golden = Path(__file__).parents[1] / "golden" / f"{name}.swz"
+    assert run("verify", golden).status == 0
+    stream = read_stream(golden)[0]
+    side_info = bytearray(stream.side_info)
+    side_info[place] = 255
+    side_info = bytes(side_info)
+    manifest = replace(stream.manifest, side_info_digest=hashlib.sha256(side_info).hexdigest())
+    write_stream(replace(stream, manifest=manifest, side_info=side_info), tmp_path / "a.swz")
+    done = run("verify", tmp_path / "a.swz")
+    assert (done.status, run("decode", tmp_path / "a.swz", "-o", tmp_path / "a.ply").status) == (3, 2)
+    assert "not ok" in done.out

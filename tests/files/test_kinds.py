@@ -27,6 +27,7 @@ from splatwire.io import open_scene
 from splatwire.io.formats import read_splats, write_splats
 from splatwire.neural.importers.hacpp import import_hacpp
 from splatwire.neural.training.checkpoint import load_checkpoint
+from splatwire.sequence import is_sequence
 from splatwire.types.splats import Splats
 
 
@@ -203,6 +204,13 @@ def test_a_model_folder_of_3dgs_is_read_as_the_ply_of_its_last_iteration(zoo):
 def test_parts_of_a_model_folder_of_3dgs_are_read(zoo, given, number):
     assert kinds.trained_ply(zoo / given) == zoo / f"3dgs/point_cloud/iteration_{number}/point_cloud.ply"
     assert open_scene(zoo / given).num_gaussians == 5
+
+
+def test_a_renamed_folder_of_iterations_is_a_model_and_no_clip(zoo, tmp_path):
+    shutil.copytree(zoo / "3dgs" / "point_cloud", tmp_path / "out")
+    assert kinds.trained_ply(tmp_path / "out") == tmp_path / "out" / "iteration_30000" / "point_cloud.ply"
+    assert not is_sequence(tmp_path / "out")
+    assert open_scene(tmp_path / "out").num_gaussians == 5
 
 
 def test_files_of_a_model_folder_and_folders_above_it_are_refused_with_its_path(tmp_path, zoo):

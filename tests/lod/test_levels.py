@@ -1,6 +1,7 @@
 """Levels: tiles and their parents, merging that keeps the appearance, and streams that keep every Gaussian."""
 
 import itertools
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from splatwire.bitstream.sections import sections_of
 from splatwire.bitstream.send_order import send_sequence
 from splatwire.bitstream.tiers import TierShape, spans_of
 from splatwire.bitstream.tile_index import SECTION, read_tile_index
-from splatwire.bitstream.tiles import parents_of
+from splatwire.bitstream.tiles import Tiles, parents_of
 from splatwire.bitstream.view import Viewpoint, cut_of, pixel_errors, replaces_tile
 from splatwire.codec import ProgressiveDecoder, add_concealment, decode_stream, encode_scene, repack
 from splatwire.concealment import conceal
@@ -253,6 +254,25 @@ def test_tiles_behind_the_camera_have_low_priority(stream):
     )
     finer = tiles.parents >= 0
     assert (pixel_errors(tiles, away)[finer] < pixel_errors(tiles, viewpoint)[finer]).all()
+
+
+def test_a_tile_with_thousands_of_children_needs_little_memory():
+    count, rng = 3000, np.random.default_rng(0)
+    centres, zeros = rng.random((count + 1, 3)), np.zeros(count + 1)
+    tiles = Tiles(
+        levels=np.array([1] + [0] * count), parents=np.array([-1] + [0] * count), counts=np.ones(count + 1, np.int64),
+        packets=np.ones(count + 1, np.int64), sizes=np.ones(count + 1, np.int64), errors=zeros,
+        low=centres, high=centres + 1e-3,
+    )  # fmt: skip
+    means = rng.random((3000, 3))
+    tracemalloc.start()
+    found = replaces_tile(tiles, 0, means)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 150e6
+    for row in range(0, 3000, 300):
+        outside = np.maximum(np.maximum(centres[1:] - means[row], means[row] - centres[1:] - 1e-3), 0).max(axis=1)
+        assert found[row] == 1 + outside.argmin()
 
 
 def test_coarser_gaussians_represent_their_child_tiles(stream):

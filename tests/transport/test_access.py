@@ -2,6 +2,7 @@
 
 import asyncio
 import base64
+import dataclasses
 import json
 import re
 import time
@@ -89,6 +90,33 @@ def test_private_scenes_have_no_other_address(content):
         assert asked(content, with_token(path, good))[0] == 404, path
         assert asked(content, path)[0] in (401, 404), path
     assert asked(content, "/?stream=secre%74")[0] == 401
+
+
+def test_responses_do_not_reveal_names_of_private_scenes(content):
+    tokens = ("", make_token(KEY, ["open"], 60.0), make_token(OTHER, ["secret"], 60.0))
+    for method in ("GET", "HEAD", "OPTIONS", "POST"):
+        for path in (*PLACES, "/streams/secret.swz", "/private/secre%74.swz", "/secret.swz", "/secret.ply"):
+            for token in tokens:
+                heads = [
+                    f"{method} {with_token(path, token).replace('secre', name)} HTTP/1.1\r\nHost: 127.0.0.1\r\n"
+                    "Origin: https://example.org\r\n\r\n"
+                    for name in ("secre", "absen")
+                ]
+                real, absent = (asyncio.run(content.respond(head.encode())) for head in heads)
+                assert (real.head, bytes(real.body)) == (absent.head, bytes(absent.body)), (method, path, token)
+
+
+def test_missing_scenes_are_missing_if_no_scene_is_private(content):
+    public = dataclasses.replace(content, access=Access(unlisted=frozenset({"hidden"})))
+    for path in ("/private/absent.swz", "/streams/absent.swz", "/absent.spz"):
+        assert asked(public, path)[0] == 404, path
+
+
+def test_a_preflight_permits_the_header_with_the_token(content):
+    head = b"OPTIONS /private/secret.swz HTTP/1.1\r\nHost: 127.0.0.1\r\nOrigin: http://localhost:1\r\n\r\n"
+    answer = asyncio.run(content.respond(head)).head.decode()
+    allowed = re.search(r"Access-Control-Allow-Headers: (.*)\r\n", answer)[1].split(", ")
+    assert "Authorization" in allowed
 
 
 def test_lists_have_neither_private_nor_unlisted_scenes(content):

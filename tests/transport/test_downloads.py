@@ -9,8 +9,8 @@ import pytest
 
 from explicit import ball_of_gaussians, encode_splats
 from splatwire.bitstream import Packetization
-from splatwire.cli._downloads import MadeDownloads
-from splatwire.errors import SplatwireError
+from splatwire.cli._downloads import MadeDownloads, check_formats
+from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.io.formats import read_splats
 from splatwire.transport import Protection, make_served_stream
 from splatwire.transport.http.access import Access
@@ -192,3 +192,21 @@ def test_a_full_disk_is_an_error_of_the_request_and_the_next_one_tries_again(pro
     assert ["500 Internal Server Error" in head for head, _ in answers] == [True, True]
     assert len(written) == 2
     assert not list(tmp_path.iterdir())
+
+
+def test_a_conversion_that_takes_too_long_ends_and_leaves_no_file(program, tmp_path):
+    async def work():
+        downloads = MadeDownloads(tmp_path, ("ply",), most_seconds=0.05)
+        for _ in range(2):
+            with pytest.raises(SplatwireError, match=r"took longer than 0\.05 seconds"):
+                await downloads.file(b"no stream", "tag", "ply")
+        await downloads.close()
+
+    asyncio.run(asyncio.wait_for(work(), 120))
+    assert not list(tmp_path.iterdir())
+
+
+def test_formats_are_named_once():
+    check_formats(("ply", "spz"))
+    with pytest.raises(InvalidValueError, match="spz twice"):
+        check_formats(("spz", "ply", "spz"))

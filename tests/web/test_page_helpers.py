@@ -21,7 +21,9 @@ POLICY = "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'se
 NO_HELPERS = "<script>const Plain = Blob; window.Blob = class extends Plain { constructor(parts, options) { super(\
 ['self.Worker = class { constructor() { throw new DOMException(`denied`, `SecurityError`) } };', ...parts], options) }\
 };</script>"
+TRUSTED_TYPES = '<meta http-equiv="Content-Security-Policy" content="require-trusted-types-for \'script\'">'
 PAGES = {
+    "trusted_types": PAGE.format(policy=TRUSTED_TYPES),
     "plain": PAGE.format(policy=""),
     "no_wasm": PAGE.format(policy=POLICY.format("blob:")),
     "no_helpers": PAGE.format(policy=NO_HELPERS),
@@ -40,7 +42,16 @@ def threads(page: Browser) -> int:
     return page.alive()["WorkerGlobalScopes"]
 
 
-@pytest.mark.parametrize("name", list(PAGES))
+def test_a_page_that_forbids_workers_says_why(stream: SceneStream) -> None:
+    def work(host: Host, page: Browser) -> None:
+        page.open(f"{host.url}trusted_types")
+        page.wait_for(f"{STATUS}?.failed", 60)
+        assert "Worker" in page.evaluate(f"{STATUS}.failed")
+
+    hosted(stream, work)
+
+
+@pytest.mark.parametrize("name", ["plain", "no_wasm", "no_helpers"])
 def test_large_scenes_are_complete_and_verified_on_pages_that_allow_or_forbid_helpers(
     stream: SceneStream, name: str
 ) -> None:

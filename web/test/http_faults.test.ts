@@ -11,6 +11,7 @@ import { HEAD, partOf } from "../src/transport/packet_cache.ts";
 import { isIntact, PacketStore } from "../src/transport/packet_store.ts";
 import {
   type Answering,
+  type Asked,
   begun,
   Caches,
   flipped,
@@ -48,6 +49,16 @@ function assertIntact(caches: Caches, file: Uint8Array): void {
     assert.ok(source === HEAD || isIntact(bytes, container.head!), `packet ${position} of ${source} is damaged`);
 }
 
+/** Answers with the first half of a range; `honest` is true if the headers say so. */
+function shortened(file: Uint8Array, asked: Asked, honest: boolean): Response {
+  if (!asked.range) return whole(file);
+  const [first, end] = [asked.range[0], Math.min(asked.range[1], file.length)],
+    half = first + Math.ceil((end - first) / 2);
+  if (honest) return part(file, { ...asked, range: [first, half] });
+  const headers = { "Content-Range": `bytes ${first}-${end - 1}/${file.length}` };
+  return new Response(file.slice(first, half), { status: 206, headers });
+}
+
 for (const [kind, file] of KINDS) {
   const other = otherStream(file),
     offsets = packetOffsets(file);
@@ -67,6 +78,24 @@ for (const [kind, file] of KINDS) {
       for (let n = 0; n < 2; n++) assertWhole(await visit(caches), file);
       assert.ok(server.asked.length <= 3);
     }
+  });
+
+  test(`${kind}: a server that sends half of each range delivers the whole stream`, async () => {
+    const server = new Server((asked) => shortened(file, asked, true)),
+      caches = new Caches();
+    for (let n = 0; n < 2; n++) assertWhole(await visit(caches), file);
+    assert.ok(server.asked.length < 160, `${server.asked.length} requests`);
+  });
+
+  test(`${kind}: ranges that are cut without a word are not called another file`, async () => {
+    const server = new Server((asked) => shortened(file, asked, false)),
+      caches = new Caches();
+    for (let n = 0; n < 2; n++) {
+      const { text, reception } = await visit(caches);
+      assert.match(text, /^(complete|\d+ packets? (is|are) damaged or not in the file)$/);
+      assert.equal(reception.held.isSame(file), true);
+    }
+    assert.ok(server.asked.length < 160, `${server.asked.length} requests`);
   });
 
   test(`${kind}: a repeated visit requests only the manifest`, async () => {

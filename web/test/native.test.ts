@@ -4,7 +4,7 @@ import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
 import { COLUMNS } from "../src/codec/gaussians/layout.ts";
-import { NativePackets } from "../src/codec/gaussians/native.ts";
+import { FastPackets, NativePackets } from "../src/codec/gaussians/native.ts";
 import { SOURCE_DIGEST } from "../src/codec/gaussians/native_module.ts";
 import { type Decoded, PacketDecoder } from "../src/codec/gaussians/packet.ts";
 import { readSideInfo, type SideInfo } from "../src/codec/gaussians/side_info.ts";
@@ -45,6 +45,49 @@ for (const path of STREAMS) {
     }
   });
 }
+
+test("a decoder that grows keeps its instance while its tables stay", () => {
+  const random = randomNumbers(3),
+    first = anySideInfo(random),
+    payload = Uint8Array.from({ length: 500 }, () => random(256)),
+    packets = new FastPackets(first),
+    { Instance } = WebAssembly;
+  let made = 0;
+  WebAssembly.Instance = class extends Instance {
+    constructor(module: WebAssembly.Module, imports?: WebAssembly.Imports) {
+      super(module, imports);
+      made++;
+    }
+  };
+  try {
+    packets.decode(payload, 0, 20);
+    for (let group = 1; group < 6; group++) {
+      const defaults = first.defaults.map((value) => value + group);
+      packets.grow({ ...first, defaults, models: first.models.slice() });
+      assertSame(
+        packets.decode(payload, 0, 20),
+        new PacketDecoder(packets.info).decode(payload, 0, 20),
+        packets.info,
+        0,
+      );
+    }
+    assert.equal(made, 1);
+    const other = anySideInfo(random);
+    packets.grow(other);
+    assertSame(packets.decode(payload, 0, 20), new PacketDecoder(other).decode(payload, 0, 20), other, 0);
+    assert.equal(made, 2);
+    for (const name of ["bases", "scales", "models", "transform"] as const) {
+      const before = packets.info;
+      packets.grow({ ...before, [name]: before[name].map((value, n) => (n ? value : value ^ 1)) });
+      packets.decode(payload, 0, 20);
+      packets.grow(before);
+      packets.decode(payload, 0, 20);
+    }
+    assert.equal(made, 2 + 8 - 2 * Number(!other.transform.length));
+  } finally {
+    WebAssembly.Instance = Instance;
+  }
+});
 
 test("the 64-bit integers of WebAssembly are the numbers of its rows", () => {
   const random = randomNumbers(2),

@@ -19,6 +19,8 @@ BEHIND = 0.05
 """Factor of the error of tiles outside the picture; above 0, because the camera may soon show them."""
 NEAREST = 0.02
 """Smallest assumed distance between camera and tile, as a fraction of the tile's diagonal."""
+_PAIRS = 1 << 20
+"""Number of pairs of a Gaussian and a tile that are compared at once; limits memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,5 +181,10 @@ def replaces_tile(tiles: Tiles, tile: int, means: np.ndarray) -> np.ndarray:
     finer = np.flatnonzero(tiles.parents == tile)
     if not len(finer):
         return np.full(len(means), -1, dtype=np.int64)
-    outside = np.maximum(np.maximum(tiles.low[finer][:, None] - means, means - tiles.high[finer][:, None]), 0)
-    return finer[outside.max(axis=2).argmin(axis=0)]
+    low, high = tiles.low[finer][:, None], tiles.high[finer][:, None]
+    found, rows = np.empty(len(means), dtype=np.int64), max(1, _PAIRS // len(finer))
+    for begin in range(0, len(means), rows):  # a tile may have thousands of children
+        some = means[begin : begin + rows]
+        outside = np.maximum(np.maximum(low - some, some - high), 0)
+        found[begin : begin + rows] = finer[outside.max(axis=2).argmin(axis=0)]
+    return found

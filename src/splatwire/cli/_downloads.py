@@ -6,6 +6,7 @@ import logging
 import mmap
 import shutil
 import sys
+import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,6 +19,8 @@ FORMATS = ("ply", "spz", "sog", "glb", "splat", *FOLDERS)
 """Formats that can be offered."""
 MOST_BYTES = 4 << 30
 """Maximum bytes of all files on the disk; the oldest are removed first, and made again on request."""
+MOST_SECONDS = 600.0
+"""Maximum duration of one conversion, seconds; conversions wait for each other."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +42,12 @@ def check_formats(formats: tuple[str, ...]) -> None:
     """Checks the value of `--downloads`.
 
     Raises:
-        InvalidValueError: If a format is unknown.
+        InvalidValueError: If a format is unknown or named twice.
     """
     if unknown := [form for form in formats if form not in FORMATS]:
         raise InvalidValueError(f"--downloads takes {', '.join(FORMATS)}, not {', '.join(unknown)}")
+    if twice := next((form for form in formats if formats.count(form) > 1), None):
+        raise InvalidValueError(f"--downloads names {twice} twice")
 
 
 class MadeDownloads:
@@ -54,10 +59,14 @@ class MadeDownloads:
         folder: Folder of the files; the caller removes it.
         formats: File name suffixes without their dot, or names of folder formats.
         most_bytes: Maximum bytes of all files.
+        most_seconds: Maximum duration of one conversion, seconds.
     """
 
-    def __init__(self, folder: Path, formats: tuple[str, ...], most_bytes: int = MOST_BYTES) -> None:
-        self._folder, self._formats, self._most_bytes = folder, formats, most_bytes
+    def __init__(
+        self, folder: Path, formats: tuple[str, ...], most_bytes: int = MOST_BYTES, most_seconds: float = MOST_SECONDS
+    ) -> None:
+        self._folder, self._formats = folder, formats
+        self._most_bytes, self._most_seconds = most_bytes, most_seconds
         self._turn = asyncio.Semaphore(1)
         self._files: dict[tuple[str, str], asyncio.Task[_Made]] = {}
 
@@ -110,30 +119,42 @@ class MadeDownloads:
             raise SplatwireError(str(error)) from error
 
     async def _convert(self, stream: bytes, tag: str, form: str) -> _Made:
-        source, target = self._folder / f"{tag}.swz", self._target(tag, form)
+        target = self._target(tag, form)
         async with self._turn:
-            words = ["-m", "splatwire", "convert", str(source), str(target), "--to", form, "--json"]
-            try:
-                source.write_bytes(stream)
-                process = await asyncio.create_subprocess_exec(
-                    sys.executable, *words, stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL,
-                    stderr=asyncio.subprocess.PIPE,
-                )  # fmt: skip
+            with tempfile.TemporaryDirectory(dir=self._folder) as place:
+                source, made = Path(place) / f"{tag}.swz", Path(place) / f"{tag}.{form}"
+                await asyncio.to_thread(source.write_bytes, stream)  # files may be large: other responses go on
                 try:
-                    _, errors = await process.communicate()
-                except asyncio.CancelledError:
-                    process.kill()
-                    await process.wait()
+                    await self._run("convert", str(source), str(made), "--to", form, "--json")
+                except SplatwireError as error:
+                    log_event(LOG, logging.ERROR, "download failed", format=form, error=str(error))
                     raise
-            finally:
-                source.unlink(missing_ok=True)
+                made.replace(target)
+        found = await asyncio.to_thread(_opened_folder if form in FOLDERS else _opened_file, target)
+        log_event(LOG, logging.INFO, "download made", format=form, bytes=found.num_bytes)
+        return found
+
+    async def _run(self, *words: str) -> None:
+        """Runs a verb of splatwire in a process of its own.
+
+        Raises:
+            SplatwireError: If it fails, or takes longer than the maximum duration.
+        """
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "splatwire", *words, stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
+        )  # fmt: skip
+        try:
+            async with asyncio.timeout(self._most_seconds):
+                _, errors = await process.communicate()
+        except TimeoutError as error:
+            raise SplatwireError(f"the conversion took longer than {self._most_seconds:g} seconds") from error
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
         if process.returncode:
-            text = " ".join(errors.decode(errors="replace").split())[-500:]
-            log_event(LOG, logging.ERROR, "download failed", format=form, error=text)
-            raise SplatwireError(text)
-        made = await asyncio.to_thread(_opened_folder if form in FOLDERS else _opened_file, target)
-        log_event(LOG, logging.INFO, "download made", format=form, bytes=made.num_bytes)
-        return made
+            raise SplatwireError(" ".join(errors.decode(errors="replace").split())[-500:])
 
     def _evict(self, kept: tuple[str, str]) -> None:
         """Removes the oldest files if all files together exceed the limit.

@@ -21,6 +21,9 @@ from splatwire.transport.quic.installed import need_aioquic
 from splatwire.transport.running_server import RunningServer
 from splatwire.transport.udp import UdpServer
 
+LEAST_TOTAL_RATE = 0.15
+"""Minimum of `--total-rate`, megabits per second. One response over HTTP needs 0.13, and at lower rates it may delay
+datagrams until their clients give up."""
 REPORT_S = 5.0
 """Minimum interval between two reports of errors outside of any request, seconds."""
 
@@ -45,9 +48,10 @@ def check_listening(listening: Listening) -> None:
         monitoring_address(listening.monitor)
     if listening.rate is not None and not 0 < listening.rate <= 100_000:
         raise InvalidValueError(f"a rate is above 0 and at most 100000 megabits per second, {listening.rate} is not")
-    if listening.total_rate is not None and not 0 < listening.total_rate <= 1_000_000:
+    if listening.total_rate is not None and not LEAST_TOTAL_RATE <= listening.total_rate <= 1_000_000:
         raise InvalidValueError(
-            f"--total-rate is above 0 and at most 1000000 megabits per second, {listening.total_rate} is not"
+            f"--total-rate is {LEAST_TOTAL_RATE} to 1000000 megabits per second, {listening.total_rate} is not: "
+            "transfers would not end"
         )
 
 

@@ -8,6 +8,7 @@ from splatwire.cli._files import STANDARD, check_inputs, input_path, read_report
 from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import print_json
 from splatwire.cli.verify import Verify
+from splatwire.codec.decoding import open_decoder
 from splatwire.errors import BitstreamError, InvalidValueError
 
 
@@ -30,7 +31,8 @@ def run(command: Verify) -> None:
 def _check(command: Verify, name: str) -> dict[str, Any]:
     try:
         with input_path(name) as path:
-            report = read_stream(path)[1]
+            stream, report = read_stream(path)
+        open_decoder(stream.manifest, stream.side_info, stream.num_bytes)  # checks the side information
     except BitstreamError as error:
         return {"ok": False, "intact": False, "problems": [str(error)]}
     intact = report.num_corrupt == report.num_foreign == report.num_duplicate == 0

@@ -17,6 +17,8 @@ _FIRST_MEMBER = b"PK\x03\x04"
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Accepted compression methods; bzip2 and LZMA are excluded, because Python decompresses them in blocks of unbounded
 size."""
+_END, _END_BYTES, _MAX_COMMENT_BYTES = b"PK\x05\x06", 22, 0xFFFF
+"""Tag and size of the record at the end of an archive, and the maximum size of the comment after it, bytes."""
 _DAMAGED = (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, UnicodeDecodeError, zlib.error, OSError)
 
 
@@ -51,6 +53,17 @@ class Archive:
         self._path, self._bundle, self._error = path, bundle, error
         self.sizes = {entry.filename: entry.file_size for entry in bundle.infolist()}
         self._left = path.stat().st_size
+
+    def bytes_outside(self) -> int:
+        """Returns the number of bytes before the first member and after the end of the archive."""
+        before = min((entry.header_offset for entry in self._bundle.infolist()), default=0)
+        size = self._path.stat().st_size
+        with open_regular(self._path, self._error) as file:
+            file.seek(max(0, size - _END_BYTES - _MAX_COMMENT_BYTES))
+            tail = file.read()
+        at = tail.rfind(_END)
+        comment = int.from_bytes(tail[at + _END_BYTES - 2 : at + _END_BYTES], "little")
+        return before + max(0, len(tail) - at - _END_BYTES - comment)
 
     def read(self, name: str, limit: int) -> bytes:
         """Decompresses a member.

@@ -249,15 +249,18 @@ def trained_ply(folder: Path) -> Path | None:
     """Returns the PLY of the last iteration in a 3DGS model folder, or None.
 
     The path is `point_cloud/iteration_N/point_cloud.ply`, with the highest N. `folder` may be the model folder, its
-    subfolder `point_cloud`, or the folder of one iteration.
+    subfolder `point_cloud`, also under another name, or the folder of one iteration.
     """
     if _iteration(folder) is not None:
         return ply if (ply := folder / _TRAINED_PLY).is_file() else None
-    found = {}
-    for iteration in (folder if folder.name == _POINT_CLOUD else folder / _POINT_CLOUD).glob("iteration_*"):
-        if (number := _iteration(iteration)) is not None and (iteration / _TRAINED_PLY).is_file():
-            found[number] = iteration / _TRAINED_PLY
-    return found[max(found)] if found else None
+    for parent in (folder / _POINT_CLOUD, folder):
+        found = {}
+        for iteration in parent.glob("iteration_*"):
+            if (number := _iteration(iteration)) is not None and (iteration / _TRAINED_PLY).is_file():
+                found[number] = iteration / _TRAINED_PLY
+        if found:
+            return found[max(found)]
+    return None
 
 
 def _iteration(folder: Path) -> int | None:

@@ -293,6 +293,29 @@ def test_external_buffers_are_refused(uri: Any, reason: str, tmp_path: Path) -> 
         read_splats(write(tmp_path / "in" / "a.gltf", json.dumps(document).encode()))
 
 
+def test_buffers_behind_links_out_of_the_folder_are_refused(tmp_path: Path) -> None:
+    document, binary = document_of(glb(some_splats()))
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    (tmp_path / "secret").write_bytes(binary)
+    (folder / "own.bin").write_bytes(binary)
+    (folder / "link.bin").symlink_to("own.bin")
+    (tmp_path / "other name").symlink_to(folder)
+    for name, is_read in (("link.bin", True), ("out.bin", False), ("deep/out.bin", False)):
+        path = folder / name
+        path.parent.mkdir(exist_ok=True)
+        if not is_read:
+            path.symlink_to(tmp_path / "secret")
+        document["buffers"][0]["uri"] = name
+        for place in (folder, tmp_path / "other name"):
+            (place / "a.gltf").write_text(json.dumps(document))
+            if is_read:
+                assert read_splats(place / "a.gltf").num_gaussians == 20
+            else:
+                with pytest.raises(DatasetError, match="a link out of the folder"):
+                    read_splats(place / "a.gltf")
+
+
 def test_gltf_without_gaussians_is_refused_with_a_reason(tmp_path: Path) -> None:
     document = {"asset": {"version": "2.0"}, "meshes": [{"primitives": [{"attributes": {}}]}]}
     with pytest.raises(DatasetError, match=f"no primitive with {EXTENSION}"):

@@ -214,3 +214,92 @@ def test_a_file_that_cannot_be_written_is_one_error_and_leaves_nothing(tmp_path,
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert not list((tmp_path / "out").iterdir())
+
+
+CLIPS = """(
+    clips = {
+        dictionary default = {
+            %s
+            string primPath = "/Scene/Gaussians"
+            double2[] active = [(0, 0)]
+            double2[] times = [(0, 0)]
+        }
+    }
+    references = @./own.usda@</Scene>
+)
+{
+}"""
+PARTS = {
+    "reference": "(references = @%s@</Scene>) {}",
+    "payload": "(payload = @%s@</Scene>) {}",
+    "variant": """(
+    variants = {
+        string v = "a"
+    }
+    prepend variantSets = "v"
+)
+{
+    variantSet "v" = {
+        "a" (payload = @%s@</Scene>) {
+        }
+    }
+}""",
+    "clip": CLIPS % "asset[] assetPaths = [@%s@]",
+    "clips by a pattern": CLIPS % 'string templateAssetPath = "%s"',
+}
+"""Ways in which a prim names another file."""
+
+
+def composed(path, part, name):
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(f'#usda 1.0\ndef Xform "A" {PARTS[part] % name}\n')
+    return path
+
+
+@pytest.fixture
+def around(tmp_path):
+    """A folder with a scene of its own, in a folder with another one."""
+    for path in (tmp_path / "other.usda", tmp_path / "here" / "own.usda"):
+        path.parent.mkdir(exist_ok=True)
+        write_splats([some_splats()], path)
+    (tmp_path / "here" / "link.usda").symlink_to(tmp_path / "other.usda")
+    return tmp_path / "here"
+
+
+@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("name", ["../other.usda", "./link.usda", "/etc/other.usda", "../gone.usda"])
+def test_files_outside_of_the_folder_are_refused_and_not_opened(around, part, name, monkeypatch):
+    opened = []
+    monkeypatch.setattr(Usd.Stage, "Open", lambda path: opened.append(path))
+    with pytest.raises(DatasetError, match="outside of its folder"):
+        read_splats(composed(around / "a.usda", part, name))
+    (around / "a.usda").write_text('#usda 1.0\ndef Xform "B" (references = @./deep/b.usda@</A>) {}\n')
+    composed(around / "deep" / "b.usda", part, f"../{name}" if name[0] == "." else name)
+    with pytest.raises(DatasetError, match="outside of its folder"):
+        read_splats(around / "a.usda")
+    assert not opened
+
+
+def test_sublayers_outside_of_the_folder_and_expressions_are_refused(around):
+    path = around / "a.usda"
+    path.write_text("#usda 1.0\n(\n    subLayers = [@../other.usda@]\n)\n")
+    with pytest.raises(DatasetError, match="outside of its folder"):
+        read_splats(path)
+    text = '#usda 1.0\n(\n    expressionVariables = {\n        string P = "../other.usda"\n    }\n)\n'
+    path.write_text(text + 'def Xform "A" (references = @`"${P}"`@</Scene>) {}\n')
+    with pytest.raises(DatasetError, match="by the expression"):
+        read_splats(path)
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_files_in_the_folder_are_composed(around, part):
+    assert read_splats(composed(around / "a.usda", part, "./own.usda")).num_gaussians == 20
+    write_splats([some_splats()], around / "own.usdz")
+    assert read_splats(composed(around / "a.usda", "reference", "./own.usdz")).num_gaussians == 20
+
+
+def test_a_missing_file_of_a_scene_gives_a_warning(around, caplog):
+    path = around / "a.usda"
+    path.write_text("#usda 1.0\n(\n    subLayers = [@./gone.usda@, @./own.usda@]\n)\n")
+    assert read_splats(path).num_gaussians == 20
+    assert ["gone.usda" in message for message in caplog.messages] == [True]

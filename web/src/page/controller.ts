@@ -35,6 +35,20 @@ const GAINS_INTERVAL_MS = 1000,
 /** Time without input after which the controls fade, milliseconds. */
 const IDLE_MS = 4000;
 
+/**
+ * Starts the receiver. If the page's policy forbids this, such as one with Trusted Types, returns a worker that only
+ * reports the error.
+ */
+function startWorker(): Worker {
+  try {
+    return startReceiver();
+  } catch (error) {
+    const none = Object.assign(new EventTarget(), { postMessage: () => undefined, terminate: () => undefined });
+    setTimeout(() => none.dispatchEvent(new ErrorEvent("error", { message: (error as Error).message })));
+    return none as unknown as Worker;
+  }
+}
+
 export class Controller {
   readonly status: Status = newStatus();
   readonly stage: Stage;
@@ -82,7 +96,7 @@ export class Controller {
     readonly closed: () => void,
     retry: () => void,
   ) {
-    this.#worker = startReceiver(); // first, because starting a thread takes time
+    this.#worker = startWorker(); // first, because starting a thread takes time
     this.#worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#onMessage(data));
     const fail = (error: Error): void => {
       if (!this.#released.signal.aborted) this.#session.fail(error.message);

@@ -25,6 +25,8 @@ const GROWTH = 1.5;
 const MAX_USELESS = 3;
 /** Number of consecutive failed range requests without packets after which the whole file is requested once. */
 const MAX_FAILURES = 3;
+/** Number of requests for a range whose responses are shorter than it. Each may have half of the rest. */
+const MAX_SHORT = 24;
 /** Temporary error statuses, of a server that is busy or restarting. */
 const PASSING = [408, 425, 429, 500];
 const CONTENT_RANGE = /^bytes (\d+)-(\d+)\/(\d+|\*)$/;
@@ -134,7 +136,10 @@ export class HttpFile {
     signal?: AbortSignal,
   ): Promise<Answer> {
     const aborted = new AbortController(),
-      cancel = (): void => aborted.abort();
+      cancel = (): void => {
+        signal?.removeEventListener("abort", cancel);
+        aborted.abort();
+      };
     signal?.addEventListener("abort", cancel);
     if (signal?.aborted) cancel();
     const headers: Record<string, string> =
@@ -223,6 +228,34 @@ export class HttpFile {
   async wait(times: number): Promise<void> {
     await delay(this.limits.repeatMs * 4 ** (times - 1));
   }
+}
+
+/**
+ * Requests the bytes `first` to `end - 1`, the rest again if a response is shorter, and returns at least `least` bytes
+ * unless the server gives no more.
+ */
+export async function readRange(
+  file: HttpFile,
+  first: number,
+  end: number,
+  least: number,
+  cache: RequestCache,
+  signal?: AbortSignal,
+): Promise<Uint8Array> {
+  const bytes = new Uint8Array(end - first);
+  let count = 0;
+  for (let tries = 0; tries < MAX_SHORT && count < least; tries++) {
+    const answer = await file.request(first + count, end, cache, signal);
+    try {
+      const piece = await readBytes(answer, bytes.length - count);
+      if (!piece.length) break;
+      bytes.set(piece, count);
+      count += piece.length;
+    } finally {
+      answer.cancel();
+    }
+  }
+  return bytes.subarray(0, count);
 }
 
 /** Returns all bytes of a response, at most `size`. */

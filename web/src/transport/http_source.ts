@@ -4,7 +4,7 @@ import { BitstreamError } from "../bytes.ts";
 import { isStream } from "../packets/container.ts";
 import type { Listener } from "./events.ts";
 import { HttpError } from "./http_error.ts";
-import { type Answer, type HttpFile, PastEnd, RangeUnsupported, readBytes } from "./http_file.ts";
+import { type Answer, type HttpFile, PastEnd, RangeUnsupported, readRange } from "./http_file.ts";
 import { Damaged, PacketReader } from "./packet_reader.ts";
 import type { Gap, PacketStore } from "./packet_store.ts";
 import { DamagedTiles, OtherOrder, receiveTiles } from "./tiles.ts";
@@ -17,7 +17,8 @@ const WAY = "HTTP, in order and without loss";
 const MAX_REPEATS = 2;
 const MAX_CHANGES = 3;
 
-const NOT_A_STREAM = "the server answers with something that is no splatwire stream";
+const NOT_A_STREAM = "the server answers with something that is no splatwire stream",
+  TOO_SHORT = "the server sends fewer bytes than were requested";
 
 /** Largest number of restarts because the file's packets have another order than assumed. */
 const MAX_REORDERED = 2;
@@ -91,19 +92,16 @@ export async function receiveFile(file: HttpFile, listener: Listener, held: Pack
 /** Revalidates the stored manifest against the file. Throws `Changed` for a different one. */
 async function compare(file: HttpFile, listener: Listener, held: PacketStore): Promise<void> {
   const known = held.manifestBytes,
-    answer = await file.request(0, known.length, file.cache === "default" ? "no-cache" : file.cache);
-  try {
-    const bytes = await readBytes(answer, known.length);
-    if (bytes.length < known.length || !isStream(bytes)) {
-      file.noteUseless("the server gives too few bytes");
-      throw new Damaged(NOT_A_STREAM, { cause: new BitstreamError(NOT_A_STREAM) });
-    }
-    if (!held.isSame(bytes)) throw new FileReplaced();
-    file.compared = true;
-    listener.confirmed?.();
-  } finally {
-    answer.cancel();
+    cache = file.cache === "default" ? "no-cache" : file.cache,
+    bytes = await readRange(file, 0, known.length, known.length, cache);
+  if (bytes.length < known.length || !isStream(bytes)) {
+    const reason = bytes.length && !isStream(bytes) ? NOT_A_STREAM : TOO_SHORT;
+    file.noteUseless(reason);
+    throw new Damaged(reason, { cause: new BitstreamError(reason) });
   }
+  if (!held.isSame(bytes)) throw new FileReplaced();
+  file.compared = true;
+  listener.confirmed?.();
 }
 
 /** Reads the file from its beginning: a first range and, unless a view selects tiles, the rest. */

@@ -2,7 +2,7 @@
 
 import { readPacket } from "../packets/packet.ts";
 import type { Fetching, Listener, ReceivedPacket } from "./events.ts";
-import { type HttpFile, readBytes } from "./http_file.ts";
+import { type HttpFile, readRange } from "./http_file.ts";
 import { PacketScanner } from "./packet_reader.ts";
 import type { PacketStore } from "./packet_store.ts";
 
@@ -66,7 +66,8 @@ export async function receiveTiles(
       const size = offsets[run.end] - offsets[run.first],
         from = begin + offsets[run.first],
         cache = tiles.some(triesOf) ? "reload" : file.cache,
-        piece = await readBytes(await file.request(from, from + size, cache, aborted.signal), size),
+        least = offsets[run.first + 1] - offsets[run.first],
+        piece = await readRange(file, from, from + size, least, cache, aborted.signal),
         packets = tiles.flatMap((tile) => intactPackets(piece, tile, run, begin, view));
       bytes += piece.length;
       end = offsets[run.first] + piece.length;

@@ -1,11 +1,14 @@
-"""Memory-mapped files."""
+"""Memory-mapped files, and warnings about bytes that no reader uses."""
 
+import logging
 import mmap
 import os
 from pathlib import Path
 
 from splatwire.errors import DatasetError
 from splatwire.files.read_limited import open_regular
+
+LOG = logging.getLogger(__name__)
 
 
 def mapped_file(path: Path) -> memoryview:
@@ -19,3 +22,17 @@ def mapped_file(path: Path) -> memoryview:
         if not os.fstat(file.fileno()).st_size:  # an empty file cannot be mapped
             return memoryview(b"")
         return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+
+
+def warn_of_bytes_outside(path: Path, count: int, where: str = "after its end") -> None:
+    """Logs a warning if a file has bytes outside of its content, such as a second file that was appended.
+
+    Args:
+        path: The file.
+        count: Number of these bytes.
+        where: Position of these bytes, for the message.
+    """
+    if count > 0:
+        LOG.warning(
+            "%s: %s bytes %s are not read: the file may be damaged, or several files in one", path, f"{count:,}", where
+        )

@@ -14,7 +14,7 @@ import numpy as np
 from splatwire.errors import DatasetError
 from splatwire.files.kinds import is_not
 from splatwire.io.formats._columns import build_splats, check_count
-from splatwire.io.formats._files import mapped_file
+from splatwire.io.formats._files import mapped_file, warn_of_bytes_outside
 from splatwire.ops.spherical_harmonics import DC, num_functions
 from splatwire.types.splats import Splats
 
@@ -78,6 +78,7 @@ def read_ksplat(path: Path) -> Splats:
             parts.append(part)
     if (found := sum(len(part["means"]) for part in parts)) != count:
         raise DatasetError(f"{path}: the sections have {found} Gaussians, the header says {count}")
+    warn_of_bytes_outside(path, len(data) - at)
     width = max(part["sh"].shape[1] for part in parts)
     for part in parts:
         part["sh"] = np.pad(part["sh"], ((0, 0), (0, width - part["sh"].shape[1]), (0, 0)))

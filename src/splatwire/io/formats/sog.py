@@ -27,6 +27,7 @@ from splatwire.files.archive import open_archive
 from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
 from splatwire.io.formats._asset import metadata_of_asset, warn_of_unused_extras
 from splatwire.io.formats._columns import build_splats, check_count
+from splatwire.io.formats._files import warn_of_bytes_outside
 from splatwire.io.formats._placement import warn_of_unused_fields
 from splatwire.io.formats._rotations import from_smallest_three
 from splatwire.io.formats.content import FileContent
@@ -58,6 +59,7 @@ def read_sog(path: Path) -> FileContent:
         OSError: If a file cannot be read.
     """
     with _opened(path) as found:
+        warn_of_bytes_outside(path, found.bytes_outside, "before or after its zip")
         warn_of_unused_fields(path, {name: found.meta[name] for name in found.meta if name != "asset"})
         warn_of_unused_extras(path, found.meta.get("asset"))
         return FileContent(
@@ -89,7 +91,9 @@ def _opened(path: Path) -> "Iterator[_Sog]":
     with open_archive(path, DatasetError) as bundle:
         prefix = _folder_of(path, bundle.sizes)
         names = {name[len(prefix) :]: size for name, size in bundle.sizes.items() if name.startswith(prefix)}
-        yield _Sog(path, names, path.stat().st_size, lambda name: bundle.read(prefix + name, names[name]))
+        found = _Sog(path, names, path.stat().st_size, lambda name: bundle.read(prefix + name, names[name]))
+        found.bytes_outside = bundle.bytes_outside()
+        yield found
 
 
 def _folder_of(path: Path, names: Iterable[str]) -> str:
@@ -112,7 +116,14 @@ def _folder_of(path: Path, names: Iterable[str]) -> str:
 
 
 class _Sog:
-    """Reader of one SOG, from a zip archive or a folder."""
+    """Reader of one SOG, from a zip archive or a folder.
+
+    Attributes:
+        meta: Content of its `meta.json`.
+        bytes_outside: Number of bytes of the file that are not part of the archive.
+    """
+
+    bytes_outside = 0
 
     def __init__(self, path: Path, sizes: dict[str, int], file_bytes: int, load: Callable[[str], bytes]) -> None:
         self._path, self._sizes, self._load = path, sizes, load

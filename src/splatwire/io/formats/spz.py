@@ -23,7 +23,7 @@ from splatwire.errors import DatasetError
 from splatwire.files.read_limited import open_regular
 from splatwire.io.formats._axes import SPZ_FLIPS, frame_to_rdf, harmonic_signs, transform_splats
 from splatwire.io.formats._columns import build_splats, check_count
-from splatwire.io.formats._files import mapped_file
+from splatwire.io.formats._files import mapped_file, warn_of_bytes_outside
 from splatwire.io.formats._spz_extensions import (
     FRAME,
     KNOWN,
@@ -198,6 +198,7 @@ def _unzstd(path: Path, data: memoryview) -> tuple[_Header, dict[str, np.ndarray
             raise DatasetError(f"{path}: is cut: stream {name} has {len(data) - at:,} of {packed:,} bytes")
         columns[name] = _unpack_stream(path, name, data[at : at + packed], size)
         at += packed
+    warn_of_bytes_outside(path, len(data) - at)
     return header, columns
 
 

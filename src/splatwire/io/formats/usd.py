@@ -23,6 +23,7 @@ from splatwire.io.formats._asset import asset_of, metadata_of_asset
 from splatwire.io.formats._axes import SPZ_FLIPS, transform_splats
 from splatwire.io.formats._axes import flip_axes as flipped
 from splatwire.io.formats._columns import MAX_GAUSSIANS, build_splats, check_count, concatenate, join
+from splatwire.io.formats._usd_files import checked_layers
 from splatwire.io.formats.content import FileContent
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
@@ -134,6 +135,7 @@ class _Stage:
     def __init__(self, path: Path) -> None:
         self._path, self._bytes = path, path.stat().st_size
         try:
+            self._layers = checked_layers(path)
             self._stage = Usd.Stage.Open(str(path))
         except Tf.ErrorException as error:
             raise DatasetError(f"{path}: usd-core cannot open it: {_first_line(error)}") from error

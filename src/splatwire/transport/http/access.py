@@ -26,14 +26,15 @@ class Access:
         """Returns True if lists of scenes contain the scene `name`: it is neither private nor unlisted."""
         return name not in self.private and name not in self.unlisted
 
-    def refusal(self, name: str, token: str) -> str | None:
+    def refusal(self, name: str, token: str, *, exists: bool = True) -> str | None:
         """Returns the reason why a request for a scene is refused; None if it is allowed.
 
         Args:
             name: Name of the scene.
             token: Token of the request; empty if the request has none.
+            exists: False if there is no such scene. If some scenes are private, it needs a token like these.
         """
-        if name not in self.private:
+        if name not in self.private and (exists or not self.private):
             return None
         if not token or self.problem is None:
             return "this scene needs a token"

@@ -48,7 +48,8 @@ _READABLE = "Access-Control-Expose-Headers: Content-Encoding, Content-Range, ETa
 METHODS = "GET, HEAD, OPTIONS"
 _PREFLIGHT = (
     "Access-Control-Allow-Methods: GET, HEAD\r\n"
-    "Access-Control-Allow-Headers: Range, If-Range, If-Match, If-None-Match, Cache-Control, Pragma\r\n"
+    "Access-Control-Allow-Headers: "
+    "Authorization, Range, If-Range, If-Match, If-None-Match, Cache-Control, Pragma\r\n"
     "Access-Control-Max-Age: 86400\r\n"
 )
 """CORS headers that answer a preflight: methods and request headers that a page of another web origin may use."""
@@ -196,13 +197,13 @@ class PageContent:
         if not self._is_own_host(request.host):
             return make_answer("403 Forbidden", body=self._refusal())
         origin = request.headers.get("origin")
-        if request.method != "OPTIONS" and (refused := self._unauthorized(self._requested(request), request)):
+        if request.method == "OPTIONS":  # also for missing scenes, so that no response reveals names of private scenes
+            return self._preflight(request)
+        if (refused := self._unauthorized(self._requested(request), request)) is not None:
             return refused
         found = self._find(request.target, request.query, origin)
         if found is None:  # pages of other origins may see that a stream is missing
             return make_answer("404 Not Found", headers=self._shared(origin))
-        if request.method == "OPTIONS":
-            return self._preflight(request)
         status, kind, body, headers = found
         script = request.target[1:] in FILES
         if isinstance(body, bytes) and (script or request.target.startswith((STREAMS, PRIVATE))):
@@ -214,18 +215,26 @@ class PageContent:
         return make_answer(status, kind, body, headers)
 
     def _requested(self, request: Request) -> str:
-        """Returns the name of the scene that a request is for; empty if it is for another file, such as a script."""
+        """Returns the name of the scene that a request is for, if it may need a token; empty for other requests.
+
+        A private scene has no file in `/streams/`: a request there gets 404, as for a scene that does not exist.
+        """
         if request.target == "/":
             return self._shown_name(request.query)
-        for folder in (STREAMS, PRIVATE):
-            if request.target.startswith(folder):
-                return unquote(request.target.removeprefix(folder).removesuffix(".swz"))
-        return ""
+        if request.target.startswith(PRIVATE):
+            return unquote(request.target.removeprefix(PRIVATE).removesuffix(".swz"))
+        name, _, form = unquote(request.target[1:]).rpartition(".")
+        return name if self.downloads is not None and form in self.downloads.formats else ""
 
     def _unauthorized(self, name: str, request: Request) -> Answer | None:
-        """Returns the response that refuses a request for a scene; None if the request may have it."""
-        token = token_of(request)
-        reason = None if self.access is None else self.access.refusal(name, token)
+        """Returns the response that refuses a request for a scene; None if the request may have it.
+
+        If there are private scenes, a scene that does not exist is refused like one of them, so that responses do not
+        reveal their names.
+        """
+        if self.access is None or not name:
+            return None
+        reason = self.access.refusal(name, token_of(request), exists=name in self.programs)
         if reason is None:
             return None
         headers = f"WWW-Authenticate: Bearer\r\n{self._shared(request.headers.get('origin'))}"

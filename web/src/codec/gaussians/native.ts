@@ -44,7 +44,14 @@ function moduleOf(): WebAssembly.Module | null {
 export class FastPackets implements GaussianPackets {
   #decoder: GaussianPackets | null = null;
 
-  constructor(readonly info: SideInfo) {}
+  constructor(public info: SideInfo) {}
+
+  /** Replaces the side information by that of more blocks. The instance stays if its tables are the same. */
+  grow(info: SideInfo): void {
+    if (this.#decoder instanceof NativePackets && hasSameTables(this.info, info)) this.#decoder.info = info;
+    else this.#decoder = null;
+    this.info = info;
+  }
 
   decode(payload: Uint8Array, block: number, count: number, brief = false): Decoded {
     this.#decoder ??= NativePackets.of(this.info) ?? new PacketDecoder(this.info);
@@ -59,12 +66,19 @@ export class FastPackets implements GaussianPackets {
   }
 }
 
+function hasSameTables(one: SideInfo, other: SideInfo): boolean {
+  return (["bases", "scales", "models", "transform"] as const).every((name) => {
+    const [some, others] = [one[name], other[name]];
+    return some.length === others.length && some.every((value, n) => value === others[n]);
+  });
+}
+
 /** Decodes the packets of one stream in WebAssembly. */
 export class NativePackets implements GaussianPackets {
   readonly #exports: Exports;
 
   private constructor(
-    readonly info: SideInfo,
+    public info: SideInfo,
     module: WebAssembly.Module,
   ) {
     this.#exports = new WebAssembly.Instance(module, IMPORTS).exports as unknown as Exports;

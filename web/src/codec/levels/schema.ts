@@ -24,7 +24,8 @@ const DRAWABLE_SHARE = 0.75;
 /** One packet. It is decoded when drawn and released afterwards. */
 class LevelPart implements Part {
   #splats: Splats | null = null;
-  #childOf: Int32Array | null = null;
+  /** Indices of the Gaussians that represent each child tile. */
+  #ofChildren: ReadonlyMap<number, Int32Array> | null = null;
 
   constructor(
     readonly packet: Packet,
@@ -41,11 +42,20 @@ class LevelPart implements Part {
 
   /** Returns the indices of the Gaussians that represent a child tile; all if `instead` is null. */
   which(instead: number | null, splats?: Splats): Int32Array {
-    const all = Int32Array.from({ length: this.count }, (_, n) => n);
-    if (instead === null) return all;
-    const { tiles } = this.schema;
-    this.#childOf ??= assignToChildren(tiles, this.packet.block, (splats ?? this.decoded()).means);
-    return all.filter((n) => this.#childOf![n] === instead);
+    if (instead === null) return Int32Array.from({ length: this.count }, (_, n) => n);
+    this.#ofChildren ??= this.#grouped((splats ?? this.decoded()).means);
+    return this.#ofChildren.get(instead) ?? new Int32Array();
+  }
+
+  /** Groups Gaussians by child tile once, because a tile may have thousands of children. */
+  #grouped(means: Float32Array): Map<number, Int32Array> {
+    const found = new Map<number, number[]>();
+    assignToChildren(this.schema.tiles, this.packet.block, means).forEach((child, n) => {
+      const some = found.get(child);
+      if (some) some.push(n);
+      else found.set(child, [n]);
+    });
+    return new Map([...found].map(([child, some]) => [child, Int32Array.from(some)]));
   }
 
   decoded(): Splats {

@@ -7,7 +7,7 @@ import type { Pause } from "../../scheduler.ts";
 import { newSha256 } from "../../sha256.ts";
 import { addRows, integers32 } from "../gaussians/digest.ts";
 import { FastPackets } from "../gaussians/native.ts";
-import type { Decoded, GaussianPackets } from "../gaussians/packet.ts";
+import type { Decoded } from "../gaussians/packet.ts";
 import { GaussianPart } from "../gaussians/part.ts";
 import { toSplats } from "../gaussians/to_splats.ts";
 import { CONCEALMENT_BYTES } from "../memory.ts";
@@ -47,7 +47,7 @@ export class TrackSchema implements Schema<GaussianPart> {
   readonly concealers = {};
   /** Received packets and frames of the clip. */
   readonly moving: Clip;
-  #bases: GaussianPackets;
+  readonly #bases: FastPackets;
   #firsts: readonly First[];
 
   constructor(
@@ -64,7 +64,7 @@ export class TrackSchema implements Schema<GaussianPart> {
     this.info = readClipInfo(sideInfo, plan.manifest);
     this.plan = plan;
     this.moving.grow(this.info);
-    this.#bases = new FastPackets(this.info.bases);
+    this.#bases.grow(this.info.bases);
     this.#firsts = firstsOf(this.info, plan);
   }
 
