@@ -1,6 +1,7 @@
 """A limit of the bytes to all clients together, over datagrams and over HTTP."""
 
 import asyncio
+import itertools
 import random
 import time
 from collections import Counter
@@ -46,6 +47,23 @@ def test_a_limit_that_is_not_reached_changes_nothing():
     assert sent_to(3, limits, 1.0) == sent_to(3, ServerLimits(fixed_rate=TOTAL / 10, total_rate=TOTAL), 1.0)
 
 
+def test_datagrams_that_wait_for_the_limit_claim_the_next_turn():
+    program = make_served_stream(datagram_stream(num_anchors=8000, side_bytes=3000))
+    limits = ServerLimits(fixed_rate=TOTAL, total_rate=TOTAL)
+    server = Server({"scene": program}, secret=SECRET, random=random.Random(0).randbytes, limits=limits)
+    server.receive(("10.0.0.1", 1), encode(Request(1, bytes(24), "scene")), 0.0, reliable=True)
+    pacer = server.total_pacer
+    server.poll(0.0)
+    pacer.sent(50_000, 0.0)  # as a response over HTTP
+    assert server.poll(0.2) == []
+    assert pacer.claimed
+    sent, now = [], 0.2
+    while not sent:
+        now = server.next_at()
+        sent = server.poll(now)
+    assert now == pytest.approx(0.5, abs=0.05)
+
+
 @pytest.mark.slow
 def test_http_responses_share_the_limit():
     rate, size = 400_000.0, 300_000
@@ -82,3 +100,39 @@ def test_waiting_for_the_limit_of_all_clients_does_not_count_as_a_slow_client():
             return len(body)
 
     assert asyncio.run(asyncio.wait_for(work(), 120)) == size
+
+
+@pytest.mark.slow
+def test_many_http_responses_leave_turns_to_datagrams():
+    """Datagram clients give up after 5 s of silence."""
+    rate, num_responses = 200_000.0, 30
+    content, pacer = PageContent({"big": bytes(400_000)}), Pacer(rate)
+
+    async def datagrams():
+        loop = asyncio.get_running_loop()
+        begin, turns = loop.time(), [loop.time()]
+        while loop.time() < begin + 4:
+            await asyncio.sleep(max(pacer.next_at() - loop.time(), 0))
+            if pacer.next_at() <= loop.time():
+                pacer.sent(1200, loop.time())
+                turns.append(loop.time())
+            pacer.claimed = True
+        return turns
+
+    async def work():
+        async with PageServer(content, pacer=pacer) as server:
+            writers = []
+            for _ in range(num_responses):
+                _, writer = await asyncio.open_connection("127.0.0.1", server.port)
+                writer.write(b"GET /streams/big.swz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+                writers.append(writer)
+            await asyncio.sleep(0.3)
+            turns = await datagrams()
+            for writer in writers:
+                writer.close()
+            return turns, server.bytes_sent
+
+    turns, num_bytes = asyncio.run(asyncio.wait_for(work(), 120))
+    assert max(after - before for before, after in itertools.pairwise(turns)) < 1.5
+    assert 1200 * len(turns) > 0.15 * rate * 4
+    assert num_bytes > 0.15 * rate * 4

@@ -45,10 +45,12 @@ class Pacer:
     Attributes:
         rate: Sending rate, bytes per second.
         burst_s: Maximum burst after a pause, as seconds of sending at the current rate.
+        claimed: True while datagrams wait for this pacer. Others that share it then leave the next turn to them.
     """
 
     rate: float
     burst_s: float = 0.004
+    claimed: bool = False
     _free_at: float = 0.0
 
     def next_at(self) -> float:

@@ -21,6 +21,11 @@ LOG = logging.getLogger(__name__)
 MOST_HEAD_BYTES = 8192
 CHUNK_BYTES = 1 << 16
 """Maximum number of body bytes passed to the kernel at once; no more is buffered for a slow client."""
+TURN_S, LEAST_TURN_BYTES = 0.01, 1200
+"""Under a total rate limit, duration of the bytes that a response sends in its turn, seconds, and their least number.
+Datagrams wait for such a turn."""
+YIELD_S = 0.002
+"""Time that a response leaves to waiting datagrams before its turn, seconds."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +111,7 @@ class PageServer:
         self.content = content
         self._proxies, self._logged = tuple(proxies), logged
         self._wanted, self._pacer = port, pacer
+        self._turn = asyncio.Lock()
         self._limits = limits or PageLimits()
         self._server: asyncio.Server | None = None
         self._clients: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
@@ -228,12 +234,14 @@ class PageServer:
         self, data: bytes | memoryview, writer: asyncio.StreamWriter, sent: "_Count",
         limit: asyncio.Timeout | None = None,
     ) -> None:  # fmt: skip
-        body = memoryview(data)
-        for at in range(0, len(body), CHUNK_BYTES):
+        body, size = memoryview(data), CHUNK_BYTES
+        if self._pacer is not None:
+            size = min(max(int(self._pacer.rate * TURN_S), LEAST_TURN_BYTES), CHUNK_BYTES)
+        for at in range(0, len(body), size):
+            piece = body[at : at + size]
             if self._pacer is not None:
-                await self._pace(self._pacer, min(CHUNK_BYTES, len(body) - at), limit)
+                await self._pace(self._pacer, len(piece), limit)
             async with asyncio.timeout(self._limits.chunk_s):
-                piece = body[at : at + CHUNK_BYTES]
                 writer.write(piece)
                 self.bytes_sent += len(piece)
                 sent.num_bytes += len(piece)
@@ -253,11 +261,23 @@ class PageServer:
         began, end = loop.time(), None if limit is None else limit.when()
         if limit is not None:
             limit.reschedule(None)
-        while (wait := pacer.next_at() - loop.time()) > 0:
-            await asyncio.sleep(wait)
-        if limit is not None and end is not None:
-            limit.reschedule(end + loop.time() - began)
-        pacer.sent(num_bytes, loop.time())
+        async with self._turn:  # responses take turns, and alternate with datagrams that wait
+            await _until(pacer)
+            if pacer.claimed:
+                before = pacer.next_at()
+                await asyncio.sleep(YIELD_S)
+                pacer.claimed &= pacer.next_at() > before  # else no datagram waits any more
+                await _until(pacer)
+            if limit is not None and end is not None:
+                limit.reschedule(end + loop.time() - began)
+            pacer.sent(num_bytes, loop.time())
+
+
+async def _until(pacer: Pacer) -> None:
+    """Waits until a pacer permits sending."""
+    loop = asyncio.get_running_loop()
+    while (wait := pacer.next_at() - loop.time()) > 0:
+        await asyncio.sleep(wait)
 
 
 @dataclass

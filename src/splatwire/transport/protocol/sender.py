@@ -195,6 +195,8 @@ class Server:
                 out.append((key[0], data))
                 if total is not None:
                     total.sent(len(data), now)
+        if total is not None:
+            total.claimed = bool(self._due) and self._due[0][0] <= now
         return out
 
     def next_at(self) -> float | None:
