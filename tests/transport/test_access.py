@@ -29,7 +29,7 @@ OTHER = b"fedcba9876543210fedcba9876543210"
 class Files:
     formats = ("spz",)
 
-    async def file(self, stream, tag, form):
+    async def file(self, stream, tag, form, part=""):
         return DownloadedFile(b"spz", "tag")
 
 
