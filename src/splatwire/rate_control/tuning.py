@@ -98,7 +98,7 @@ def tuned_to_source(
         source.select(kept), pictures, options,
         lambda report: progress("fine-tuning", report.iteration / report.iterations),
     )  # fmt: skip
-    finest = quality.classes_of(source.splats.degree) - 1
+    finest = quality.num_classes(source.splats.degree) - 1
     return found.scene, (found.coding.classes.astype(np.int64) - finest).astype(np.int8)
 
 
