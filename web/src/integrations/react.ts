@@ -4,7 +4,8 @@
 
 import { createElement, forwardRef, useEffect, useImperativeHandle, useRef } from "react";
 
-import type { SplatWire } from "../index.ts";
+import "../index.ts";
+import type { SplatWire } from "../page/element.ts";
 
 /** Names of events by property. */
 const EVENTS = {
