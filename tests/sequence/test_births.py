@@ -87,7 +87,7 @@ def errors(clip: ClipScene, lost: np.ndarray) -> list[float]:
     there, found = np.ones(clip.num_gaussians, bool), []
     for group in range(clip.timeline.num_groups):
         motion = clip.motion(group, there)
-        poses, after = conceal_group(clip, without(motion, lost), group, there, memory, clip_concealer("motion"))
+        poses, _, after = conceal_group(clip, without(motion, lost), group, there, memory, clip_concealer("motion"))
         memory = after()
         row = np.full(clip.num_gaussians, -1)
         row[motion.tracks] = np.arange(len(motion.tracks))
@@ -130,7 +130,7 @@ def test_lost_tracks_are_omitted_where_neighbours_move_incoherently(body):
         clip, lost = decoded([splats_at(body + move, np.ones(COUNT, bool)) for move in moves], FRAMES)
         there = np.ones(clip.num_gaussians, bool)
         motion = without(clip.motion(0, there), lost)
-        poses, _ = conceal_group(clip, motion, 0, there, None, clip_concealer("motion"))
+        poses, _, _ = conceal_group(clip, motion, 0, there, None, clip_concealer("motion"))
         assert poses.concealed.any() == shown
         assert len(poses.tracks) == (COUNT if shown else COUNT - lost.sum())
 

@@ -26,6 +26,7 @@ from codec.gaussians.test_gaussians import some_splats
 from moving_clips import darkened, moving_frames
 from mutations import HOSTILE, mutated_bytes, mutated_json
 from random_numbers import Numbers
+from reference.page_motion import PageMotion
 from splatwire.bitstream import (
     Packetization,
     SceneStream,
@@ -43,7 +44,6 @@ from splatwire.codec.decoding import decode_stream, open_decoder
 from splatwire.codec.schema import Run
 from splatwire.codec.sequence.lifetimes import SECTION as LIFETIMES
 from splatwire.codec.weight_bytes import framed
-from splatwire.concealment.temporal.concealers import clip_concealer
 from splatwire.errors import BitstreamError, SplatwireError
 from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.lod import Viewpoint, cut_of, encode_levels, tiles_of
@@ -302,8 +302,7 @@ def lossy_clips(stream: SceneStream, folder: Path) -> Iterator[tuple[Path, list[
         path = folder.with_name(f"{folder.name}_{share}.swz")
         write_stream(stream.with_packets(kept), path)
         shown = []
-        method = replace(clip_concealer("motion"), grow=False)  # type: ignore[type-var]
-        for frame in decode_frames(decode_stream(stream.with_packets(kept)).scene, method):
+        for frame in decode_frames(decode_stream(stream.with_packets(kept)).scene, PageMotion()):
             s, tracks = frame.scene.splats, frame.tracks[:, None]
             columns = (tracks, s.means, s.quats, s.scales, s.opacities[:, None], 0.5 + DC * s.sh[:, 0])
             shown.append(np.concatenate([column.astype(np.float64) for column in columns], axis=1).tolist())

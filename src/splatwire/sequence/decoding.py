@@ -15,6 +15,7 @@ from splatwire.codec.memory import check_memory
 from splatwire.concealment import conceal
 from splatwire.concealment.temporal.concealers import DEFAULT, TemporalConcealer, clip_concealer
 from splatwire.concealment.temporal.concealment import conceal_group
+from splatwire.concealment.temporal.neighbors import PLACE
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
 from splatwire.errors import BitstreamError
 from splatwire.ops.threads import share
@@ -91,8 +92,8 @@ def decode_group(
         The frames of the group, decoded when they are requested, and a function that returns the concealment state for
         the next group.
     """
-    poses, after = conceal_group(clip, clip.motion(group, known), group, known, memory, method)
-    hints = covering_gains(clip, known, group) if method.grow else None
+    poses, hidden, after = conceal_group(clip, clip.motion(group, known), group, known, memory, method)
+    hints = covering_gains(clip, known, group, poses, hidden) if method.grow else None
     numbers = enumerate(clip.timeline.frames_of(group))
     return (pose_frame(clip, poses, index, number, hints) for index, number in numbers), after
 
@@ -198,29 +199,50 @@ def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
     return means, quats, scales, opacities, sh.reshape(len(sh), 3 * sh.shape[1])
 
 
-def covering_gains(clip: ClipScene, available: np.ndarray, group: int) -> RenderHints | None:
-    """Returns factors on size and opacity of all tracks, by which received keyframe Gaussians cover missing ones.
+def covering_gains(
+    clip: ClipScene, available: np.ndarray, group: int, poses: GroupPoses, hidden: GroupPoses
+) -> RenderHints | None:
+    """Returns factors on size and opacity of all tracks, by which drawn Gaussians cover missing ones.
+
+    Missing are Gaussians without a received keyframe, and hidden tracks with lost motion.
 
     Args:
         clip: Received sequence.
         available: Mask of available keyframe Gaussians, bool (T).
         group: Index of the group of pictures; keyframe Gaussians of later groups do not count as missing.
+        poses: Motion of the drawn tracks in the group.
+        hidden: Motion of the hidden tracks in the group.
 
     Returns:
-        The factors; None if no keyframe Gaussian is missing.
+        The factors; None if nothing is missing.
     """
-    born = clip.tracks.born <= group
-    if bool(available[born].all()):
+    splats, born = clip.tracks.splats, np.flatnonzero(clip.tracks.born <= group)
+    if bool(available[born].all()) and not len(hidden.tracks):
         return None
-    index = np.flatnonzero(born)
-    known = available[index]
-    splats = clip.tracks.splats.select(index)
-    scene = conceal(ReceivedScene(SplatScene(splats), LossMask.of_anchors(known)), "grow")
-    hints: RenderHints | None = scene.hints
-    if hints is None:
-        return None
-    size, opacity = np.ones(clip.num_gaussians, np.float32), np.ones(clip.num_gaussians, np.float32)
-    size[index] = hints.size_gain
-    if hints.opacity_gain is not None:
-        opacity[index] = hints.opacity_gain
+    size, opacity = _gains(splats, born, available)
+    if len(hidden.tracks):
+        means, known = splats.means.copy(), np.ones(clip.num_gaussians, bool)
+        known[hidden.tracks] = False
+        for some in (poses, hidden):
+            means[some.tracks] += some.at(0)[:, PLACE]
+        around = _gains(replace(splats, means=means), np.union1d(poses.tracks, hidden.tracks), known)
+        size, opacity = size * around[0], opacity * around[1]
     return RenderHints(size, np.zeros(clip.num_gaussians, np.bool_), opacity)
+
+
+def _gains(splats: Splats, index: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns factors on size and opacity by which known Gaussians cover missing ones, float32 (T) each.
+
+    Args:
+        splats: All T Gaussians.
+        index: Indices of the Gaussians that are considered, ascending, int64; others have the factor 1.
+        known: Mask of known Gaussians, bool (T).
+    """
+    size, opacity = np.ones((2, splats.num_gaussians), np.float32)
+    scene = conceal(ReceivedScene(SplatScene(splats.select(index)), LossMask.of_anchors(known[index])), "grow")
+    hints: RenderHints | None = scene.hints
+    if hints is not None:
+        size[index] = hints.size_gain
+        if hints.opacity_gain is not None:
+            opacity[index] = hints.opacity_gain
+    return size, opacity

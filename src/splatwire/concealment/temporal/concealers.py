@@ -6,8 +6,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from splatwire.concealment.registry import create, find_temporal, register_concealer, temporal_names
-from splatwire.concealment.temporal.extrapolation import MotionPrediction, extrapolate, is_locally_coherent
+from splatwire.concealment.temporal.extrapolation import MotionPrediction, extrapolate
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
+from splatwire.concealment.temporal.selection import select
 from splatwire.errors import InvalidValueError
 from splatwire.types.sequence_scene import ClipScene
 
@@ -47,12 +48,12 @@ class ConcealedMotion:
         at: Function that returns the offsets of the n lost tracks from their keyframe Gaussians, float32 (n, C), given
             a frame of the group (from 0) and the offsets of the m received tracks, float32 (m, C). Channels are those
             of `types.sequence_scene.GroupMotion.at`: position, rotation, logarithms of scales and opacity, colour.
-        shown: False to hide the lost tracks until the next group of pictures. The estimation of the next group still
-            starts from the offsets of `at`.
+        shown: False to hide the lost tracks until the next group of pictures, or a mask of the tracks, bool (n). The
+            estimation of the next group still starts from the offsets of `at`.
     """
 
     at: MotionPrediction
-    shown: bool = True
+    shown: bool | np.ndarray = True
 
 
 @runtime_checkable
@@ -60,7 +61,7 @@ class TemporalConcealer(Protocol):
     """Protocol of a concealer of sequences: a function with a name that estimates lost motion in a group of pictures.
 
     Attributes:
-        grow: True if received Gaussians are enlarged around lost keyframe Gaussians.
+        grow: True if received Gaussians are enlarged around lost keyframe Gaussians and around hidden tracks.
     """
 
     grow: bool
@@ -77,6 +78,9 @@ class TemporalConcealer(Protocol):
 class ClipConcealer:
     """Conceals lost motion: extrapolates the last received motion, or interpolates the motion of neighbouring tracks.
 
+    If neighbouring tracks do not move alike everywhere, each region is covered by the best of interpolated motion, the
+    last position, and enlarged received Gaussians (`selection`).
+
     Attributes:
         name: Name of the concealer.
         shown: If False, tracks with lost motion are not drawn until the next group of pictures.
@@ -85,7 +89,7 @@ class ClipConcealer:
         smooth: If True, evaluates a quadratic fit of the neighbours' motion (`smooth_weights`); if False, their mean
             weighted by inverse squared distance.
         momentum: Fraction of the last velocity that a track keeps if no neighbours are used, 0 to 1.
-        grow: True if received Gaussians are enlarged around lost keyframe Gaussians.
+        grow: True if received Gaussians are enlarged around lost keyframe Gaussians and around hidden tracks.
 
     Raises:
         InvalidValueError: If a number is out of range.
@@ -104,12 +108,26 @@ class ClipConcealer:
 
     def __call__(self, lost: LostMotion) -> ConcealedMotion:
         """Returns estimated motion of the lost tracks."""
-        at = extrapolate(
-            lost.clip, lost.arrived, lost.tracks, lost.before, lost.group,
-            neighbors=self.neighbors, smooth=self.smooth, momentum=self.momentum,
-        )  # fmt: skip
-        follows = self.neighbors == 0 or is_locally_coherent(lost.clip, lost.arrived, lost.num_frames)
-        return ConcealedMotion(at, self.shown and follows)
+
+        def moved(arrived: GroupPoses, tracks: np.ndarray) -> MotionPrediction:
+            return extrapolate(
+                lost.clip, arrived, tracks, lost.before, lost.group,
+                neighbors=self.neighbors, smooth=self.smooth, momentum=self.momentum,
+            )  # fmt: skip
+
+        def held(_arrived: GroupPoses, tracks: np.ndarray) -> MotionPrediction:
+            return lambda _frame, _offsets: lost.before.offsets[tracks]
+
+        moves = moved(lost.arrived, lost.tracks)
+        if not (self.shown and self.neighbors):
+            return ConcealedMotion(moves, self.shown)
+        best = select(lost.clip, lost.group, lost.arrived, lost.tracks, lost.before, (moved, held))
+        stays = held(lost.arrived, lost.tracks)
+
+        def at(frame: int, offsets: np.ndarray) -> np.ndarray:
+            return np.where((best == 0)[:, None], moves(frame, offsets), stays(frame, offsets))
+
+        return ConcealedMotion(at, best < 2)
 
 
 BUILT_IN: dict[str, dict[str, Any]] = {

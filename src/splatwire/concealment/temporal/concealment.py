@@ -7,7 +7,7 @@ import numpy as np
 from splatwire.codec.sequence.layout import NUM_CHANNELS
 from splatwire.concealment.temporal.concealers import ConcealedMotion, LostMotion, TemporalConcealer
 from splatwire.concealment.temporal.extrapolation import MotionPrediction, no_motion
-from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
+from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses, lifetimes
 from splatwire.errors import InvalidValueError
 from splatwire.types.sequence_scene import ClipScene, GroupMotion
 
@@ -15,7 +15,7 @@ from splatwire.types.sequence_scene import ClipScene, GroupMotion
 def conceal_group(
     clip: ClipScene, motion: GroupMotion, group: int, received: np.ndarray, state: ConcealmentState | None,
     concealer: TemporalConcealer,
-) -> tuple[GroupPoses, Callable[[], ConcealmentState]]:  # fmt: skip
+) -> tuple[GroupPoses, GroupPoses, Callable[[], ConcealmentState]]:  # fmt: skip
     """Computes the poses of all tracks in a group of pictures; lost motion is replaced by estimates of the concealer.
 
     Args:
@@ -27,30 +27,36 @@ def conceal_group(
         concealer: Estimates the motion of tracks with lost motion.
 
     Returns:
-        The poses, and a function that computes the concealment state at the group's end. The state is computed after
-        all frames of the group were output, so that no frame is delayed.
+        The poses of drawn tracks; those of tracks with lost motion that the concealer hides; and a function that
+        computes the concealment state at the group's end. The state is computed after all frames of the group were
+        output, so that no frame is delayed.
 
     Raises:
         InvalidValueError: If the concealer returns motion of wrong shape or type, or values that are not finite.
     """
     frames, arrived = len(clip.timeline.frames_of(group)), _arrived(motion)
-    poses, shown_all = arrived, True
+    poses, hidden = arrived, np.zeros(clip.num_gaussians, bool)
     before = _initial_state(clip) if state is None else state.extended_to(clip.num_gaussians)
     lost_tracks = np.flatnonzero(_lost(clip, motion, group, received, None if state is None else before.alive))
     if len(lost_tracks):
         prediction = no_motion(lost_tracks)
         if not motion.unchanged:
             proposal = _proposal(concealer, LostMotion(clip, group, lost_tracks, arrived, before))
-            prediction, shown_all = proposal.at, proposal.shown
+            prediction = proposal.at
+            hidden[lost_tracks[~proposal.shown]] = True
         others = GroupPoses(
             lost_tracks,
-            *_lifetimes(clip, group, lost_tracks),
+            *lifetimes(clip, group, lost_tracks),
             np.full(len(lost_tracks), not motion.unchanged),
             arrived.at,
         )
         poses = _merge(arrived, others, prediction)
-    shown = poses if shown_all else _some(poses, ~poses.concealed)
-    return _some(shown, received[shown.tracks]), lambda: _next_state(poses, clip.num_gaussians, frames, before)
+    there, away = received[poses.tracks], hidden[poses.tracks]
+
+    def after() -> ConcealmentState:
+        return _next_state(poses, clip.num_gaussians, frames, before)
+
+    return poses.only(there & ~away), poses.only(there & away), after
 
 
 def _proposal(concealer: TemporalConcealer, lost: LostMotion) -> ConcealedMotion:
@@ -59,6 +65,10 @@ def _proposal(concealer: TemporalConcealer, lost: LostMotion) -> ConcealedMotion
     if not isinstance(proposal, ConcealedMotion):
         found = type(proposal).__name__
         raise InvalidValueError(f"concealer '{concealer.name}' returned {found}, not ConcealedMotion")
+    shown = np.asarray(proposal.shown)
+    if shown.dtype != np.bool_ or shown.shape not in ((), shape[:1]):
+        what = f"a mask of shape {shown.shape} and type {shown.dtype} for {shape[0]:,} tracks"
+        raise InvalidValueError(f"concealer '{concealer.name}' returned {what}")
 
     def at(frame: int, arrived: np.ndarray) -> np.ndarray:
         offsets = np.asarray(proposal.at(frame, arrived))
@@ -69,7 +79,7 @@ def _proposal(concealer: TemporalConcealer, lost: LostMotion) -> ConcealedMotion
             raise InvalidValueError(f"concealer '{concealer.name}' returned motion that is not finite")
         return offsets
 
-    return ConcealedMotion(at, proposal.shown)
+    return ConcealedMotion(at, np.broadcast_to(shown, shape[:1]))
 
 
 def _lost(
@@ -90,13 +100,6 @@ def _lost(
     lost &= ~motion.covered
     lost[motion.tracks] = False
     return lost
-
-
-def _lifetimes(clip: ClipScene, group: int, lost_tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns each track's first frame and the first frame after it, relative to a group, int64 (n) each."""
-    frames, tracks = clip.timeline.frames_of(group), clip.tracks
-    begins = np.where(tracks.born[lost_tracks] == group, tracks.begins[lost_tracks], 0)
-    return np.minimum(begins, len(frames) - 1), np.minimum(tracks.ends[lost_tracks] - frames.start, len(frames))
 
 
 def _initial_state(clip: ClipScene) -> ConcealmentState:
@@ -146,10 +149,3 @@ def _merge(first: GroupPoses, others: GroupPoses, prediction: MotionPrediction) 
     names = ("tracks", "begins", "ends", "concealed")
     values = {name: np.concatenate([getattr(first, name), getattr(others, name)])[order] for name in names}
     return GroupPoses(**values, at=at)
-
-
-def _some(poses: GroupPoses, index: np.ndarray) -> GroupPoses:
-    if index.all():
-        return poses
-    tracks, begins, ends, concealed = (v[index] for v in (poses.tracks, poses.begins, poses.ends, poses.concealed))
-    return GroupPoses(tracks, begins, ends, concealed, lambda frame: poses.at(frame)[index])

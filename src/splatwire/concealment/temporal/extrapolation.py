@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from splatwire.codec.sequence.layout import NUM_CHANNELS
 from splatwire.concealment.temporal.neighbors import OPACITY, PLACE, POSE, Neighbors
@@ -12,13 +11,6 @@ from splatwire.types.sequence_scene import ClipScene
 
 UNLIKELY = 1e-3
 """Minimum opacity factor of a track whose first frame was lost, so that it may not exist yet."""
-NUM_NEIGHBORS, MAX_TRACKS, STRIDE = 8, 4096, 8
-"""Test for locally coherent motion: neighbours per tested track, maximum number of tracks considered, and the stride
-that selects the tested tracks."""
-ALIKE = 0.25
-"""Test for locally coherent motion: maximum squared deviation from the neighbours' mean motion, relative to the track's
-squared motion."""
-
 MotionPrediction = Callable[[int, np.ndarray], np.ndarray]
 """Function of a frame and of the received tracks' offsets that returns offsets of the lost tracks, float32 (n, C)."""
 
@@ -83,28 +75,6 @@ def extrapolate(
         return found
 
     return at
-
-
-def is_locally_coherent(clip: ClipScene, arrived: GroupPoses, frames: int) -> bool:
-    """Returns True if most received tracks move like their neighbours (tested on a sample).
-
-    Motion is incoherent if consecutive frames have little in common. Drawing estimated motion is then worse than hiding
-    the tracks.
-    """
-    observed = np.flatnonzero((arrived.begins == 0) & (arrived.ends == frames))
-    if len(observed) <= 2 * NUM_NEIGHBORS:
-        return True
-    observed = observed[:: -(-len(observed) // MAX_TRACKS)]
-    first = arrived.at(0)[observed, PLACE]
-    places = clip.tracks.splats.means[arrived.tracks[observed]] + first
-    tested = np.arange(0, len(observed), STRIDE)
-    nearest = cKDTree(places).query(places[tested], k=NUM_NEIGHBORS + 1)[1][:, 1:]
-    moved, apart = np.zeros((2, len(tested)))
-    for frame in range(1, frames):
-        change = (arrived.at(frame)[observed, PLACE] - first).astype(np.float64)
-        moved += (change[tested] ** 2).sum(axis=1)
-        apart += ((change[tested] - change[nearest].mean(axis=1)) ** 2).sum(axis=1)
-    return bool((apart <= ALIKE * moved).mean() > 0.5)
 
 
 def _query_neighbors(

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatwire.types.sequence_scene import ClipScene
+
 
 @dataclass(frozen=True, eq=False)
 class GroupPoses:
@@ -24,6 +26,13 @@ class GroupPoses:
     ends: np.ndarray
     concealed: np.ndarray
     at: Callable[[int], np.ndarray]
+
+    def only(self, rows: np.ndarray) -> "GroupPoses":
+        """Returns the poses of some tracks, given a mask of the rows, bool (n)."""
+        if rows.all():
+            return self
+        tracks, begins, ends, concealed = (v[rows] for v in (self.tracks, self.begins, self.ends, self.concealed))
+        return GroupPoses(tracks, begins, ends, concealed, lambda frame: self.at(frame)[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,3 +60,10 @@ class ConcealmentState:
             name: np.concatenate([values, np.zeros((more, *values.shape[1:]), values.dtype)])
             for name, values in vars(self).items()
         })  # fmt: skip
+
+
+def lifetimes(clip: ClipScene, group: int, lost_tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns each track's first frame and the first frame after it, relative to a group, int64 (n) each."""
+    frames, tracks = clip.timeline.frames_of(group), clip.tracks
+    begins = np.where(tracks.born[lost_tracks] == group, tracks.begins[lost_tracks], 0)
+    return np.minimum(begins, len(frames) - 1), np.minimum(tracks.ends[lost_tracks] - frames.start, len(frames))

@@ -12,7 +12,7 @@ from splatwire.concealment.temporal.concealers import TemporalConcealer
 from splatwire.concealment.temporal.concealment import conceal_group
 from splatwire.planning.sequence.delivery import SequenceLoad
 from splatwire.render import iterate_views
-from splatwire.sequence.decoding import pose_frame
+from splatwire.sequence.decoding import covering_gains, pose_frame
 from splatwire.types import Cameras
 from splatwire.types.sequence_scene import ClipScene, Timeline
 
@@ -72,9 +72,10 @@ def draw(clip: ClipScene, method: TemporalConcealer, cameras: Cameras) -> Pictur
     """
     found, memory, there = [], None, clip.tracks.received
     for group, frames in enumerate(sampled(clip.timeline)):
-        poses, after = conceal_group(clip, clip.motion(group, there), group, there, memory, method)
+        poses, hidden, after = conceal_group(clip, clip.motion(group, there), group, there, memory, method)
+        hints = covering_gains(clip, there, group, poses, hidden) if method.grow else None
         for index in frames:
-            scene = pose_frame(clip, poses, index, clip.timeline.frames_of(group)[index], None).scene
+            scene = pose_frame(clip, poses, index, clip.timeline.frames_of(group)[index], hints).scene
             found.append(np.stack(list(iterate_views(scene, cameras))))
         memory = after()
     return found

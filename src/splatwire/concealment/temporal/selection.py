@@ -1,0 +1,156 @@
+"""Selects how lost tracks are covered in each region, by cross-validation on received tracks.
+
+Some received tracks are treated as lost. They are covered in several ways, and the result is compared with the received
+Gaussians. Each lost track is then covered in the way that is best for the tested tracks around it.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from splatwire.concealment.temporal.extrapolation import MotionPrediction
+from splatwire.concealment.temporal.neighbors import PLACE
+from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses, lifetimes
+from splatwire.ops.spherical_harmonics import DC
+from splatwire.types.sequence_scene import ClipScene
+from splatwire.types.splats import Splats
+
+MAX_TESTS = 1024
+"""Maximum number of received tracks that are treated as lost."""
+FOLDS = 4
+"""Number of parts of the tested tracks; those of one part are treated as lost at the same time."""
+LEAST_TESTS = 16
+"""Number of tested tracks around a lost track whose errors are added. With fewer, the first candidate is used."""
+COVERING = 24
+"""Number of received Gaussians that are considered at a position."""
+FIRST, HIDE = 0.9, 0.6
+"""Factors on the errors of the first candidate, which is preferred if others are equal, and of hidden tracks, whose
+error is reduced by the enlargement of the received Gaussians."""
+OPACITY_ERROR = 0.5
+"""Weight of an error of the opacity relative to an error of the colour."""
+
+Candidate = Callable[[GroupPoses, np.ndarray], MotionPrediction]
+"""Function of received poses and of track indices, int64 (n), that estimates the motion of these tracks."""
+
+
+def select(
+    clip: ClipScene, group: int, arrived: GroupPoses, tracks: np.ndarray, before: ConcealmentState,
+    candidates: Sequence[Candidate],
+) -> np.ndarray:  # fmt: skip
+    """Selects the way to cover each lost track that has the lowest expected error.
+
+    Args:
+        clip: The sequence.
+        group: Index of the group of pictures.
+        arrived: Tracks with received motion.
+        tracks: Indices of the tracks with lost motion, int64 (n).
+        before: Concealment state at the end of the previous group of pictures.
+        candidates: Estimators of lost motion, at least one. The first one is used if too few tracks were received for a
+            test.
+
+    Returns:
+        Index of the candidate of each lost track, or the number of candidates to hide the track, int64 (n).
+    """
+    stride = max(-(-len(arrived.tracks) // MAX_TESTS), 1)
+    folds = [np.arange(first, len(arrived.tracks), stride * FOLDS) for first in range(0, stride * FOLDS, stride)]
+    found, order = np.zeros(len(tracks), np.int64), np.concatenate(folds)
+    if len(order) < LEAST_TESTS:
+        return found
+    errors = np.concatenate(_errors(clip, group, arrived, folds, candidates))
+    errors[:, 0] *= FIRST
+    errors[:, -1] *= HIDE
+    tested = arrived.tracks[order]
+    places, fresh = clip.tracks.splats.means + before.offsets[:, PLACE], clip.tracks.born == group
+    for kind in (fresh, ~fresh):  # the first frame of a new track is known, so that its motion is estimated better
+        rows, lost = np.flatnonzero(kind[tested]), np.flatnonzero(kind[tracks])
+        if len(rows) >= LEAST_TESTS and len(lost):
+            near = cKDTree(places[tested[rows]]).query(places[tracks[lost]], k=LEAST_TESTS)[1]
+            found[lost] = errors[rows[near]].sum(axis=1).argmin(axis=1)
+    return found
+
+
+def _errors(
+    clip: ClipScene, group: int, arrived: GroupPoses, folds: Sequence[np.ndarray], candidates: Sequence[Candidate]
+) -> list[np.ndarray]:
+    """Returns the error of each way to cover the t tracks of each fold, float64 (t, candidates + 1).
+
+    The last way hides the tracks. The error is the squared difference of the premultiplied colour and of the opacity,
+    at the true and at the estimated position, times the area of the Gaussian. Gaussians are treated as spheres that are
+    added up in any order.
+
+    Args:
+        clip: The sequence.
+        group: Index of the group of pictures.
+        arrived: Tracks with received motion.
+        folds: Rows of `arrived` that are treated as lost at the same time.
+        candidates: Estimators of lost motion.
+    """
+    frames, splats = len(clip.timeline.frames_of(group)), clip.tracks.splats
+    rests = [np.ones(len(arrived.tracks), bool) for _ in folds]
+    for rest, tested in zip(rests, folds, strict=True):
+        rest[tested] = False
+    estimates = [
+        [candidate(arrived.only(rest), arrived.tracks[tested]) for candidate in candidates]
+        for rest, tested in zip(rests, folds, strict=True)
+    ]
+    found = [np.zeros((len(tested), len(candidates) + 1)) for tested in folds]
+    for frame in sorted({frames // 6, frames // 2, 5 * frames // 6}):
+        offsets, exists = arrived.at(frame), (arrived.begins <= frame) & (frame < arrived.ends)
+        if not exists.any():
+            continue
+        field = _Field(splats, arrived.tracks, offsets[:, PLACE], exists)
+        for errors, tested, rest, ways in zip(found, folds, rests, estimates, strict=True):
+            tracks = arrived.tracks[tested]
+            begins, ends = lifetimes(clip, group, tracks)
+            true = splats.means[tracks] + offsets[tested, PLACE], exists[tested]
+            errors[:, -1] += true[1] * field.error(true[0], tested, true, (true[0], np.zeros(len(tested), bool)))
+            for number, estimate in enumerate(ways):
+                place = splats.means[tracks] + estimate(frame, offsets[rest])[:, PLACE]
+                shown = place, (begins <= frame) & (frame < ends)
+                for points, counts in (true, shown):
+                    errors[:, number] += counts * field.error(points, tested, true, shown)
+    return found
+
+
+class _Field:
+    """Colour and opacity of received Gaussians at any position in one frame.
+
+    Args:
+        splats: Keyframe Gaussians of all tracks.
+        tracks: Indices of the received tracks, int64 (m).
+        offsets: Their positions relative to their keyframe Gaussians, (m, 3).
+        exists: Mask of the received tracks that exist in the frame, bool (m).
+    """
+
+    def __init__(self, splats: Splats, tracks: np.ndarray, offsets: np.ndarray, exists: np.ndarray) -> None:
+        self._square = (splats.scales[tracks].astype(np.float64) ** 2).mean(axis=1) + 1e-30
+        opacity = np.full((len(tracks), 1), OPACITY_ERROR)
+        self._looks = np.concatenate([splats.sh[tracks, 0] * DC + 0.5, opacity], axis=1)
+        self._opacities = splats.opacities[tracks].astype(np.float64)
+        self._rows = np.flatnonzero(exists)
+        self._tree = cKDTree((splats.means[tracks] + offsets)[self._rows])
+
+    def error(self, points: np.ndarray, tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """Returns the squared difference between two states of the tested tracks, times their area, float64 (t).
+
+        Args:
+            points: Position of the comparison for each tested track, (t, 3).
+            tested: Rows of the tested tracks, int64 (t).
+            states: Position of each tested track, (t, 3), and mask of existing tracks, bool (t), of both states.
+        """
+        there = np.ones(len(self._square), bool)
+        there[tested] = False
+        distance, near = self._tree.query(points, k=min(COVERING, len(self._rows)))
+        near = self._rows[near.reshape(len(points), -1)]
+        weights = there[near] * self._opacities[near]
+        weights *= np.exp(-(distance.reshape(near.shape) ** 2) / (2 * self._square[near]))
+        density, colour = weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._looks[near])
+        square, opacities, shown = self._square[tested], self._opacities[tested], []
+        for place, exists in states:
+            own = exists * opacities * np.exp(-((points - place) ** 2).sum(axis=1) / (2 * square))
+            total = density + own
+            mixed = (colour + own[:, None] * self._looks[tested]) / np.maximum(total, 1e-12)[:, None]
+            shown.append(mixed * (1 - np.exp(-total))[:, None])
+        apart: np.ndarray = ((shown[0] - shown[1]) ** 2).sum(axis=1)
+        return square * opacities * apart
