@@ -47,7 +47,7 @@ def arrange(plan: PacketPlan, packets: Iterable[Packet]) -> Arrangement:
     arrived = _fitting(plan, packets)
     if not plan.packetization.hashed:
         return Arrangement(plan.groups(), tuple(arrived.get(packet_id) for packet_id in plan.ids))
-    pieces = list(_pieces(plan, arrived))
+    pieces = list(_received_and_missing(plan, arrived))
     starts = np.cumsum([0, *(size for size, _ in pieces)]).astype(np.int64)
     return Arrangement(PacketGroups(plan.groups().ranks, starts), tuple(packet for _, packet in pieces))
 
@@ -121,16 +121,18 @@ def _fitting(plan: PacketPlan, packets: Iterable[Packet]) -> dict[PacketId, Pack
     return arrived
 
 
-def _pieces(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> Iterator[tuple[int, Packet | None]]:
-    """Yields groups of elements of a hashed stream, block by block, in hash order.
+def _received_and_missing(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> Iterator[tuple[int, Packet | None]]:
+    """Divides the elements of a stream with hashed grouping into received packets and the gaps between them.
+
+    The elements are in the order of their hash within each block, block after block.
 
     Args:
         plan: The stream's packet plan.
         arrived: Received packets, by id.
 
     Yields:
-        Number of elements of the group, and the packet that contains them; None for missing elements. The numbers add
-        up to the number of elements of the stream.
+        Number of elements, and the received packet with these elements; None for a gap of missing elements. The numbers
+        add up to the number of elements of the stream.
     """
     ordered = sorted(arrived)
     at = 0

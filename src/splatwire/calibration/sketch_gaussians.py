@@ -130,9 +130,10 @@ class GaussianSketch:
         return filled, element_inputs(filled)
 
     def proposal(self, around: tuple[ReceivedScene[SplatScene], Any]) -> tuple[ReceivedScene[SplatScene], Concealed]:
-        """Conceals the losses of a received scene: copies replace lost Gaussians, and drawn Gaussians are enlarged.
+        """Conceals the losses of a received scene as a receiver with this sketch does.
 
-        The method applies the concealer `sketch` with the enlargement parameters of this sketch (`growth`).
+        Coarse copies replace lost Gaussians. The concealer `sketch` then enlarges all drawn Gaussians, with the
+        enlargement parameters of this sketch (`growth`).
 
         Args:
             around: Received scene with copies in place of lost Gaussians, and inputs of the network, from the method

@@ -55,9 +55,10 @@ def words_of_file(path: Path, settings: type, positional: str) -> list[str]:
 
 
 def without_flags(options: Any) -> Any:
-    """Returns a copy of options with all flags off.
+    """Returns the option values of a verb with every boolean option set to False.
 
-    The parser names a flag `--no-NAME` instead of `--NAME` if its default is on.
+    A configuration file may set a flag to true. If the command-line parser saw this as the flag's default, its option
+    would be `--no-NAME` instead of `--NAME`.
     """
     off = {field.name: False for field in dataclasses.fields(options) if getattr(options, field.name) is True}
     nested = {

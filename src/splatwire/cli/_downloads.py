@@ -25,7 +25,7 @@ MOST_SECONDS = 600.0
 
 @dataclass(frozen=True)
 class _Made:
-    """Result of a conversion.
+    """A finished conversion of a stream to another file format, ready for download.
 
     Attributes:
         num_bytes: Size of the file, or of all files of the folder.

@@ -29,7 +29,7 @@ REPORT_S = 5.0
 
 
 def check_listening(listening: Listening) -> None:
-    """Checks the options before any work.
+    """Checks the command-line options of a server (ports, certificate, rates) before any scene is read.
 
     Raises:
         InvalidValueError: If a port or the rate is out of range, or a certificate was given for plain UDP.

@@ -101,11 +101,11 @@ class PreviewFrame:
         )
 
     def values(self, levels: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
-        """Dequantises the ten quantisation levels of each of G Gaussians.
+        """Converts quantisation levels to the parameters of the G Gaussians of a preview.
 
         Returns:
-            Ten numbers for each Gaussian: position after the asinh (3), logarithms of the sizes divided by `spread`
-            (3), colour (3), opacity (1).
+            Ten numbers for each Gaussian: position, compressed by asinh (3); logarithms of the sizes divided by
+            `spread` (3); colour (3); opacity (1).
         """
         low, step = self.scale()
         return low + levels * step

@@ -63,7 +63,10 @@ _LIMIT = threading.Event()
 
 
 def use_single_thread() -> None:
-    """Permanently restricts `share` to the calling thread in this process; for worker processes."""
+    """Makes `share` run all work on the calling thread, for the rest of this process.
+
+    Worker processes call this, because parallel processes already use all processor cores.
+    """
     _LIMIT.set()
 
 

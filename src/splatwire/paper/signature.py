@@ -11,12 +11,12 @@ from splatwire.types import AnchorLayout, Anchors, Attribute, Prior, ReceivedSce
 
 @dataclass(frozen=True)
 class AttributeGroup:
-    """Channels of an anchor attribute that CARI interpolates with the same neighbours and weights.
+    """Channels of an anchor attribute that are interpolated with the same neighbours and weights (CARI).
 
     Attributes:
         attribute: The attribute that the channels belong to.
-        part: Index of the channels' residuals in `Residuals.parts`. The group of the offset mask has the index
-            `len(Residuals.parts)`, because a mask has no residuals.
+        part: Index in `Residuals.parts` of the residuals of these channels. Offset masks have no residuals; their group
+            has the next free index, `len(Residuals.parts)`.
     """
 
     attribute: Attribute

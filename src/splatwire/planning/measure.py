@@ -1,4 +1,4 @@
-"""Measurement of the distortion by losses in importance tiers."""
+"""Measures how much the loss of each importance tier degrades the rendered pictures."""
 
 import itertools
 import math

@@ -99,12 +99,21 @@ def _protection(values: Any) -> Protection:
         raise InvalidValueError(f"the plan's side_symbol_bytes is no whole number, but {size}")
     return Protection(
         **numbers, side_symbol_bytes=None if size is None else int(size),
-        tier_repair=tuple(_number("tier_repair", value) for value in repair), motion=_motion(values.get("motion", [])),
+        tier_repair=tuple(_number("tier_repair", value) for value in repair),
+        motion=_parse_motion_protection(values.get("motion", [])),
     )  # fmt: skip
 
 
-def _motion(values: Any) -> tuple[tuple[float, float], ...]:
-    """Parses the fraction of protected packets and the repair symbols per packet of each group of pictures."""
+def _parse_motion_protection(values: Any) -> tuple[tuple[float, float], ...]:
+    """Parses the field `motion` of a plan: the parity (FEC) for the motion packets of each group of pictures.
+
+    Args:
+        values: JSON value of the field, a list of pairs of numbers.
+
+    Returns:
+        Two numbers for each group: the fraction of its motion packets that get parity, and the number of repair symbols
+        per packet.
+    """
     fine = isinstance(values, list) and len(values) <= MOST_GROUPS
     if not (fine and all(isinstance(pair, list) and len(pair) == 2 for pair in values)):
         raise InvalidValueError(f"the plan's motion is not a list of at most {MOST_GROUPS} pairs of numbers")

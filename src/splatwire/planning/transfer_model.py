@@ -49,7 +49,7 @@ class StreamLoad(CheckedFields):
 
     @staticmethod
     def of_stream(stream: SceneStream) -> "StreamLoad":
-        """Returns the sizes of a complete stream."""
+        """Measures a complete stream: bytes of the init segment; bytes, elements and importance tier of each packet."""
         ordered, plan = send_sequence(stream, "tiers"), stream.manifest.plan
         return StreamLoad(
             len(init_segment(stream.manifest, stream.side_info)),

@@ -298,7 +298,12 @@ class _Trials:
         return found
 
     def closest(self, target: Target) -> EncodedScene | None:
-        """Returns the stream that is closest to a target, but not above a size; None if there is none."""
+        """Encodes the scene with the quality, size or PSNR that a target asks for, as exactly as possible.
+
+        Returns:
+            The stream. For a target size, the largest stream found that does not exceed it, or None if all found are
+            larger.
+        """
         if target.quality is not None:
             return self._plan.encoded(target.quality, self._encode)
         if target.size is not None:

@@ -77,13 +77,12 @@ def depth_order(splats, tiles, first_row, last_row):
 
 @njit(inline="always", error_model="numpy")
 @no_type_check
-def _reach(splats, g, left, columns, top, bottom, strips, strip):
-    """Computes the pixel rows that a Gaussian covers, separately for each column of tiles.
+def _covered_rows(splats, g, left, columns, top, bottom, strips, strip):
+    """Computes which pixel rows a Gaussian covers in each column of tiles, and writes them to `strips`.
 
-    A Gaussian covers the pixels inside its ellipse of alpha >= 1/255. In a column of tiles that contains the top or the
-    bottom of the ellipse, the range of rows ends at that point. In other columns, it ends at the pixel of the column
-    that is nearest to that point. With a single column, the full height of the ellipse is used, because nearly all of
-    the ellipse is in that column.
+    A Gaussian covers the pixels inside the ellipse with alpha >= 1/255. For each column of tiles, the rows range from
+    the highest to the lowest pixel of the ellipse in that column. If the Gaussian overlaps a single column, the full
+    height of the ellipse is used instead, which needs less computation and adds few rows.
 
     Args:
         splats: Projected Gaussians.
@@ -163,7 +162,7 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
         columns, corner = np.int64(splats[g, TILES + 2]) - left, left - first_row * grid_x
         top = max(np.int64(splats[g, TILES + 1]), first_row) * TILE
         bottom = min(np.int64(splats[g, TILES + 3]), last_row) * TILE
-        _reach(splats, g, left, columns, top, bottom, strips, strip)
+        _covered_rows(splats, g, left, columns, top, bottom, strips, strip)
         corners[k, 0], corners[k, 1] = corner, columns
         for i in range(columns):
             low, high = _tile_rows(strips[strip + i, 0], strips[strip + i, 1])

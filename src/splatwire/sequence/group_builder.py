@@ -30,12 +30,15 @@ complete; limits memory."""
 
 
 class GroupBuilder:
-    """Collects the tracks of the frames of a group of pictures; each track covers a contiguous range of frames.
+    """Collects the frames of a group of pictures, and joins their Gaussians to tracks.
+
+    A track is one Gaussian over time; it covers a contiguous range of the frames.
 
     Args:
         frames: Maximum number of frames of the group.
-        smooth: True if neighbouring Gaussians probably move alike, as in the previous group. The neighbours of partial
-            tracks (which do not exist in all frames) are then searched before the group is complete.
+        smooth: True if neighbouring Gaussians are expected to move alike, because they did in the previous group.
+            Tracks that do not exist in all frames are then extrapolated from neighbours. To save time at the end of the
+            group, these neighbours are searched while frames arrive.
     """
 
     def __init__(self, frames: int, *, smooth: bool = False) -> None:

@@ -221,7 +221,10 @@ def empty_rows(count: int, num_harmonics: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
-    """Adds the decoded integers of one block, in the order of the packet plan, to a hash.
+    """Hashes the decoded integers of one block.
+
+    A receiver compares the hash of all blocks with that of the encoder, to check that it decodes the same integers.
+    Blocks must be added in the order of the packet plan.
 
     Args:
         digest: hashlib object that is updated.

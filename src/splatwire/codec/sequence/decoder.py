@@ -124,7 +124,7 @@ class TracksDecoder:
             self.hold(run.block, run.packets)
             return
         self._sizes[run.block] = sum(packet.num_bytes for packet in run.packets)
-        first, count = self._spans.tracks_of(base)
+        first, count = self._spans.track_range(base)
         received = np.zeros(count, dtype=bool)
         whole, harmonics = empty_bases(count, self.info.bases.num_harmonics)
         begin = 0
@@ -317,11 +317,14 @@ class _Spans:
         blocks = [block for block, (_, base) in enumerate(self._blocks) if base is not None]
         return np.repeat(np.array(blocks, np.int64), [count for _, count in self._tracks])
 
-    def tracks_of(self, base: int) -> tuple[int, int]:
-        """Returns the number of the first track, and the number of tracks, in a block of keyframe Gaussians.
+    def track_range(self, base: int) -> tuple[int, int]:
+        """Returns the range of tracks whose keyframe Gaussians are in one block.
 
         Args:
             base: Index of the block among all blocks of keyframe Gaussians.
+
+        Returns:
+            Index of the first track, and the number of tracks.
         """
         return self._tracks[base]
 

@@ -66,7 +66,7 @@ class SketchSizes:
 
     @property
     def num_channels(self) -> int:
-        """Number of channels D: features, and logarithms of scalings relative to the prior."""
+        """Number D of coded channels of a copy: the feature channels, and six logarithms of scalings."""
         return self.feature_dim + SCALING_COLUMNS
 
 

@@ -38,7 +38,10 @@ def select(
     clip: ClipScene, group: int, arrived: GroupPoses, tracks: np.ndarray, before: ConcealmentState,
     candidates: Sequence[Candidate],
 ) -> np.ndarray:  # fmt: skip
-    """Selects the way to cover each lost track that has the lowest expected error.
+    """Chooses for each track with lost motion the estimator with the lowest expected error, or hides the track.
+
+    The expected error is measured on nearby tracks with received motion: their motion is estimated as if it were lost,
+    and compared with the received motion.
 
     Args:
         clip: The sequence.
@@ -46,11 +49,11 @@ def select(
         arrived: Tracks with received motion.
         tracks: Indices of the tracks with lost motion, int64 (n).
         before: Concealment state at the end of the previous group of pictures.
-        candidates: Estimators of lost motion, at least one. The first one is used if too few tracks were received for a
-            test.
+        candidates: Estimators of lost motion, at least one. The first one is used for all tracks if too few tracks were
+            received to measure errors.
 
     Returns:
-        Index of the candidate of each lost track, or the number of candidates to hide the track, int64 (n).
+        For each track, the index of its estimator in `candidates`, or `len(candidates)` to hide the track; int64 (n).
     """
     stride = max(-(-len(arrived.tracks) // MAX_TESTS), 1)
     folds = [np.arange(first, len(arrived.tracks), stride * FOLDS) for first in range(0, stride * FOLDS, stride)]

@@ -15,7 +15,10 @@ NAME = "report.html"
 
 
 def comparison_content(comparison: Comparison) -> dict[str, Any]:
-    """Converts a comparison to JSON values; an infinite PSNR stays infinite here and becomes null in JSON."""
+    """Returns the results of a comparison as dictionaries and lists, for the JSON report.
+
+    The PSNR of equal pictures is infinite here; the JSON writer replaces it by null.
+    """
     names = comparison.cameras.names
     return {
         "reference": str(comparison.reference),

@@ -116,7 +116,7 @@ def score_clip(
         InvalidValueError: If the numbers of frames differ.
         UnknownNameError: If the concealer or renderer does not exist.
     """
-    arrived = [_Arrived(stream, row) for row in rows]
+    arrived = [_ReceivedClip(stream, row) for row in rows]
     shown = [a.frames() for a in arrived]
     meter = [_Meter() for _ in rows]
     count = arrived[0].timeline.num_frames
@@ -153,8 +153,8 @@ def frame_psnr(pictures: Float[np.ndarray, "V H W 3"], reference: Float[np.ndarr
     return float((unlike if len(unlike) else views).mean())
 
 
-class _Arrived:
-    """Decodes a sequence from the packets that arrive in one configuration."""
+class _ReceivedClip:
+    """Simulates the packet loss of one table row, and decodes and conceals the sequence from the received packets."""
 
     def __init__(self, stream: SceneStream, row: ClipRow) -> None:
         self._concealer, self._there = clip_concealer(row.concealer), None

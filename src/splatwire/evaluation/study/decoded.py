@@ -20,7 +20,7 @@ SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> PreparedStream | None:
-    """Describes the result of another codec on a scene in the same way as a stream, but without packets.
+    """Prepares the scene or pictures that another codec has decoded for the evaluation, in place of a stream.
 
     Args:
         row: The table row of the other codec.
@@ -28,7 +28,7 @@ def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> Prep
         references: The reference images of the scene.
 
     Returns:
-        The description; None if the row has no result for the scene.
+        Path, digest and size of the decoded result, which has no packets; None if the row has no result for the scene.
 
     Raises:
         SplatwireError: If the result cannot be read, or has no picture for a view.

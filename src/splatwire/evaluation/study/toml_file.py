@@ -82,7 +82,8 @@ def load_study(path: Path, *, replaced: SceneEntry | None = None) -> Study:
             rows=tuple(_row(place, table, expand) for place, table in _tables(content, "row")),
             losses=tuple(_loss(place, table) for place, table in _tables(content, "loss")),
             published=tuple(
-                _published(place, table, header.get("metrics", ())) for place, table in _tables(content, "published")
+                _parse_published(place, table, header.get("metrics", ()))
+                for place, table in _tables(content, "published")
             ),
             **_header(header),
         )
@@ -271,8 +272,11 @@ def _loss(place: str, table: dict[str, Any]) -> Loss:
         raise InvalidValueError(f"{place}: {error}") from error
 
 
-def _published(place: str, table: dict[str, Any], metrics: Iterable[Any]) -> Published:
-    """Parses published results for the protocol's metrics and the built-in metrics."""
+def _parse_published(place: str, table: dict[str, Any], metrics: Iterable[Any]) -> Published:
+    """Parses one table `[[published]]` of a protocol file: the figures that a paper gives for a row and a dataset.
+
+    Allowed are the metrics of the protocol, the default metrics, and sizes.
+    """
     figures = tuple(dict.fromkeys((*DEFAULT_METRICS, *SIZE_METRICS, *filter(_is_text, metrics))))
     _check_keys(place, table, {"row": str, "dataset": str, **dict.fromkeys(figures, float)}, ("row", "dataset"))
     values = {metric: float(table[metric]) for metric in figures if metric in table}

@@ -180,13 +180,16 @@ def warn_of_unused_fields(path: Path, content: object) -> None:
         content: The object, of which only texts, numbers and short lists or objects of numbers are considered.
     """
     for name, value in content.items() if isinstance(content, dict) else ():
-        text = _text(value)
+        text = _value_as_text(value)
         if text is not None and (meaning := _meaning(f"{name}: {text}")) is not None:
             _warn(path, f"{name}: {text}", meaning, "field")
 
 
-def _text(value: object) -> str | None:
-    """Returns a text, a number, or a list or object of numbers as text; None for other values."""
+def _value_as_text(value: object) -> str | None:
+    """Formats a JSON value of a file's metadata as text, in which numbers can be found.
+
+    Accepts a string, a number, a short list, or the items of an object; returns None for all other values.
+    """
     if isinstance(value, dict):
         value = [part for pair in value.items() for part in pair]
     if isinstance(value, list):

@@ -110,11 +110,11 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
         path: The file, written atomically.
         rate: Frames per second.
     """
-    runs, origin = _Runs(rate), None
+    runs, origin = _ConstantIntervals(rate), None
     for frame in frames:
         origin = frame.origin if origin is None else origin
         runs.add(flip_axes(frame.relative_to(origin).splats, SPZ_FLIPS))
-    splats, begins, ends = runs.finish()
+    splats, begins, ends = runs.end_all()
     count = runs.num_frames
     if not splats.num_gaussians:
         raise DatasetError(f"{path}: a sequence without Gaussians cannot be written")
@@ -141,11 +141,11 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
     return count
 
 
-class _Runs:
-    """Converts frames to runs: consecutive frames in which a Gaussian keeps all its values.
+class _ConstantIntervals:
+    """Converts the frames of a sequence to the intervals in which a Gaussian keeps all its values.
 
-    Gaussians of consecutive frames are compared row by row if both frames have the same number of Gaussians. Otherwise,
-    all runs end.
+    The format stores one Gaussian with start and end time for each interval. Gaussians of consecutive frames are
+    compared by index if both frames have the same number of Gaussians. Otherwise, all intervals end.
 
     Attributes:
         num_frames: Number of frames so far.
@@ -161,27 +161,32 @@ class _Runs:
         """Adds the next frame."""
         before = self._open
         if before is None or before.num_gaussians != splats.num_gaussians:
-            self._close(np.ones(0 if before is None else before.num_gaussians, bool))
+            self._end_intervals(np.ones(0 if before is None else before.num_gaussians, bool))
             self._begins = np.full(splats.num_gaussians, self.num_frames)
         else:
             changed = np.zeros(splats.num_gaussians, bool)
             for column in fields(splats):
                 rows = (getattr(before, column.name) != getattr(splats, column.name)).reshape(len(changed), -1)
                 changed |= rows.any(axis=1)
-            self._close(changed)
+            self._end_intervals(changed)
             self._begins[changed] = self.num_frames
         self._open, self.num_frames = splats, self.num_frames + 1
 
-    def finish(self) -> tuple[Splats, np.ndarray, np.ndarray]:
-        """Returns one Gaussian for each run, and begin and end of each run, seconds, float64 (N)."""
+    def end_all(self) -> tuple[Splats, np.ndarray, np.ndarray]:
+        """Ends all intervals after the last frame; returns the Gaussians of the whole sequence.
+
+        Returns:
+            One Gaussian for each of the N intervals; start times and end times of the intervals, seconds, float64 (N)
+            each.
+        """
         if self._open is not None:
-            self._close(np.ones(self._open.num_gaussians, bool))
+            self._end_intervals(np.ones(self._open.num_gaussians, bool))
         if not self._done:
             return Splats.empty(0, 0), np.zeros(0), np.zeros(0)
         parts, begins, ends = zip(*self._done, strict=True)
         return concatenate(parts), np.concatenate(begins) / self._rate, np.concatenate(ends) / self._rate
 
-    def _close(self, rows: np.ndarray) -> None:
+    def _end_intervals(self, rows: np.ndarray) -> None:
         if self._open is not None and rows.any():
             begins = self._begins[rows]
             self._done.append((self._open.select(rows), begins, np.full(len(begins), self.num_frames)))

@@ -74,7 +74,10 @@ def _antialiasing_setting(comment: str) -> bool | None:
 
 
 def antialiasing_comments(antialiased: bool) -> list[str]:
-    """Returns a list with the comment that enables antialiasing; empty without antialiasing."""
+    """Returns the PLY header comments that state that the Gaussians were trained with antialiasing.
+
+    The list has one comment with antialiasing, and none without.
+    """
     return [ANTIALIASED] if antialiased else []
 
 

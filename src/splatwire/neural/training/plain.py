@@ -110,9 +110,9 @@ def photometric_loss_plain(
 
 
 class _PhotometricLoss(torch.autograd.Function):
-    """Autograd function of the photometric loss that computes the gradient in the forward pass.
+    """Photometric loss (L1 and D-SSIM) as an autograd function with an explicit gradient.
 
-    It needs two blurs of nine planes, fewer than the derivatives by autograd.
+    The gradient is computed in the forward pass. It needs fewer blurred images than automatic differentiation of SSIM.
     """
 
     @staticmethod

@@ -86,8 +86,11 @@ class _ScaledMlp:
         return Mlp(Linear(weight, bias), Linear(output * self._unit[:, None], output_bias * self._unit), self._slope)
 
 
-class _Signs:
-    """Trained signs of the hash grid, each represented by a real number, with estimates of their bits."""
+class _BinaryGrid:
+    """Hash grid in training, whose entries are the signs (+1 or -1) of real numbers.
+
+    The real numbers are optimised by gradient descent, and the code length of the signs is estimated.
+    """
 
     def __init__(self, grid: HashGrid, config: HashGridConfig, corners: GridCorners, latent: float) -> None:
         self.volume = (grid.volume.float() * latent).requires_grad_()
@@ -143,11 +146,11 @@ def refine_context(
     alive = scene.anchors.mask.any(dim=1).nonzero()[:, 0]
     if not config.steps or not len(alive):
         return given
-    fixed, outputs = _fixed(scene, scene.anchors.select(alive))
+    fixed, outputs = _constant_data(scene, scene.anchors.select(alive))
     units = _units(outputs, scene.hacpp.config)
     prior = _ScaledMlp(scene.hacpp.context.prior, units[0])
     channels = [_ScaledMlp(mlp, unit) for mlp, unit in zip(scene.hacpp.context.channel, units[1:], strict=True)]
-    signs = _Signs(scene.hacpp.context.grid, scene.hacpp.config.grid, fixed.corners, config.latent)
+    signs = _BinaryGrid(scene.hacpp.context.grid, scene.hacpp.config.grid, fixed.corners, config.latent)
     networks = [tensor for part in (prior, *channels) for tensor in part.parameters]
     fit_samples(
         [(networks, config.network_rate), ([signs.volume, signs.planes], config.grid_rate)], len(alive), config,
@@ -165,7 +168,7 @@ def _loss(
     fixed: _Fixed,
     prior: _ScaledMlp,
     channels: list[_ScaledMlp],
-    signs: _Signs,
+    signs: _BinaryGrid,
     index: Int64[Tensor, "M"],
     config: RefineConfig,
 ) -> Float[Tensor, ""]:
@@ -189,7 +192,7 @@ def _existing_bits(found: AttributeBits, mask: Float[Tensor, "M K"]) -> Float[Te
 
 
 @torch.no_grad()
-def _fixed(scene: AnchorScene, anchors: Anchors) -> tuple[_Fixed, PriorOutputs]:
+def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_Fixed, PriorOutputs]:
     """Returns the data that the refinement does not change, and the initial outputs of the prior network."""
     corners = find_corners(unit_coordinates(scene.hacpp.context.grid, anchors.positions), scene.hacpp.config.grid)
     volume, planes = scene.hacpp.context.grid.volume.float(), scene.hacpp.context.grid.planes.float()

@@ -39,7 +39,7 @@ def refine_causal(
     alive = scene.anchors.mask.any(dim=1)
     if not config.steps or not bool(alive.any()):
         return given
-    place, values, mask = _fixed(scene, coding, alive)
+    place, values, mask = _constant_data(scene, coding, alive)
     networks = {name: _trained(network) for name, network in coding.networks.items()}
     layers = [layer for mlp in networks.values() for layer in (mlp.hidden, mlp.output)]
     parameters = [tensor for layer in layers for tensor in (layer.weight, layer.bias)]
@@ -54,10 +54,12 @@ def refine_causal(
     return dataclasses.replace(given, coding=dataclasses.replace(given.causal, networks=to_arrays(fitted)))
 
 
-def _fixed(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> tuple[Tensor, list[Tensor], Tensor]:
-    """Returns data that is constant in the refinement: inputs of the position network, attributes, offset masks.
+def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> tuple[Tensor, list[Tensor], Tensor]:
+    """Returns the data of the anchors that the refinement of the networks does not change.
 
-    The attributes are features, logarithms of scale and sizes, and offsets.
+    Returns:
+        Inputs of the position network; attributes in units of their quantisation steps: features, logarithms of base
+        scale and sizes, offsets; offset masks, 0 or 1.
     """
     anchors = scene.anchors.select(alive)
     feature, form, offset = channel_steps(coding.steps.log(), coding.config)

@@ -415,7 +415,13 @@ def stream_path(name: str) -> str:
 
 
 def download_path(name: str, form: str) -> str:
-    """Returns the URL path of a stream as a file of another format; for a folder, of the file that is opened first."""
+    """Returns the URL path from which a stream can be downloaded in another file format.
+
+    Args:
+        name: Name of the stream.
+        form: File format: a suffix without its dot, or a key of `FOLDERS`. For a format that is a folder, the path is
+            that of the file in the folder that a viewer opens first.
+    """
     if form in FOLDERS:
         return f"/{quote(name, safe='')}/{form}/{FOLDERS[form]}"
     return f"/{quote(name, safe='')}.{form}"

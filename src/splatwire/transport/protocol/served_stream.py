@@ -155,9 +155,10 @@ class ServedStream:
 
     @functools.cached_property
     def head_reserve(self) -> int:
-        """Number of the first init segment symbol that is sent only after NACKs.
+        """Number of symbols per segment of the init segment that are sent without waiting for NACKs.
 
-        If this number differs between the segments (source blocks), the smallest is returned.
+        Symbols with this index or a larger one are a reserve: they are sent only if the client reports missing symbols.
+        If the number differs between segments (source blocks), it is the smallest.
         """
         counts = Counter(segment for kind, segment, _ in self.schedule if kind == SIDE)
         return min(counts.values())

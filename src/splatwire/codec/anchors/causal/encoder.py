@@ -59,7 +59,10 @@ def causal_encoder(
 def causal_repack_encoder(
     scene: AnchorScene, packetization: Packetization, side_info: bytes
 ) -> tuple["CausalEncoder", bytes]:
-    """Returns the encoder of a decoded scene's anchors, and the unchanged side information of its stream.
+    """Creates the encoder that divides the anchors of a decoded stream into other packets.
+
+    Returns:
+        The encoder, and the side information of the new stream: the unchanged bytes `side_info`.
 
     Raises:
         InvalidValueError: If packaging is separated or the order is not Morton.

@@ -122,7 +122,10 @@ def _header(info: SideInfo) -> bytes:
 
 
 def _read_header(data: bytes, places: SharedPlaces) -> SideInfo:
-    """Parses the header of the side information; the result has no networks and named sections yet."""
+    """Parses the fixed fields of the side information, which precede its networks and named sections.
+
+    The result has no networks and no named sections; the caller adds them.
+    """
     reader = ByteReader(data, "side information header")
     version = reader.u8()
     if version != VERSION:
