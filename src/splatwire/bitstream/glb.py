@@ -50,7 +50,7 @@ def stream_location(text: bytes, name: str) -> tuple[int, int]:
     """
     try:
         size, kind = _CHUNK.unpack(text[-_CHUNK.size :])
-        start, length = _view(json.loads(text[: -_CHUNK.size]))
+        start, length = _embedded_range(json.loads(text[: -_CHUNK.size]))
     except (struct.error, ValueError, RecursionError, KeyError, IndexError, TypeError, AttributeError) as error:
         raise BitstreamError(f"{name}: the glTF document is damaged: {type(error).__name__} {error}") from error
     if kind != b"BIN\0" or not 0 <= start <= size or not 0 <= length <= size - start:
@@ -58,7 +58,7 @@ def stream_location(text: bytes, name: str) -> tuple[int, int]:
     return HEAD_BYTES + len(text) + start, length
 
 
-def _view(document: dict[str, Any]) -> tuple[int, int]:
+def _embedded_range(document: dict[str, Any]) -> tuple[int, int]:
     """Returns position and size of the embedded stream within the binary chunk, from the parsed JSON chunk."""
     found = [
         primitive["extensions"][KHR_SPLATTING]["extensions"][EXT_SPLATWIRE]

@@ -166,7 +166,7 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
         UnsupportedVersionError: If a newer release wrote it.
         BitstreamError: If it is damaged, inconsistent, or not a manifest.
     """
-    content = _load(data, name)
+    content = _parse_json(data, name)
     if content.get("schema") != SCHEMA:
         raise BitstreamError(f"{name} is not a manifest of schema '{SCHEMA}'")
     version = content.get("format_version")
@@ -276,7 +276,7 @@ def _digest(content: dict[str, Any]) -> str:
     return hashlib.sha256(_dump(content)).hexdigest()[:16]
 
 
-def _load(data: bytes, name: str) -> dict[str, Any]:
+def _parse_json(data: bytes, name: str) -> dict[str, Any]:
     """Parses JSON without duplicate keys, special numbers or floats."""
     if len(data) > MAX_MANIFEST_BYTES:
         raise BitstreamError(f"{name} is not a manifest: it has more than {MAX_MANIFEST_BYTES} bytes")

@@ -152,7 +152,7 @@ def make_stream(
         writer=writer,
         tiers=tiers,
     )
-    if not _complete(manifest.plan, ordered):
+    if not _is_complete(manifest.plan, ordered):
         raise InvalidValueError("the packets of a new stream must be exactly those of its plan")
     # In place: if the caller has released its packets, a large stream is not in memory twice.
     for i, packet in enumerate(ordered):
@@ -160,7 +160,7 @@ def make_stream(
     return SceneStream(manifest, side_info, tuple(ordered))
 
 
-def _complete(plan: PacketPlan, packets: Sequence[Packet]) -> bool:
+def _is_complete(plan: PacketPlan, packets: Sequence[Packet]) -> bool:
     """True if packets, ascending by id, contain every element of the packet plan exactly once."""
     if not plan.packetization.hashed:
         expected = [(packet_id, plan.count(packet_id)) for packet_id in plan.ids]

@@ -60,7 +60,7 @@ def with_tile_index(stream: SceneStream, errors: np.ndarray) -> SceneStream:
     for values in (np.bincount(blocks, minlength=num_blocks), np.bincount(blocks, weights, num_blocks)):
         for value in values.astype(np.int64).tolist():
             writer.unsigned(value)
-    for error in errors[: _coarser(stream.manifest)].tolist():
+    for error in errors[: _num_coarser_tiles(stream.manifest)].tolist():
         writer.f32(error)
     return add_concealment(stream, SECTION, writer.bytes())
 
@@ -78,7 +78,7 @@ def read_tile_index(manifest: Manifest, sections: Mapping[str, bytes]) -> TileIn
     if not manifest.schema.tiled or SECTION not in sections:
         raise BitstreamError("the stream has no index of tiles")
     reader = ByteReader(sections[SECTION], "index of tiles")
-    num_blocks, coarser = manifest.plan.num_blocks, _coarser(manifest)
+    num_blocks, coarser = manifest.plan.num_blocks, _num_coarser_tiles(manifest)
     if reader.left < 2 * num_blocks + 4 * coarser:
         raise BitstreamError(f"index of tiles: {reader.left} bytes are too few for {num_blocks} tiles")
     packets, sizes = ([reader.unsigned() for _ in range(num_blocks)] for _ in range(2))
@@ -95,6 +95,6 @@ def read_tile_index(manifest: Manifest, sections: Mapping[str, bytes]) -> TileIn
     return TileIndex(np.array(packets, dtype=np.int64), np.array(sizes, dtype=np.int64), found)
 
 
-def _coarser(manifest: Manifest) -> int:
+def _num_coarser_tiles(manifest: Manifest) -> int:
     """Returns the number of tiles in all levels of detail except the finest."""
     return manifest.plan.spans[-1].first_block

@@ -141,7 +141,7 @@ class _Fit:
         keep_freed_memory()
         self._pictures, self._config, self._rng = pictures, config, np.random.default_rng(config.seed)
         self._rates = np.array(RATES, np.float32)
-        self.frame, values = self._first(scene, gaussians_within(config.num_bytes))
+        self.frame, values = self._initial_gaussians(scene, gaussians_within(config.num_bytes))
         self._raw = _Adam(values / self._rates)
         self._behind = _Adam(np.array(scene.background, np.float32) / np.float32(BACKGROUND_RATE))
         self._rounded = False
@@ -153,9 +153,9 @@ class _Fit:
         moments = {every * (number + 1) for number in range(config.rounds)}
         for step in range(config.steps):
             if step == round(config.rounding * config.steps):
-                self._round()
+                self._start_rounding()
             elif step in moments and not self._rounded:
-                self._move()
+                self._relocate()
             rate = 0.02 + 0.98 * (0.5 + 0.5 * math.cos(math.pi * step / config.steps))
             gradients = self._gradients(int(self._rng.integers(num_views)))
             for part, gradient in zip((self._raw, self._behind), gradients, strict=True):
@@ -165,7 +165,7 @@ class _Fit:
                 show("fitting a preview", step / config.steps)
         show("fitting a preview", 1.0)
         if not self._rounded:
-            self._round()
+            self._start_rounding()
         levels = np.rint(self.frame.levels(self._raw.values * self._rates)).astype(np.int64)
         red, green, blue = np.rint(self._background * 255).astype(int).tolist()
         return Preview(self.frame, (red, green, blue), levels)
@@ -174,7 +174,7 @@ class _Fit:
     def _background(self) -> Float[np.ndarray, "3"]:
         return self._behind.values * np.float32(BACKGROUND_RATE)
 
-    def _first(self, scene: Scene, count: int) -> tuple[PreviewFrame, Float[np.ndarray, "G 10"]]:
+    def _initial_gaussians(self, scene: Scene, count: int) -> tuple[PreviewFrame, Float[np.ndarray, "G 10"]]:
         """Returns the initial Gaussians of the fit as parameters, and the value ranges for their quantisation.
 
         The initial Gaussians are at the positions of random elements of the scene. The probability of an element is
@@ -197,11 +197,11 @@ class _Fit:
         values[:, 9] = _FIRST_OPACITY
         return frame, values
 
-    def _now(self) -> tuple[Float[np.ndarray, "G 10"], Gaussians]:
+    def _current_gaussians(self) -> tuple[Float[np.ndarray, "G 10"], Gaussians]:
         """Returns the Gaussians of the preview in the current state of the optimisation.
 
         In the last part of the fit, the parameters are rounded to the values that the preview can store. This begins
-        with the call of `_round`.
+        with the call of `_start_rounding`.
 
         Returns:
             Parameters as in `PreviewFrame.values`, float64 (G, 10); and the Gaussians with these parameters.
@@ -216,8 +216,8 @@ class _Fit:
 
         Rounding of the parameters is treated as the identity function (straight-through).
         """
-        values, gaussians = self._now()
-        drawn = _Drawn(gaussians, self._pictures.cameras, view, self._background)
+        values, gaussians = self._current_gaussians()
+        drawn = _DifferentiablePicture(gaussians, self._pictures.cameras, view, self._background)
         mask = self._pictures.masks[view]
         error = drawn.image - self._pictures.images[view]
         error = error if mask is None else error * mask[:, :, None]
@@ -227,7 +227,7 @@ class _Fit:
         back = np.concatenate([means * away, scales * gaussians.scales, colors, opacities[:, None]], axis=1)
         return (back * self._rates).astype(np.float32), behind * np.float32(BACKGROUND_RATE)
 
-    def _round(self) -> None:
+    def _start_rounding(self) -> None:
         """Fits the quantisation ranges to the current parameters; later renderings use rounded parameters."""
         values = self._raw.values * self._rates
         low, high = values.min(axis=0), values.max(axis=0)
@@ -240,13 +240,13 @@ class _Fit:
         np.clip(self._raw.values, *bounds, out=self._raw.values)
         np.clip(self._behind.values, 0, 1 / BACKGROUND_RATE, out=self._behind.values)
 
-    def _move(self) -> None:
+    def _relocate(self) -> None:
         """Relocates the least visible Gaussians to regions with a large error.
 
         The Gaussians with the largest error are split in two along their longest axis. A relocated Gaussian becomes one
         of the two halves.
         """
-        shown, wrong = self._shares()
+        shown, wrong = self._weights_and_errors()
         count = max(1, round(self._config.moved * len(shown)))
         least = np.argsort(shown, kind="stable")[:count]
         wrong[least] = -1
@@ -262,15 +262,15 @@ class _Fit:
             self._raw.forget(places)
         self._raw.values[:] = values / self._rates
 
-    def _shares(self) -> tuple[Float[np.ndarray, "G"], Float[np.ndarray, "G"]]:
+    def _weights_and_errors(self) -> tuple[Float[np.ndarray, "G"], Float[np.ndarray, "G"]]:
         """Returns two sums over the pixels of some views for each Gaussian.
 
         The first is the sum of its blending weights. The second is the sum of blending weight times squared error.
         """
-        now = self._now()[1]
+        now = self._current_gaussians()[1]
         shown, wrong = np.zeros(now.num_gaussians, np.float32), np.zeros(now.num_gaussians, np.float32)
         for view in spread_evenly(self._pictures.cameras.num_views, _ERROR_VIEWS):
-            drawn = _Drawn(now, self._pictures.cameras, view, self._background)
+            drawn = _DifferentiablePicture(now, self._pictures.cameras, view, self._background)
             error = ((drawn.image - self._pictures.images[view]) ** 2).sum(axis=2, keepdims=True)
             mask = self._pictures.masks[view]
             error = error if mask is None else error * mask[:, :, None]
@@ -303,7 +303,7 @@ class _Adam:
         self._mean[rows] = 0
 
 
-class _Drawn:
+class _DifferentiablePicture:
     """Rendered picture of a view that can be differentiated with respect to the Gaussians.
 
     Args:

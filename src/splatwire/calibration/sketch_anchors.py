@@ -75,7 +75,7 @@ class AnchorSketch:
         if not float(sensitivity.removal.sum()) > 0:
             raise InvalidValueError("no view shows anything of the scene: there is nothing to calibrate on")
         buckets = buckets_of(complete)
-        copies = _of_size(
+        copies = _largest_sketch(
             sketch_material(complete, sensitivity, most), lambda section: len(write_sketch(section, buckets)), most,
             config.fit, lambda share: show("choosing anchors and steps", share),
         )  # fmt: skip
@@ -160,7 +160,7 @@ def _sensitivity(scene: AnchorScene, cameras: Cameras, most: int, config: Sketch
     return render_sensitivity(scene, cameras, probes=config.probes, seed=config.seed, progress=progress)
 
 
-def _of_size(
+def _largest_sketch(
     material: SketchMaterial,
     size_of: Callable[[SketchSection], int],
     most: int,

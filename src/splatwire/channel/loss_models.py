@@ -21,7 +21,7 @@ def _check_share(what: str, value: float | int) -> None:
         raise InvalidValueError(f"{what} must be a share from 0 to 1, not {value:g}")
 
 
-def _text(number: float | int) -> str:
+def _format_number(number: float | int) -> str:
     """Formats a parameter of a loss model as the shortest text that parses to the same number."""
     return repr(float(number)).removesuffix(".0")
 
@@ -87,7 +87,7 @@ class Bernoulli:
     @property
     def name(self) -> str:
         """Text `bernoulli:RATE` with the loss rate, as parsed by `parse_loss`."""
-        return f"bernoulli:{_text(self.rate)}"
+        return f"bernoulli:{_format_number(self.rate)}"
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """Draws independently which of n packets (or datagrams) are received, and returns the mask, bool, (n,)."""
@@ -142,7 +142,7 @@ class GilbertElliott:
         """Text `gilbert:RATE,BURST[,ARRIVAL_BAD,ARRIVAL_GOOD]` with the parameters, as parsed by `parse_loss`."""
         plain = (self.arrival_bad, self.arrival_good) == (0.0, 1.0)
         numbers = (self.rate, self.mean_burst) + (() if plain else (self.arrival_bad, self.arrival_good))
-        return f"gilbert:{','.join(map(_text, numbers))}"
+        return f"gilbert:{','.join(map(_format_number, numbers))}"
 
     @property
     def r(self) -> float:

@@ -46,11 +46,11 @@ def words_of_file(path: Path, settings: type, positional: str) -> list[str]:
             hint = f"; is it '{near[0].replace('_', '-')}'?" if near else ""
             raise InvalidValueError(f"{path}: '{key}' is no option of this verb{hint}")
         if name == positional:
-            first = _texts(path, key, value)
+            first = _option_words(path, key, value)
         elif isinstance(value, bool):
             options += [f"--{name.replace('_', '-')}"] * value
         elif value != []:
-            options += [f"--{name.replace('_', '-')}", *_texts(path, key, value)]
+            options += [f"--{name.replace('_', '-')}", *_option_words(path, key, value)]
     return [*first, *options]
 
 
@@ -98,7 +98,7 @@ def _content(path: Path) -> dict[str, Any]:
         raise InvalidValueError(f"{path}: is no TOML file: {error}") from error
 
 
-def _texts(path: Path, key: str, value: object) -> list[str]:
+def _option_words(path: Path, key: str, value: object) -> list[str]:
     """Returns a value or list of values as words of a command line."""
     values = value if isinstance(value, list) else [value]
     for one in values:

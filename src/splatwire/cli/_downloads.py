@@ -24,7 +24,7 @@ MOST_SECONDS = 600.0
 
 
 @dataclass(frozen=True)
-class _Made:
+class _FinishedConversion:
     """A finished conversion of a stream to another file format, ready for download.
 
     Attributes:
@@ -68,7 +68,7 @@ class MadeDownloads:
         self._folder, self._formats = folder, formats
         self._most_bytes, self._most_seconds = most_bytes, most_seconds
         self._turn = asyncio.Semaphore(1)
-        self._files: dict[tuple[str, str], asyncio.Task[_Made]] = {}
+        self._files: dict[tuple[str, str], asyncio.Task[_FinishedConversion]] = {}
 
     @property
     def formats(self) -> tuple[str, ...]:
@@ -110,7 +110,7 @@ class MadeDownloads:
     def _target(self, tag: str, form: str) -> Path:
         return self._folder / f"{tag}.{form}"
 
-    async def _make(self, stream: bytes, tag: str, form: str) -> _Made:
+    async def _make(self, stream: bytes, tag: str, form: str) -> _FinishedConversion:
         try:
             return await self._convert(stream, tag, form)
         except OSError as error:  # such as a full disk: the next request tries again
@@ -118,7 +118,7 @@ class MadeDownloads:
             log_event(LOG, logging.ERROR, "download failed", format=form, error=str(error))
             raise SplatwireError(str(error)) from error
 
-    async def _convert(self, stream: bytes, tag: str, form: str) -> _Made:
+    async def _convert(self, stream: bytes, tag: str, form: str) -> _FinishedConversion:
         target = self._target(tag, form)
         async with self._turn:
             with tempfile.TemporaryDirectory(dir=self._folder) as place:
@@ -176,13 +176,13 @@ class MadeDownloads:
                 del self._files[key]
 
 
-def _opened_file(path: Path) -> _Made:
+def _opened_file(path: Path) -> _FinishedConversion:
     with path.open("rb") as file:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    return _Made(len(data), DownloadedFile(data, _tag(data)))
+    return _FinishedConversion(len(data), DownloadedFile(data, _tag(data)))
 
 
-def _opened_folder(path: Path) -> _Made:
+def _opened_folder(path: Path) -> _FinishedConversion:
     """Returns the files of a folder without keeping them open, because there may be thousands."""
     total, tags = 0, {}
     for file in path.rglob("*"):
@@ -190,7 +190,7 @@ def _opened_folder(path: Path) -> _Made:
             data = file.read_bytes()
             total += len(data)
             tags[file.relative_to(path).as_posix()] = _tag(data)
-    return _Made(total, tags=tags)
+    return _FinishedConversion(total, tags=tags)
 
 
 def _tag(data: bytes | mmap.mmap) -> str:

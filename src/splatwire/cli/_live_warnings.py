@@ -49,7 +49,7 @@ def print_if_read(text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
 
-class _Passed(logging.Filter):
+class _Forward(logging.Filter):
     """Log filter that passes records to a function and keeps them from all handlers."""
 
     def __init__(self, warn: Callable[[str], None]) -> None:
@@ -66,7 +66,7 @@ class _Passed(logging.Filter):
 @contextmanager
 def rate_limited_warnings(warn: Callable[[str], None]) -> Iterator[None]:
     """Context in which warnings about single frames are passed to a rate-limited function."""
-    passed, loggers = _Passed(warn), [logging.getLogger(name) for name in LOGGERS]
+    passed, loggers = _Forward(warn), [logging.getLogger(name) for name in LOGGERS]
     for logger in loggers:
         logger.addFilter(passed)
     try:

@@ -88,10 +88,10 @@ def progress_bars() -> Iterator[Reporter]:
         if sys.stderr.isatty() or any(name in os.environ for name in _TERMINAL_ANYWAY):
             with suppress(ModuleNotFoundError):
                 shown = stack.enter_context(_rich().bars())
-        yield shown or _lines()
+        yield shown or _plain_reporter()
 
 
-def _lines() -> Reporter:
+def _plain_reporter() -> Reporter:
     """Prints a line at the start of a task, and its finished share at intervals."""
     printed: dict[str, float] = {}
     started = time.perf_counter()

@@ -34,18 +34,18 @@ def resource_problem(error: BaseException) -> str | None:
     Args:
         error: The exception, with its chain of causes.
     """
-    for cause in _chain(error):
+    for cause in _exception_chain(error):
         if isinstance(cause, MemoryError):
             text = f"{_MEMORY}: {cause}".rstrip(": ")
-            return text + _address_space()
+            return text + _address_space_hint()
         if isinstance(cause, OSError) and cause.errno in _ADVICE:
             where = "" if cause.filename is None else f"{cause.filename}: "
             return where + _ADVICE[cause.errno]
-        if "libllvmlite" in str(cause) and _address_space():
-            return _MEMORY + _address_space()
+        if "libllvmlite" in str(cause) and _address_space_hint():
+            return _MEMORY + _address_space_hint()
         found = next((text for marker, text in _MARKERS if marker in str(cause).lower()), None)
         if found is not None:
-            return found + (_address_space() if _MEMORY in found else "")
+            return found + (_address_space_hint() if _MEMORY in found else "")
     return None
 
 
@@ -63,7 +63,7 @@ def address_space_warning() -> str:
     )
 
 
-def _address_space() -> str:
+def _address_space_hint() -> str:
     """Returns a hint with the limit of the process's address space; empty if unlimited.
 
     Libraries alone need over 1 GB.
@@ -74,7 +74,7 @@ def _address_space() -> str:
     return f" (its address space is limited to {limit / 1e9:.1f} GB, `ulimit -v`: raise that)"
 
 
-def _chain(error: BaseException | None) -> Iterator[BaseException]:
+def _exception_chain(error: BaseException | None) -> Iterator[BaseException]:
     """Yields an exception and its chain of causes."""
     seen: set[int] = set()
     while error is not None and id(error) not in seen:

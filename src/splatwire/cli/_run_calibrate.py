@@ -36,7 +36,7 @@ def run(command: Calibrate) -> None:
         _preview(what)
 
 
-def _opened(command: CalibrateSketch | CalibratePreview, show: Reporter) -> tuple[SceneStream, ReceivedScene]:
+def _read_and_decode(command: CalibrateSketch | CalibratePreview, show: Reporter) -> tuple[SceneStream, ReceivedScene]:
     """Returns the stream and its decoded scene."""
     stream = complete_stream(command.source, show)
     return stream, decode_stream(stream, progress=lambda share: show("decoding", share))
@@ -47,7 +47,7 @@ def _sketch(command: CalibrateSketch) -> None:
     config = SketchConfig(share=command.share, drop_rate=command.drop_rate, seed=command.seed)
     check_look(command.look)
     with progress_bars() as show:
-        stream, complete = _opened(command, show)
+        stream, complete = _read_and_decode(command, show)
         views, where = views_of(command.look, complete.scene)
         bare = without_concealment(stream, SKETCH)
         result = sketch_of(bare, complete, views, config, progress=show)
@@ -79,7 +79,7 @@ def _preview(command: CalibratePreview) -> None:
     output, config = stream_output(command.output, "preview"), PreviewConfig(seed=command.seed)
     check_look(command.look)
     with progress_bars() as show:
-        stream, partial = _opened(command, show)
+        stream, partial = _read_and_decode(command, show)
         if partial.loss_mask.num_lost:
             raise InvalidValueError("a preview needs the complete scene; packets were lost from this stream")
         views, where = views_of(command.look, partial.scene)

@@ -70,7 +70,7 @@ def _run(command: Encode, source: Path) -> None:
 
 def _check(command: Encode) -> None:
     """Checks names and numbers in the options before the scene is read."""
-    if command.no_sketch and not _sketched(command):
+    if command.no_sketch and not _needs_copies(command):
         raise InvalidValueError("--no-sketch needs --preset datagram and no levels: only then `encode` adds a sketch")
     packetization_of(command, UNNAMED_SCHEMA, 1)
     chosen_background(command.background)
@@ -105,8 +105,8 @@ def _tuning(command: Encode, packetization: Packetization) -> "Tuning":
         InvalidValueError: If the loss model or the seed is not valid.
     """
     unit = "datagram" if command.preset == "datagram" else "pak"
-    loss = None if command.loss is None else _extras().parse_loss(command.loss, unit)
-    return _extras().Tuning(loss=loss, packetization=packetization, seed=command.seed or 0)
+    loss = None if command.loss is None else _optional_steps().parse_loss(command.loss, unit)
+    return _optional_steps().Tuning(loss=loss, packetization=packetization, seed=command.seed or 0)
 
 
 def _effort(command: Encode) -> str:
@@ -119,12 +119,12 @@ def _effort(command: Encode) -> str:
     return "fast" if command.size is None and command.psnr is None else "default"
 
 
-def _controlled(command: Encode) -> bool:
+def _needs_rate_control(command: Encode) -> bool:
     """Returns True if the encoder has a target size or PSNR, or prunes Gaussians."""
     return command.size is not None or command.psnr is not None or _effort(command) != "fast"
 
 
-def _sketched(command: Encode) -> bool:
+def _needs_copies(command: Encode) -> bool:
     """Returns True if the stream gets coarse copies of important elements (a sketch)."""
     return command.preset == "datagram" and command.levels != "auto"
 
@@ -134,7 +134,7 @@ def _encode_scene(command: Encode, source: Path) -> None:
     if command.data is not None and command.cameras is not None:
         raise InvalidValueError("give either --cameras FILE or --data FOLDER")
     background, seen = chosen_background(command.background), command.data is not None or command.cameras is not None
-    refine = _extras().refiner(command.refine) if command.refine else None
+    refine = _optional_steps().refiner(command.refine) if command.refine else None
     scene: Any = open_scene(source)
     levels = command.levels == "auto" or (command.levels is None and file_kind(source) == SOG_LEVELS)
     schema = schema_of(scene)
@@ -146,7 +146,7 @@ def _encode_scene(command: Encode, source: Path) -> None:
         raise InvalidValueError(
             "--quality is for explicit Gaussians; a scene of anchors has its own quantisation steps"
         )
-    if _controlled(command) and not schema.explicit:
+    if _needs_rate_control(command) and not schema.explicit:
         raise InvalidValueError(
             f"--size, --psnr and --effort {_effort(command)} are for explicit Gaussians; a scene of anchors has its "
             "own quantisation steps"
@@ -154,13 +154,15 @@ def _encode_scene(command: Encode, source: Path) -> None:
     if refine is not None and schema.explicit:
         raise InvalidValueError("--refine fits a context model, which explicit Gaussians do not have")
     scene = scene if background is None else replace(scene, background=background)
-    cameras = _extras().cameras_of(command, scene) if seen else None
+    cameras = _optional_steps().cameras_of(command, scene) if seen else None
     with progress_bars() as report, output_path(command.output, suffix=".swz", json=command.json) as path:
         if refine is not None:
             scene = refine(scene, progress=lambda share: report("fitting the context model", share))
         started, lost = time.perf_counter(), None
         if command.keep != 1:
-            left = _extras().prune(scene, command.keep, cameras, progress=lambda share: report("pruning", share))
+            left = _optional_steps().prune(
+                scene, command.keep, cameras, progress=lambda share: report("pruning", share)
+            )
             scene, lost = left.scene, left.psnr
         up = _up(command, scene, cameras)
 
@@ -175,13 +177,13 @@ def _encode_scene(command: Encode, source: Path) -> None:
                 stream = add_concealment(stream, VIEWPOINT, viewpoint_section(cameras))
             if up:
                 stream = add_concealment(stream, UP_SECTION, up.encode())
-            if _sketched(command) and not levels and not command.no_sketch:
-                stream = _extras().with_quick_sketch(stream, cameras, report)
+            if _needs_copies(command) and not levels and not command.no_sketch:
+                stream = _optional_steps().with_quick_sketch(stream, cameras, report)
             return stream
 
         found = None
-        if _controlled(command):
-            found = _extras().encode_controlled(
+        if _needs_rate_control(command):
+            found = _optional_steps().encode_controlled(
                 scene, _target(command), encode, effort=_effort(command), cameras=cameras,
                 tuning=_tuning(command, packetization_of(command, schema.name, scene.num_elements)), progress=report,
             )  # fmt: skip
@@ -200,7 +202,7 @@ def _encode_scene(command: Encode, source: Path) -> None:
     _print_result(command, stream, seconds, lost, found)
 
 
-def _extras() -> ModuleType:
+def _optional_steps() -> ModuleType:
     """Returns the module with the parts that most scenes are encoded without; its libraries take a second to load."""
     from splatwire.cli import _encode_extras
 

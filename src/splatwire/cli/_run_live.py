@@ -75,7 +75,7 @@ async def _serve(command: Live, options: ClipOptions, protection: Protection) ->
             await first_of(encoding, stop, STOP_S)
         if encoding.done():
             encoding.result()
-            await _last(opened)
+            await _await_last_packets(opened)
         else:
             warn(f"the encoder did not end within {STOP_S:g} s and was abandoned")
     left_out = f", {work.num_skipped:,} skipped, {work.num_dropped:,} dropped"
@@ -95,7 +95,7 @@ def _encoding(command: Live, options: ClipOptions, protection: Protection, publi
     return LiveEncoding(source, clip, options, publish, stop, warn)
 
 
-async def _last(opened: RunningServer) -> None:
+async def _await_last_packets(opened: RunningServer) -> None:
     """Waits until all clients have received the last packets, for at most `LAST_S`."""
     end = time.monotonic() + LAST_S
     while opened.server.core.num_transfers and time.monotonic() < end:

@@ -41,7 +41,7 @@ def run(command: Receive) -> None:
     deadline = None if command.deadline is None else parse_seconds(command.deadline)
     viewpoint = None
     if command.camera is not None or command.conceal is not None:
-        viewpoint = _scenes().viewpoint_of_options(command)
+        viewpoint = _decoding_module().viewpoint_of_options(command)
     options = ReceiverOptions(name=address.name, deadline_s=deadline, nack=not command.no_nack, viewpoint=viewpoint)
     moments, periods = TransferTimes(), itertools.count()
     with progress_bars() as show, _output(command) as path, LiveFrames(path, command.conceal, show) as live:
@@ -56,7 +56,7 @@ def run(command: Receive) -> None:
         stream, over = receiver.stream(), receiver.finished
         reason = over.reason if over else "stopped"
         if stream is None:
-            instead = _scenes().keep_preview(command, receiver.preview) if receiver.preview else ""
+            instead = _decoding_module().keep_preview(command, receiver.preview) if receiver.preview else ""
             missing = receiver.describe_missing()
             why = f"{reason}: {missing}" if missing else reason
             raise MissingSideInfoError(f"{command.url}: no scene arrived ({why}){instead}")
@@ -65,7 +65,7 @@ def run(command: Receive) -> None:
         elif command.conceal is None and not command.explicit:
             write_stream(stream, path)
         else:
-            _scenes().write_scene(command, stream, path, show)
+            _decoding_module().write_scene(command, stream, path, show)
     _print_result(command, receiver, stream, reason, moments)
     if stopped:
         raise KeyboardInterrupt  # sets the exit status; the received data is already written
@@ -77,7 +77,7 @@ def run(command: Receive) -> None:
         sys.exit(DAMAGED)
 
 
-def _scenes() -> ModuleType:
+def _decoding_module() -> ModuleType:
     """Imports the module that decodes received streams, whose libraries a relay lacks."""
     from splatwire.cli import _received_scenes
 

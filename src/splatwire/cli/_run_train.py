@@ -55,10 +55,10 @@ def run(command: Train) -> None:
     checkpoint = output.with_name(output.name + ".checkpoint")
     if command.resume:
         state, config = load_checkpoint(checkpoint)
-        check_same_recipe(_given(command), _config(command), config)
+        check_same_recipe(_changed_options(command), _config(command), config)
         train, test = _datasets(command, config)
     else:
-        state, config, train, test = _start(command, _PLACES[device])
+        state, config, train, test = _initial_training(command, _PLACES[device])
         save_checkpoint(state, config, checkpoint)  # reports an unwritable checkpoint now instead of in an hour
     options = RunOptions(checkpoint, command.checkpoint_interval)
 
@@ -81,7 +81,7 @@ def run(command: Train) -> None:
     _report(command, result, config)
 
 
-def _start(command: Train, place: str) -> tuple[TrainState, TrainConfig, Dataset, Dataset | None]:
+def _initial_training(command: Train, place: str) -> tuple[TrainState, TrainConfig, Dataset, Dataset | None]:
     """Returns the initial training state, the training configuration (recipe), and the views."""
     chosen = " (chosen by the data)" if command.preset == "auto" else ""
     start = None if command.init is None else open_scene(command.init)
@@ -133,7 +133,7 @@ def _check(command: Train) -> str:
     return check_device(command.device)
 
 
-def _given(command: Train) -> list[str]:
+def _changed_options(command: Train) -> list[str]:
     """Returns the names of options whose values differ from their defaults."""
     fields = [field for field in dataclasses.fields(command) if field.default is not dataclasses.MISSING]
     return [field.name.replace("_", "-") for field in fields if getattr(command, field.name) != field.default]

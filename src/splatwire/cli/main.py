@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         with _standard_streams(), _signals_as_exit(), _rare_collections():
             status = _run(list(sys.argv[1:] if arguments is None else arguments))
-            status = _flushed(status)
+            status = _flush_stdout(status)
     except BrokenPipeError:  # the reader of the output has exited, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 0
@@ -56,7 +56,7 @@ def _print_traceback(kind: type[BaseException], error: BaseException, trace: Tra
         traceback.print_exception(kind, error, trace)
 
 
-def _flushed(status: int) -> int:
+def _flush_stdout(status: int) -> int:
     """Flushes standard output; returns the exit status.
 
     Raises:

@@ -166,7 +166,7 @@ def _encode(schema: Schema, prepared: Prepared, threads: int | None, progress: P
     _check_sizes(plan.packetization, packets, schema.elements)
     return make_stream(
         packetization=plan.packetization, num_elements=plan.num_elements, side_info=prepared.side_info,
-        packets=_taken(packets), symbols_digest=digest.hexdigest(), writer=f"splatwire {__version__}",
+        packets=_consume(packets), symbols_digest=digest.hexdigest(), writer=f"splatwire {__version__}",
         tiers=plan.tiers, codec=schema.name, **prepared.manifest_fields,
     )  # fmt: skip
 
@@ -184,7 +184,7 @@ def _check_sizes(packetization: Packetization, packets: list[Packet], elements: 
             )
 
 
-def _taken(packets: list[Packet]) -> Iterator[Packet]:
+def _consume(packets: list[Packet]) -> Iterator[Packet]:
     """Yields the packets of a list and removes them from the list, so that their memory is freed early."""
     packets.reverse()
     while packets:

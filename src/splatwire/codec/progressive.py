@@ -134,7 +134,7 @@ class ProgressiveDecoder(Arrivals):
             # Starting a thread costs more than decoding one datagram.
             for run, rows in ordered_map(self._decode, runs, threads if len(runs) > 1 else 1):
                 with self.lock:
-                    self._keep(run, rows)
+                    self._store_new(run, rows)
                 new.append(run.ranks)
         if taken and self.complete:
             self._check()
@@ -143,7 +143,7 @@ class ProgressiveDecoder(Arrivals):
     def _decode(self, run: Run) -> tuple[Run, SymbolRows | None]:
         return run, None if self._decoder.redecode_on_demand else self._decoder.decode(run)
 
-    def _keep(self, run: Run, rows: SymbolRows | None) -> None:
+    def _store_new(self, run: Run, rows: SymbolRows | None) -> None:
         """Stores the decoded integers of new packets and updates the scene.
 
         The update covers the elements of these packets. If the decoder estimates lost elements, it covers their whole

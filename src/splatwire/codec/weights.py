@@ -99,7 +99,7 @@ def quantise_linear(weight: np.ndarray, bias: np.ndarray, inputs: np.ndarray, no
     Returns:
         The layer in integers.
     """
-    mean, order, factor = _explained(inputs)
+    mean, order, factor = _input_statistics(inputs)
     rest = np.diag(factor)
     shifts = np.clip(np.floor(np.log2(rest.max() / rest)), 0, MAX_SHIFT).astype(np.int64)
     # rounding errors are uniform: each contributes (step * rest)**2 / 12
@@ -151,8 +151,10 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
     some, twos = units != 0, np.log2(np.maximum(units & -units, 1)).astype(np.int64)  # powers of 2 in each weight
     found = []
     for rows_first in (True, False):
-        shifts = np.zeros(units.shape[1], np.int64) if rows_first else _fewest(twos, some, axis=0)
-        shifts = _fewest(twos - _fewest(twos - shifts, some, axis=1)[:, None], some, axis=0)
+        shifts = np.zeros(units.shape[1], np.int64) if rows_first else _common_trailing_zeros(twos, some, axis=0)
+        shifts = _common_trailing_zeros(
+            twos - _common_trailing_zeros(twos - shifts, some, axis=1)[:, None], some, axis=0
+        )
         steps = np.array([_divisor(int(step)) for step in np.gcd.reduce(units >> shifts, axis=1)], dtype=np.int64)
         found.append((units // (steps[:, None] << shifts), steps, shifts))
     symbols, steps, shifts = min(found, key=lambda parts: float(np.log2(1 + np.abs(parts[0])).sum()))
@@ -161,7 +163,7 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
     return QuantisedLinear(symbols.astype(np.int32), steps, shifts, base.astype(np.int32))
 
 
-def _fewest(twos: np.ndarray, some: np.ndarray, axis: int) -> np.ndarray:
+def _common_trailing_zeros(twos: np.ndarray, some: np.ndarray, axis: int) -> np.ndarray:
     """Returns the number of trailing zero bits common to all non-zero weights of each row or column.
 
     It is the exponent of the largest power of two that divides them.
@@ -188,7 +190,7 @@ def _divisor(number: int) -> int:
     return int(smaller[number % smaller == 0][-1])
 
 
-def _explained(inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _input_statistics(inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Analyses the correlation of a layer's inputs.
 
     Returns their mean, the order of the inputs by decreasing variance, and the triangular factor R of their covariance.

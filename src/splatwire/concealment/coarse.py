@@ -61,16 +61,16 @@ class Coarse:
         levels, known = partial[Levels], partial.known
         finest = levels.of == 0
         fine, coarse = np.flatnonzero(finest & known), np.flatnonzero((levels.of == 1) & known)
-        size, gain, left_out = _grown(create_concealer("grow", exponent=self.exponent), partial, finest)
+        size, gain, left_out = _grow_finest(create_concealer("grow", exponent=self.exponent), partial, finest)
         if len(coarse):
             lost = 1 - len(fine) / max(int(finest.sum()), 1)
             copied = levels.copied[coarse]
-            gain[coarse] = _missing(partial.elements, fine, coarse, copied, min(1.0, self.trust * lost))
+            gain[coarse] = _coarse_opacities(partial.elements, fine, coarse, copied, min(1.0, self.trust * lost))
             left_out[coarse] = gain[coarse] <= 0
         return Concealed(size, left_out, gain, shows=True)
 
 
-def _grown(
+def _grow_finest(
     grow: Concealer, partial: ReceivedScene, finest: Bool[np.ndarray, "N"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Applies the concealer `grow` to the finest level only.
@@ -88,7 +88,7 @@ def _grown(
     return size, gain, left_out
 
 
-def _missing(
+def _coarse_opacities(
     splats: Splats, fine: np.ndarray, coarse: np.ndarray, copied: Bool[np.ndarray, "C"], trust: float
 ) -> Float[np.ndarray, "C"]:
     """Returns the opacity factor of each coarser Gaussian, 0 to 1, from the lost share of its finer Gaussians.
@@ -103,7 +103,7 @@ def _missing(
         copied: Mask of the coarser Gaussians that are exact copies of a finer one, bool (C).
         trust: Factor on the results for merged Gaussians, 0 to 1.
     """
-    covers = _covers(splats)
+    covers = _coverage(splats)
     shown = np.ones(len(coarse), np.float32)
     if not len(fine):
         return shown
@@ -114,14 +114,14 @@ def _missing(
     rest[original[original >= 0]] = False
     if not len(merged):
         return shown
-    part_of = _part_of(splats, fine[rest], coarse[merged])
+    part_of = _merged_index(splats, fine[rest], coarse[merged])
     there = np.bincount(part_of, covers[fine[rest]], len(merged))
     missing = 1 - there / np.maximum(covers[coarse[merged]], 1e-300)
     shown[merged] = np.clip(missing, 0, 1) * trust
     return shown
 
 
-def _part_of(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.ndarray:
+def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.ndarray:
     """Finds the coarser Gaussian that each finer Gaussian was merged into, most likely; returns indices into `merged`.
 
     A merged Gaussian has the mean, covariance and colour of its finer Gaussians, so distances are measured in standard
@@ -167,7 +167,7 @@ def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarr
     return np.where(np.take_along_axis(unlike, best, axis=1)[:, 0] < _SAME, own, -1)
 
 
-def _covers(splats: Splats) -> Float[np.ndarray, "N"]:
+def _coverage(splats: Splats) -> Float[np.ndarray, "N"]:
     """Returns the coverage of each Gaussian: largest cross-section area (square world units) times opacity."""
     ordered = np.sort(splats.scales.astype(np.float64), axis=1)
     return splats.opacities.astype(np.float64) * ordered[:, 1] * ordered[:, 2]

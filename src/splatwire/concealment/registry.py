@@ -126,7 +126,7 @@ def concealer_names(sections: Iterable[str] = (), provides: Collection[type] | N
     there = {None, *sections}
     return tuple(
         name
-        for name, known in _still().items()
+        for name, known in _static_concealers().items()
         if known.listed
         and (provides is None or known.missing_need(provides) is None)
         and known.section in there
@@ -186,7 +186,7 @@ def concealer_sections() -> dict[str, str]:
 
     Concealers that read no section are omitted.
     """
-    return {name: known.section for name, known in _still().items() if known.section is not None}
+    return {name: known.section for name, known in _static_concealers().items() if known.section is not None}
 
 
 def concealer_files(name: str, options: Mapping[str, Any]) -> tuple[Path, ...]:
@@ -272,11 +272,11 @@ def find_temporal(name: str) -> Registration:
 def _registered(name: str) -> Registration:
     named = CONCEALERS[name]
     if named.still is None:
-        raise UnknownNameError("concealer of still scenes", name, _still())
+        raise UnknownNameError("concealer of still scenes", name, _static_concealers())
     return named.still
 
 
-def _still() -> dict[str, Registration]:
+def _static_concealers() -> dict[str, Registration]:
     """Returns the registered concealers of static scenes, by name."""
     return {name: named.still for name, named in CONCEALERS.all().items() if named.still is not None}
 

@@ -114,13 +114,13 @@ def _name_in_3dgs(path: Path, number: int, view: dict[str, Any]) -> str:
     return str(name)[:_MAX_NAME]
 
 
-def _whole(value: object) -> object:
+def _as_integer(value: object) -> object:
     """Converts a float without fraction, as some programs write sizes, to an integer; returns other values as given."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _size(path: Path, holders: list[dict[str, Any]]) -> tuple[int, int]:
-    sizes = [(_whole(holder.get("width")), _whole(holder.get("height"))) for holder in holders]
+    sizes = [(_as_integer(holder.get("width")), _as_integer(holder.get("height"))) for holder in holders]
     if not all(type(side) is int for size in sizes for side in size):
         raise DatasetError(f"{path}: width and height must be whole numbers")
     distinct = set(sizes)

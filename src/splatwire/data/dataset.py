@@ -236,7 +236,7 @@ def _transforms_views(
 
         def chosen_for(split: str) -> list[TransformsView]:
             if own:
-                return _listed(views, found, split)
+                return _views_of_split(views, found, split)
             return [views[i] for i in _chosen(len(views), split, test_views or "every_8th")]
 
         _warn_of_copies(whole, views, [view.image_path for view in views], split, chosen_for("test"))
@@ -312,7 +312,7 @@ def _check_disjoint_splits(halves: dict[str, Path], images: str | None, split: s
         warn_of_copies(halves["test"], names, photos, [file == halves["test"] for file, _, _ in listed])
 
 
-def _listed(views: list[TransformsView], found: Transforms, split: str) -> list[TransformsView]:
+def _views_of_split(views: list[TransformsView], found: Transforms, split: str) -> list[TransformsView]:
     """Returns the views of a split that a transforms file lists.
 
     Test views are those of `test_filenames`, else of `val_filenames`. If only one split is listed, the other one has

@@ -157,11 +157,11 @@ def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Und
     """
     photo = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
     zoom = 1.0
-    if _fits(lens, photo, zoom, width, height):
-        while zoom > lens.least_zoom and _fits(lens, photo, zoom / _STEP, width, height):
+    if _is_covered(lens, photo, zoom, width, height):
+        while zoom > lens.least_zoom and _is_covered(lens, photo, zoom / _STEP, width, height):
             zoom /= _STEP
     else:
-        while zoom <= _MOST_ZOOM and not _fits(lens, photo, zoom, width, height):
+        while zoom <= _MOST_ZOOM and not _is_covered(lens, photo, zoom, width, height):
             zoom *= _STEP
         if zoom > _MOST_ZOOM:
             raise DatasetError(
@@ -170,7 +170,7 @@ def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Und
     return Undistortion(lens, photo, zoom, width, height)
 
 
-def _fits(lens: LensModel, photo: tuple[float, ...], zoom: float, width: int, height: int) -> bool:
+def _is_covered(lens: LensModel, photo: tuple[float, ...], zoom: float, width: int, height: int) -> bool:
     """True if every pixel of the pinhole image is inside the photo, and no two pixels show the same point of it.
 
     Args:

@@ -251,7 +251,7 @@ def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
     if not isinstance(model, str):
         raise DatasetError(f"{path}: view '{name}': 'camera_model' is not a name")
     model = model.upper()
-    other = next((key for key in _OTHER_PROJECTIONS if _flag(path, name, values, key)), None)
+    other = next((key for key in _OTHER_PROJECTIONS if _as_bool(path, name, values, key)), None)
     if other is not None or model not in _PERSPECTIVE + _FISHEYE:
         found = f"'camera_model' {model[:60]!r}" if other is None else f"'{other}'"
         raise DatasetError(
@@ -259,7 +259,7 @@ def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
             "perspective photos first, for example with `ns-process-data images --camera-type equirectangular`"
         )
     values = values | _listed_terms(path, name, values)
-    fisheye = model in _FISHEYE or _flag(path, name, values, "is_fisheye")
+    fisheye = model in _FISHEYE or _as_bool(path, name, values, "is_fisheye")
     keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     bend = [_number(path, name, values, key, 0.0) for key in keys]
     unread = [key for key in _TERMS if key not in keys and _number(path, name, values, key, 0.0) != 0]
@@ -292,7 +292,7 @@ def _listed_terms(path: Path, name: str, values: dict[str, Any]) -> dict[str, fl
     return terms
 
 
-def _flag(path: Path, name: str, values: dict[str, Any], key: str) -> bool:
+def _as_bool(path: Path, name: str, values: dict[str, Any], key: str) -> bool:
     """Interprets a JSON value as a flag: True for `true` and for numbers other than 0."""
     value = values.get(key)
     if value is not None and not isinstance(value, (bool, int, float)):

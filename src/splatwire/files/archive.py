@@ -22,7 +22,7 @@ _END, _END_BYTES, _MAX_COMMENT_BYTES = b"PK\x05\x06", 22, 0xFFFF
 _DAMAGED = (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, UnicodeDecodeError, zlib.error, OSError)
 
 
-class _Measured(io.BufferedReader):
+class _LimitedReader(io.BufferedReader):
     """File object that limits how many bytes of an archive's directory are read."""
 
     limited = True
@@ -134,7 +134,7 @@ def open_archive(path: Path, error: type[SplatwireError]) -> Iterator[Archive]:
             name.
     """
     with contextlib.ExitStack() as stack:
-        file = stack.enter_context(_Measured(open_regular(path, error).detach()))
+        file = stack.enter_context(_LimitedReader(open_regular(path, error).detach()))
         try:
             bundle = stack.enter_context(zipfile.ZipFile(file))
         except _DAMAGED as problem:

@@ -48,7 +48,7 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
             parent folder does not exist.
         OSError: If the system call fails; nothing is changed then. The error names the target.
     """
-    goal = _goal(path_of(target))
+    goal = _resolved_target(path_of(target))
     if parents:
         goal.parent.mkdir(parents=True, exist_ok=True)
     check_parent(goal)
@@ -108,7 +108,7 @@ def check_writable(path: Path, *, inside: bool = False) -> None:
     """
     into = path if inside else path.parent
     try:
-        goal = _goal(path)
+        goal = _resolved_target(path)
         inside = inside and goal.is_dir()
         into, name = (goal, _NEW) if inside else (goal.parent, goal.name)
         if not inside:
@@ -122,7 +122,7 @@ def check_writable(path: Path, *, inside: bool = False) -> None:
         raise InvalidValueError(f"{path} is another user's and cannot be replaced: name another")
 
 
-def _goal(path: Path) -> Path:
+def _resolved_target(path: Path) -> Path:
     """Resolves links in the path of an output, and checks that the output may be replaced."""
     try:
         goal = path.resolve()
@@ -150,15 +150,15 @@ def remove_unfinished(folder: Path) -> None:
     A workspace is the hidden folder of one writer (see the module). Running writers, in this process or another one,
     lock their workspaces; these remain untouched. `folder` may have any origin, e.g. an archive with names crafted to
     look like workspaces. Therefore a workspace must belong to this user, must be closed to other users, and may contain
-    only a writer's entries (`_is_ours`). Symbolic links in it are neither followed nor restored, even if they appear
-    concurrently. Hidden folders are not restored: a planted `.git` could make programs run foreign code.
+    only a writer's entries (`_is_workspace`). Symbolic links in it are neither followed nor restored, even if they
+    appear concurrently. Hidden folders are not restored: a planted `.git` could make programs run foreign code.
     """
     if fcntl is None:
         return
     with suppress(OSError), _opened_folder(os.fspath(folder), None, follow=True) as parent:
         for name in [entry.name for entry in os.scandir(parent) if _WORKSPACE.fullmatch(entry.name)]:
             with suppress(OSError), _opened_folder(name, parent) as space:
-                if _is_ours(space) and _lock(space):
+                if _is_workspace(space) and _lock(space):
                     _restore(space, parent)
                     shutil.rmtree(name, ignore_errors=True, dir_fd=parent)
 
@@ -193,7 +193,7 @@ def _opened_folder(name: str, parent: int | None, *, follow: bool = False) -> It
         os.close(handle)
 
 
-def _is_ours(space: int) -> bool:
+def _is_workspace(space: int) -> bool:
     """True if a folder is a workspace that only this user can access.
 
     A workspace (`_workspace`) contains nothing but the entries of a writer.

@@ -241,7 +241,7 @@ def _detect(path: Path) -> tuple[Kind, BufferedReader | None]:
         return UNREADABLE, None
     suffix = path.suffix.lower()
     kind = _built_in_kind(head, status.st_size, suffix)
-    kind = _BY_NAME[path.name] if kind == JSON and path.name in _BY_NAME else _claimed(kind, head, suffix)
+    kind = _BY_NAME[path.name] if kind == JSON and path.name in _BY_NAME else _plugin_kind(kind, head, suffix)
     return kind, file
 
 
@@ -335,7 +335,7 @@ def kind_of_bytes(head: bytes, size: int, suffix: str = "") -> Kind:
         size: Size of the file, bytes.
         suffix: Suffix of the file name; only relevant for `.splat`, `.ksplat` and SOG, which have no magic number.
     """
-    return _claimed(_built_in_kind(head, size, suffix), head, suffix)
+    return _plugin_kind(_built_in_kind(head, size, suffix), head, suffix)
 
 
 def kind_of_format(form: FileFormat) -> Kind:
@@ -343,7 +343,7 @@ def kind_of_format(form: FileFormat) -> Kind:
     return Kind(form.name, form.what, _EXPLICIT if form.scene_type is None else SCENE.use)
 
 
-def _claimed(kind: Kind, head: bytes, suffix: str) -> Kind:
+def _plugin_kind(kind: Kind, head: bytes, suffix: str) -> Kind:
     """Detects formats of installed packages, for a file whose format is unknown to this package.
 
     Args:

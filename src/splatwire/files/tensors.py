@@ -223,7 +223,7 @@ def _interpreted(description: bytes | BinaryIO) -> Any:
             stack.append(_storage(*stack.pop()))
         elif name == "REDUCE":
             arguments = stack.pop()
-            stack.append(_made(stack.pop(), arguments))
+            stack.append(_construct(stack.pop(), arguments))
         elif name == "BUILD":
             stack.pop()  # attributes of an ordered dictionary: module versions
         elif isinstance(argument, int | float | str):
@@ -253,7 +253,7 @@ def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: A
     return _Storage(_KINDS[name], key, int(count))
 
 
-def _made(maker: Any, arguments: tuple[Any, ...]) -> Any:
+def _construct(maker: Any, arguments: tuple[Any, ...]) -> Any:
     """Interprets a constructor call in the pickle without calling the constructor."""
     name = maker.name if isinstance(maker, _Name) else ""
     if name == "collections OrderedDict":  # Python 2 passes its pairs as the argument

@@ -46,7 +46,7 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
         progress: Called with the completed fraction.
     """
     shapes = level_shapes(scene.num_elements, tile)
-    order = kd_order(scene.splats.means, _nested(shapes))
+    order = kd_order(scene.splats.means, _tile_boundaries(shapes))
     sizes = [shape.count for shape in shapes]
     whole, end = Splats.empty(sum(sizes), scene.splats.degree), sum(sizes)
     finest = whole.run(end - sizes[0], end)
@@ -57,7 +57,7 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
     for finer, shape in itertools.pairwise(shapes):
         below, end = whole.run(end - finer.count, end), end - finer.count
         level, squares, at = whole.run(end - shape.count, end), np.zeros((shape.num_tiles, 2)), end - shape.count
-        for parent, child, share, mass in _shares(below, finer, shape):
+        for parent, child, share, mass in _replacements(below, finer, shape):
             some, kept, error = _reduced(below, finer, child, share, mass)
             if share:
                 level.fill(at - end + shape.count, some)
@@ -80,7 +80,7 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
     return BuiltLevels(made, order, old, np.concatenate(errors[::-1]))
 
 
-def _nested(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
+def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
     """Returns the boundaries of the tiles of all levels, coarsest level first."""
     bounds, edges = [shapes[0].edges], np.arange(shapes[0].num_tiles + 1)
     for finer, shape in itertools.pairwise(shapes):
@@ -90,7 +90,7 @@ def _nested(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
     return bounds[::-1]
 
 
-def _shares(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
+def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
     """Yields how many Gaussians of each coarser tile replace each of its finer tiles.
 
     Each item has the index of the coarser tile, the index of the finer tile, the number of coarser Gaussians that

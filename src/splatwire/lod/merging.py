@@ -47,7 +47,7 @@ def reduced(splats: Splats, count: int, mass: np.ndarray | None = None) -> tuple
         area-weighted root mean square distance between centres of Gaussians and of their replacements, world units.
     """
     mass = footprints(splats) if mass is None else mass
-    kept = _kept(mass, count)
+    kept = _num_unchanged(mass, count)
     by_mass = np.argpartition(-mass, kept) if kept else np.arange(len(mass))
     large, rest = np.sort(by_mass[:kept]), np.sort(by_mass[kept:])
     edges = np.arange(count - kept + 1) * len(rest) // (count - kept)
@@ -59,7 +59,7 @@ def reduced(splats: Splats, count: int, mass: np.ndarray | None = None) -> tuple
     return Splats(**joined), kept, float(np.sqrt(squares / max(mass.sum(), 1e-300)))
 
 
-def _kept(mass: np.ndarray, count: int) -> int:
+def _num_unchanged(mass: np.ndarray, count: int) -> int:
     """Returns the number of largest Gaussians that are kept unchanged when others are merged.
 
     Args:

@@ -148,14 +148,14 @@ def _nodes(leaves: list[list[Splats]], files: list[int]) -> list[dict[str, Any]]
 
 
 def _low(splats: Splats) -> np.ndarray:
-    return np.asarray((splats.means - _reach(splats)).min(axis=0), np.float64)
+    return np.asarray((splats.means - _extents(splats)).min(axis=0), np.float64)
 
 
 def _high(splats: Splats) -> np.ndarray:
-    return np.asarray((splats.means + _reach(splats)).max(axis=0), np.float64)
+    return np.asarray((splats.means + _extents(splats)).max(axis=0), np.float64)
 
 
-def _reach(splats: Splats) -> np.ndarray:
+def _extents(splats: Splats) -> np.ndarray:
     return np.asarray(_REACH * splats.scales.max(axis=1, keepdims=True), np.float64)
 
 

@@ -74,18 +74,18 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
 
     def decorate(function: _F) -> _F:
         try:
-            return _stamped(numba.njit(cache=True, **options)(function))
+            return _with_source_digest(numba.njit(cache=True, **options)(function))
         except RuntimeError:  # numba found no writable cache folder
             folder = private_folder()
         if folder is None:
             return numba.njit(**options)(function)
         with _cache_in(folder):
-            return _stamped(numba.njit(cache=True, **options)(function))
+            return _with_source_digest(numba.njit(cache=True, **options)(function))
 
     return decorate
 
 
-def _stamped(kernel: Any) -> Any:
+def _with_source_digest(kernel: Any) -> Any:
     """Makes the cache entry of a kernel depend on all source files and constants that it was compiled from.
 
     numba alone checks only the file of the kernel itself.
@@ -93,11 +93,11 @@ def _stamped(kernel: Any) -> Any:
     if not numba.config.DISABLE_JIT:
         file = kernel._cache._cache_file
         file._source_stamp = (file._source_stamp, _sources_digest(kernel.py_func.__module__))
-        file._load_index = _tolerant(file._load_index)
+        file._load_index = _ignore_unreadable(file._load_index)
     return kernel
 
 
-def _tolerant(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
+def _ignore_unreadable(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
     """Wraps the loader of numba's cache index so that an unreadable index counts as empty."""
 
     def index() -> dict[Any, str]:
@@ -160,7 +160,7 @@ def private_folder() -> Path | None:
             parent = Path(tempfile.gettempdir())
             folder = parent / f"splatwire-kernels-{os.getuid()}"
             folder.mkdir(mode=0o700, exist_ok=True)
-            if _keeps_names(parent) and _only_ours(folder):
+            if _is_safe_parent(parent) and _only_ours(folder):
                 return folder
     LOG.warning("no safe place to keep compiled kernels in, so each process compiles them: set NUMBA_CACHE_DIR")
     return None
@@ -173,7 +173,7 @@ def _only_ours(folder: Path) -> bool:
     return ours and os.access(folder, os.W_OK | os.X_OK)
 
 
-def _keeps_names(parent: Path) -> bool:
+def _is_safe_parent(parent: Path) -> bool:
     """True if no other user can rename or replace this user's entries in a folder.
 
     The folder belongs to this user or root; other users cannot write to it, or it is sticky like /tmp.

@@ -22,7 +22,7 @@ def _matrix_library() -> ThreadpoolController:
     return ThreadpoolController().select(user_api="blas")
 
 
-class _Holders:
+class _BlasLimit:
     """Counter of the active contexts that limit BLAS to one thread; the last of them removes the limit."""
 
     def __init__(self) -> None:
@@ -41,7 +41,7 @@ class _Holders:
                 self.limit.close()
 
 
-_HOLDERS = _Holders()
+_HOLDERS = _BlasLimit()
 
 
 @contextmanager
@@ -85,13 +85,13 @@ def allowed_threads() -> int:
 
 
 @functools.cache
-def _helpers() -> ThreadPoolExecutor:
+def _helper_pool() -> ThreadPoolExecutor:
     """Returns the pool of helper threads."""
     return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="splatwire")
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_helpers.cache_clear)  # threads do not survive a fork
+    os.register_at_fork(after_in_child=_helper_pool.cache_clear)  # threads do not survive a fork
 
 
 def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
@@ -110,7 +110,7 @@ def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]
     """
     turns = _WorkQueue(work, collections.deque(enumerate(items)), {})
     wanted = min(allowed_threads(), len(items)) - 1
-    helpers = [_helpers().submit(turns.take) for _ in range(wanted)]
+    helpers = [_helper_pool().submit(turns.take) for _ in range(wanted)]
     try:
         turns.take()
     finally:

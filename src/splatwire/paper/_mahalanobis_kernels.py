@@ -12,7 +12,7 @@ from splatwire.ops.compiled import njit
 
 @njit(borrows=True)
 @no_type_check
-def _gap(x, low, high, reach):
+def _distance_bound(x, low, high, reach):
     """Returns a lower bound of the squared Mahalanobis distance from a query to the points of a block.
 
     Args:
@@ -71,7 +71,7 @@ def nearest(queries, points, sizes, number, starts, low, high, reach, bound, ind
         x, near, far = queries[q], index[q], distance[q]
         limit = bound[q]
         for b in range(starts.shape[0] - 1):
-            if _gap(x, low[b], high[b], reach[b]) > limit:
+            if _distance_bound(x, low[b], high[b], reach[b]) > limit:
                 continue
             for k in range(starts[b], starts[b + 1]):
                 gap = 0.0

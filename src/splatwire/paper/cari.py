@@ -125,7 +125,7 @@ CARI_PRESETS = {"paper": Cari()}
 
 
 @dataclass(frozen=True, eq=False)
-class _Fixed:
+class _ConstantData:
     """Data that does not change between the passes of the interpolation.
 
     Attributes:
@@ -156,9 +156,9 @@ class _Estimate:
     mask: Bool[Tensor, "N K"]
 
 
-def _prepare(context: ReceivedScene, settings: Cari) -> _Fixed:
+def _prepare(context: ReceivedScene, settings: Cari) -> _ConstantData:
     sigma = uncertainties(context[Prior], context[AnchorLayout])
-    return _Fixed(
+    return _ConstantData(
         context,
         attribute_groups(context[AnchorLayout]),
         unit_rows(context[Prior].context),
@@ -167,7 +167,7 @@ def _prepare(context: ReceivedScene, settings: Cari) -> _Fixed:
     )
 
 
-def _refine(settings: Cari, fixed: _Fixed, old: _Estimate, *, first: bool) -> _Estimate:
+def _refine(settings: Cari, fixed: _ConstantData, old: _Estimate, *, first: bool) -> _Estimate:
     """Performs one pass: interpolates all lost attributes from neighbours, and returns the new estimate of the scene.
 
     The values of neighbours are taken from the estimate before this pass (`old`), so the order of the lost anchors
@@ -194,7 +194,7 @@ def _refine(settings: Cari, fixed: _Fixed, old: _Estimate, *, first: bool) -> _E
                     mask[queries] = _vote(settings, old.mask, near)
                 else:
                     parts[group.part][queries] = _interpolate(settings, fixed, group, old.residuals, near)
-    exists = _existing(context, mask)
+    exists = _known_residuals(context, mask)
     parts[-1].mul_(exists.repeat_interleave(3, dim=1))
     return _Estimate(Residuals(parts, exists), mask)
 
@@ -206,7 +206,7 @@ def _exponents(settings: Cari) -> ScoreExponents:
 
 
 def _candidates(
-    settings: Cari, fixed: _Fixed, received: Bool[Tensor, "N"], *, first: bool
+    settings: Cari, fixed: _ConstantData, received: Bool[Tensor, "N"], *, first: bool
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
     """Yields lost anchors (queries) in chunks, with their nearest candidates for the interpolation.
 
@@ -247,7 +247,7 @@ def _vote(settings: Cari, mask: Bool[Tensor, "N K"], near: _Neighbors) -> Bool[T
 
 
 def _interpolate(
-    settings: Cari, fixed: _Fixed, group: AttributeGroup, residuals: Residuals, near: _Neighbors
+    settings: Cari, fixed: _ConstantData, group: AttributeGroup, residuals: Residuals, near: _Neighbors
 ) -> Float[Tensor, "Q D"]:
     """Returns the interpolated residuals of lost anchors (queries) for one attribute group: `r_q = sum_k w_k r_k`."""
     values = residuals.parts[group.part]
@@ -261,7 +261,7 @@ def _interpolate(
     return mean
 
 
-def _existing(context: ReceivedScene, mask: Bool[Tensor, "N K"]) -> Bool[Tensor, "N K"]:
+def _known_residuals(context: ReceivedScene, mask: Bool[Tensor, "N K"]) -> Bool[Tensor, "N K"]:
     """Returns the mask of the offsets that have a known or interpolated residual after a pass.
 
     The residual of a lost offset was interpolated. The residual of a received offset is known only if the anchor's mask

@@ -88,13 +88,13 @@ def candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> list[Pro
     tried = []
     for inside, share in _head_shares(counts):
         repairs = dict.fromkeys(
-            (0.0,) * inside + tuple(_repair(s, need, n) for s, n in zip(c, counts[inside:], strict=True))
+            (0.0,) * inside + tuple(_repair_per_packet(s, need, n) for s, n in zip(c, counts[inside:], strict=True))
             for c in _margin_assignments(load.num_tiers - inside)
         )
-        for side in _sides(load, traces, rate, search, share):
+        for side in _init_segment_candidates(load, traces, rate, search, share):
             for repair in repairs:
                 protection = replace(side, tier_repair=repair)
-                end = _end(search, float(model_transfer(load, protection).num_bytes.sum()))
+                end = _spread_end(search, float(model_transfer(load, protection).num_bytes.sum()))
                 spreads = [spread * end for spread in SPREADS] if load.num_tiers - inside > 1 else [0.0]
                 tried += [replace(protection, tier_spread=spread, parity_until=end) for spread in spreads]
     return tried
@@ -151,7 +151,7 @@ def baseline_candidates(load: StreamLoad, traces: np.ndarray, search: Search) ->
     rate = min(1 - float(traces.mean()), 0.95)
     return {
         "whole": whole,
-        "conceal": _side(load, traces, rate, search, Protection(side_lead=PLAIN_LEAD, tier_spread=mixed)),
+        "conceal": _least_repair(load, traces, rate, search, Protection(side_lead=PLAIN_LEAD, tier_spread=mixed)),
     }
 
 
@@ -174,7 +174,9 @@ def _received_within(model: TransferModel, traces: np.ndarray, budget_bytes: flo
     return received
 
 
-def _sides(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, head_share: float) -> list[Protection]:
+def _init_segment_candidates(
+    load: StreamLoad, traces: np.ndarray, rate: float, search: Search, head_share: float
+) -> list[Protection]:
     """Returns allocations with different redundancy of the init segment.
 
     All allocations but the last deliver the side information with at least the probability `Search.head_target`, with
@@ -189,12 +191,12 @@ def _sides(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, he
         head_share: Fraction of the packets that are part of the init segment.
     """
     bare = model_transfer(load, Protection(side_repair=0.0, head_share=head_share)).bytes_by_kind()
-    lead = _end(search, sum(bare.values()) + rate / (1 - rate) * bare["side"])
+    lead = _spread_end(search, sum(bare.values()) + rate / (1 - rate) * bare["side"])
     starts = [Protection(side_lead=lead * part, side_symbol_bytes=size, head_share=head_share)
               for part in LEADS for size in (None, FINE_SYMBOL_BYTES)]  # fmt: skip
     found = []
     for start in starts:
-        side = _side(load, traces, rate, search, start)
+        side = _least_repair(load, traces, rate, search, start)
         model = model_transfer(load, side)
         share = float(head_arrives(model, _received_within(model, traces, search.budget_bytes)).mean())
         found.append((-min(share, search.head_target), int(model.num_bytes.sum()), side))
@@ -202,7 +204,7 @@ def _sides(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, he
     return [*best, replace(best[0], side_repair=min(SAFER * best[0].side_repair, MOST_REPAIR))]
 
 
-def _end(search: Search, pass_bytes: float) -> float:
+def _spread_end(search: Search, pass_bytes: float) -> float:
     """Returns the end of the time in which the symbols of the init segment are sent, as a fraction of the transfer.
 
     If the budget does not suffice for the complete transfer, this end is slightly before the budget is spent.
@@ -215,7 +217,7 @@ def _end(search: Search, pass_bytes: float) -> float:
     return 1.0 if fit >= 1 else _NEARLY * fit
 
 
-def _side(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, start: Protection) -> Protection:
+def _least_repair(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, start: Protection) -> Protection:
     """Returns the allocation with the least redundancy that delivers the side information often enough.
 
     The required fraction of transfers is `Search.head_target`. If it is not reached within the limits of `search`, the
@@ -250,7 +252,7 @@ def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
     """Enumerates the assignments of safety margins to importance tiers, most important tier first.
 
     A less important tier never has a larger margin than a more important tier. A safety margin is an entry of
-    `SAFETIES`, see `_repair`.
+    `SAFETIES`, see `_repair_per_packet`.
 
     Args:
         tiers: Number of tiers.
@@ -265,7 +267,7 @@ def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
     ]
 
 
-def _repair(safety: float | None, need: float, num_packets: int) -> float:
+def _repair_per_packet(safety: float | None, need: float, num_packets: int) -> float:
     """Returns the number of repair symbols per packet for a safety margin.
 
     Args:

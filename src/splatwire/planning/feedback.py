@@ -93,7 +93,7 @@ def _plan(
         The plan; None if the limits do not suffice for the side information.
     """
     sizes = model_transfer(variant.load, Protection(side_repair=0.0)).bytes_by_kind()
-    again = OVERHEAD * _odds(received)
+    again = OVERHEAD * _lost_per_received(received)
     extra = variant.concealment_bytes + variant.preview_bytes
     plain = sizes["side"] + sizes["packets"] - variant.concealment_bytes
     most = min(budget_bytes - plain, plain * max_protection / (1 - max_protection) if max_protection < 1 else np.inf)
@@ -115,7 +115,7 @@ def _plan(
     return ScenePlan(protection, number, found.psnr, found.lost, total, 1.0, sizes | spent, extra)
 
 
-def _odds(received: np.ndarray) -> float:
+def _lost_per_received(received: np.ndarray) -> float:
     """Estimates the mean number of lost datagrams per received datagram, p / (1 - p), from simulated losses."""
     rate = 1 - float(received.mean())
     return rate / max(1 - rate, 0.05)

@@ -130,7 +130,9 @@ def encode_controlled(
     # The search without fine-tuning comes first, so that impossible targets are errors before the fine-tuning.
     untuned = None if target.quality is not None else _Trials(plan, encode, choosing).reached(target)
     expected = _Trials(plan.before_tuning(), encode, choosing)
-    trials = _tuned(expected, target, encode, lambda chosen: plan.tuned(chosen, cameras, tuning, progress), progress)
+    trials = _prune_and_tune(
+        expected, target, encode, lambda chosen: plan.tuned(chosen, cameras, tuning, progress), progress
+    )
     found = trials.closest(target)
     better = trials.better_of(found, untuned, target)
     if better is not found:
@@ -138,7 +140,7 @@ def encode_controlled(
     return better
 
 
-def _tuned(
+def _prune_and_tune(
     expected: "_Trials", target: Target, encode: Encoder, tune: Callable[[EncodedScene], "_Plan"], progress: Progress
 ) -> "_Trials":
     """Prunes a scene so that fine-tuning is expected to reach a target, and fine-tunes it.
@@ -397,7 +399,7 @@ class _Trials:
             True if shares were searched.
         """
         first = len(self._found)
-        found = search(functools.partial(self._try, measure), permitted, start, slope, self._ends, JUMP)
+        found = search(functools.partial(self._encode_and_measure, measure), permitted, start, slope, self._ends, JUMP)
         above = [each for each in self._found[first:] if each[0] > permitted.high]
         if found is not None or not above or self._plan.curve is None:
             return False
@@ -426,9 +428,17 @@ class _Trials:
         share, per_share = encoded.kept, slope * SHARE_OCTAVES / encoded.kept
         ends = (LEAST_SHARE * share, min(share / LEAST_SHARE, 1.0))
         start = share + (permitted.wanted - value) / per_share
-        search(functools.partial(self._try, measure, encoded.quality.level), permitted, start, per_share, ends)
+        search(
+            functools.partial(self._encode_and_measure, measure, encoded.quality.level),
+            permitted,
+            start,
+            per_share,
+            ends,
+        )
 
-    def _try(self, measure: Callable[[EncodedScene], float], level: float, share: float | None = None) -> float:
+    def _encode_and_measure(
+        self, measure: Callable[[EncodedScene], float], level: float, share: float | None = None
+    ) -> float:
         """Encodes at a level with a share of the Gaussians, and returns the value of the result."""
         encoded = self._plan.encoded(Quality(level), self._encode, share)
         self._found.append((measure(encoded), encoded))

@@ -60,7 +60,7 @@ class ViewSets:
         cameras = cameras.relative_to(origin_of(scene))
         thirds = [list(range(first, cameras.num_views, 3)) for first in (0, 1, _HELD_OUT)]
         measured, search, held_out = (
-            _limited(cameras, views, most)
+            _subset(cameras, views, most)
             for views, most in zip(thirds, (MOST_VIEWS, SEARCH_VIEWS, MOST_VIEWS), strict=True)
         )
         return ViewSets(measured, search, held_out)
@@ -77,7 +77,7 @@ def not_held_out(cameras: Cameras, count: int) -> Cameras:
     return cameras.select([views[place] for place in spread(len(views), count)])
 
 
-def _limited(cameras: Cameras, views: list[int], count: int) -> Cameras:
+def _subset(cameras: Cameras, views: list[int], count: int) -> Cameras:
     """Returns at most `count` of the given views, evenly spread.
 
     Images with a side of more than `MOST_SIZE` pixels are scaled down to this size.

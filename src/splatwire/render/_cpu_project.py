@@ -68,8 +68,8 @@ def _project_chunk(work, pose, intrinsics, width, height, constants):
         x = (pose[0, 0] * m0 + pose[0, 1] * m1 + pose[0, 2] * m2 + pose[0, 3]) / z
         y = (pose[1, 0] * m0 + pose[1, 1] * m1 + pose[1, 2] * m2 + pose[1, 3]) / z
         r = _axes(work[QUAT + i], work[QUAT + CHUNK + i], work[QUAT + 2 * CHUNK + i], work[QUAT + 3 * CHUNK + i])
-        row_x = _row(pose, 0, fx / z, _clamped(x, fx, cx, width, margin))
-        row_y = _row(pose, 1, fy / z, _clamped(y, fy, cy, height, margin))
+        row_x = _coordinate_gradient(pose, 0, fx / z, _clamped(x, fx, cx, width, margin))
+        row_y = _coordinate_gradient(pose, 1, fy / z, _clamped(y, fy, cy, height, margin))
         a0, b0 = _scaled_axis(row_x, row_y, (r[0], r[3], r[6]), work[SCALE + i])
         a1, b1 = _scaled_axis(row_x, row_y, (r[1], r[4], r[7]), work[SCALE + CHUNK + i])
         a2, b2 = _scaled_axis(row_x, row_y, (r[2], r[5], r[8]), work[SCALE + 2 * CHUNK + i])
@@ -222,14 +222,14 @@ def _project_back_one(
     clamped_x, clamped_y = _clamped(x, fx, cx, width, margin), _clamped(y, fy, cy, height, margin)
     qw, qx, qy, qz = np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
     r = _axes(qw, qx, qy, qz)
-    row_x, row_y = _row(pose, 0, fx / z, clamped_x), _row(pose, 1, fy / z, clamped_y)
+    row_x, row_y = _coordinate_gradient(pose, 0, fx / z, clamped_x), _coordinate_gradient(pose, 1, fy / z, clamped_y)
     a0, b0 = _column_back(row_x, row_y, (r[0], r[3], r[6]), scale, 0, dxx, dxy, dyy, d_scale)
     a1, b1 = _column_back(row_x, row_y, (r[1], r[4], r[7]), scale, 1, dxx, dxy, dyy, d_scale)
     a2, b2 = _column_back(row_x, row_y, (r[2], r[5], r[8]), scale, 2, dxx, dxy, dyy, d_scale)
     d_x, d_y = fx * du, fy * dv
     # Gradient through the Jacobian: it depends on the depth and, unless clamped, on the angle.
-    row_x_0, row_x_1, row_x_2 = _turned(r, a0, a1, a2)
-    row_y_0, row_y_1, row_y_2 = _turned(r, b0, b1, b2)
+    row_x_0, row_x_1, row_x_2 = _rotated(r, a0, a1, a2)
+    row_y_0, row_y_1, row_y_2 = _rotated(r, b0, b1, b2)
     d_z = -(row_x_0 * row_x[0] + row_x_1 * row_x[1] + row_x_2 * row_x[2]) / z
     d_z -= (row_y_0 * row_y[0] + row_y_1 * row_y[1] + row_y_2 * row_y[2]) / z
     if x == clamped_x:
@@ -249,7 +249,7 @@ def _project_back_one(
 
 @njit(inline="always")
 @no_type_check
-def _row(pose, axis, by, slope):
+def _coordinate_gradient(pose, axis, by, slope):
     """Returns the gradient of one image coordinate of a projected point with respect to the point, in world axes.
 
     `axis` is the image axis (0 or 1), `slope` the tangent of the viewing angle along it (x/z or y/z), and `by` the
@@ -264,7 +264,7 @@ def _row(pose, axis, by, slope):
 
 @njit(inline="always")
 @no_type_check
-def _turned(r, a, b, c):
+def _rotated(r, a, b, c):
     """Multiplies the rotation matrix `r` by the vector (`a`, `b`, `c`)."""
     return r[0] * a + r[1] * b + r[2] * c, r[3] * a + r[4] * b + r[5] * c, r[6] * a + r[7] * b + r[8] * c
 

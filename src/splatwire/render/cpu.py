@@ -124,7 +124,7 @@ class Picture:
 
         share(project, _pieces(num))
         entries = _cpu_lists.row_entries(self.tiles, self.grid_y)
-        cuts = _cuts(entries, _BANDS if kept else max(_BANDS, 2 * allowed_threads()))
+        cuts = _band_starts(entries, _BANDS if kept else max(_BANDS, 2 * allowed_threads()))
         self.cuts = list(itertools.pairwise(cuts))
         self.kept: list[_Band] | None = None
         self.may_keep = kept and entries.sum() <= KEPT_ENTRIES
@@ -150,7 +150,7 @@ class Picture:
             image: The rendered image.
             d_image: Gradient of the loss with respect to the image.
         """
-        sums, results = self._sums(image, d_image), _zeros(arrays)
+        sums, results = self._gradient_sums(image, d_image), _zeros(arrays)
         share(lambda piece: self._project_back(arrays, sums, piece, [r[piece] for r in results]), _pieces(len(sums)))
         return results
 
@@ -166,7 +166,7 @@ class Picture:
             use: Function called for each slice of the Gaussians, from several threads: with the slice and its five
                 gradients.
         """
-        sums = self._sums(image, d_image)
+        sums = self._gradient_sums(image, d_image)
 
         def some(piece: slice) -> None:
             out = _zeros([a[piece] for a in arrays])
@@ -175,7 +175,7 @@ class Picture:
 
         share(some, _pieces(len(sums)))
 
-    def _sums(self, image: np.ndarray, d_image: np.ndarray) -> np.ndarray:
+    def _gradient_sums(self, image: np.ndarray, d_image: np.ndarray) -> np.ndarray:
         """Returns the gradient sums of each projected Gaussian, float32 (G, SUMS), the input of `project_back`."""
         num, width, spare = self.splats.shape[0], _cpu_gradients.SUMS, _cpu_gradients.SPARE
         flat = np.zeros(num * width + spare, np.float32)
@@ -233,7 +233,7 @@ def _pieces(num: int) -> list[slice]:
     return [slice(first, min(first + _PIECE, num)) for first in range(0, num, _PIECE)]
 
 
-def _cuts(entries: np.ndarray, num_bands: int) -> list[int]:
+def _band_starts(entries: np.ndarray, num_bands: int) -> list[int]:
     """Divides the rows of tiles into bands of limited size; returns the first row of each band, and the end.
 
     Each band has at most `MAX_ENTRIES` (Gaussian, tile) pairs, or is a single row of tiles.

@@ -140,7 +140,7 @@ def cameras_around(positions: Float[Any, "N 3"], num_views: int = 16, size: int 
     middle = lower_median(places)
     radius = max(2 * float(lower_median(np.linalg.norm(places - middle, axis=1))), 0.5)
     place = np.arange(num_views) + 0.5
-    return _around(middle, radius, 1 - 2 * place / num_views, place * math.pi * (3 - math.sqrt(5)), size)
+    return _cameras_on_sphere(middle, radius, 1 - 2 * place / num_views, place * math.pi * (3 - math.sqrt(5)), size)
 
 
 _UPRIGHT = {
@@ -176,7 +176,7 @@ def orbiting_cameras(
     place = np.arange(num_views, dtype=np.float64)
     height, angle = np.full_like(place, -0.25), place * 2 * math.pi / max(num_views, 1)
     upright = turn @ np.array([*middle], np.float64)
-    around = _around(upright, _ROOM * radius / math.sin(math.pi / 6), height, angle, size)
+    around = _cameras_on_sphere(upright, _ROOM * radius / math.sin(math.pi / 6), height, angle, size)
     turned = np.eye(4)
     turned[:3, :3] = turn
     return replace(around, viewmats=(around.viewmats.astype(np.float64) @ turned).astype(np.float32))
@@ -188,7 +188,7 @@ def _check(num_views: int, size: int, count: int) -> None:
         raise InvalidValueError(f"{num_views} views of {size} pixels of {count} anchors show nothing")
 
 
-def _around(
+def _cameras_on_sphere(
     middle: Float[np.ndarray, "3"],
     radius: float,
     height: Float[np.ndarray, "V"],

@@ -3,9 +3,9 @@
 The error of removing each Gaussian is estimated from gradients of images, without the networks. The first half of the
 views selects the anchors with the largest removal error. In the second half, gradients are also back-propagated through
 the networks for these anchors, to estimate the error of changing features, scalings and offsets. Only the sum of these
-errors over the selected anchors is kept, and distributed in proportion to the removal errors (`_shared`), because few
-views give no reliable estimate for a single anchor. An anchor with a small estimate by chance would be quantised too
-coarsely in the sketch (low-quality copy of the scene).
+errors over the selected anchors is kept, and distributed in proportion to the removal errors (`_distribute`), because
+few views give no reliable estimate for a single anchor. An anchor with a small estimate by chance would be quantised
+too coarsely in the sketch (low-quality copy of the scene).
 """
 
 from collections.abc import Callable, Iterator
@@ -23,9 +23,9 @@ from splatwire.render.sensitivity import GatheredGradients, Sensitivity
 from splatwire.types import Anchors, AnchorScene, Cameras
 
 _TYPICAL = 1 / 3
-"""Factor on the errors distributed to the anchors in `_shared`. The errors are known as sums, half of which is due to a
-few anchors, so that a typical anchor has less than its share. On the bundled scene the sketch (low-quality copy) is 0.3
-dB better than with factor 1, and equally good with 1/2 and 1/8."""
+"""Factor on the errors distributed to the anchors in `_distribute`. The errors are known as sums, half of which is due
+to a few anchors, so that a typical anchor has less than its share. On the bundled scene the sketch (low-quality copy)
+is 0.3 dB better than with factor 1, and equally good with 1/2 and 1/8."""
 
 
 @one_blas_thread()  # sums must not depend on the number of processors
@@ -52,7 +52,7 @@ def quick_sensitivity(
     a, rng, behind = scene.anchors, Twister(seed), np.array(scene.background, np.float32)
     (num, count), width, first = a.mask.shape, a.features.shape[1] + a.scalings.shape[1], cameras.num_views // 2
     removal, offsets = np.zeros(num), np.zeros((num, count))
-    rows, parts = np.empty(0, np.int64), list[_Through]()
+    rows, parts = np.empty(0, np.int64), list[_NetworkErrors]()
     for view in range(cameras.num_views):
         if view == first:
             rows = np.sort(np.argsort(-removal, kind="stable")[:chosen])
@@ -73,7 +73,7 @@ def quick_sensitivity(
                 removal[:] += each.sum(axis=1) ** 2 / probes
                 offsets[:] += each**2 / probes
                 if len(rows) and not probe:
-                    parts.append(_through(scene, cameras.centers[view], rows, (seen, found.fields), each[rows]))
+                    parts.append(_back_propagate(scene, cameras.centers[view], rows, (seen, found.fields), each[rows]))
 
         each_gradient_cpu(seen.gaussians, cameras.select([view]), signs, found.add, behind)
         if progress:
@@ -81,11 +81,11 @@ def quick_sensitivity(
     scale = 1 / (cameras.num_views * cameras.width * cameras.height * 3)
     kept = np.zeros(num, np.bool_)
     kept[rows] = True
-    return _shared(removal * kept * scale, offsets * scale, _relative_size(a), parts, width)
+    return _distribute(removal * kept * scale, offsets * scale, _relative_size(a), parts, width)
 
 
 @dataclass(frozen=True, eq=False)
-class _Through:
+class _NetworkErrors:
     """Errors that were back-propagated through the networks in one view, summed over the selected anchors.
 
     Attributes:
@@ -102,13 +102,13 @@ class _Through:
     removal: float
 
 
-def _through(
+def _back_propagate(
     scene: AnchorScene,
     camera_center: np.ndarray,
     rows: np.ndarray,
     drawn: tuple[SpawnedGaussians, list[np.ndarray]],
     each: Float64[np.ndarray, "R K"],
-) -> _Through:
+) -> _NetworkErrors:
     """Back-propagates the gradients of a view's Gaussians through the networks, for selected anchors only.
 
     Args:
@@ -133,7 +133,7 @@ def _through(
     channels = np.concatenate([back.features, back.scalings * own.scalings], axis=1).astype(np.float64)
     share = float((each**2 * _relative_size(own)[:, None]).sum())
     offset = float((back.offsets.astype(np.float64) ** 2).mean(axis=2).sum())
-    return _Through(channels.T @ channels, offset, share, float((each**2).sum()))
+    return _NetworkErrors(channels.T @ channels, offset, share, float((each**2).sum()))
 
 
 def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
@@ -142,8 +142,8 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
     return (scalings[:, :3].mean(axis=1) / scalings[:, 3:].mean(axis=1)) ** 2
 
 
-def _shared(
-    removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_Through], width: int
+def _distribute(
+    removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_NetworkErrors], width: int
 ) -> Sensitivity:
     """Distributes sums of errors over the selected anchors to the individual anchors, in proportion to removal errors.
 

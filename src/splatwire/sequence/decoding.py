@@ -219,18 +219,18 @@ def covering_gains(
     splats, born = clip.tracks.splats, np.flatnonzero(clip.tracks.born <= group)
     if bool(available[born].all()) and not len(hidden.tracks):
         return None
-    size, opacity = _gains(splats, born, available)
+    size, opacity = _growth_factors(splats, born, available)
     if len(hidden.tracks):
         means, known = splats.means.copy(), np.ones(clip.num_gaussians, bool)
         known[hidden.tracks] = False
         for some in (poses, hidden):
             means[some.tracks] += some.at(0)[:, PLACE]
-        around = _gains(replace(splats, means=means), np.union1d(poses.tracks, hidden.tracks), known)
+        around = _growth_factors(replace(splats, means=means), np.union1d(poses.tracks, hidden.tracks), known)
         size, opacity = size * around[0], opacity * around[1]
     return RenderHints(size, np.zeros(clip.num_gaussians, np.bool_), opacity)
 
 
-def _gains(splats: Splats, index: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _growth_factors(splats: Splats, index: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns factors on size and opacity by which known Gaussians cover missing ones, float32 (T) each.
 
     Args:

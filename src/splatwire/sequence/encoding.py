@@ -188,11 +188,11 @@ class ClipEncoder:
         return self._flush() if self._frames else []
 
     def _flush(self) -> list[Packet]:
-        group, frames = self._grouped(), self._frames.frames
+        group, frames = self._collect_tracks(), self._frames.frames
         self._ended = frames[0], frames[-1]
         new = group.keys > self._newest
         self._newest = max(self._newest, int(group.keys[-1]) if len(group.keys) else -1)
-        scenes = _scenes(group, frames, new)
+        scenes = _scene_cuts(group, frames, new)
         classes = self._precision(group, scenes, new)
         apart = len(frames) > 1 and len(frames[0].keys) > 0 and len(scenes) > APART * len(frames)
         first, smooth, self._groups = not self._groups, self._live and self._frames.smooth, self._groups + 1
@@ -202,7 +202,7 @@ class ClipEncoder:
         self._frames = GroupBuilder(self._options.group_frames, smooth=smooth)
         return self._writer.add(group, classes)
 
-    def _grouped(self) -> TrackGroup:
+    def _collect_tracks(self) -> TrackGroup:
         """Collects the tracks of the current group of pictures.
 
         For a complete group, two steps run in parallel: the analysis of the motion for encoding, and the extrapolation
@@ -299,7 +299,7 @@ class ClipEncoder:
             )  # fmt: skip
 
 
-def _scenes(group: TrackGroup, frames: Sequence[TrackedFrame], new: np.ndarray) -> list[int]:
+def _scene_cuts(group: TrackGroup, frames: Sequence[TrackedFrame], new: np.ndarray) -> list[int]:
     """Returns the indices of the frames of a group that are scene cuts."""
     born = np.bincount(group.begins[new], minlength=len(frames))
     return [n for n, frame in enumerate(frames) if born[n] > ANEW * len(frame.keys)]

@@ -66,10 +66,10 @@ class LiveDecoder:
         elif manifest.tiers[: len(self._manifest.tiers)] != self._manifest.tiers:
             raise BitstreamError("a further manifest of the live clip contradicts the previous one")
         self._manifest, self._side_info = manifest, side_info
-        yield from self._shown(len(manifest.tiers) // 2 - 1)
+        yield from self._frames_before(len(manifest.tiers) // 2 - 1)
         if self._decoder is not None:  # optional while packets are missing: many declared tracks may be unjustified yet
             with suppress(BitstreamError):
-                self._opened()
+                self._create_decoder()
         yield from self._complete()
 
     def add(self, packets: Iterable[Packet]) -> Iterator[ClipFrame]:
@@ -93,7 +93,7 @@ class LiveDecoder:
             else:
                 motion.append(packet)
         if motion and self._decoder is not None:
-            opened = self._opened()
+            opened = self._create_decoder()
             self._store_bases(opened, self._manifest, whole=True)
             for _, some in itertools.groupby(motion, lambda packet: plan.tier_of(packet.id.block)):
                 opened.prepare(list(some), self._num_bytes, self._threads)
@@ -102,22 +102,22 @@ class LiveDecoder:
     def finish(self) -> Iterator[ClipFrame]:
         """Ends the stream; yields the frames of received groups that were not output yet."""
         if self._manifest is not None:
-            yield from self._shown(len(self._manifest.tiers) // 2)
+            yield from self._frames_before(len(self._manifest.tiers) // 2)
 
     def _complete(self) -> Iterator[ClipFrame]:
         """Yields the frames of the next group if it is complete."""
         assert self._manifest is not None
         tiers = self._manifest.tiers[2 * self._next : 2 * self._next + 2]
         if tiers and self._have.get(self._next, 0) == sum(tier.num_elements for tier in tiers):
-            yield from self._shown(self._next + 1)
+            yield from self._frames_before(self._next + 1)
 
-    def _shown(self, end: int) -> Iterator[ClipFrame]:
+    def _frames_before(self, end: int) -> Iterator[ClipFrame]:
         """Yields the frames of all groups before group `end` that were not yet output."""
         while self._next < end:
             group, self._next = self._next, self._next + 1
             yield from self._group(group)
 
-    def _opened(self) -> TracksDecoder:
+    def _create_decoder(self) -> TracksDecoder:
         """Creates the decoder for the current manifest; takes over the keyframe Gaussians of the previous decoder.
 
         Raises:
@@ -138,7 +138,7 @@ class LiveDecoder:
 
     def _group(self, group: int) -> Iterator[ClipFrame]:
         assert self._manifest is not None
-        opened = self._opened()
+        opened = self._create_decoder()
         with allocating(f"decoding {self._manifest.num_elements:,} tracks"):
             self._store(opened, self._manifest, group)
             clip = opened.scene().scene

@@ -86,7 +86,7 @@ class LiveEncoding:
         """
         due, behind = self._clock(), self._options.group_frames / self._rate
         while not self._stop():
-            self._look()
+            self._queue_new_files()
             if not self._waiting:
                 if self._source.over:
                     break
@@ -102,7 +102,7 @@ class LiveEncoding:
         for update in self._clip.end():
             self._publish(update)
 
-    def _look(self) -> None:
+    def _queue_new_files(self) -> None:
         """Looks for new files and adds them to the queue; drops the oldest frames if the queue is too long."""
         now = self._clock()
         self._waiting.extend(self._source.poll(now))
@@ -128,16 +128,16 @@ class LiveEncoding:
                 self._reason = _reason(error)
                 self._patience.note(path, signature, now)
             else:
-                self._take(signature)
+                self._remove_first(signature)
                 return self._checked(path, frame)
         if self._patience.is_over(now, behind=len(self._waiting) > 1):
-            self._take(None if self._patience.grows(now) else signature)
+            self._remove_first(None if self._patience.grows(now) else signature)
             self._skip(self._reason if str(path) in self._reason else f"{path}: {self._reason}")
         else:
             self._wait(LOOK_S)
         return None
 
-    def _take(self, signature: Signature | None) -> None:
+    def _remove_first(self, signature: Signature | None) -> None:
         """Removes the first file from the queue, and records its state so that it is not read again."""
         self._patience.clear()
         self._source.mark_read(self._waiting.popleft(), signature)

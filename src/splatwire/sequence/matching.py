@@ -108,9 +108,9 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
     appearance = [(appearance[0] + shift) / spread, appearance[1] / spread]
     partner = np.full(len(now), -1, np.int64)
     for candidates, weight in ROUNDS:
-        partner, sure = _partners(expected, now, appearance[0], appearance[1], candidates, weight)
+        partner, sure = _match_one_to_one(expected, now, appearance[0], appearance[1], candidates, weight)
         expected = _smooth(places, now, partner, sure, expected)
-    partner, _ = _partners(expected, now, appearance[0], appearance[1], ROUNDS[-1][0], 1.0)
+    partner, _ = _match_one_to_one(expected, now, appearance[0], appearance[1], ROUNDS[-1][0], 1.0)
     partner[_implausible_matches(expected, now, appearance[0], appearance[1], partner)] = -1
     if (partner >= 0).sum() < FEWEST * min(len(places), len(now)):
         return Match(np.full(len(now), -1, np.int64), np.zeros_like(now))
@@ -162,7 +162,7 @@ def _fit_affine(places: np.ndarray, now: np.ndarray) -> np.ndarray:
     return np.concatenate([places, np.ones((len(places), 1))], axis=1) @ best
 
 
-def _partners(
+def _match_one_to_one(
     expected: np.ndarray,
     now: np.ndarray,
     appearance: np.ndarray,
@@ -187,12 +187,12 @@ def _partners(
     distance, near = cKDTree(expected).query(now, k=count, workers=-1)
     distance, near = distance.reshape(len(now), count), near.reshape(len(now), count)
     differ = ((appearance_now[:, None, :] - appearance[near]) ** 2).sum(axis=2)
-    best = np.argmin(differ + (distance / _typical(distance[:, 0])) ** 2 * weight, axis=1)
+    best = np.argmin(differ + (distance / _distance_scale(distance[:, 0])) ** 2 * weight, axis=1)
     here = np.arange(len(now))
     # Where most Gaussians do not move or change, the medians are zero; bound the units by a share of the candidates'.
     far_off, unlike = float(np.median(distance[:, -1])), float(np.median(np.sqrt(differ)))
-    unit = max(_typical(distance[here, best]), ALIKE * far_off)
-    look = max(_typical(np.sqrt(differ[here, best])), ALIKE * unlike) ** 2
+    unit = max(_distance_scale(distance[here, best]), ALIKE * far_off)
+    look = max(_distance_scale(np.sqrt(differ[here, best])), ALIKE * unlike) ** 2
     score = (distance / unit) ** 2 * weight + differ / look
     partner = _one_to_one(score, near, len(expected))
     found, mine = partner >= 0, near == partner[:, None]
@@ -232,7 +232,7 @@ def _implausible_matches(
     return other
 
 
-def _typical(values: np.ndarray) -> float:
+def _distance_scale(values: np.ndarray) -> float:
     """Returns a scale for normalising distances: 1.5 times their median, with a small lower bound above 0."""
     return max(float(np.median(values)) * 1.5, float(values.mean()) * 1e-3, 1e-12)
 

@@ -96,8 +96,8 @@ class Relay:
             async with self._changed:
                 await self._changed.wait()
         pieces = list(self._pieces) if self.is_live else self._pieces
-        while given < len(pieces) or self._grows(pieces):
-            while given == len(pieces) and self._grows(pieces):
+        while given < len(pieces) or self._is_growing(pieces):
+            while given == len(pieces) and self._is_growing(pieces):
                 async with self._changed:
                     await self._changed.wait()
             begin, size = given, 0
@@ -105,7 +105,7 @@ class Relay:
                 size, given = size + len(pieces[given]), given + 1
             yield b"".join(pieces[begin:given])
 
-    def _grows(self, pieces: list[bytes]) -> bool:
+    def _is_growing(self, pieces: list[bytes]) -> bool:
         """True if a file is still being received, and not yet replaced by the file of another stream."""
         return not self._over and pieces is self._pieces
 

@@ -216,7 +216,7 @@ def store_block(
     lost = np.flatnonzero(~received)
     filled = rows.copy() if len(lost) else rows
     if len(lost):
-        filled[lost] = _expected(info, block, rows[received][:, LATTICE : LATTICE + 3], lost)
+        filled[lost] = _estimate_lost(info, block, rows[received][:, LATTICE : LATTICE + 3], lost)
     for first in range(0, len(rows), PIECE):
         some = slice(first, first + PIECE)
         origins = np.broadcast_to(info.boxes.corners[block], filled[some][:, :3].shape)
@@ -228,7 +228,7 @@ def store_block(
     splats.quats[gone] = (1, 0, 0, 0)
 
 
-def _expected(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarray) -> np.ndarray:
+def _estimate_lost(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarray) -> np.ndarray:
     """Estimates the integers of a block's lost Gaussians, int64 (lost, COLUMNS).
 
     Size and colour are the means of the block. Positions are those of received Gaussians, or spread over the block's

@@ -5,7 +5,8 @@ import numpy as np
 from splatwire.codec.gaussians.layout import NUM_CONTEXTS, SECONDS, SPREADS, STREAMS
 
 _TRUST = 4.0
-"""Number of residuals at which a context's measured mean and the rank-one estimate of `_products` have equal weight."""
+"""Number of residuals at which a context's measured mean has the same weight as the estimate of
+`_rank_one_means`."""
 _EXPECTED_MAGNITUDES = np.array([
     0.00022850312994217027, 0.0010232186843321654, 0.0024355888262827677, 0.004268452275492507, 0.006624081215933605,
     0.01132872209923163, 0.01677185944509092, 0.023102118543725316, 0.03120918548047908, 0.04737741949105612,
@@ -69,7 +70,7 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
         its mixture distribution, divided by `SCALE_UNIT`.
     """
     number, total = residuals[..., 0].astype(np.float64), residuals[..., 1].astype(np.float64)
-    mean = (total + _TRUST * _products(number, total)) / (number + _TRUST)
+    mean = (total + _TRUST * _rank_one_means(number, total)) / (number + _TRUST)
     expected = _EXPECTED_MAGNITUDES
     scales = np.searchsorted((expected[1:] + expected[:-1]) / 2, mean)
     for second in range(SECONDS):
@@ -78,7 +79,7 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
     return scales.astype(np.int64)
 
 
-def _products(number: np.ndarray, total: np.ndarray) -> np.ndarray:
+def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
     """Estimates the mean magnitude of the residuals of each context, also for contexts with few residuals.
 
     For each stream, the estimate is a product of two factors: one depends on the spread, the other on the second index.

@@ -113,7 +113,7 @@ class SideInfo:
 def write_side_info(info: SideInfo) -> bytes:
     """Serialises the side information of a stream of Gaussians."""
     writer = ByteWriter()
-    for part in (write_header(info), write_blocks(info.boxes, info.defaults), _contexts(info)):
+    for part in (write_header(info), write_blocks(info.boxes, info.defaults), _write_contexts(info)):
         writer.blob(part)
     return writer.bytes() + write_sections(info.sections)
 
@@ -245,7 +245,7 @@ def _num_contexts(degree: int) -> int:
     return NUM_CONTEXTS if degree else FIRST_HARMONIC
 
 
-def _contexts(info: SideInfo) -> bytes:
+def _write_contexts(info: SideInfo) -> bytes:
     """Serialises the context tables of the entropy coder.
 
     Initial probabilities of bits are bytes. The scales of residual distributions are coded as differences from the

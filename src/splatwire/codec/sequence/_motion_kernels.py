@@ -90,7 +90,7 @@ def _code_heads(coder, heads, n, frames, first_new):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _level(magnitude):
+def _magnitude_context(magnitude):
     """Returns a part of the context of a motion coefficient: the number of bits of the neighbouring residuals.
 
     The result is limited.
@@ -192,7 +192,7 @@ def _code_coefficient(coder, low, span, at, kind, order, level, value):
         at: State of the range coder.
         kind: Kind of the channel (`layout.KINDS`), part of the context.
         order: Degree of the coefficient's polynomial, part of the context.
-        level: Octave of the magnitude of neighbouring residuals, from `_level`, part of the context.
+        level: Octave of the magnitude of neighbouring residuals, from `_magnitude_context`, part of the context.
         value: The residual; ignored by a decoder.
 
     Returns:
@@ -257,7 +257,9 @@ def code_motion(coder, heads, n, orders, quantised, frames, first_new):
                 if not first:
                     near = max(near, 2 * abs(np.int64(quantised[i, c - 1, k])))
                 value = np.int64(quantised[i, c, k])
-                value, low, span, place = _code_coefficient(coder, low, span, place, kind, k, _level(near), value)
+                value, low, span, place = _code_coefficient(
+                    coder, low, span, place, kind, k, _magnitude_context(near), value
+                )
                 quantised[i, c, k] = value
                 own = abs(value) if k == 0 and first else max(own, abs(value))
             largest = max(largest, own)

@@ -39,7 +39,7 @@ def add_known(places, i, known, around, count):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _near(squares, count, lanes, some):
+def _find_candidates(squares, count, lanes, some):
     """Finds a small set of candidates that contains the `NUM_NEIGHBOURS` smallest squared distances.
 
     Distances are divided into `NUM_NEIGHBOURS` groups. The candidates are all distances up to the largest of the
@@ -78,7 +78,7 @@ def _near(squares, count, lanes, some):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _least(squares, some, count):
+def _smallest_candidates(squares, some, count):
     """Returns the `NUM_NEIGHBOURS` smallest of the candidates' squared distances, ascending.
 
     Each returned integer contains the distance in its high bits, and the candidate's index in its low bits. Values stay
@@ -125,12 +125,12 @@ def nearest(places, known, around, count, i, squares, lanes, some, neighbours, f
         dx, dy, dz = around[0, m] - x, around[1, m] - y, around[2, m] - z
         squares[m] = dx * dx + dy * dy + dz * dz  # below 2**42, exact in float64
     found = 0
-    for key in _least(squares, some, _near(squares, count, lanes, some)):
+    for key in _smallest_candidates(squares, some, _find_candidates(squares, count, lanes, some)):
         if found < count:
             far[found], neighbours[found] = key >> _PLACE_BITS, known[key & ((1 << _PLACE_BITS) - 1)]
             found += 1
     return found
 
 
-assert NUM_NEIGHBOURS == 8, "`_least` names each of them"
+assert NUM_NEIGHBOURS == 8, "`_smallest_candidates` names each of them"
 assert MAX_CANDIDATES < 1 << _PLACE_BITS, "places of a packet's tracks fit the low bits"

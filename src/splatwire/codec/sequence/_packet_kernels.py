@@ -33,7 +33,7 @@ header of each track.
 
 @njit(error_model="numpy")
 @no_type_check
-def _tables():
+def _no_tables():
     """Returns empty tables for the constructor of the entropy coder.
 
     Motion packets are coded with bit models only, which need no tables.
@@ -117,7 +117,7 @@ def _encode_packet(models, counts, frames, first_new, dead, heads, places, shift
     predict_from_neighbours(places, states, shifts, orders, out, wanted, dead, np.zeros((0, 1, 1), np.float32))
     _trim(out, orders)
     coder = new_coder(
-        ENCODING, buffer, np.empty(0, np.int64), models.copy(), (counts, np.zeros((1, 1, 1, 2), np.int64)), _tables()
+        ENCODING, buffer, np.empty(0, np.int64), models.copy(), (counts, np.zeros((1, 1, 1, 2), np.int64)), _no_tables()
     )  # fmt: skip
     encoder_start(coder.state)
     code_motion(coder, heads.copy(), n, orders, out, frames, first_new)
@@ -143,7 +143,7 @@ def _candidates(heads, begin, n):
 
 @njit(error_model="numpy")
 @no_type_check
-def _expected(costs, begin, end, scale, aim):
+def _expected_tracks(costs, begin, end, scale, aim):
     """Returns the number of tracks from index `begin` on that are expected to fill a packet, at least one.
 
     Args:
@@ -194,7 +194,7 @@ def encode_cut(
     while begin < total:
         left = _candidates(heads, begin, total - begin)
         low, high, tries, last, length = 0, left + 1, 0, 0, 0
-        n = _expected(costs, begin, begin + left, scale, aim)
+        n = _expected_tracks(costs, begin, begin + left, scale, aim)
         while high - low > 1 or last != low:
             n = n if high - low > 1 else low
             kept[:] = 0
@@ -211,7 +211,7 @@ def encode_cut(
                     break
             else:
                 high = n
-            n = min(max(_expected(costs, begin, begin + left, scale, aim), low + 1), high - 1)
+            n = min(max(_expected_tracks(costs, begin, begin + left, scale, aim), low + 1), high - 1)
         counts += kept
         at += length
         sizes[packets], ends[packets] = low, at
@@ -239,7 +239,7 @@ def decode_packets(models, frames, first_new, data, ends, starts, heads, orders,
     statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)
     for p in range(len(starts) - 1):
         payload = data[ends[p] : ends[p + 1]]
-        coder = new_coder(DECODING, payload, words_of(payload), models.copy(), statistics, _tables())
+        coder = new_coder(DECODING, payload, words_of(payload), models.copy(), statistics, _no_tables())
         decoder_start(payload, ZERO, len(payload), coder.state)
         rows = slice(starts[p], starts[p + 1])
         code_motion(

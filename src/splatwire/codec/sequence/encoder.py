@@ -155,7 +155,7 @@ class ClipWriter:
 
             This runs in a thread while other tracks are encoded. The result is cached.
             """
-            packets = self._births(group, classes, born, numbers)
+            packets = self._encode_keyframes(group, classes, born, numbers)
             threads, who = 1 if len(old) else self._threads, np.where(new, numbers, -1)
             fit(targets, group.moves, self._known, self._bases.info, who, (0, group.moves.num_frames), threads)
             own = targets.largest[born], targets.turns[born]
@@ -165,7 +165,7 @@ class ClipWriter:
             return packets
 
         self._fill_coder(coder, slice(len(old)), group, by, numbers, moving)
-        motions, moved = self._motions(group, coder, len(old), births)
+        motions, moved = self._encode_motion(group, coder, len(old), births)
         self._groups.append(Group(len(born), motions))
         count = sum(packet.num_bytes for packet in [*births(), *moved]) // BYTES_OF_ONE
         numbers, begins, ends = numbers[by], group.begins[by], group.ends[by]
@@ -255,7 +255,7 @@ class ClipWriter:
     def _fit(self, keys: np.ndarray, moves: Trajectories) -> Fitting:
         return Fitting(keys, self._known, self._bases.info, moves.num_frames, self._threads)
 
-    def _births(
+    def _encode_keyframes(
         self, group: TrackGroup, classes: np.ndarray | None, where: np.ndarray, numbers: np.ndarray
     ) -> list[Packet]:
         """Encodes the keyframe Gaussians of new tracks and assigns track numbers to these tracks.
@@ -307,7 +307,7 @@ class ClipWriter:
         coder.rows[some], coder.costs[some] = rows, self._costs[tracks]
         coder.places[some], coder.shifts[some] = known.rows[tracks, :3], known.shifts[tracks]
 
-    def _motions(
+    def _encode_motion(
         self, group: TrackGroup, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]
     ) -> tuple[int, list[Packet]]:
         """Encodes the motion of all tracks of a group of frames.
@@ -327,10 +327,10 @@ class ClipWriter:
             births()
             if all_stay(heads, frames):
                 return 0, []
-        packets, self._costs[heads[:, TRACK]] = self._cut(coder, known, births)
+        packets, self._costs[heads[:, TRACK]] = self._encode_motion_blocks(coder, known, births)
         return len(heads), packets
 
-    def _cut(
+    def _encode_motion_blocks(
         self, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]
     ) -> tuple[list[Packet], np.ndarray]:
         """Encodes the motion of all tracks, block by block, in packets of limited size.

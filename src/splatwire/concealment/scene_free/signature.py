@@ -50,7 +50,7 @@ def signatures(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Flo
     for members in around.classes:
         columns += _losses_in_class(lost, area, own, around.rows, members)
     columns += _sizes(sizes, own, around)
-    columns += _shape(partial, around, own, lost)
+    columns += _size_features(partial, around, own, lost)
     return np.stack(columns, axis=1).astype(kind, copy=False)
 
 
@@ -74,7 +74,7 @@ def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:
     return values.sum(axis=1) / max(values.shape[1], 1)
 
 
-def _spread_of(
+def _weighting_inputs(
     area: np.ndarray, rows: np.ndarray, neighbors: Neighborhood
 ) -> tuple[Float[np.ndarray, "M k"], Float[np.ndarray, "M k"]]:
     """Returns areas and relative distances of neighbours, from which the weights of neighbours are computed.
@@ -97,7 +97,7 @@ def _losses_nearby(
     rows, near, tiny = around.rows, around.near.first(CLOSE), np.finfo(area.dtype).tiny
     there = lost[near.index]
     columns = [log_gain(_mean(there[:, :count])) for count in _COUNTS]
-    theirs, far = _spread_of(area, rows, near)
+    theirs, far = _weighting_inputs(area, rows, near)
     for reach in _REACHES:
         weight = theirs * np.exp(far / -reach)
         gone = (weight * there).sum(axis=1)
@@ -112,7 +112,7 @@ def _losses_in_class(
     lost: np.ndarray, area: np.ndarray, own: np.ndarray, rows: np.ndarray, members: Neighborhood
 ) -> list[Float[np.ndarray, "M"]]:
     there = lost[members.index]
-    theirs, far = _spread_of(area, rows, members)
+    theirs, far = _weighting_inputs(area, rows, members)
     weight = theirs * np.exp(far / -_MIDDLE_REACH)
     gone = (weight * there).sum(axis=1)
     whole = np.maximum(weight.sum(axis=1) + area[rows], np.finfo(area.dtype).tiny)
@@ -135,7 +135,7 @@ def _sizes(sizes: Float[np.ndarray, "M 6"], own: np.ndarray, around: Surrounding
     ]
 
 
-def _shape(
+def _size_features(
     partial: ReceivedScene[AnchorScene], around: Surroundings, own: np.ndarray, lost: np.ndarray
 ) -> list[Float[np.ndarray, "M"]]:
     """Returns the input features that describe an anchor's size and offsets, and the uncertainty of its prior.

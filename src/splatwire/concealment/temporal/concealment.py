@@ -37,11 +37,11 @@ def conceal_group(
     frames, arrived = len(clip.timeline.frames_of(group)), _arrived(motion)
     poses, hidden = arrived, np.zeros(clip.num_gaussians, bool)
     before = _initial_state(clip) if state is None else state.extended_to(clip.num_gaussians)
-    lost_tracks = np.flatnonzero(_lost(clip, motion, group, received, None if state is None else before.alive))
+    lost_tracks = np.flatnonzero(_lost_tracks(clip, motion, group, received, None if state is None else before.alive))
     if len(lost_tracks):
         prediction = no_motion(lost_tracks)
         if not motion.unchanged:
-            proposal = _proposal(concealer, LostMotion(clip, group, lost_tracks, arrived, before))
+            proposal = _checked_estimate(concealer, LostMotion(clip, group, lost_tracks, arrived, before))
             prediction = proposal.at
             hidden[lost_tracks[~proposal.shown]] = True
         others = GroupPoses(
@@ -59,7 +59,7 @@ def conceal_group(
     return poses.only(there & ~away), poses.only(there & away), after
 
 
-def _proposal(concealer: TemporalConcealer, lost: LostMotion) -> ConcealedMotion:
+def _checked_estimate(concealer: TemporalConcealer, lost: LostMotion) -> ConcealedMotion:
     """Calls a concealer and checks shape, type and values of the estimated motion in each frame."""
     proposal, shape = concealer(lost), (len(lost.tracks), NUM_CHANNELS)
     if not isinstance(proposal, ConcealedMotion):
@@ -82,7 +82,7 @@ def _proposal(concealer: TemporalConcealer, lost: LostMotion) -> ConcealedMotion
     return ConcealedMotion(at, np.broadcast_to(shown, shape[:1]))
 
 
-def _lost(
+def _lost_tracks(
     clip: ClipScene, motion: GroupMotion, group: int, received: np.ndarray, alive: np.ndarray | None
 ) -> np.ndarray:
     """Returns the mask of tracks without received motion that may exist in a group of pictures, bool (T).

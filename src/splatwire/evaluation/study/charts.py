@@ -86,7 +86,7 @@ def losses_chart(shown: Sequence[Summary], losses: Sequence[Loss]) -> str | None
     panels = figure.subplots(1, len(units), squeeze=False, sharey=True)[0]
     for axes, unit in zip(panels, units, strict=True):
         own = [loss for loss in losses if loss.unit == unit]
-        places, labels = _places(own)
+        places, labels = _axis_positions(own)
         for i, key in enumerate(dict.fromkeys(s.row.key for s in shown if s.loss is not None)):
             points = [(p, s) for p, loss in zip(places, own, strict=True) for s in shown
                       if s.row.key == key and s.loss == loss and s.figures.get("psnr") is not None]  # fmt: skip
@@ -166,7 +166,7 @@ def _by_size(summaries: Sequence[Summary], key: str) -> list[Summary]:
     return sorted((s for s in summaries if s.row.key == key), key=lambda s: s.num_anchors)
 
 
-def _places(losses: Sequence[Loss]) -> tuple[list[float], list[str]]:
+def _axis_positions(losses: Sequence[Loss]) -> tuple[list[float], list[str]]:
     """Returns the positions of loss models on the axis of a chart, and their labels.
 
     If all losses are independent, the positions are the loss rates in percent; otherwise, they are equally spaced.

@@ -105,7 +105,7 @@ def make_lead(
     opens = () if rows is None else (rows.uncovered.label, rows.best.label)
     if view is None:
         return Lead(sentence, curve=drawn, opens=opens)
-    left, right = _sides(view, rows)
+    left, right = _compared_images(view, rows)
     return Lead(sentence, left, right, f"View {view.view}, {view.loss}.", drawn, opens)
 
 
@@ -121,7 +121,7 @@ def _lossless_lead(result: StudyResult, pictures: Sequence[ViewPictures]) -> Lea
         "higher is better."
     )
     view = next(iter(pictures), None)
-    left, right = (None, None) if view is None else _sides(view, None)
+    left, right = (None, None) if view is None else _compared_images(view, None)
     return Lead(sentence, left, right, "" if view is None else f"View {view.view}.")
 
 
@@ -147,7 +147,7 @@ def _sentence(found: dict[str, Summary], rows: ComparedRows | None, source: str)
     )
 
 
-def _sides(view: ViewPictures, rows: ComparedRows | None) -> tuple[Side | None, Side | None]:
+def _compared_images(view: ViewPictures, rows: ComparedRows | None) -> tuple[Side | None, Side | None]:
     """Returns the left and the right image of a comparison of a view.
 
     The left image is without concealment, the right image with the best concealment. If the view lacks one of these

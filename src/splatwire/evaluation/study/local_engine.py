@@ -37,7 +37,7 @@ class LocalEngine:
                 for worker in workers:
                     if worker.unit is None and waiting:
                         worker.give(waiting.popleft())
-                for worker in _with_news(workers):
+                for worker in _await_finished(workers):
                     unit, problem, alive = worker.result()
                     if alive and problem is not None:
                         raise failed(unit, problem)
@@ -94,7 +94,7 @@ class _Worker:
         self.pipe.close()
 
 
-def _with_news(workers: list[_Worker]) -> list[_Worker]:
+def _await_finished(workers: list[_Worker]) -> list[_Worker]:
     """Waits until at least one worker has finished its task or died, and returns these workers."""
     busy = [worker for worker in workers if worker.unit is not None]
     sources: list[Any] = [source for worker in busy for source in (worker.pipe, worker.process.sentinel)]

@@ -43,7 +43,7 @@ class RayEngine:
                     running[task.remote(str(store.root), unit)] = unit
                 for reference in ray.wait(list(running), num_returns=1)[0]:
                     unit = running.pop(reference)
-                    if (reason := _lost(ray, reference, unit)) is None:
+                    if (reason := _death_reason(ray, reference, unit)) is None:
                         listener(Event(unit))
                     else:
                         attempts.lost(unit, reason)
@@ -87,7 +87,7 @@ def _run(root: str, unit: Unit) -> str:
     return run_unit(root, unit)
 
 
-def _lost(ray: Any, reference: Any, unit: Unit) -> str | None:
+def _death_reason(ray: Any, reference: Any, unit: Unit) -> str | None:
     """Returns the reason why the worker of a task died, or None if it did not die.
 
     Raises:

@@ -115,13 +115,13 @@ def prepare_references(
                 return reference_pictures(entry.reference, cameras, chosen, study.renderer, background)
             return views_of(drawn(), cameras, study.renderer, background)
 
-        digest = _draw(entry.name, cameras, background, pictures, store, folder, progress)
+        digest = _render_missing(entry.name, cameras, background, pictures, store, folder, progress)
     return References(
         entry, tuple(chosen), background, folder, source, masked, digest, frames, cameras.names, num_views
     )
 
 
-def _draw(
+def _render_missing(
     name: str, cameras: Cameras, background: Background, pictures: Callable[[], Iterable[Any]],
     store: Store, folder: str, progress: Progress,
 ) -> str:  # fmt: skip

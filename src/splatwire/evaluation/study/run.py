@@ -121,7 +121,7 @@ def run_study(study: Study, store: Store, engine: Engine, progress: Progress) ->
         shift.run(
             [*(c.unit for c in _by_mask(others)), *(_storing_hardest_views(study, store, c.unit) for c in judges)]
         )
-        looks = {name: _look(study, store, [c for c in judges if c.scene == name]) for name in scenes}
+        looks = {name: _choose_images(study, store, [c for c in judges if c.scene == name]) for name in scenes}
         rest = [c for c in _by_mask(cells, judges) if c not in judges and c not in others]
         shift.run([_shown(looks[c.scene], c) for c in rest])
         records = {cell.unit.key: store.records(cell.unit.key) for cell in cells}
@@ -196,7 +196,7 @@ def _storing_hardest_views(study: Study, store: Store, unit: Unit) -> Unit:
     return replace(unit, hardest=study.picture_views)
 
 
-def _look(study: Study, store: Store, judges: Sequence[Cell]) -> ReportImages:
+def _choose_images(study: Study, store: Store, judges: Sequence[Cell]) -> ReportImages:
     """Selects the loss, seed and views whose images the report shows.
 
     The loss with the lowest PSNR is selected, because the effect of small losses is invisible in images.

@@ -128,7 +128,7 @@ def _summary(
     stream, parts = prepared.streams[row.variant], prepared.parts[row.key]
     metrics = [m for m in result.study.metrics if any(record.figure(m) is not None for record in runs[0])]
     by_seed = {metric: tuple(_over_views(run, metric) for run in runs) for metric in metrics}
-    views = {metric: _columns(runs, metric) for metric in metrics}
+    views = {metric: _values_by_view(runs, metric) for metric in metrics}
     delta: dict[str, Estimate | None] = {}
     if baseline is not None and len(baseline) == len(runs):
         base = {metric: [_over_views(run, metric) for run in baseline] for metric in metrics}
@@ -319,7 +319,7 @@ def _over_views(run: list[Record], metric: str) -> float:
     return statistics.fmean(value for record in run if (value := record.figure(metric)) is not None)
 
 
-def _columns(runs: list[list[Record]], metric: str) -> list[tuple[float, ...]]:
+def _values_by_view(runs: list[list[Record]], metric: str) -> list[tuple[float, ...]]:
     """Regroups the values of a metric: from records per seed to one tuple of values per view.
 
     Args:

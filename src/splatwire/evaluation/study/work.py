@@ -136,7 +136,7 @@ class UnitRunner:
         started = time.perf_counter()
         views = keep(self._views, unit.references.digest, _VIEWS, lambda: unit.references.open(self.store.root))
         images = self._images(unit, arrived, views)
-        common = self._common(unit, arrived) | {"seconds_conceal": time.perf_counter() - started}
+        common = self._shared_fields(unit, arrived) | {"seconds_conceal": time.perf_counter() - started}
         wanted = spread(views.cameras.num_views, unit.lpips_views) if unit.lpips_digest else []
         records: list[Record] = []
         kept: dict[int, np.ndarray] = {}
@@ -220,7 +220,7 @@ class UnitRunner:
 
         return keep(self._arrived, (unit.stream.digest, mask), _SCENES, decode)
 
-    def _common(self, unit: Unit, arrived: ReceivedInput) -> dict[str, Any]:
+    def _shared_fields(self, unit: Unit, arrived: ReceivedInput) -> dict[str, Any]:
         """Returns the fields of a task's records (`Record`) that have the same value for all views, by name.
 
         Args:

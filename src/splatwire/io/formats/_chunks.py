@@ -41,7 +41,7 @@ def arrange(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
         return rows, np.zeros(count, bool)
     last = np.array([chunk[-1]] if count % CHUNK else [], np.int64)  # only the last chunk may have fewer rows
     again = np.isin(chunk, np.union1d(coarse, last))
-    index, filling = _cut(splats, rows[again], max(_MOST_FILLED, int(_MOST_SHARE * count)))
+    index, filling = _cut_into_chunks(splats, rows[again], max(_MOST_FILLED, int(_MOST_SHARE * count)))
     return np.concatenate([rows[~again], index]), np.concatenate([np.zeros(int((~again).sum()), bool), filling])
 
 
@@ -60,7 +60,7 @@ def _half_steps(spans: np.ndarray) -> np.ndarray:
     return np.asarray((spans / (2 * (2.0 ** np.array(WIDTHS) - 1))).max(axis=1))
 
 
-def _cut(splats: Splats, rows: np.ndarray, most_filled: int) -> tuple[np.ndarray, np.ndarray]:
+def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tuple[np.ndarray, np.ndarray]:
     """Sorts some Gaussians by local scale and along a space-filling curve, and cuts them into chunks.
 
     Args:
@@ -77,7 +77,7 @@ def _cut(splats: Splats, rows: np.ndarray, most_filled: int) -> tuple[np.ndarray
     order = morton_order(means)
     order = order[np.argsort(classes[order], kind="stable")]
     for factor in _LOOSER:
-        lengths = _lengths(means[order], scales[order] * (factor / FINE))
+        lengths = _chunk_lengths(means[order], scales[order] * (factor / FINE))
         if CHUNK * len(lengths) - len(rows) <= most_filled:
             break
     else:
@@ -92,7 +92,7 @@ def _cut(splats: Splats, rows: np.ndarray, most_filled: int) -> tuple[np.ndarray
     return rows[np.concatenate(index)], np.concatenate(filling)
 
 
-def _lengths(means: np.ndarray, limits: np.ndarray) -> list[int]:
+def _chunk_lengths(means: np.ndarray, limits: np.ndarray) -> list[int]:
     """Divides sorted Gaussians into chunks with small rounding errors; returns the number of Gaussians of each chunk.
 
     Each chunk ends before the first Gaussian that would enlarge the quantisation steps beyond the error limit of any

@@ -150,7 +150,7 @@ def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -
                 )  # fmt: skip
         elif word in ([ORIGIN], [OFFSET]):
             _warn(path, comment, "a shift of the positions")
-        elif (meaning := _meaning(comment)) is not None:
+        elif (meaning := _described_transform(comment)) is not None:
             _warn(path, comment, meaning)
 
 
@@ -181,7 +181,7 @@ def warn_of_unused_fields(path: Path, content: object) -> None:
     """
     for name, value in content.items() if isinstance(content, dict) else ():
         text = _value_as_text(value)
-        if text is not None and (meaning := _meaning(f"{name}: {text}")) is not None:
+        if text is not None and (meaning := _described_transform(f"{name}: {text}")) is not None:
             _warn(path, f"{name}: {text}", meaning, "field")
 
 
@@ -205,7 +205,7 @@ def _warn(path: Path, comment: str, meaning: str, kind: str = "comment") -> None
     )  # fmt: skip
 
 
-def _meaning(comment: str) -> str | None:
+def _described_transform(comment: str) -> str | None:
     """Returns the possible meaning of a comment that is not applied, such as `a shift of the positions`, else None."""
     if comment.startswith("splatwire") or is_metadata(comment):
         return None
@@ -218,14 +218,14 @@ def _meaning(comment: str) -> str | None:
             return meaning
     if _SYSTEMS.search(comment):
         return "the coordinate reference system of the positions"
-    if values := _after(words, numbers, _SHIFTS):
+    if values := _numbers_after(words, numbers, _SHIFTS):
         return None if _is_identity(values) else "a shift of the positions"
     if pose := _POSES.search(comment):
         values = [float(word) for word in re.split(r"[^-+.\de]+", pose["values"].lower()) if word]
         return None if _is_identity(values) else "a shift of the positions"
     if _POINTS.search(comment) and any(numbers):
         return "a shift of the positions"
-    if values := _after(words, numbers, _SCALES):
+    if values := _numbers_after(words, numbers, _SCALES):
         return None if set(values) == {1.0} else "a scale of the positions"
     if any(word in _UNITS for word in words):
         place = next(place for place, word in enumerate(words) if word in _UNITS)
@@ -264,7 +264,7 @@ def _is_identity(values: list[float]) -> bool:
     return set(values) <= {0.0, 1.0} and values.count(1) <= 2
 
 
-def _after(words: list[str], numbers: list[float | None], keywords: frozenset[str]) -> list[float]:
+def _numbers_after(words: list[str], numbers: list[float | None], keywords: frozenset[str]) -> list[float]:
     """Returns the numbers of a comment after its first keyword; empty if there is none.
 
     A keyword only counts if a number follows within a few words.

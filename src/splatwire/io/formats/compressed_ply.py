@@ -173,7 +173,7 @@ def write_compressed_ply(
     remarks += metadata_comments(metadata)
     splats = _sorted(join(path, parts), path, outliers)
     splats = _scales_and_colours(splats, path, outliers)
-    total, splats = splats.num_gaussians, _arranged(splats, path)
+    total, splats = splats.num_gaussians, _order_by_density(splats, path)
     means, quats, scales, sh = splats.means, splats.quats, splats.scales, splats.sh
     color = np.concatenate([sh[:, 0] * np.float32(DC) + np.float32(0.5), splats.opacities[:, None]], axis=1)
     logs = np.log(scales).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
@@ -190,7 +190,7 @@ def write_compressed_ply(
     return total
 
 
-def _arranged(splats: Splats, path: Path) -> Splats:
+def _order_by_density(splats: Splats, path: Path) -> Splats:
     """Divides Gaussians into chunks so that dense and distant Gaussians do not share a chunk; logs visible rounding.
 
     Chunks are padded with transparent Gaussians (`splatwire.io.formats._chunks`).

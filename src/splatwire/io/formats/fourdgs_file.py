@@ -72,7 +72,7 @@ def fourdgs_frames(path: Path) -> FourdgsFrames:
         DatasetError: If the package fourdgs cannot read the file, or the file has too many Gaussians or frames.
     """
     try:
-        if count := _announced(path):
+        if count := _declared_gaussians(path):
             check_count(path, count, path.stat().st_size)
         scene = fourdgs.read(str(path), recover_truncated=False)
     except (fourdgs.FourdgsError, OSError, *MALFORMED) as error:
@@ -91,7 +91,7 @@ def fourdgs_frames(path: Path) -> FourdgsFrames:
     return FourdgsFrames(path, count, rate, scene)
 
 
-def _announced(path: Path) -> int:
+def _declared_gaussians(path: Path) -> int:
     """Returns the number of Gaussians that the chunk headers of a file declare, without decoding the chunks."""
     data = path.read_bytes()
     check_magic(data)

@@ -175,7 +175,7 @@ def read_all_rows(path: Path) -> tuple[FileContent, ElementValidity]:
     return content, validity_of_splats(content.splats)
 
 
-def _trained(folder: Path) -> Path:
+def _last_iteration(folder: Path) -> Path:
     """Returns the PLY of the last iteration of a 3DGS model folder.
 
     Raises:
@@ -408,7 +408,7 @@ def _problem(form: FileFormat) -> str:
 _FACTS = frozenset(("antialiased", "metadata", "note", "origin", "outliers"))
 
 
-def _first_used(module: str, name: str) -> Callable[..., Any]:
+def _lazy_import(module: str, name: str) -> Callable[..., Any]:
     """Returns a function that imports a reader or writer of `splatwire.io.formats` at its first call.
 
     The deferred import avoids loading the libraries of all other formats.
@@ -433,35 +433,35 @@ _EXPLICIT = (
     FileFormat(
         "spz",
         "an SPZ file",
-        read=_first_used("spz", "read_spz"),
-        write=_first_used("spz_writer", "write_spz"),
+        read=_lazy_import("spz", "read_spz"),
+        write=_lazy_import("spz_writer", "write_spz"),
         kinds=(SPZ,),
         keeps=_FACTS - {"note", "origin"},
     ),
     FileFormat(
         "sog",
         "a SOG file",
-        read=_first_used("sog", "read_sog"),
-        write=_first_used("sog_writer", "write_sog"),
+        read=_lazy_import("sog", "read_sog"),
+        write=_lazy_import("sog_writer", "write_sog"),
         kinds=(SOG, SOG_FOLDER, SOG_META),
         keeps=_FACTS - {"note", "origin"},
     ),
     FileFormat(
-        "streamed sog", "a streamed SOG", read=_first_used("streamed_sog", "read_streamed_sog"), kinds=(SOG_LEVELS,)
+        "streamed sog", "a streamed SOG", read=_lazy_import("streamed_sog", "read_streamed_sog"), kinds=(SOG_LEVELS,)
     ),
     FileFormat(
         "splat",
         "a .splat file",
-        read=_first_used("splat", "read_splat"),
-        write=_first_used("splat", "write_splat"),
+        read=_lazy_import("splat", "read_splat"),
+        write=_lazy_import("splat", "write_splat"),
         kinds=(SPLAT,),
     ),
-    FileFormat("ksplat", "a .ksplat file", read=_first_used("ksplat", "read_ksplat"), kinds=(KSPLAT,)),
+    FileFormat("ksplat", "a .ksplat file", read=_lazy_import("ksplat", "read_ksplat"), kinds=(KSPLAT,)),
     FileFormat(
         "glb",
         "a glTF file",
-        read=_first_used("gltf", "read_gltf"),
-        write=_first_used("gltf_writer", "write_gltf"),
+        read=_lazy_import("gltf", "read_gltf"),
+        write=_lazy_import("gltf_writer", "write_gltf"),
         kinds=(GLB, GLTF),
         keeps=_FACTS - {"note", "outliers"},
     ),
@@ -469,14 +469,16 @@ _EXPLICIT = (
         FileFormat(
             name,
             "an OpenUSD scene",
-            read=_first_used("usd", "read_usd"),
-            write=_first_used("usd", "write_usd"),
+            read=_lazy_import("usd", "read_usd"),
+            write=_lazy_import("usd", "write_usd"),
             kinds=(USD,) if name == "usd" else (),
             keeps=frozenset(("origin", "metadata")),
         )
         for name in ("usd", "usda", "usdc", "usdz")
     ),
-    FileFormat("3dgs", "a model folder of 3DGS", read=lambda path: _read_ply(_trained(path)), kinds=(MODEL_3DGS,)),
+    FileFormat(
+        "3dgs", "a model folder of 3DGS", read=lambda path: _read_ply(_last_iteration(path)), kinds=(MODEL_3DGS,)
+    ),
 )
 for _form in _EXPLICIT:
     FORMATS.register(_form.name, _form, f"{__name__}.{_form.name}")

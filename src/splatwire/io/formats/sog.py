@@ -199,7 +199,7 @@ class _Sog:
 
     def _log_scales(self) -> np.ndarray:
         pixels = self._pixels("scales")[:, :3]
-        return self._between("scales", pixels) if self._first else self._codebook("scales")[pixels]
+        return self._from_bounds("scales", pixels) if self._first else self._codebook("scales")[pixels]
 
     def _colors(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns constant coefficients (N, 3) and opacities (N)."""
@@ -208,10 +208,10 @@ class _Sog:
 
     def _colors_first(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns constant coefficients (N, 3) and opacities (N) from a version 1 file."""
-        values = self._between("sh0", self._pixels("sh0"))
+        values = self._from_bounds("sh0", self._pixels("sh0"))
         return values[:, :3], 1 / (1 + np.exp(-values[:, 3]))
 
-    def _between(self, section: str, pixels: np.ndarray) -> np.ndarray:
+    def _from_bounds(self, section: str, pixels: np.ndarray) -> np.ndarray:
         """Decodes values of a version 1 file, which are scaled to the bounds of each channel, to float32 (N, C)."""
         low, high = (self._numbers(section, side, pixels.shape[1], _MAX_CODE) for side in ("mins", "maxs"))
         return (low + (high - low) * (pixels / _CHANNEL)).astype(np.float32)

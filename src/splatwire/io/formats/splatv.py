@@ -83,7 +83,7 @@ def read_splatv(path: Path) -> MovingSplats:
         (length,) = struct.unpack("<I", head[4:])
         if length > min(MAX_HEAD_BYTES, size - 8):
             raise DatasetError(f"{path}: a list of {length} bytes in a file of {size}")
-        skipped, found = _piece(path, file.read(length))
+        skipped, found = _gaussian_block(path, file.read(length))
         begin = 8 + length + skipped
         if found % RECORD.itemsize or begin + found > size:
             raise DatasetError(
@@ -97,7 +97,7 @@ def read_splatv(path: Path) -> MovingSplats:
     return MovingSplats(path, records[used])
 
 
-def _piece(path: Path, data: bytes) -> tuple[int, int]:
+def _gaussian_block(path: Path, data: bytes) -> tuple[int, int]:
     """Returns the position and size in bytes of the data block with the Gaussians."""
     try:
         pieces, before = json.loads(data), 0

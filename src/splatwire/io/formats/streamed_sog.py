@@ -75,7 +75,7 @@ def read_streamed_sog(path: Path) -> FileContent:
     if coarser:
         LOG.warning("%s: %d leaves are read at a coarser level, or not at all, for lack of chunks", index, coarser)
     metadata = metadata_of_asset(content.get("asset")).over(metadata_of_asset(sog.read_asset(chunks[min(pieces)])))
-    return FileContent(_joined(index, chunks, pieces, named), antialiased=is_antialiased(path), metadata=metadata)
+    return FileContent(_read_pieces(index, chunks, pieces, named), antialiased=is_antialiased(path), metadata=metadata)
 
 
 def is_antialiased(path: Path) -> bool:
@@ -184,7 +184,9 @@ def _piece(index: Path, level: Any, num_chunks: int) -> Piece:
     return Piece(*numbers)
 
 
-def _joined(index: Path, chunks: list[Path], pieces: dict[int, list[Piece]], named: dict[int, list[Piece]]) -> Splats:
+def _read_pieces(
+    index: Path, chunks: list[Path], pieces: dict[int, list[Piece]], named: dict[int, list[Piece]]
+) -> Splats:
     """Concatenates all ranges of Gaussians; keeps only one chunk and the environment in memory at a time.
 
     Logs a warning if chunks have Gaussians that no leaf names.
@@ -204,10 +206,10 @@ def _joined(index: Path, chunks: list[Path], pieces: dict[int, list[Piece]], nam
     for chunk, runs in sorted(pieces.items()):
         part = whole_ones.pop(chunk, None)
         if part is None:
-            part, more = _gathered(index, chunks[chunk], runs, named[chunk])
+            part, more = _read_chunk(index, chunks[chunk], runs, named[chunk])
             unnamed += more
         if joined is None or part.degree > joined.degree:
-            joined = _widened(joined, at, total, part.degree)
+            joined = _with_capacity(joined, at, total, part.degree)
         # Missing harmonics are 0, so that chunks of a lower degree are unchanged.
         joined.fill(at, of_degree(part, joined.degree))
         at += part.num_gaussians
@@ -219,7 +221,7 @@ def _joined(index: Path, chunks: list[Path], pieces: dict[int, list[Piece]], nam
     return joined
 
 
-def _widened(joined: Splats | None, count: int, total: int, degree: int) -> Splats:
+def _with_capacity(joined: Splats | None, count: int, total: int, degree: int) -> Splats:
     """Allocates arrays for `total` Gaussians and copies those read so far into them."""
     room = Splats.empty(total, degree)
     for begin in range(0, 0 if joined is None else count, ROWS):
@@ -228,7 +230,7 @@ def _widened(joined: Splats | None, count: int, total: int, degree: int) -> Spla
     return room
 
 
-def _gathered(index: Path, folder: Path, runs: list[Piece], named: list[Piece]) -> tuple[Splats, int]:
+def _read_chunk(index: Path, folder: Path, runs: list[Piece], named: list[Piece]) -> tuple[Splats, int]:
     """Reads a chunk and selects the Gaussians of some ranges, which must not overlap.
 
     Args:

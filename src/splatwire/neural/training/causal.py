@@ -98,7 +98,7 @@ class TrainedCausal:
         place, layout = self.place(state)[index], self._model.layout
         networks, nothing = causal_networks(state.parameters, self._model), place.new_zeros(len(place), 1)
         predicted = predict_causal(
-            _evaluated(networks), self._model, place, nothing.expand(-1, layout.feature_dim), nothing.expand(-1, FORM),
+            _functions(networks), self._model, place, nothing.expand(-1, layout.feature_dim), nothing.expand(-1, FORM),
             quantised=lambda name, mean, values: mean, join=torch.cat,
         )  # fmt: skip
         steps = channel_steps(state.parameters["steps"], self._model)[1]
@@ -174,7 +174,7 @@ def causal_networks(parameters: dict[str, Tensor], config: CausalConfig) -> dict
     return {name: Mlp(layer(f"{name}.hidden"), layer(f"{name}.output"), CHANNEL_SLOPE) for name in config.shapes()}
 
 
-def _evaluated(networks: dict[str, Mlp]) -> dict[str, Callable[[Tensor], Tensor]]:
+def _functions(networks: dict[str, Mlp]) -> dict[str, Callable[[Tensor], Tensor]]:
     """Returns each network as a function of its inputs."""
     return {name: partial(run_network, network) for name, network in networks.items()}
 
@@ -221,7 +221,7 @@ def number_bits_of(
         offset_mask: Mask of the offsets that exist, 0 or 1.
     """
     feature, form, offset = numbers
-    predicted = predict_causal(_evaluated(networks), config, place, feature, form, join=torch.cat)
+    predicted = predict_causal(_functions(networks), config, place, feature, form, join=torch.cat)
     own = number_bits(torch.cat([feature, form], dim=1), *joined(predicted.feature, predicted.form)).sum(dim=1)
     each = number_bits(offset, *predicted.offset).view(len(place), -1, 3).sum(dim=2)
     one, zero = mask_bits(predicted)

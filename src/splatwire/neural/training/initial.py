@@ -57,7 +57,7 @@ def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
         DatasetError: If the cameras or points are unusable; the message states the reason.
     """
     generator = torch.Generator().manual_seed(config.seed)
-    _check_cameras(dataset.cameras, _place(dataset))
+    _check_cameras(dataset.cameras, _folder(dataset))
     points = _points(dataset, config, generator)
     voxel_size = config.voxel_size or _derived_voxel_size(points)
     voxels = _voxels(points, voxel_size)
@@ -148,7 +148,7 @@ def anchor_parameters(voxels: Int64[Tensor, "N 3"], voxel_size: float, config: T
     }
 
 
-def _place(dataset: Dataset) -> Path:
+def _folder(dataset: Dataset) -> Path:
     """Returns the folder of a dataset's photos, for error messages."""
     return dataset.image_paths[0].parent if dataset.image_paths else Path()
 
@@ -168,7 +168,7 @@ def _points(dataset: Dataset, config: TrainConfig, generator: torch.Generator) -
         points = points[torch.isfinite(points).all(dim=1)]
         if len(points) < 4:
             raise DatasetError(
-                f"{_place(dataset)}: the reconstruction has {len(points)} usable points; at least 4 are needed"
+                f"{_folder(dataset)}: the reconstruction has {len(points)} usable points; at least 4 are needed"
             )
         return points
     center, distance = _view_center(dataset.cameras)
@@ -236,7 +236,7 @@ def _check_visible(dataset: Dataset, positions: Float[Tensor, "N 3"]) -> None:
             blind.append(cameras.names[view])
     if 2 * len(blind) > cameras.num_views:
         raise DatasetError(
-            f"{_place(dataset)}: {len(blind)} of {cameras.num_views} training views see none of the points, the first "
+            f"{_folder(dataset)}: {len(blind)} of {cameras.num_views} training views see none of the points, the first "
             f"is '{blind[0]}': poses and points do not belong together, or the cameras look away"
         )
 

@@ -58,7 +58,7 @@ def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetw
         for tensor in (mlp.hidden.weight, mlp.hidden.bias, mlp.output.weight, mlp.output.bias)
     ]
     shapes = tuple((mlp.hidden.weight.shape[1], *reversed(mlp.output.weight.shape)) for mlp in networks)
-    source, place, zero = _places(shapes, order, tensors[0].device)
+    source, place, zero = _copy_indices(shapes, order, tensors[0].device)
     flat = _Packed.apply(source, place, zero, *tensors)
     num_inputs = max(inputs for inputs, _, _ in shapes)
     num_hidden, num_outputs = sum(hidden for _, hidden, _ in shapes), len(order)
@@ -70,7 +70,7 @@ def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetw
 
 
 @lru_cache(maxsize=16)
-def _places(
+def _copy_indices(
     shapes: tuple[Shape, ...], order: tuple[int, ...], device: torch.device
 ) -> tuple[Int64[Tensor, "packed"], Int64[Tensor, "numbers"], Float[Tensor, "1"]]:
     """Computes the indices that copy the weights of all networks into the packed weights, and back.

@@ -82,10 +82,10 @@ class PacketLosses:
 
     def active(self, state: TrainState) -> bool:
         """True if the next iteration may have packet loss."""
-        return bool(self._choices) and state.iteration > self._start
+        return bool(self._choices) and state.iteration > self._last_lossless
 
     @property
-    def _start(self) -> int:
+    def _last_lossless(self) -> int:
         """Last iteration without packet loss: packet loss is simulated only late in the training.
 
         Without fine-tuning, it is the last iteration of the growth phase, in which anchors are added and removed. With
@@ -110,7 +110,7 @@ class PacketLosses:
             state: State of the training before an iteration; changed in place.
             cameras: The training cameras, in which the importance of anchors is measured.
         """
-        since = state.iteration - self._start
+        since = state.iteration - self._last_lossless
         if not self.active(state) or since % _TIDY_INTERVAL != 1:
             return
         alive = state.masks(self._config.mask_threshold).any(dim=1)
@@ -136,12 +136,12 @@ class PacketLosses:
         seed = int(torch.randint(1 << 62, (), generator=state.generator))
         if isinstance(choice, float):
             return self.keep_first(state, choice)
-        return self.lose(state, packetization, choice, seed, _anchors_of(packetization, rate))
+        return self.lose(state, packetization, choice, seed, _anchors_per_packet(packetization, rate))
 
     @torch.no_grad()
     def keep_first(self, state: TrainState, share: float) -> Loss | None:
         """Simulates that only the first `share` of the anchors is received; `begin` sorts them by importance."""
-        self._arrange(state)
+        self._update_order(state)
         return self._concealed(state, self._order < round(share * state.num_anchors), cut_off=True)
 
     @torch.no_grad()
@@ -157,7 +157,7 @@ class PacketLosses:
             seed: Seed of the loss; `splatwire.channel.draw_mask` loses the same packets with the same seed.
             packet_anchors: Number of anchors per packet, for packetizations with hashed grouping.
         """
-        self._arrange(state)
+        self._update_order(state)
         packet = packet_of_rank(packetization, state.num_anchors, packet_anchors)
         received, _ = draw_in_order(np.ones(int(packet.max()) + 1, np.int64), model, seed)
         return self._concealed(state, torch.from_numpy(received[packet]).to(state.device))
@@ -205,7 +205,7 @@ class PacketLosses:
         gaussians = state.masks(self._config.mask_threshold)[self._order].sum(dim=1).cpu().numpy()
         return relative_sizes(sizes, gaussians, tiers, 2)[tiers]
 
-    def _arrange(self, state: TrainState) -> None:
+    def _update_order(self, state: TrainState) -> None:
         """Recomputes the coding order and the neighbours of the anchors; called after anchors were added or removed."""
         if self._voxels is state.voxels:
             return
@@ -242,7 +242,7 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
     return np.unique(key, return_inverse=True)[1]
 
 
-def _anchors_of(packetization: Packetization, rate: SampleRate | None) -> int:
+def _anchors_per_packet(packetization: Packetization, rate: SampleRate | None) -> int:
     """Estimates the number of anchors per packet with hashed grouping, from the current bits per anchor.
 
     Returns 1 if the rate is None or the packetization has another grouping, which does not use this number.

@@ -51,7 +51,7 @@ Other outputs are scaled by the predicted standard deviation.
 
 
 @dataclass(frozen=True, eq=False)
-class _Fixed:
+class _ConstantData:
     """Data of a scene that is constant during the refinement of its context model.
 
     Attributes:
@@ -147,7 +147,7 @@ def refine_context(
     if not config.steps or not len(alive):
         return given
     fixed, outputs = _constant_data(scene, scene.anchors.select(alive))
-    units = _units(outputs, scene.hacpp.config)
+    units = _typical_outputs(outputs, scene.hacpp.config)
     prior = _ScaledMlp(scene.hacpp.context.prior, units[0])
     channels = [_ScaledMlp(mlp, unit) for mlp, unit in zip(scene.hacpp.context.channel, units[1:], strict=True)]
     signs = _BinaryGrid(scene.hacpp.context.grid, scene.hacpp.config.grid, fixed.corners, config.latent)
@@ -165,7 +165,7 @@ def refine_context(
 
 
 def _loss(
-    fixed: _Fixed,
+    fixed: _ConstantData,
     prior: _ScaledMlp,
     channels: list[_ScaledMlp],
     signs: _BinaryGrid,
@@ -192,7 +192,7 @@ def _existing_bits(found: AttributeBits, mask: Float[Tensor, "M K"]) -> Float[Te
 
 
 @torch.no_grad()
-def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_Fixed, PriorOutputs]:
+def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_ConstantData, PriorOutputs]:
     """Returns the data that the refinement does not change, and the initial outputs of the prior network."""
     corners = find_corners(unit_coordinates(scene.hacpp.context.grid, anchors.positions), scene.hacpp.config.grid)
     volume, planes = scene.hacpp.context.grid.volume.float(), scene.hacpp.context.grid.planes.float()
@@ -206,13 +206,13 @@ def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_Fixed, PriorO
     features, scalings, offsets = (
         (value / step).round() * step for value, step in zip(values, steps.split(1, dim=1), strict=True)
     )
-    fixed = _Fixed(
+    fixed = _ConstantData(
         scene.hacpp.config, corners, outputs.step_logits, steps, (features, scalings, offsets), anchors.mask.float()
     )
     return fixed, outputs
 
 
-def _units(outputs: PriorOutputs, config: ModelConfig) -> list[Float[Tensor, "out"]]:
+def _typical_outputs(outputs: PriorOutputs, config: ModelConfig) -> list[Float[Tensor, "out"]]:
     """Returns typical values of the networks' outputs, by which they are divided during the refinement.
 
     The value is the typical predicted standard deviation of the attribute channel that the output belongs to. The first

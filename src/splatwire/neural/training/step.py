@@ -112,7 +112,7 @@ class TrainingStep:
         size_gain = None
         if (lost := self._losses.draw(state, rate)) is not None:
             visible, (attributes, weight), size_gain = lost.drawn(visible, (attributes, weight))
-        anchors = self._seen(state, visible, attributes, weight)
+        anchors = self._drawn_anchors(state, visible, attributes, weight)
         watched = gathers_statistics(config.marks, state.iteration)
         spawned = self._spawn(state, anchors, weight, view, size_gain)
         drawing = self._draw(spawned.gaussians, view, watched)
@@ -158,7 +158,7 @@ class TrainingStep:
         projected = project_tensors(positions, state.scalings()[:, :3], None, self._cameras, view)
         return projected.touches_image(self._cameras.width, self._cameras.height).nonzero()[:, 0]
 
-    def _seen(
+    def _drawn_anchors(
         self, state: TrainState, visible: Int64[Tensor, "M"], attributes: Attributes, weight: Float[Tensor, "M K"]
     ) -> Anchors:
         """Returns the visible anchors as they are drawn: with noise in place of quantisation, and with offset masks."""

@@ -105,7 +105,7 @@ def train_scene(
     options, listener = options or RunOptions(), listener or Listener()
     place = training_device(device)
     kernels = choose_kernels(place)
-    run = _Run(config, options, listener, train, test, place, kernels)
+    run = _TrainingLoop(config, options, listener, train, test, place, kernels)
     photos = PhotoStore(train, place, kernels.prepare_photo)
     if test is not None:
         check_photos(test)
@@ -127,7 +127,7 @@ def train_scene(
 
 
 @dataclass
-class _Run:
+class _TrainingLoop:
     """Training loop, and the objects that it uses in every iteration."""
 
     config: TrainConfig

@@ -110,10 +110,10 @@ def repair(context: ReceivedScene, graph: RepairGraph, network: InpaintingNetwor
         pieces.append(fuse(fused, part.interpolated, network.settings))
     names = ("positions", "features", "scalings", "offsets", "mask")
     whole = Anchors(**{name: torch.cat([getattr(piece, name) for piece in pieces]) for name in names})
-    return _finite(context, whole, graph.interpolated)
+    return _replace_invalid(context, whole, graph.interpolated)
 
 
-def _finite(context: ReceivedScene, anchors: Anchors, interpolated: Anchors) -> Anchors:
+def _replace_invalid(context: ReceivedScene, anchors: Anchors, interpolated: Anchors) -> Anchors:
     """Replaces network predictions that are not finite by the interpolation, and limits scalings."""
     good = anchors.features.isfinite().all(dim=1) & anchors.scalings.isfinite().all(dim=1)
     good &= anchors.offsets.flatten(1).isfinite().all(dim=1)

@@ -103,14 +103,14 @@ def plan_sequence(
         choices = []
         for group in range(len(variant.load.groups)):
             most = None if group_bytes is None else group_bytes[group]
-            choices.append(_choices(variant, group, loss, most, trials, seed))
+            choices.append(_efficient_choices(variant, group, loss, most, trials, seed))
             if progress:
                 progress((number + (group + 1) / len(variant.load.groups)) / len(variants))
         room = budget_bytes - variant.load.num_bytes
         if room >= 0 and all(choices):
             plans += [
                 _plan(variant, number, [some[0] for some in choices]),
-                _plan(variant, number, _spent(choices, room)),
+                _plan(variant, number, _distribute_bytes(choices, room)),
             ]
     if not plans:
         raise InvalidValueError(
@@ -122,7 +122,7 @@ def plan_sequence(
     return SequencePlan(**{**vars(chosen), "unprotected": plain.psnr})
 
 
-def _choices(
+def _efficient_choices(
     variant: SequenceVariant, group: int, loss: LossModel, most: float | int | None, trials: int, seed: int
 ) -> list[_Choice]:
     """Returns the efficient amounts of parity for a group of pictures, from none to most.
@@ -178,11 +178,11 @@ def _slope(one: _Choice, other: _Choice) -> float:
     return (other.psnr - one.psnr) / (other.num_bytes - one.num_bytes)
 
 
-def _spent(choices: Sequence[Sequence[_Choice]], room: float | int) -> list[_Choice]:
+def _distribute_bytes(choices: Sequence[Sequence[_Choice]], room: float | int) -> list[_Choice]:
     """Distributes bytes for parity over groups of pictures, where the gain in PSNR per byte is largest.
 
     Args:
-        choices: Choices of each group on the convex hull, from `_choices`.
+        choices: Choices of each group on the convex hull, from `_efficient_choices`.
         room: Number of bytes to spend.
 
     Returns:

@@ -84,7 +84,7 @@ class _Round:
 
 
 @dataclass
-class _Pause:
+class _RateReduction:
     """Temporary reduction of the sending rate, with which the sender measures properties of the path.
 
     Attributes:
@@ -134,7 +134,7 @@ class RateControl:
         self._start, self._most = min(start, most), most
         self._quiet_since, self._quiet = 0.0, False
         self._round: _Round | None = None
-        self._pause: _Pause | None = None
+        self._pause: _RateReduction | None = None
         self._carried = 0.0
         self._probe_at, self._probe_every = 0.0, PROBE_EVERY_S
         self._left: tuple[float, float] | None = None
@@ -203,7 +203,7 @@ class RateControl:
         if now - current.began >= max(self.round_trip, ROUND_S) and current.seen.sent >= 2:
             self._round = _Round(now)
             current.seen.events = int(current.seen.lost > 0)
-            self._close(current, now)
+            self._end_round(current, now)
         self._set_rate()
 
     def _set_rate(self) -> None:
@@ -215,7 +215,7 @@ class RateControl:
             wanted = max(self.window.bytes / max(self._latest, ROUND_S / 2), least)
         self.rate = min(wanted, self._most)
 
-    def _close(self, done: _Round, now: float) -> None:
+    def _end_round(self, done: _Round, now: float) -> None:
         """Ends a control round (about one round trip) and chooses the next action.
 
         The action is to reduce or grow the window, or to send at a lower rate for some time: to test if the loss
@@ -276,7 +276,7 @@ class RateControl:
         return (self.round_trip or 0.0) + 1.2 * self.queue.queue / (1.0 - share)
 
     def _begin(self, kind: str, now: float, seconds: float, rate: float, before: LossCounter | None = None) -> None:
-        self._pause = _Pause(kind, now + seconds, self.window.bytes, rate, before or LossCounter())
+        self._pause = _RateReduction(kind, now + seconds, self.window.bytes, rate, before or LossCounter())
 
     def _reduce(self, done: _Round, now: float) -> None:
         """Reduces the window, at most once per round trip, as further losses belong to the same congestion event.
@@ -292,7 +292,7 @@ class RateControl:
         if self._pause:
             self._pause.window = self.window.bytes
 
-    def _within_pause(self, pause: _Pause, done: _Round, now: float) -> None:
+    def _within_pause(self, pause: _RateReduction, done: _Round, now: float) -> None:
         pause.seen.add(done.seen)
         drained = done.least_queue < max(DRAINED_S, 0.1 * self.queue.top)
         if pause.kind == "test":
@@ -324,7 +324,7 @@ class RateControl:
         """
         self.window.set(FULL_SHARE * capacity * max(round_trip, ROUND_S))
 
-    def _enter_competitive_mode(self, now: float, pause: _Pause) -> None:
+    def _enter_competitive_mode(self, now: float, pause: _RateReduction) -> None:
         """Enters competitive mode, in which only loss reduces the rate, because another flow fills the queue.
 
         Args:

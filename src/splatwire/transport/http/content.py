@@ -128,7 +128,7 @@ class PageContent:
         wanted = self._download(request.target)
         if wanted is None or self.downloads is None or not self._is_own_host(request.host):
             return self.answer(head)
-        shared = self._shared(request.headers.get("origin"))
+        shared = self._cors_headers(request.headers.get("origin"))
         if request.method == "OPTIONS":
             return self._preflight(request)
         if request.method not in ("GET", "HEAD"):
@@ -139,7 +139,7 @@ class PageContent:
         stream = self._file(name)
         assert isinstance(stream, bytes)
         try:
-            found = await self.downloads.file(stream, self._tag(stream), form, part)
+            found = await self.downloads.file(stream, self._entity_tag(stream), form, part)
         except (SplatwireError, OSError):
             return make_answer("500 Internal Server Error", headers=shared).for_method(request.method)
         if found is None:
@@ -195,26 +195,26 @@ class PageContent:
         if request.method not in ("GET", "HEAD", "OPTIONS"):
             return make_answer("405 Method Not Allowed", headers=f"Allow: {METHODS}\r\n")
         if not self._is_own_host(request.host):
-            return make_answer("403 Forbidden", body=self._refusal())
+            return make_answer("403 Forbidden", body=self._host_advice())
         origin = request.headers.get("origin")
         if request.method == "OPTIONS":  # also for missing scenes, so that no response reveals names of private scenes
             return self._preflight(request)
-        if (refused := self._unauthorized(self._requested(request), request)) is not None:
+        if (refused := self._unauthorized(self._requested_scene(request), request)) is not None:
             return refused
         found = self._find(request.target, request.query, origin)
         if found is None:  # pages of other origins may see that a stream is missing
-            return make_answer("404 Not Found", headers=self._shared(origin))
+            return make_answer("404 Not Found", headers=self._cors_headers(origin))
         status, kind, body, headers = found
         script = request.target[1:] in FILES
         if isinstance(body, bytes) and (script or request.target.startswith((STREAMS, PRIVATE))):
             packed = script and accepts_gzip(request.headers.get("accept-encoding", ""))
             private = request.target.startswith(PRIVATE)
-            return make_part(kind, body, headers, request, self._tag(body), packed=packed, private=private)
+            return make_part(kind, body, headers, request, self._entity_tag(body), packed=packed, private=private)
         if is_current("", request.headers.get("if-none-match", "")):
             return make_answer("304 Not Modified", kind, headers=headers, bodiless=True)
         return make_answer(status, kind, body, headers)
 
-    def _requested(self, request: Request) -> str:
+    def _requested_scene(self, request: Request) -> str:
         """Returns the name of the scene that a request is for, if it may need a token; empty for other requests.
 
         A private scene has no file in `/streams/`: a request there gets 404, as for a scene that does not exist.
@@ -237,7 +237,7 @@ class PageContent:
         reason = self.access.refusal(name, token_of(request), exists=name in self.programs)
         if reason is None:
             return None
-        headers = f"WWW-Authenticate: Bearer\r\n{self._shared(request.headers.get('origin'))}"
+        headers = f"WWW-Authenticate: Bearer\r\n{self._cors_headers(request.headers.get('origin'))}"
         return make_answer("401 Unauthorized", body=f"{reason}\n".encode(), headers=headers)
 
     def _is_private(self, name: str) -> bool:
@@ -257,7 +257,7 @@ class PageContent:
 
         Browsers send it before a request of another web origin with headers such as `If-Range` (a CORS preflight).
         """
-        headers = self._shared(request.headers.get("origin"))
+        headers = self._cors_headers(request.headers.get("origin"))
         if request.target != "/" and "Access-Control-Allow-Origin" in headers:
             headers = f"{headers.replace(_READABLE, '')}{_PREFLIGHT}"
         return make_answer("204 No Content", headers=f"Allow: {METHODS}\r\n{headers}")
@@ -272,11 +272,11 @@ class PageContent:
             request = read_request(head)
         except BitstreamError:
             return make_answer("400 Bad Request")
-        shared = self._shared(request.headers.get("origin"))
+        shared = self._cors_headers(request.headers.get("origin"))
         answer = make_answer("503 Service Unavailable", headers=f"Retry-After: 1\r\n{shared}")
         return answer.for_method(request.method)
 
-    def _refusal(self) -> bytes:
+    def _host_advice(self) -> bytes:
         """Returns the response body for a refused `Host` header: advice on how to reach the server."""
         if self.public_origin is not None:
             host = host_of(self.public_origin)
@@ -286,7 +286,7 @@ class PageContent:
             b"the address in the browser's address bar\n"
         )
 
-    def _tag(self, file: bytes) -> str:
+    def _entity_tag(self, file: bytes) -> str:
         """Returns the HTTP entity tag (ETag) of a file, derived from its content."""
         if id(file) not in self._tags:  # files live as long as this object
             self._tags[id(file)] = hashlib.sha256(file).hexdigest()[:16]
@@ -302,7 +302,7 @@ class PageContent:
         """
         if target == "/":
             return "200 OK", "text/html; charset=utf-8", self._page(query).encode(), self._policy()
-        shared = self._shared(origin)
+        shared = self._cors_headers(origin)
         if kind := FILES.get(target[1:]):
             headers = f"{shared}Vary: Accept-Encoding\r\n"
             return "200 OK", f"{kind}; charset=utf-8", _web_bytes(target[1:]), headers
@@ -310,14 +310,14 @@ class PageContent:
             return "200 OK", "application/json", json.dumps(self._described()).encode(), shared
         folder = PRIVATE if target.startswith(PRIVATE) else STREAMS
         name = unquote(target.removeprefix(folder).removesuffix(".swz"))
-        if target == self._path(name) and (file := self._file(name)) is not None:
+        if target == self._stream_path(name) and (file := self._file(name)) is not None:
             return "200 OK", "application/octet-stream", file, shared
         return None
 
     def _page(self, query: str) -> str:
         name = self._shown_name(query)
         token = token_in(query) if self._is_private(name) else ""
-        address = f"{self._path(name)}?token={token}" if token else self._address(name)
+        address = f"{self._stream_path(name)}?token={token}" if token else self._stream_url(name)
         attributes = {"src": address, **self.attributes} if name else dict(self.attributes)
         if (link := self._link()) and not self._is_private(name):
             # Relative, because behind a proxy the request's host may differ from the one in the visitor's address bar.
@@ -328,23 +328,23 @@ class PageContent:
             attributes["preview"] = base64.b64encode(program.preview).decode()
             attributes |= start_attributes(*_side_info_of(program))  # shows the preview before the stream arrives
         words = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
-        scenes = {one: self._scene(one) for one in self._listed()}
+        scenes = {one: self._scene_attributes(one) for one in self._listed()}
         listed = scene_list(scenes, name, lambda one: f"/?stream={quote(one, safe='')}")
         listed += self._download_list(name, token)
         return web_file("index.html").replace("$scenes", listed).replace("$attributes", words)
 
-    def _scene(self, name: str) -> dict[str, str]:
+    def _scene_attributes(self, name: str) -> dict[str, str]:
         """Returns the HTML attributes of a stream's entry in the page's list of scenes, such as its preview."""
         program = self.programs[name]
         return preview_attributes(*_side_info_of(program), program.preview) if isinstance(program, ServedStream) else {}
 
-    def _address(self, name: str) -> str:
+    def _stream_url(self, name: str) -> str:
         """Returns the URL of a stream; that of a complete file has the entity tag as query, for caches."""
         file = self._file(name)
-        path = self._path(name)
-        return f"{path}?{self._tag(file)}" if isinstance(file, bytes) and file else path
+        path = self._stream_path(name)
+        return f"{path}?{self._entity_tag(file)}" if isinstance(file, bytes) and file else path
 
-    def _path(self, name: str) -> str:
+    def _stream_path(self, name: str) -> str:
         """Returns the URL path of a stream's file; private scenes have a path outside `/streams/`.
 
         Players look for a WebTransport session only if the file is in `/streams/`.
@@ -367,7 +367,7 @@ class PageContent:
     def _link(self) -> Link | None:
         return self.link() if callable(self.link) else self.link
 
-    def _shared(self, origin: str | None) -> str:
+    def _cors_headers(self, origin: str | None) -> str:
         """Returns the CORS headers of a response, which allow or deny pages of the given web origin to read it."""
         if self.origins is None and (self.public_origin is not None or not is_loopback(self.host)):
             return f"Access-Control-Allow-Origin: *\r\n{_READABLE}"

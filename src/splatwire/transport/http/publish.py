@@ -106,7 +106,7 @@ def published_files(scenes: Mapping[str, PublishedScene], url: str | None = None
         files[pages[name]] = _PAGE.format(
             policy=POLICY,
             title=html.escape(name),
-            social=_social(name, base, pages[name], pictures.get(name)),
+            social=_link_preview(name, base, pages[name], pictures.get(name)),
             engine=engine, style=STYLE, script=SCRIPT,
             scenes=listed,
             attributes=" ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items()),
@@ -138,7 +138,7 @@ def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
     return {("preview" if name == "data" else name): value for name, value in preview.items()}
 
 
-def _social(name: str, url: str | None, page: str, picture: str | None) -> str:
+def _link_preview(name: str, url: str | None, page: str, picture: str | None) -> str:
     """Returns the HTML elements with which other programs, such as messengers, show a preview of a link to the page."""
     if url is None:
         return ""
@@ -148,7 +148,7 @@ def _social(name: str, url: str | None, page: str, picture: str | None) -> str:
     return "".join(f'<meta property="{key}" content="{html.escape(value)}">\n' for key, value in found.items())
 
 
-def _rules(engine: str) -> dict[str, dict[str, str]]:
+def _header_rules(engine: str) -> dict[str, dict[str, str]]:
     """Returns the response headers of the site's files, by pattern of paths; `*` stands for any characters."""
     shared = {"Access-Control-Allow-Origin": "*", "Cross-Origin-Resource-Policy": "cross-origin"}
     return {
@@ -171,7 +171,7 @@ def _netlify_headers(engine: str) -> str:
     """Returns the file `_headers` of Netlify and Cloudflare Pages."""
     blocks = [
         "\n".join([path, *(f"  {key}: {value}" for key, value in rule.items())])
-        for path, rule in _rules(engine).items()
+        for path, rule in _header_rules(engine).items()
     ]
     return "\n".join([*blocks, ""])
 
@@ -183,6 +183,6 @@ def _vercel_headers(engine: str) -> str:
             "source": re.escape(path).replace(r"\*", "(.*)").replace(r"\.", ".").replace(r"\-", "-"),
             "headers": [{"key": key, "value": value} for key, value in rule.items()],
         }
-        for path, rule in _rules(engine).items()
+        for path, rule in _header_rules(engine).items()
     ]
     return json.dumps({"headers": rules}, indent=2) + "\n"

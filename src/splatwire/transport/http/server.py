@@ -262,18 +262,18 @@ class PageServer:
         if limit is not None:
             limit.reschedule(None)
         async with self._turn:  # responses take turns, and alternate with datagrams that wait
-            await _until(pacer)
+            await _wait_for_pacer(pacer)
             if pacer.claimed:
                 before = pacer.next_at()
                 await asyncio.sleep(YIELD_S)
                 pacer.claimed &= pacer.next_at() > before  # else no datagram waits any more
-                await _until(pacer)
+                await _wait_for_pacer(pacer)
             if limit is not None and end is not None:
                 limit.reschedule(end + loop.time() - began)
             pacer.sent(num_bytes, loop.time())
 
 
-async def _until(pacer: Pacer) -> None:
+async def _wait_for_pacer(pacer: Pacer) -> None:
     """Waits until a pacer permits sending."""
     loop = asyncio.get_running_loop()
     while (wait := pacer.next_at() - loop.time()) > 0:

@@ -66,7 +66,7 @@ def choose_eviction(held: Mapping[Network, int], newcomer: Network) -> Network |
         Network that loses a slot, or None if no compared prefix has more slots than that of the new connection.
     """
     for depth in range(1, len(newcomer) + 1):
-        found = _fullest(held, newcomer[: depth - 1], depth)
+        found = _largest_holder(held, newcomer[: depth - 1], depth)
         if found is not None and found[1] > _places(held, newcomer[:depth]) + 1:
             return largest_holder(held, found[0])
     return None
@@ -82,7 +82,7 @@ def largest_holder(held: Mapping[Network, int], within: Network = ()) -> Network
         within: Prefixes that the network must start with; empty for any network.
     """
     while within not in held:
-        found = _fullest(held, within, len(within) + 1)
+        found = _largest_holder(held, within, len(within) + 1)
         assert found is not None
         within = found[0]
     return within
@@ -92,7 +92,7 @@ def _places(held: Mapping[Network, int], within: Network) -> int:
     return sum(count for network, count in held.items() if network[: len(within)] == within)
 
 
-def _fullest(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
+def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
     """Finds the IP range with the most connection slots; returns the range and its number of slots.
 
     The result is None if no slot is in use. IP ranges are given like networks: by their prefixes, from the widest to

@@ -76,20 +76,20 @@ def arrange(
         bases, coded, others, repair = list[int](), list[int](), list[int](), 0.0
         for number, group in enumerate(groups[begin : begin + together], first + begin):
             share, most = protection.motion_of(number)
-            chosen = _most_important(group.motion, importance, _whole(share * len(group.motion)) if most else 0)
+            chosen = _most_important(group.motion, importance, _round_up(share * len(group.motion)) if most else 0)
             bases += group.bases
             coded += [packet for packet in group.motion if packet in chosen]
             others += [packet for packet in group.motion if packet not in chosen]
             repair += most * len(chosen)
         codes = -(-len(coded) // MAX_SYMBOLS)
-        symbols = min(_whole(repair / codes), MAX_REPAIR) if codes else 0
+        symbols = min(_round_up(repair / codes), MAX_REPAIR) if codes else 0
         order += [*bases, *coded, *others]
         tiers += [TierHead(len(bases), 0, 0), TierHead(len(coded), codes if symbols else 0, symbols)]
         tiers.append(TierHead(len(others), 0, 0))
     return Arranged(tuple(order), _joined(tiers))
 
 
-def _whole(share: float) -> int:
+def _round_up(share: float) -> int:
     """Rounds a number of packets or repair symbols up.
 
     Even a small share of few packets thus gives at least one.

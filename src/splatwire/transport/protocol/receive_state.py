@@ -64,7 +64,7 @@ class ReceiveState:
         """
         if self._collector is None or welcome.stream_id != before.stream_id:
             return False
-        same = welcome.digest == before.digest and _layout(welcome) == _layout(before)
+        same = welcome.digest == before.digest and _order_parameters(welcome) == _order_parameters(before)
         grown = before.is_live and welcome.num_packets >= before.num_packets
         if not same and not grown:
             return False
@@ -141,7 +141,7 @@ class ReceiveState:
         return f"of the side information at least {missing} of {total} pieces are missing; {packets}"
 
 
-def _layout(welcome: Welcome) -> tuple[object, ...]:
+def _order_parameters(welcome: Welcome) -> tuple[object, ...]:
     """Returns the parameters of a stream that determine the index of each packet in sending order.
 
     A receiver stores packets by this index. When it resumes a transfer, it may keep the packets of the earlier transfer

@@ -122,10 +122,10 @@ class SendQueue:
 
     def __bool__(self) -> bool:
         """True if the queue is not empty."""
-        return bool(self._run or self._wanted) or self._next < self._end
+        return bool(self._run or self._wanted) or self._next < self._num_scheduled
 
     @property
-    def _end(self) -> int:
+    def _num_scheduled(self) -> int:
         """Number of datagrams that are sent in the order of the schedule, which does not depend on the viewpoint.
 
         These are all datagrams as long as the client has sent no viewpoint. With a viewpoint, they are the init segment
@@ -143,7 +143,7 @@ class SendQueue:
             * `SIDE` (a symbol of the init segment): index of the segment (source block), and index of the symbol in it.
             * `PARITY` (a repair symbol): index of the parity group, and index of the repair symbol in it.
         """
-        if self._next < self._end:
+        if self._next < self._num_scheduled:
             item = self._schedule.items[self._next]
             self._next += 1
             self._passed = item[2] + 1 if item[0] == DATA else self._passed

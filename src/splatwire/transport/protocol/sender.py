@@ -162,7 +162,7 @@ class Server:
                 )
             case Have() if (address, frame.nonce) in self._transfers:
                 self._transfers[(address, frame.nonce)].exclude_known(frame)
-                self._plan((address, frame.nonce))
+                self._schedule((address, frame.nonce))
             case Feedback() | View() | Bye():
                 key = self._sessions.get((address, frame.session))
                 if key is not None:
@@ -177,7 +177,7 @@ class Server:
             most: Maximum number of datagrams.
         """
         self._now = now
-        self._sweep(now)
+        self._end_silent(now)
         out: list[tuple[Hashable, bytes]] = []
         total = self.total_pacer
         while self._due and len(out) < most and self._due[0][0] <= now and (total is None or total.next_at() <= now):
@@ -187,7 +187,7 @@ class Server:
             del self._planned[key]
             try:
                 data = self._transfers[key].poll(now)
-                self._plan(key)
+                self._schedule(key)
             except Exception as error:  # a defect of the server must not end other clients' transfers
                 self.fail(key[0], error)
                 continue
@@ -227,7 +227,7 @@ class Server:
                 continue
             try:
                 self._transfers[key].update(program)
-                self._plan(key)
+                self._schedule(key)
             except Exception as error:  # a defect of the server must not end other clients' transfers
                 self.fail(key[0], error)
 
@@ -254,7 +254,7 @@ class Server:
             reason: Reason for the log.
         """
         for key in [key for key in self._transfers if key[0] == address]:
-            self._forget(key, reason)
+            self._end_transfer(key, reason)
 
     def _requested(
         self, address: Hashable, frame: Request, now: float, reliable: bool, network: Network
@@ -268,7 +268,7 @@ class Server:
             refusal = self._begin(key, frame.name, now, reliable, network)
             if refusal is None:
                 self._transfers[key].on_handshake_rtt(age)
-                self._plan(key)
+                self._schedule(key)
             else:
                 self._refused(network, frame.name, refusal)
                 return encode(Refuse(frame.nonce, refusal)) if refusal else None
@@ -316,7 +316,9 @@ class Server:
             if full is None:
                 return SERVER_FULL
             # The newest transfer of that network has received least.
-            self._forget(next(key for key, other in reversed(self._networks.items()) if other == full), "displaced")
+            self._end_transfer(
+                next(key for key, other in reversed(self._networks.items()) if other == full), "displaced"
+            )
         session = self._new_session(key[0])
         self._transfers[key] = ServerTransfer(
             self._programs[name], session, self._limits, now, reliable_head=reliable, nonce=key[1]
@@ -325,7 +327,7 @@ class Server:
         self._starts.note(network, key[1], now)
         self.num_served += 1
         log_event(LOG, logging.INFO, "transfer started", client=network_text(network), stream=name, session=session)
-        self._plan(key)
+        self._schedule(key)
         return None
 
     def _new_session(self, address: Hashable) -> int:
@@ -337,15 +339,15 @@ class Server:
     def _heard(self, key: Key, frame: Feedback | View | Bye, now: float) -> None:
         match frame:
             case Bye():
-                self._forget(key, "left")
+                self._end_transfer(key, "left")
                 return
             case View():
                 self._transfers[key].on_viewpoint(frame, self._turns, now)
             case Feedback():
                 self._transfers[key].feedback(frame, now)
-        self._plan(key)
+        self._schedule(key)
 
-    def _plan(self, key: Key) -> None:
+    def _schedule(self, key: Key) -> None:
         """Enters a transfer into the queue of times, at the time of its next datagram.
 
         If an earlier time was scheduled, it stays in the queue and is ignored when it is reached.
@@ -353,7 +355,7 @@ class Server:
         transfer = self._transfers[key]
         at = transfer.next_at()
         if transfer.is_exhausted:
-            self._forget(key, "exhausted")
+            self._end_transfer(key, "exhausted")
         elif at is None:
             self._planned.pop(key, None)
         elif self._planned.get(key) != at:
@@ -361,7 +363,7 @@ class Server:
             self._tick += 1
             heapq.heappush(self._due, (at, self._tick, key))
 
-    def _forget(self, key: Key, reason: str) -> None:
+    def _end_transfer(self, key: Key, reason: str) -> None:
         """Ends a transfer.
 
         Args:
@@ -377,13 +379,13 @@ class Server:
             bytes=transfer.bytes_sent, seconds=round(self._now - transfer.began_at, 3),
         )  # fmt: skip
 
-    def _sweep(self, now: float) -> None:
+    def _end_silent(self, now: float) -> None:
         """Ends transfers whose clients have sent nothing for `ServerLimits.silence_s`."""
         if now - self._swept_at < 0.25:
             return
         self._swept_at = now
         for key in [k for k, t in self._transfers.items() if now - t.heard_at > self._limits.silence_s]:
-            self._forget(key, "silent")
+            self._end_transfer(key, "silent")
         if len(self._due) > 4 * len(self._planned) + 64:
             self._due = [entry for entry in self._due if self._planned.get(entry[2]) == entry[0]]
             heapq.heapify(self._due)

@@ -248,7 +248,7 @@ def make_served_stream(
         )
     if len(preview) > MAX_PREVIEW:
         raise InvalidValueError(f"a preview of {len(preview):,} bytes: a welcome carries at most {MAX_PREVIEW}")
-    ordered, tiers = _ordered(stream, protection, importance)
+    ordered, tiers = _packets_in_order(stream, protection, importance)
     packets = tuple(packet.data for packet in ordered)
     largest = max(map(len, packets), default=0)
     if largest > MAX_PACKET_BYTES:
@@ -285,7 +285,7 @@ def _for_views(program: ServedStream, tiles: Tiles) -> ServedStream:
     return replace(program, schedule=first + rest, tiles=tiles)
 
 
-def _ordered(
+def _packets_in_order(
     stream: SceneStream, protection: Protection, importance: Mapping[PacketId, float] | None
 ) -> tuple[list[Packet], tuple[TierHead, ...]]:
     """Returns the packets of a stream in sending order, and the parity of each run (consecutive packets).

@@ -181,10 +181,10 @@ class _Client(QuicConnectionProtocol):
             case events.DatagramFrameReceived() if self._established:
                 self._act(*self._receiver.receive(event.data, now))
             case events.ConnectionTerminated():
-                self._ended(event)
+                self._on_terminated(event)
         self._rearm()
 
-    def _ended(self, event: events.ConnectionTerminated) -> None:
+    def _on_terminated(self, event: events.ConnectionTerminated) -> None:
         """Processes the end of this connection; also ends the transfer, unless a new connection can resume it."""
         by_application = event.frame_type is None
         final = event.error_code in ((MALFORMED, INTERNAL) if by_application else UNTRUSTED)

@@ -240,7 +240,7 @@ class _Endpoint(AioquicServer):
         return connection
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        super().connection_made(_Watched(transport, self._owner.sent))
+        super().connection_made(_CountingTransport(transport, self._owner.sent))
 
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
         """Passes a UDP datagram to aioquic, or drops it if it starts a connection while there are far too many.
@@ -269,7 +269,7 @@ class _Endpoint(AioquicServer):
         """Ignores an ICMP error about an earlier datagram, such as "port unreachable"."""
 
 
-class _Watched:
+class _CountingTransport:
     """Datagram transport of asyncio that reports the size of each sent datagram to a function."""
 
     def __init__(self, transport: Any, sent: Callable[[int], None]) -> None:

@@ -55,7 +55,7 @@ def _context(n, run):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _coarse(count):
+def _num_raw_bits(count):
     """Returns the number of low bits of a number below `count` that are coded without a probability model.
 
     The range coder has probabilities of at most 16 bits, so larger numbers are split into a high part and raw low bits.
@@ -96,7 +96,7 @@ def encode_tree(codes, bits, leaf, models, buffer):
         if together:
             encode_raw(buffer, state, np.int64(1 if middle == end else 0))
         else:
-            number, shift = middle - begin - 1, _coarse(n - 1)
+            number, shift = middle - begin - 1, _num_raw_bits(n - 1)
             encode_below(buffer, state, number >> shift, ((n - 2) >> shift) + 1)
             if shift:
                 encode_interval(buffer, state, number & ((ONE << shift) - 1), ONE, shift)
@@ -138,7 +138,7 @@ def decode_tree(data, bits, leaf, models, codes, unknown):
         if together:
             zeros = n if decode_raw(data, len(data), state) else 0
         else:
-            shift = _coarse(n - 1)
+            shift = _num_raw_bits(n - 1)
             number = decode_below(data, len(data), state, ((n - 2) >> shift) + 1)
             if shift:
                 low = decode_target(state, shift)
