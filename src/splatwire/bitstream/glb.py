@@ -59,7 +59,10 @@ def stream_location(text: bytes, name: str) -> tuple[int, int]:
 
 
 def _embedded_range(document: dict[str, Any]) -> tuple[int, int]:
-    """Returns position and size of the embedded stream within the binary chunk, from the parsed JSON chunk."""
+    """Returns where the binary chunk of a `.glb` contains the embedded stream: byte offset and number of bytes.
+
+    The JSON chunk (`document`) has exactly one primitive with a stream, which names a buffer view.
+    """
     found = [
         primitive["extensions"][KHR_SPLATTING]["extensions"][EXT_SPLATWIRE]
         for mesh in document["meshes"]

@@ -209,7 +209,7 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
 
 
 def _schema(codec: str, name: str) -> StreamSchema | None:
-    """Returns the schema of a codec, or None for an unknown name.
+    """Returns the codec schema (coding method) with a given name, or None for an unknown name.
 
     Raises:
         BitstreamError: If the package that provides it cannot be used.
@@ -277,7 +277,7 @@ def _digest(content: dict[str, Any]) -> str:
 
 
 def _parse_json(data: bytes, name: str) -> dict[str, Any]:
-    """Parses JSON without duplicate keys, special numbers or floats."""
+    """Parses the JSON object of a manifest; rejects duplicate keys, fractional numbers, NaN and infinity."""
     if len(data) > MAX_MANIFEST_BYTES:
         raise BitstreamError(f"{name} is not a manifest: it has more than {MAX_MANIFEST_BYTES} bytes")
     try:

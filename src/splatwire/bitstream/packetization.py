@@ -100,7 +100,7 @@ class Packetization:
 
     @property
     def unit(self) -> str:
-        """Unit of loss: `datagram` if a packet fits one datagram, else `pak` (a packet)."""
+        """Unit in which packets are lost: `datagram` for packets that fit one datagram each, else `pak` (a packet)."""
         return "datagram" if self.hashed else "pak"
 
     @property

@@ -96,5 +96,5 @@ def read_tile_index(manifest: Manifest, sections: Mapping[str, bytes]) -> TileIn
 
 
 def _num_coarser_tiles(manifest: Manifest) -> int:
-    """Returns the number of tiles in all levels of detail except the finest."""
+    """Returns the number of tiles in all levels of detail except the finest one."""
     return manifest.plan.spans[-1].first_block

@@ -200,8 +200,8 @@ class _Fit:
     def _current_gaussians(self) -> tuple[Float[np.ndarray, "G 10"], Gaussians]:
         """Returns the Gaussians of the preview in the current state of the optimisation.
 
-        In the last part of the fit, the parameters are rounded to the values that the preview can store. This begins
-        with the call of `_start_rounding`.
+        In the last part of the fit, which begins with the call of `_start_rounding`, the parameters are rounded to the
+        values that the preview can store.
 
         Returns:
             Parameters as in `PreviewFrame.values`, float64 (G, 10); and the Gaussians with these parameters.
@@ -228,7 +228,10 @@ class _Fit:
         return (back * self._rates).astype(np.float32), behind * np.float32(BACKGROUND_RATE)
 
     def _start_rounding(self) -> None:
-        """Fits the quantisation ranges to the current parameters; later renderings use rounded parameters."""
+        """Fixes the quantisation ranges to the current parameters.
+
+        From now on, pictures are rendered with rounded parameters.
+        """
         values = self._raw.values * self._rates
         low, high = values.min(axis=0), values.max(axis=0)
         least, most = [*low[:3].tolist(), float(low[3:6].min())], [*high[:3].tolist(), float(high[3:6].max())]
@@ -263,9 +266,10 @@ class _Fit:
         self._raw.values[:] = values / self._rates
 
     def _weights_and_errors(self) -> tuple[Float[np.ndarray, "G"], Float[np.ndarray, "G"]]:
-        """Returns two sums over the pixels of some views for each Gaussian.
+        """Measures how visible each Gaussian is, and how wrong the pictures are where it is visible.
 
-        The first is the sum of its blending weights. The second is the sum of blending weight times squared error.
+        Returns for each Gaussian the sum of its blending weights over the pixels of some views, and the sum of blending
+        weight times squared error of the pixel.
         """
         now = self._current_gaussians()[1]
         shown, wrong = np.zeros(now.num_gaussians, np.float32), np.zeros(now.num_gaussians, np.float32)
@@ -333,7 +337,7 @@ class _DifferentiablePicture:
 
 
 def _scores(scene: Scene, section: bytes, pictures: References, show: Progress) -> dict[str, float]:
-    """Measures the picture quality of an encoded preview, for `PreviewResult.psnr`.
+    """Measures the picture quality of an encoded preview; returns the content of `PreviewResult.psnr`.
 
     Args:
         scene: The scene.

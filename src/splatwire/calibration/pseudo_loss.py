@@ -31,7 +31,7 @@ class CalibrationData:
 
     @property
     def scene(self) -> AnchorScene:
-        """The complete scene."""
+        """The complete scene, without packet loss."""
         return self.complete.scene
 
     def pseudo_losses(self, rates: Sequence[float], seed: int | np.random.SeedSequence) -> list[Bool[np.ndarray, "N"]]:

@@ -79,11 +79,11 @@ class Sketch(Protocol):
 
     @property
     def growths(self) -> Sequence[tuple[float, ...]]:
-        """Candidate exponents of the enlargement of received elements, the default first."""
+        """Candidate exponents of the enlargement of received elements, which covers lost ones; the default is first."""
 
     @property
     def trusts(self) -> Sequence[float]:
-        """Candidate factors on the correction of the enlargement by a neural network, the default first."""
+        """Candidate factors on a neural network's correction of the enlargement; the default is first."""
 
     def with_growth(self, growth: tuple[float, ...]) -> "Sketch":
         """Returns this sketch with other parameters of the enlargement; the coarse copies stay the same.

@@ -148,7 +148,7 @@ class GaussianSketch:
 
 
 def _as_many_as_fit(size: Callable[[int], int], most: int, limit: int) -> int:
-    """Returns approximately the largest number of copies, up to `most`, that fits into `limit` bytes.
+    """Searches for the largest number of copies whose encoded size is within a limit, approximately.
 
     Args:
         size: Function that returns the bytes of a given number of copies; nearly proportional to the number.

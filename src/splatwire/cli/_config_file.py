@@ -99,7 +99,10 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _option_words(path: Path, key: str, value: object) -> list[str]:
-    """Returns a value or list of values as words of a command line."""
+    """Converts the value of an option in a configuration file to the words that follow the option on a command line.
+
+    A list gives several words.
+    """
     values = value if isinstance(value, list) else [value]
     for one in values:
         if isinstance(one, bool) or not isinstance(one, (str, int, float)):

@@ -72,7 +72,7 @@ class MadeDownloads:
 
     @property
     def formats(self) -> tuple[str, ...]:
-        """File name suffixes without their dot, or names of folder formats."""
+        """File formats offered for download: suffixes without their dot, such as `spz`, or names of folder formats."""
         return self._formats
 
     async def file(self, stream: bytes, tag: str, form: str, part: str = "") -> DownloadedFile | None:

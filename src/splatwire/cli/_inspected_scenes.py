@@ -37,7 +37,10 @@ def describe_scene(path: Path) -> tuple[dict[str, Any], SceneMetadata]:
 
 
 def _describe_gaussians(path: Path, kind: str) -> tuple[dict[str, Any], SceneMetadata]:
-    """Returns the properties of a file of explicit Gaussians, and how many of them are not drawn or encoded."""
+    """Describes a file of explicit Gaussians for the output of `inspect`.
+
+    The description includes the numbers of invisible and of invalid Gaussians, which are neither drawn nor encoded.
+    """
     content, rows = read_all_rows(path)
     splats = content.splats
     kept = splats if rows.complete else splats.select(rows.kept)

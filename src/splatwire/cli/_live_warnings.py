@@ -50,7 +50,7 @@ def print_if_read(text: str) -> None:
 
 
 class _Forward(logging.Filter):
-    """Log filter that passes records to a function and keeps them from all handlers."""
+    """Log filter that passes warnings to a function, and keeps all records from the log handlers."""
 
     def __init__(self, warn: Callable[[str], None]) -> None:
         super().__init__()

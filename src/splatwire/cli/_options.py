@@ -84,7 +84,7 @@ class TrustOptions:
 
     @property
     def given(self) -> bool:
-        """True if any of these options is set."""
+        """True if the user chose how the server's certificate is checked, by any of these options."""
         return bool(self.fingerprint is not None or self.authority is not None or self.insecure)
 
 

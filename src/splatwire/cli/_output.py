@@ -74,7 +74,10 @@ def print_facts(groups: Sequence[Sequence[tuple[str, str]]], title: str, *, alig
 
 
 def _rich() -> Any:
-    """Returns the module that draws with rich; results as JSON and progress in plain lines need no rich."""
+    """Imports the module that prints with the library rich.
+
+    The import is deferred, because results as JSON and progress in plain lines do not need rich.
+    """
     from splatwire.cli import _rich as drawn
 
     return drawn
@@ -92,7 +95,10 @@ def progress_bars() -> Iterator[Reporter]:
 
 
 def _plain_reporter() -> Reporter:
-    """Prints a line at the start of a task, and its finished share at intervals."""
+    """Returns a progress reporter that needs no rich.
+
+    It prints a line when a task starts, and its finished share at intervals.
+    """
     printed: dict[str, float] = {}
     started = time.perf_counter()
 

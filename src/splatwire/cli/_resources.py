@@ -64,9 +64,9 @@ def address_space_warning() -> str:
 
 
 def _address_space_hint() -> str:
-    """Returns a hint with the limit of the process's address space; empty if unlimited.
+    """Returns a sentence for out-of-memory errors with the limit of the process's address space; empty if unlimited.
 
-    Libraries alone need over 1 GB.
+    The libraries alone need over 1 GB of address space, so that a low limit is a likely cause.
     """
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit == resource.RLIM_INFINITY:

@@ -120,12 +120,12 @@ def _effort(command: Encode) -> str:
 
 
 def _needs_rate_control(command: Encode) -> bool:
-    """Returns True if the encoder has a target size or PSNR, or prunes Gaussians."""
+    """True if the options give a target size or PSNR, or ask for pruning of Gaussians."""
     return command.size is not None or command.psnr is not None or _effort(command) != "fast"
 
 
 def _needs_copies(command: Encode) -> bool:
-    """Returns True if the stream gets coarse copies of important elements (a sketch)."""
+    """True if the options request redundant coarse copies of the most important elements in the stream (a sketch)."""
     return command.preset == "datagram" and command.levels != "auto"
 
 
@@ -203,14 +203,17 @@ def _encode_scene(command: Encode, source: Path) -> None:
 
 
 def _optional_steps() -> ModuleType:
-    """Returns the module with the parts that most scenes are encoded without; its libraries take a second to load."""
+    """Imports the module with the optional steps of encoding.
+
+    The import is deferred, because the libraries of this module take a second to load.
+    """
     from splatwire.cli import _encode_extras
 
     return _encode_extras
 
 
 def _target(command: Encode) -> Target:
-    """Returns the target of the options; without one the default quality."""
+    """Returns the size, PSNR or quality that the options ask for; the default quality if they ask for none."""
     if command.size is not None:
         return Target(size=parse_size(command.size))
     if command.psnr is not None:

@@ -127,7 +127,7 @@ def _outliers(options: Export) -> Outliers:
 
 
 def _prepared_scene(options: Export, scene: Scene) -> Scene:
-    """Returns the exported Gaussians as drawn, relative to the scene's origin."""
+    """Reads the exported file again; returns its Gaussians relative to the origin of the exported scene."""
     written: Any = open_scene(options.output)
     return written if written.origin != NO_ORIGIN else replace(written, origin=origin_of(scene))
 

@@ -78,7 +78,10 @@ def run(command: Receive) -> None:
 
 
 def _decoding_module() -> ModuleType:
-    """Imports the module that decodes received streams, whose libraries a relay lacks."""
+    """Imports the module that decodes received streams.
+
+    The import is deferred, because an installation that only relays streams lacks the libraries of this module.
+    """
     from splatwire.cli import _received_scenes
 
     return _received_scenes

@@ -82,7 +82,7 @@ def run(command: Train) -> None:
 
 
 def _initial_training(command: Train, place: str) -> tuple[TrainState, TrainConfig, Dataset, Dataset | None]:
-    """Returns the initial training state, the training configuration (recipe), and the views."""
+    """Returns everything with which a training starts: the initial state, the configuration, and the datasets."""
     chosen = " (chosen by the data)" if command.preset == "auto" else ""
     start = None if command.init is None else open_scene(command.init)
     if start is not None and (model := model_of(start)) is not None:
@@ -134,7 +134,7 @@ def _check(command: Train) -> str:
 
 
 def _changed_options(command: Train) -> list[str]:
-    """Returns the names of options whose values differ from their defaults."""
+    """Returns the names of the options that the user changed from their defaults."""
     fields = [field for field in dataclasses.fields(command) if field.default is not dataclasses.MISSING]
     return [field.name.replace("_", "-") for field in fields if getattr(command, field.name) != field.default]
 

@@ -57,7 +57,7 @@ def _print_traceback(kind: type[BaseException], error: BaseException, trace: Tra
 
 
 def _flush_stdout(status: int) -> int:
-    """Flushes standard output; returns the exit status.
+    """Writes the buffered standard output before the process exits; returns the exit status.
 
     Raises:
         BrokenPipeError: If the reader of standard output has exited.

@@ -185,7 +185,7 @@ def _check_sizes(packetization: Packetization, packets: list[Packet], elements: 
 
 
 def _consume(packets: list[Packet]) -> Iterator[Packet]:
-    """Yields the packets of a list and removes them from the list, so that their memory is freed early."""
+    """Yields the packets of a list, and removes each packet from the list so that its memory can be freed."""
     packets.reverse()
     while packets:
         yield packets.pop()

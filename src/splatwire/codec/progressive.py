@@ -144,10 +144,10 @@ class ProgressiveDecoder(Arrivals):
         return run, None if self._decoder.redecode_on_demand else self._decoder.decode(run)
 
     def _store_new(self, run: Run, rows: SymbolRows | None) -> None:
-        """Stores the decoded integers of new packets and updates the scene.
+        """Stores the decoded integers of new packets, and updates the scene with them.
 
-        The update covers the elements of these packets. If the decoder estimates lost elements, it covers their whole
-        blocks.
+        The update covers the elements of these packets. For a decoder that estimates lost elements, it covers their
+        whole blocks, because the estimates depend on the received elements of the block.
         """
         ends = np.cumsum(run.counts)[:-1]
         each = [None] * len(run.packets) if rows is None else zip(*(np.split(part, ends) for part in rows), strict=True)
@@ -184,7 +184,7 @@ class ProgressiveDecoder(Arrivals):
         return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
     def _check(self) -> None:
-        """Compares the digest of all decoded integers with that in the manifest, once."""
+        """Checks once that the digest of all decoded integers equals the digest in the manifest."""
         with self.lock:
             if self._checked or not self.has_every_packet:
                 return

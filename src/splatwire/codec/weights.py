@@ -164,9 +164,9 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
 
 
 def _common_trailing_zeros(twos: np.ndarray, some: np.ndarray, axis: int) -> np.ndarray:
-    """Returns the number of trailing zero bits common to all non-zero weights of each row or column.
+    """Returns the number of trailing zero bits that all non-zero weights of a row or column have in common.
 
-    It is the exponent of the largest power of two that divides them.
+    It is the exponent of the largest power of two that divides all of them.
 
     Args:
         twos: Number of trailing zero bits of each weight.
@@ -191,9 +191,9 @@ def _divisor(number: int) -> int:
 
 
 def _input_statistics(inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Analyses the correlation of a layer's inputs.
+    """Analyses how the inputs of a network layer vary together, for rounding its weights with a small output error.
 
-    Returns their mean, the order of the inputs by decreasing variance, and the triangular factor R of their covariance.
+    Returns the mean of the inputs, their order by decreasing variance, and the triangular factor R of their covariance.
     """
     mean = inputs.mean(axis=0)
     centred = inputs - mean

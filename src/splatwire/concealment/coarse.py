@@ -73,7 +73,7 @@ class Coarse:
 def _grow_finest(
     grow: Concealer, partial: ReceivedScene, finest: Bool[np.ndarray, "N"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Applies the concealer `grow` to the finest level only.
+    """Enlarges received Gaussians of the finest level to cover lost ones, with the concealer `grow`.
 
     Returns:
         Factor on the size and factor on the opacity of each Gaussian, and the mask of Gaussians that are not drawn. The
@@ -91,7 +91,7 @@ def _grow_finest(
 def _coarse_opacities(
     splats: Splats, fine: np.ndarray, coarse: np.ndarray, copied: Bool[np.ndarray, "C"], trust: float
 ) -> Float[np.ndarray, "C"]:
-    """Returns the opacity factor of each coarser Gaussian, 0 to 1, from the lost share of its finer Gaussians.
+    """Returns the opacity factor of each coarser Gaussian, 0 to 1, so that it covers only gaps of lost Gaussians.
 
     An exact copy gets 0 if its finer original was received, otherwise 1. A merged Gaussian gets the share of its area
     that received finer Gaussians do not cover, times `trust`.
@@ -122,7 +122,7 @@ def _coarse_opacities(
 
 
 def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.ndarray:
-    """Finds the coarser Gaussian that each finer Gaussian was merged into, most likely; returns indices into `merged`.
+    """Finds the coarser Gaussian into which each finer Gaussian was probably merged; returns indices into `merged`.
 
     A merged Gaussian has the mean, covariance and colour of its finer Gaussians, so distances are measured in standard
     deviations of the merged Gaussian.

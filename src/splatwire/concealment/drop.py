@@ -21,5 +21,5 @@ class Drop(CheckedFields):
         return "drop"
 
     def __call__(self, partial: ReceivedScene) -> Concealed:
-        """Returns a result that hides all incompletely received elements."""
+        """Hides every element of which at least one attribute was lost, and changes nothing else."""
         return Concealed(np.ones_like(partial.places[:, 0]), ~partial.known)

@@ -115,7 +115,10 @@ def _name_in_3dgs(path: Path, number: int, view: dict[str, Any]) -> str:
 
 
 def _as_integer(value: object) -> object:
-    """Converts a float without fraction, as some programs write sizes, to an integer; returns other values as given."""
+    """Converts a float without fraction to an integer; returns other values unchanged.
+
+    Some programs write image sizes as floats.
+    """
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 

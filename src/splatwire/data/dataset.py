@@ -313,7 +313,7 @@ def _check_disjoint_splits(halves: dict[str, Path], images: str | None, split: s
 
 
 def _views_of_split(views: list[TransformsView], found: Transforms, split: str) -> list[TransformsView]:
-    """Returns the views of a split that a transforms file lists.
+    """Selects the training or test views of a transforms file by the file names that it lists.
 
     Test views are those of `test_filenames`, else of `val_filenames`. If only one split is listed, the other one has
     all remaining views.
@@ -345,7 +345,7 @@ def _find_images(folder: Path, views: list[ColmapView]) -> list[Path | None]:
 def _by_stem(folder: Path) -> dict[str, Path]:
     """Returns the files of a folder by their names without suffix; empty if the folder is missing.
 
-    Each file is listed twice: by its name as it is, and by its name in lower case.
+    A file is found by its exact name and by its name in lower case.
     """
     files = [file for file in sorted(folder.iterdir()) if file.is_file()] if folder.is_dir() else []
     return {file.stem.casefold(): file for file in files} | {file.stem: file for file in files}

@@ -171,7 +171,9 @@ def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Und
 
 
 def _is_covered(lens: LensModel, photo: tuple[float, ...], zoom: float, width: int, height: int) -> bool:
-    """True if every pixel of the pinhole image is inside the photo, and no two pixels show the same point of it.
+    """True if undistortion at this zoom is possible: the photo covers the whole pinhole image without folding.
+
+    That is, every pixel of the pinhole image is inside the photo, and no two pixels show the same point of it.
 
     Args:
         lens: The lens.
@@ -193,7 +195,7 @@ def _is_covered(lens: LensModel, photo: tuple[float, ...], zoom: float, width: i
 
 @functools.lru_cache(_CACHED)
 def _grid(view: Undistortion) -> Float[np.ndarray, "2 H W"]:
-    """Returns the position (row and column) in the photo for each pixel of the pinhole image."""
+    """Returns for each pixel of the pinhole image its position (row and column) in the distorted photo."""
     fx, fy, cx, cy = view.photo
     rays_x = (np.arange(view.width) + 0.5 - cx) / (view.zoom * fx)
     rays_y = (np.arange(view.height) + 0.5 - cy) / (view.zoom * fy)

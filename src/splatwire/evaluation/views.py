@@ -58,7 +58,7 @@ class ReferenceViews(CheckedFields):
 
     @property
     def without(self) -> bool:
-        """True if some views may have a mask, so that some pixels are not compared."""
+        """True if views can have a mask, which excludes pixels from the comparison."""
         return self.load_mask is not None
 
     def mask(self, view: int) -> Bool[np.ndarray, "H W"] | None:

@@ -134,7 +134,7 @@ def _resolved_target(path: Path) -> Path:
 
 
 def _replaceable(path: Path) -> bool:
-    """Returns True if this user may rename an existing output.
+    """True if this user may replace an existing output by renaming.
 
     In sticky folders such as /tmp only the owner of a file may rename it.
     """
@@ -194,9 +194,9 @@ def _opened_folder(name: str, parent: int | None, *, follow: bool = False) -> It
 
 
 def _is_workspace(space: int) -> bool:
-    """True if a folder is a workspace that only this user can access.
+    """True if an open folder is a temporary workspace of a writer (`_workspace`) that only this user can access.
 
-    A workspace (`_workspace`) contains nothing but the entries of a writer.
+    It then contains nothing but the entries of a writer.
 
     Args:
         space: File descriptor of the folder, which belongs to this user.

@@ -344,7 +344,7 @@ def kind_of_format(form: FileFormat) -> Kind:
 
 
 def _plugin_kind(kind: Kind, head: bytes, suffix: str) -> Kind:
-    """Detects formats of installed packages, for a file whose format is unknown to this package.
+    """Asks the formats of other installed packages to detect a file whose format is unknown to this package.
 
     Args:
         kind: Result of the built-in detection; returned if it is a known format or no package recognises the file.

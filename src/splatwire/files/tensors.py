@@ -128,7 +128,10 @@ class _Tensor:
 
 
 def _read_archive(path: Path, error: type[SplatwireError]) -> tuple[Any, Callable[[_Storage], bytes]]:
-    """Parses a `torch.save` archive: returns its described content, and a function that reads a storage."""
+    """Parses a file that `torch.save` wrote as a zip archive, without importing or calling anything.
+
+    Returns the content, in which tensors are still descriptions, and a function that reads the bytes of a storage.
+    """
     with open_archive(path, error) as archive:
         described = [name for name in archive.sizes if name.endswith("/data.pkl")]
         if len(described) != 1:

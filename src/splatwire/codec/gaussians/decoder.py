@@ -229,7 +229,7 @@ def store_block(
 
 
 def _estimate_lost(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarray) -> np.ndarray:
-    """Estimates the integers of a block's lost Gaussians, int64 (lost, COLUMNS).
+    """Estimates the integers of a block's lost Gaussians from the received ones, int64 (lost, COLUMNS).
 
     Size and colour are the means of the block. Positions are those of received Gaussians, or spread over the block's
     bounding box if no Gaussian of the block was received.

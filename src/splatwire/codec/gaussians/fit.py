@@ -80,10 +80,11 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
 
 
 def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
-    """Estimates the mean magnitude of the residuals of each context, also for contexts with few residuals.
+    """Estimates the mean magnitude of the residuals in each context, also for contexts with few residuals.
 
-    For each stream, the estimate is a product of two factors: one depends on the spread, the other on the second index.
-    The factors are fitted so that the sums of magnitudes over each row and column stay unchanged.
+    For each stream, the table of means is modelled as a product of two factors (a matrix of rank one): one factor
+    depends on the spread, the other on the second index of the context. The factors are fitted so that the sums of
+    magnitudes over each row and column stay unchanged.
 
     Args:
         number: Number of residuals, float64 (streams, spreads, seconds).

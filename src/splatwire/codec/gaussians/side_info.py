@@ -246,7 +246,7 @@ def _num_contexts(degree: int) -> int:
 
 
 def _write_contexts(info: SideInfo) -> bytes:
-    """Serialises the context tables of the entropy coder.
+    """Serialises the initial states of the entropy coder's contexts.
 
     Initial probabilities of bits are bytes. The scales of residual distributions are coded as differences from the
     preceding entry along the last axis: for each entry a flag whether the scale changes, then the differences that are

@@ -91,9 +91,9 @@ def _code_heads(coder, heads, n, frames, first_new):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _magnitude_context(magnitude):
-    """Returns a part of the context of a motion coefficient: the number of bits of the neighbouring residuals.
+    """Converts the magnitude of neighbouring residuals to a context index for a motion coefficient.
 
-    The result is limited.
+    The index is the number of bits of the magnitude, at most `LEVELS - 1`.
 
     Args:
         magnitude: Magnitude of the neighbouring residuals, an integer.

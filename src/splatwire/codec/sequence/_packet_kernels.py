@@ -36,7 +36,7 @@ header of each track.
 def _no_tables():
     """Returns empty tables for the constructor of the entropy coder.
 
-    Motion packets are coded with bit models only, which need no tables.
+    Motion packets are coded with adaptive bit models only, which need no tables.
     """
     one = np.zeros(1, np.int64)
     return (

@@ -169,9 +169,9 @@ class TracksDecoder:
         return ReceivedScene(clip, self._loss_mask, concealer_sections(self.sections))
 
     def _motion(self, group: int, received: np.ndarray) -> GroupMotion:
-        """Decodes the received motion of a group of frames.
+        """Decodes all received motion packets of one group of frames.
 
-        A packet is skipped if it contains a track without a received keyframe Gaussian.
+        A packet is skipped if the keyframe Gaussian of any of its tracks was not received.
 
         Args:
             group: Index of the group.
@@ -224,7 +224,9 @@ class TracksDecoder:
                 check_memory(self._held, num_bytes, "motion that is ready")
 
     def _moved(self, packets: Sequence[Packet], received: np.ndarray) -> list["_Moved | None"]:
-        """Decodes motion packets of one group of frames, without those that lack a keyframe Gaussian.
+        """Decodes some motion packets of one group of frames.
+
+        A packet with a track whose keyframe Gaussian was not received is skipped.
 
         Args:
             packets: The packets, at least one.
@@ -329,7 +331,7 @@ class _Spans:
         return self._tracks[base]
 
     def motion_blocks(self, group: int) -> range:
-        """Returns the range of blocks with the motion of a group of frames; empty if nothing moves."""
+        """Returns the blocks that contain the motion of a group of frames, as a range; empty if no track moves."""
         return self._motion.get(group, range(0))
 
 

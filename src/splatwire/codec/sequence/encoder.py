@@ -258,7 +258,7 @@ class ClipWriter:
     def _encode_keyframes(
         self, group: TrackGroup, classes: np.ndarray | None, where: np.ndarray, numbers: np.ndarray
     ) -> list[Packet]:
-        """Encodes the keyframe Gaussians of new tracks and assigns track numbers to these tracks.
+        """Encodes the keyframe Gaussians of tracks that begin in a group; assigns track numbers to these tracks.
 
         Args:
             group: The tracks of the group of frames.
@@ -310,7 +310,7 @@ class ClipWriter:
     def _encode_motion(
         self, group: TrackGroup, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]
     ) -> tuple[int, list[Packet]]:
-        """Encodes the motion of all tracks of a group of frames.
+        """Encodes the motion of all tracks in a group of frames.
 
         Args:
             group: The tracks of the group.

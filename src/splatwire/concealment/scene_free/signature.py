@@ -77,7 +77,7 @@ def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:
 def _weighting_inputs(
     area: np.ndarray, rows: np.ndarray, neighbors: Neighborhood
 ) -> tuple[Float[np.ndarray, "M k"], Float[np.ndarray, "M k"]]:
-    """Returns areas and relative distances of neighbours, from which the weights of neighbours are computed.
+    """Returns areas and relative distances of neighbouring anchors, from which their weights are computed.
 
     Args:
         area: Expected area of every anchor of the scene.

@@ -291,7 +291,7 @@ def _read_directions(reader: ByteReader, channels: int, columns: int) -> np.ndar
 
 
 def _models(num_levels: int, columns: int, num_offsets: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns the adaptive probability models of the range coder in their initial state.
+    """Returns the adaptive bit models of the range coder for the section `sketch`, in their initial state.
 
     Args:
         num_levels: Number of precision levels of copies.

@@ -60,7 +60,7 @@ def conceal_group(
 
 
 def _checked_estimate(concealer: TemporalConcealer, lost: LostMotion) -> ConcealedMotion:
-    """Calls a concealer and checks shape, type and values of the estimated motion in each frame."""
+    """Calls a concealer of lost motion, and checks its result: shape, type and values of the motion in each frame."""
     proposal, shape = concealer(lost), (len(lost.tracks), NUM_CHANNELS)
     if not isinstance(proposal, ConcealedMotion):
         found = type(proposal).__name__

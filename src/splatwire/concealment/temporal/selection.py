@@ -117,7 +117,7 @@ def _errors(
 
 
 class _Field:
-    """Colour and opacity of received Gaussians at any position in one frame.
+    """Colour and opacity that the received Gaussians of a frame produce at any position.
 
     Args:
         splats: Keyframe Gaussians of all tracks.

@@ -258,7 +258,7 @@ class _Extent:
 
 @dataclass(frozen=True, eq=False)
 class _Opened:
-    """A scene that was read from a file, with its score before image quality is measured."""
+    """A scene that was read from a file, with size and reading time of the file; image quality is measured later."""
 
     scene: Scene
     score: FileScore

@@ -96,7 +96,9 @@ def write_comparison_report(comparison: Comparison, folder: Path) -> Path:
 
 
 def _view(scores: Sequence[FileScore], number: int, names: Sequence[str]) -> dict[str, Any]:
-    """Returns the pictures of all files from one view, which the report shows side by side.
+    """Returns the pictures of all compared files from one view.
+
+    The report shows them side by side.
 
     Args:
         scores: Scores of the files, with pictures.

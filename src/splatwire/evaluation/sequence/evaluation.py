@@ -81,9 +81,9 @@ class ClipScore:
         return float(self._below(complete).mean())
 
     def _below(self, complete: "ClipScore") -> np.ndarray:
-        """Returns how much lower the PSNR of this configuration is than the PSNR of another, per frame, decibels.
+        """Returns by how many decibels the PSNR of this configuration is below that of another, for each frame.
 
-        The difference is 0 where both are equal or infinite.
+        It is 0 where both are equal or infinite.
         """
         own, other = self.psnr[self.later :], complete.psnr[self.later :]
         differ = own != other

@@ -167,7 +167,7 @@ def _by_size(summaries: Sequence[Summary], key: str) -> list[Summary]:
 
 
 def _axis_positions(losses: Sequence[Loss]) -> tuple[list[float], list[str]]:
-    """Returns the positions of loss models on the axis of a chart, and their labels.
+    """Returns where a chart's horizontal axis shows each loss model, and its label.
 
     If all losses are independent, the positions are the loss rates in percent; otherwise, they are equally spaced.
     """

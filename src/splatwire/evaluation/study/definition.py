@@ -301,7 +301,10 @@ def canonical(content: Mapping[str, Any]) -> str:
 
 
 def _settings(row: Row) -> str:
-    """Returns a canonical text of all settings of a table row (method) that affect its results."""
+    """Returns a text that contains all settings of a table row (method) that affect its results.
+
+    Two rows with equal texts have equal results.
+    """
     settings = dataclasses.asdict(dataclasses.replace(row, key="", label="", decoded=(), curve=""))
     return canonical(settings | {"decoded": [str(decoded) for decoded in row.decoded]})
 

@@ -85,7 +85,7 @@ class PreparedScene:
         return self._why_unfit(row) if self.streams[row.variant].num_packets else ""
 
     def _why_unfit(self, row: Row) -> str:
-        """Returns the reason why a method (table row) cannot be applied to the stream, or an empty text if it can be.
+        """Returns why a method (table row) cannot be applied to the scene's stream; an empty text if it can be.
 
         Checks the concealer, and the loss of a single attribute (`Row.erode`).
         """

@@ -148,10 +148,10 @@ def _sentence(found: dict[str, Summary], rows: ComparedRows | None, source: str)
 
 
 def _compared_images(view: ViewPictures, rows: ComparedRows | None) -> tuple[Side | None, Side | None]:
-    """Returns the left and the right image of a comparison of a view.
+    """Chooses the two images of a view that the report compares: without and with concealment.
 
-    The left image is without concealment, the right image with the best concealment. If the view lacks one of these
-    images, the image with the lowest PSNR is compared with the reference.
+    The right image has the best concealment. If the view lacks one of these images, the image with the lowest PSNR is
+    compared with the reference.
 
     Args:
         view: Images of the view.

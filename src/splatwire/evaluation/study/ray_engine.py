@@ -88,7 +88,7 @@ def _run(root: str, unit: Unit) -> str:
 
 
 def _death_reason(ray: Any, reference: Any, unit: Unit) -> str | None:
-    """Returns the reason why the worker of a task died, or None if it did not die.
+    """Returns why the worker process of a task died, or None if it did not die.
 
     Raises:
         SplatwireError: If the task itself failed.

@@ -125,7 +125,7 @@ def _render_missing(
     name: str, cameras: Cameras, background: Background, pictures: Callable[[], Iterable[Any]],
     store: Store, folder: str, progress: Progress,
 ) -> str:  # fmt: skip
-    """Renders missing reference images into the store; returns the digest of cameras and images."""
+    """Renders the reference images that are not in the store yet; returns a digest of the cameras and all images."""
     about = store.root / folder / "views.json"
     if (known := read_json(about)) is None:
         digests = []

@@ -143,7 +143,7 @@ def run_study(study: Study, store: Store, engine: Engine, progress: Progress) ->
 
 @dataclass
 class _TaskRunner:
-    """Executes the tasks that the store has no results of, and counts executed tasks and dead workers."""
+    """Executes the tasks whose results are not in the store yet; counts executed tasks and dead workers."""
 
     store: Store
     engine: Engine
@@ -197,9 +197,9 @@ def _storing_hardest_views(study: Study, store: Store, unit: Unit) -> Unit:
 
 
 def _choose_images(study: Study, store: Store, judges: Sequence[Cell]) -> ReportImages:
-    """Selects the loss, seed and views whose images the report shows.
+    """Chooses the loss, seed and views whose images the report shows.
 
-    The loss with the lowest PSNR is selected, because the effect of small losses is invisible in images.
+    The loss with the lowest PSNR is chosen, because the effect of small losses is invisible in images.
 
     Args:
         study: The evaluation.

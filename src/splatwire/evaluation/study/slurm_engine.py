@@ -112,7 +112,7 @@ def _run(root: str, units: Sequence[Unit]) -> dict[str, str] | None:
 
 
 def _reason(job: Any, unit: Unit) -> str:
-    """Returns the reason why a job ended early.
+    """Returns why a cluster job ended before all its tasks were finished.
 
     Raises:
         SplatwireError: If a task itself failed.

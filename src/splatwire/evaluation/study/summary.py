@@ -37,7 +37,10 @@ class Estimate:
 
     @staticmethod
     def of(values: Sequence[float]) -> "Estimate | None":
-        """Computes the estimate from one value per seed; returns None if a value is not finite."""
+        """Computes mean, standard deviation and confidence interval of values, one per seed.
+
+        Returns None without values, or if a value is not finite.
+        """
         if not values or not all(map(math.isfinite, values)):
             return None
         if len(values) == 1:
@@ -320,7 +323,7 @@ def _over_views(run: list[Record], metric: str) -> float:
 
 
 def _values_by_view(runs: list[list[Record]], metric: str) -> list[tuple[float, ...]]:
-    """Regroups the values of a metric: from records per seed to one tuple of values per view.
+    """Converts the records of each seed to the values of one metric, grouped by view.
 
     Args:
         runs: Records (scores per view) of each seed.

@@ -105,7 +105,7 @@ def measured(summaries: Sequence[Summary]) -> list[str]:
 
 
 def _best(shown: Sequence[Summary]) -> int | None:
-    """Returns the index of the method with the highest PSNR among those with losses."""
+    """Returns the index of the table row with the highest PSNR among the rows that were evaluated with losses."""
     scores = {i: e.mean for i, s in enumerate(shown) if not s.row.lossless and (e := s.figures.get("psnr")) is not None}
     return max(scores, key=lambda i: scores[i]) if len(scores) > 1 else None
 

@@ -68,7 +68,7 @@ _WORKSHOPS: dict[str, "UnitRunner"] = {}
 
 
 def _silent(task: str, share: float) -> None:
-    """Ignores a progress report; the default callback."""
+    """Progress callback that does nothing, the default."""
 
 
 def use_one_thread() -> None:
@@ -221,7 +221,7 @@ class UnitRunner:
         return keep(self._arrived, (unit.stream.digest, mask), _SCENES, decode)
 
     def _shared_fields(self, unit: Unit, arrived: ReceivedInput) -> dict[str, Any]:
-        """Returns the fields of a task's records (`Record`) that have the same value for all views, by name.
+        """Returns the fields of a task's records (`Record`) that are equal in all views, by name.
 
         Args:
             unit: The task.

@@ -139,7 +139,9 @@ class _Sender:
         self.now, self.sent_bytes = 0.0, 0
 
     def plan(self, viewpoint: Viewpoint | None, reported: float | None) -> None:
-        """Queues the packets of the required tiles that were not sent yet, or that the receiver's report shows as lost.
+        """Queues the packets of the tiles that a viewpoint needs.
+
+        Packets that were sent are queued again only if the receiver's report shows them as lost.
 
         Args:
             viewpoint: Reported viewpoint of the receiver; None before the first report.

@@ -56,9 +56,10 @@ def _context(n, run):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _num_raw_bits(count):
-    """Returns the number of low bits of a number below `count` that are coded without a probability model.
+    """Returns how many low bits of a number below `count` are coded without a probability model.
 
-    The range coder has probabilities of at most 16 bits, so larger numbers are split into a high part and raw low bits.
+    The range coder supports probabilities of at most 16 bits. A larger number is split into a high part with a model,
+    and raw low bits.
     """
     shift = 0
     while ((count - 1) >> shift) >> RAW_BITS:

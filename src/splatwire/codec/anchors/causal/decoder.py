@@ -43,9 +43,9 @@ def _width(config: CausalConfig) -> int:
 
 
 def _row_bytes(info: SideInfo) -> int:
-    """Returns the memory of an anchor during decoding, bytes.
+    """Returns the working memory for one anchor during decoding, bytes.
 
-    Counts the inputs, hidden units and outputs of the largest network, and the quantised attributes.
+    It consists of the inputs, hidden units and outputs of the largest network, and the quantised attributes.
     """
     hidden = max(len(network.hidden.symbols) for network in info.networks.values())
     outputs = max(len(network.output.symbols) for network in info.networks.values())
@@ -97,7 +97,10 @@ class CausalDecoder(AnchorDecoder):
         self._positions = self._guessed.copy()
 
     def predict(self, ranks: np.ndarray) -> None:
-        """Predicts the anchors with the given indices in coding order (ranks) from their positions alone."""
+        """Predicts attributes of anchors from their positions alone.
+
+        The anchors are given by their indices in coding order (ranks).
+        """
         place, means, spreads = expected(self._context, self._info.places.known.select(ranks).voxels)
         self._place[ranks] = place * 2.0**-ACTIVATION_BITS
         deviations = np.exp2(np.clip(spreads * 2.0**-NUMBER_BITS, -6, 13))

@@ -112,7 +112,10 @@ class HacppDecoder(AnchorDecoder):
         self._arrays = DecodedArrays.empty(self._info)
 
     def predict(self, ranks: np.ndarray) -> None:
-        """Computes the prior of the anchors with the given indices in coding order (ranks) from the hash grid."""
+        """Predicts attributes of anchors from the hash grid.
+
+        The anchors are given by their indices in coding order (ranks).
+        """
         features, outputs = self._context.predict(self._info.voxels[ranks])
         self._room.outputs[ranks], self._room.context[ranks] = outputs, features
 
