@@ -123,7 +123,7 @@ def check_writable(path: Path, *, inside: bool = False) -> None:
 
 
 def _resolved_target(path: Path) -> Path:
-    """Resolves links in the path of an output, and checks that the output may be replaced."""
+    """Follows symbolic links in the path of an output; checks that the file or folder there may be replaced."""
     try:
         goal = path.resolve()
     except RuntimeError as error:  # Python 3.11 and 3.12; later ones raise OSError when the path is used

@@ -344,7 +344,7 @@ def kind_of_format(form: FileFormat) -> Kind:
 
 
 def _plugin_kind(kind: Kind, head: bytes, suffix: str) -> Kind:
-    """Asks the formats of other installed packages to detect a file whose format is unknown to this package.
+    """Detects a format that another installed package has registered, for a file that this package does not recognise.
 
     Args:
         kind: Result of the built-in detection; returned if it is a known format or no package recognises the file.
@@ -409,7 +409,7 @@ def _glb_json_end(head: bytes) -> int:
 
 
 def _torch_kind(head: bytes) -> Kind | None:
-    """Detects a PyTorch archive from its first bytes; None for other archives.
+    """Detects a PyTorch archive from the first bytes of a file; None for other archives.
 
     It is recognised by the name of its first entry and by strings of its pickle.
     """

@@ -257,7 +257,10 @@ def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: A
 
 
 def _construct(maker: Any, arguments: tuple[Any, ...]) -> Any:
-    """Interprets a constructor call in the pickle without calling the constructor."""
+    """Interprets a constructor call in a pickle, without calling it.
+
+    Only types that plain tensors need are supported.
+    """
     name = maker.name if isinstance(maker, _Name) else ""
     if name == "collections OrderedDict":  # Python 2 passes its pairs as the argument
         return {key: value for key, value in (arguments[0] if arguments else ()) if isinstance(key, str)}

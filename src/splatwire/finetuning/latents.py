@@ -43,7 +43,7 @@ class Latents:
 
     @staticmethod
     def of(splats: Splats) -> "Latents":
-        """Returns the parameters of given Gaussians."""
+        """Converts Gaussians to the parameters that the fine-tuning optimises."""
         logs = np.log(np.maximum(splats.scales, np.float32(1e-12)))
         ordered = np.sort(logs, axis=1)
         zeros = np.zeros_like(splats.means)
@@ -70,7 +70,10 @@ class Latents:
         self.turns[:] = 0
 
     def splats(self, offsets: "Offsets | None" = None) -> Splats:
-        """Returns the Gaussians with these parameters; with `offsets`, the rounded Gaussians."""
+        """Returns the Gaussians with these parameters.
+
+        With `offsets`, their values are rounded as in a stream.
+        """
         means, logs, quats = self.centres + self.units[:, None] * self.shifts, self.logs, self.quats
         logits, base, harmonics = self.logits, self.base, self.harmonics
         if offsets is not None:

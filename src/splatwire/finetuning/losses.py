@@ -38,7 +38,7 @@ class Reception:
 
     @staticmethod
     def of(known: Bool[np.ndarray, "N"]) -> "Reception":
-        """Computes the enlargement of received Gaussians from the share of lost ones, as the concealer `grow` does."""
+        """Computes how much received Gaussians are enlarged to cover lost ones, as the concealer `grow` does."""
         gain, coverage = float(_GROW.gain(np.array([known.mean()]), known)[0]), SplatScene.COVERAGE
         return Reception(known, gain**coverage.size, gain**coverage.opacity)
 

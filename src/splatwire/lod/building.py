@@ -81,7 +81,10 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
 
 
 def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
-    """Returns the boundaries of the tiles of all levels, coarsest level first."""
+    """Returns the tile boundaries of each level of detail, coarsest level first.
+
+    Boundaries are indices of Gaussians in the finest level, which is sorted by tiles.
+    """
     bounds, edges = [shapes[0].edges], np.arange(shapes[0].num_tiles + 1)
     for finer, shape in itertools.pairwise(shapes):
         firsts = np.searchsorted(parents_of(finer.num_tiles, shape.num_tiles), np.arange(shape.num_tiles + 1))
@@ -91,7 +94,7 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
 
 
 def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Yields how many Gaussians of each coarser tile replace each of its finer tiles.
+    """Distributes the Gaussians of each coarser tile over the finer tiles that it replaces.
 
     Each item has the index of the coarser tile, the index of the finer tile, the number of coarser Gaussians that
     replace the finer tile, and the `footprints` of the finer tile's Gaussians.

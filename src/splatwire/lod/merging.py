@@ -60,7 +60,7 @@ def reduced(splats: Splats, count: int, mass: np.ndarray | None = None) -> tuple
 
 
 def _num_unchanged(mass: np.ndarray, count: int) -> int:
-    """Returns the number of largest Gaussians that are kept unchanged when others are merged.
+    """Returns how many of the largest Gaussians stay unchanged when the others are merged.
 
     Args:
         mass: Area of each Gaussian times its opacity.
@@ -72,7 +72,7 @@ def _num_unchanged(mass: np.ndarray, count: int) -> int:
 
 
 def _relative(means: np.ndarray) -> np.ndarray:
-    """Returns positions relative to their mean, divided by the root mean square distance from the mean."""
+    """Normalises positions: subtracts their mean, and divides by their root mean square distance from the mean."""
     apart = means - means.mean(axis=0)
     return apart / max(float(np.sqrt((apart.astype(np.float64) ** 2).sum(axis=1).mean())), 1e-30)
 

@@ -165,7 +165,7 @@ def _node(splats: Splats, error: float, name: str) -> dict[str, Any]:
 
 
 def _attach(nodes: list[dict[str, Any]], finer: list[dict[str, Any]]) -> None:
-    """Adds finer tiles as children of the coarser tiles that they replace.
+    """Makes finer tiles the children of the coarser tiles that they replace.
 
     The box and the geometric error of each coarser tile are increased to at least those of its children.
     """

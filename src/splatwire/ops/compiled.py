@@ -86,9 +86,10 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
 
 
 def _with_source_digest(kernel: Any) -> Any:
-    """Makes the cache entry of a kernel depend on all source files and constants that it was compiled from.
+    """Makes numba's cache entry of a kernel depend on all sources of the kernel.
 
-    numba alone checks only the file of the kernel itself.
+    These are all source files and constants that it is compiled from. numba alone checks only the file of the kernel
+    itself.
     """
     if not numba.config.DISABLE_JIT:
         file = kernel._cache._cache_file
@@ -98,7 +99,10 @@ def _with_source_digest(kernel: Any) -> Any:
 
 
 def _ignore_unreadable(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
-    """Wraps the loader of numba's cache index so that an unreadable index counts as empty."""
+    """Wraps the function that loads numba's cache index.
+
+    If the index is unreadable, the result is an empty index.
+    """
 
     def index() -> dict[Any, str]:
         try:
@@ -174,9 +178,10 @@ def _only_ours(folder: Path) -> bool:
 
 
 def _is_safe_parent(parent: Path) -> bool:
-    """True if no other user can rename or replace this user's entries in a folder.
+    """True if no other user can rename or replace this user's files and folders in a folder.
 
-    The folder belongs to this user or root; other users cannot write to it, or it is sticky like /tmp.
+    That is the case if the folder belongs to this user or root, and other users cannot write to it or it is sticky like
+    /tmp.
     """
     status = parent.stat()
     shared = status.st_mode & 0o022 and not status.st_mode & stat.S_ISVTX

@@ -23,7 +23,10 @@ def _matrix_library() -> ThreadpoolController:
 
 
 class _BlasLimit:
-    """Counter of the active contexts that limit BLAS to one thread; the last of them removes the limit."""
+    """Process-wide limit of BLAS to one thread, as long as at least one context needs it.
+
+    Contexts are counted; the last one to end removes the limit.
+    """
 
     def __init__(self) -> None:
         self.lock, self.num, self.limit = threading.Lock(), 0, ExitStack()
@@ -86,7 +89,7 @@ def allowed_threads() -> int:
 
 @functools.cache
 def _helper_pool() -> ThreadPoolExecutor:
-    """Returns the pool of helper threads."""
+    """Returns the pool of threads that help the calling thread in `share`."""
     return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="splatwire")
 
 

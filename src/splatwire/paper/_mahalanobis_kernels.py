@@ -15,6 +15,8 @@ from splatwire.ops.compiled import njit
 def _distance_bound(x, low, high, reach):
     """Returns a lower bound of the squared Mahalanobis distance from a query to the points of a block.
 
+    A block whose bound exceeds the distance of the neighbours found so far need not be searched.
+
     Args:
         x: Query position, float64 (3).
         low: Lower corner of the block's bounding box.

@@ -240,7 +240,7 @@ class _Neighbors:
 
 
 def _vote(settings: Cari, mask: Bool[Tensor, "N K"], near: _Neighbors) -> Bool[Tensor, "Q K"]:
-    """Returns the offset masks of lost anchors (queries) that result from the weighted vote of the neighbours."""
+    """Estimates the offset masks of lost anchors (queries) by a weighted vote of their neighbours."""
     total = near.weight.sum(dim=1, keepdim=True)
     votes = weighted_mean(mask.to(total.dtype), near.index, near.weight)
     return settings.vote(votes / total.clamp(min=torch.finfo(total.dtype).tiny), total[:, 0] > 0)
@@ -249,7 +249,7 @@ def _vote(settings: Cari, mask: Bool[Tensor, "N K"], near: _Neighbors) -> Bool[T
 def _interpolate(
     settings: Cari, fixed: _ConstantData, group: AttributeGroup, residuals: Residuals, near: _Neighbors
 ) -> Float[Tensor, "Q D"]:
-    """Returns the interpolated residuals of lost anchors (queries) for one attribute group: `r_q = sum_k w_k r_k`."""
+    """Interpolates the residuals of lost anchors (queries) for one attribute group: `r_q = sum_k w_k r_k`."""
     values = residuals.parts[group.part]
     if group.attribute is Attribute.OFFSET:
         return weighted_mean_of_existing(values, residuals.exists, near.index, near.weight)[0]
@@ -262,7 +262,7 @@ def _interpolate(
 
 
 def _known_residuals(context: ReceivedScene, mask: Bool[Tensor, "N K"]) -> Bool[Tensor, "N K"]:
-    """Returns the mask of the offsets that have a known or interpolated residual after a pass.
+    """Returns the mask of the offsets whose residual is known or was interpolated, after a pass.
 
     The residual of a lost offset was interpolated. The residual of a received offset is known only if the anchor's mask
     was received too.

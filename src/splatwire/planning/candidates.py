@@ -107,9 +107,10 @@ def largest_head(load: StreamLoad) -> int:
 
 
 def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
-    """Returns the numbers of tiers that the init segment may contain, with their share of all packets.
+    """Returns the options for moving packets of the most important tiers into the init segment.
 
-    The options are no packets, only the first tier, the first two tiers, and so on, up to a limit.
+    The options are no packets, only the first tier, the first two tiers, and so on, up to a limit. Each has the number
+    of these tiers and their share of all packets.
 
     Args:
         counts: Number of packets of each importance tier.
@@ -177,10 +178,10 @@ def _received_within(model: TransferModel, traces: np.ndarray, budget_bytes: flo
 def _init_segment_candidates(
     load: StreamLoad, traces: np.ndarray, rate: float, search: Search, head_share: float
 ) -> list[Protection]:
-    """Returns allocations with different redundancy of the init segment.
+    """Returns candidate plans with different redundancy (FEC) of the init segment.
 
-    All allocations but the last deliver the side information with at least the probability `Search.head_target`, with
-    the fewest bytes; if no allocation can, they come closest to it. The last allocation has more redundancy, as a
+    All candidates but the last deliver the side information with at least the probability `Search.head_target`, with
+    the fewest bytes; if no candidate can, they come closest to it. The last candidate has more redundancy, as a
     reserve.
 
     Args:
@@ -205,9 +206,10 @@ def _init_segment_candidates(
 
 
 def _spread_end(search: Search, pass_bytes: float) -> float:
-    """Returns the end of the time in which the symbols of the init segment are sent, as a fraction of the transfer.
+    """Returns when the last symbol of the init segment is sent, as a fraction of the complete transfer.
 
-    If the budget does not suffice for the complete transfer, this end is slightly before the budget is spent.
+    The symbols are spread from the start to this time. If the budget does not suffice for the complete transfer, this
+    is slightly before the budget is spent.
 
     Args:
         search: Constraints of the plan.
@@ -218,10 +220,10 @@ def _spread_end(search: Search, pass_bytes: float) -> float:
 
 
 def _least_repair(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, start: Protection) -> Protection:
-    """Returns the allocation with the least redundancy that delivers the side information often enough.
+    """Returns the plan with the fewest repair symbols that delivers the side information often enough.
 
     The required fraction of transfers is `Search.head_target`. If it is not reached within the limits of `search`, the
-    maximum allowed redundancy is used.
+    maximum allowed number is used.
 
     Args:
         load: Sizes of the stream.
@@ -268,7 +270,7 @@ def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
 
 
 def _repair_per_packet(safety: float | None, need: float, num_packets: int) -> float:
-    """Returns the number of repair symbols per packet for a safety margin.
+    """Returns the number of repair symbols per packet that covers the mean loss plus a safety margin.
 
     Args:
         safety: Safety margin in standard deviations of the number of lost packets; None for no parity.

@@ -143,7 +143,7 @@ def encode_controlled(
 def _prune_and_tune(
     expected: "_Trials", target: Target, encode: Encoder, tune: Callable[[EncodedScene], "_Plan"], progress: Progress
 ) -> "_Trials":
-    """Prunes a scene so that fine-tuning is expected to reach a target, and fine-tunes it.
+    """Prunes and fine-tunes a scene so that its stream should reach a target after fine-tuning.
 
     Fine-tuned Gaussians are adapted to their quantisation steps. Coarser steps take fewer bytes, but finer steps do not
     improve them. The fine-tuned scene should therefore be at the target or above. If it is below, the scene is
@@ -218,7 +218,10 @@ class _Plan:
         return cls(source, views, measured.classes, curve, source)
 
     def before_tuning(self) -> "_Plan":
-        """Returns the plan that removes more Gaussians, because fine-tuning reduces the error of pruning most."""
+        """Returns the plan for the encoding before fine-tuning, which prunes more Gaussians.
+
+        Fine-tuning reduces the error of pruning more than that of rounding.
+        """
         assert self.curve is not None
         return replace(self, curve=self.curve.scaled(10 ** ((ROUNDED_GAIN_DB - PRUNED_GAIN_DB) / 10)))
 
@@ -314,7 +317,7 @@ class _Trials:
         return self.of_psnr(target.psnr)
 
     def before_tuning(self, target: Target) -> EncodedScene:
-        """Returns a stream of Gaussians that are expected to reach a target after fine-tuning at the same level."""
+        """Encodes Gaussians such that they should reach a target after fine-tuning at the same quantisation level."""
         if target.psnr is None:
             return self.reached(target)
         first = len(self._found)
@@ -323,7 +326,7 @@ class _Trials:
         return min(self._found[first:], key=lambda found: abs(found[0] - permitted.wanted))[1]
 
     def _expected(self, encoded: EncodedScene) -> float:
-        """Returns the PSNR that is expected after fine-tuning, decibels."""
+        """Returns the PSNR that a stream should have after fine-tuning, decibels."""
         assert self._plan.curve is not None
         pruned = self._plan.curve.error(encoded.kept) * 10 ** ((PRUNED_GAIN_DB - ROUNDED_GAIN_DB) / 10)
         rounded = max(10 ** (-self.measured(encoded) / 10) - pruned, 0.0)
@@ -331,7 +334,7 @@ class _Trials:
         return -10 * math.log10(max(left, LEAST_ERROR))
 
     def better_of(self, tuned: EncodedScene | None, untuned: EncodedScene | None, target: Target) -> EncodedScene:
-        """Returns the better one of two streams for a target: that with and that without fine-tuning.
+        """Chooses between the streams with and without fine-tuning; returns the one that serves a target better.
 
         Args:
             tuned: The stream of fine-tuned Gaussians; None if it does not reach the target.
@@ -349,7 +352,7 @@ class _Trials:
         return tuned if reaches and tuned.stream.num_bytes < untuned.stream.num_bytes else untuned
 
     def measured(self, encoded: EncodedScene) -> float:
-        """Returns the mean PSNR of a stream in the views of the search, decibels."""
+        """Returns the mean PSNR of a decoded stream, decibels, in the views with which the search compares."""
         return self._pictures.mean_psnr(decoded_finest(encoded.stream))
 
     @functools.cached_property
@@ -439,7 +442,7 @@ class _Trials:
     def _encode_and_measure(
         self, measure: Callable[[EncodedScene], float], level: float, share: float | None = None
     ) -> float:
-        """Encodes at a level with a share of the Gaussians, and returns the value of the result."""
+        """Encodes a share of the Gaussians at a quantisation level; returns the measured value of the result."""
         encoded = self._plan.encoded(Quality(level), self._encode, share)
         self._found.append((measure(encoded), encoded))
         self._progress("searching", 1 - 1 / (1 + len(self._found) / 2))

@@ -78,7 +78,7 @@ def not_held_out(cameras: Cameras, count: int) -> Cameras:
 
 
 def _subset(cameras: Cameras, views: list[int], count: int) -> Cameras:
-    """Returns at most `count` of the given views, evenly spread.
+    """Returns at most `count` of the given views, evenly spread, for measuring.
 
     Images with a side of more than `MOST_SIZE` pixels are scaled down to this size.
 

@@ -250,7 +250,7 @@ def _project_back_one(
 @njit(inline="always")
 @no_type_check
 def _coordinate_gradient(pose, axis, by, slope):
-    """Returns the gradient of one image coordinate of a projected point with respect to the point, in world axes.
+    """Returns the gradient of one image coordinate of a projected point with respect to the point in world axes.
 
     `axis` is the image axis (0 or 1), `slope` the tangent of the viewing angle along it (x/z or y/z), and `by` the
     focal length divided by the depth.

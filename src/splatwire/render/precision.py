@@ -160,7 +160,7 @@ def measure_gaussians(
 
 
 def _each_part(splats: Splats, part: int, look: Callable[..., None]) -> None:
-    """Calls a function for each of several spatial parts of a scene, which have similar numbers of Gaussians.
+    """Divides a scene into spatial parts with similar numbers of Gaussians, and calls a function for each part.
 
     Args:
         splats: All Gaussians.

@@ -145,9 +145,10 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
 def _distribute(
     removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_NetworkErrors], width: int
 ) -> Sensitivity:
-    """Distributes sums of errors over the selected anchors to the individual anchors, in proportion to removal errors.
+    """Estimates the sensitivity of each anchor from sums over the selected anchors.
 
-    The removal error of an anchor is the image error caused by removing it.
+    The sums are distributed in proportion to removal errors. The removal error of an anchor is the image error caused
+    by removing it.
 
     Args:
         removal: Error of removing each anchor; 0 for anchors that were not selected, (N).

@@ -113,7 +113,10 @@ class GatheredGradients:
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Gradient of each Gaussian with respect to a factor on its opacity, at factor 1."""
+        """Gradient of each Gaussian with respect to a factor on its opacity.
+
+        At factor 0 the Gaussian is removed; the gradient is taken at 1.
+        """
         return (self.fields[3] * self._opacities).astype(np.float64)
 
 

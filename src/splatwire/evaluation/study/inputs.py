@@ -151,7 +151,7 @@ class Source:
 
     @property
     def sections(self) -> Mapping[str, bytes]:
-        """Named sections of side information in the stream, such as those added by `splatwire calibrate`."""
+        """Named sections of side information in the stream, such as those that `splatwire calibrate` adds."""
         return {} if self.stream is None else sections_of(self.stream)
 
     @property

@@ -61,7 +61,9 @@ def _half_steps(spans: np.ndarray) -> np.ndarray:
 
 
 def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sorts some Gaussians by local scale and along a space-filling curve, and cuts them into chunks.
+    """Divides some Gaussians into chunks; the positions of a chunk are quantised within one range.
+
+    They are sorted by local scale and along a space-filling curve, so that the Gaussians of a chunk are similar.
 
     Args:
         splats: All Gaussians.
@@ -93,7 +95,7 @@ def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tupl
 
 
 def _chunk_lengths(means: np.ndarray, limits: np.ndarray) -> list[int]:
-    """Divides sorted Gaussians into chunks with small rounding errors; returns the number of Gaussians of each chunk.
+    """Divides sorted Gaussians into chunks; returns the number of Gaussians of each chunk.
 
     Each chunk ends before the first Gaussian that would enlarge the quantisation steps beyond the error limit of any
     Gaussian in it.

@@ -43,7 +43,7 @@ def number_codebook(values: np.ndarray, size: int) -> np.ndarray:
 
 
 def _cells(ordered: np.ndarray, centers: np.ndarray) -> np.ndarray:
-    """Divides sorted values among the entries of a code book by distance; returns the bounds, int64 (size + 1).
+    """Assigns sorted values to the nearest entries of a code book; returns the bounds, int64 (size + 1).
 
     The values `ordered[bounds[i]:bounds[i + 1]]` are nearest to entry `i`.
     """
@@ -51,9 +51,9 @@ def _cells(ordered: np.ndarray, centers: np.ndarray) -> np.ndarray:
 
 
 def _repaired(ordered: np.ndarray, centers: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Moves unused entries of a code book to where the quantisation error is largest.
+    """Moves unused entries of a code book to places where the quantisation error is largest.
 
-    An entry in a gap between the values and an outlier may be unused, i.e. nearest to no value.
+    An entry is unused if no value is nearest to it, for example in the gap between an outlier and the other values.
 
     Args:
         ordered: The values, ascending.

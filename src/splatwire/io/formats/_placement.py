@@ -150,7 +150,7 @@ def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -
                 )  # fmt: skip
         elif word in ([ORIGIN], [OFFSET]):
             _warn(path, comment, "a shift of the positions")
-        elif (meaning := _described_transform(comment)) is not None:
+        elif (meaning := _unapplied_meaning(comment)) is not None:
             _warn(path, comment, meaning)
 
 
@@ -181,7 +181,7 @@ def warn_of_unused_fields(path: Path, content: object) -> None:
     """
     for name, value in content.items() if isinstance(content, dict) else ():
         text = _value_as_text(value)
-        if text is not None and (meaning := _described_transform(f"{name}: {text}")) is not None:
+        if text is not None and (meaning := _unapplied_meaning(f"{name}: {text}")) is not None:
             _warn(path, f"{name}: {text}", meaning, "field")
 
 
@@ -205,8 +205,11 @@ def _warn(path: Path, comment: str, meaning: str, kind: str = "comment") -> None
     )  # fmt: skip
 
 
-def _described_transform(comment: str) -> str | None:
-    """Returns the possible meaning of a comment that is not applied, such as `a shift of the positions`, else None."""
+def _unapplied_meaning(comment: str) -> str | None:
+    """Returns what a comment probably states, if this package does not apply it, such as `a shift of the positions`.
+
+    Returns None for all other comments.
+    """
     if comment.startswith("splatwire") or is_metadata(comment):
         return None
     words = [word.lower() for word in _WORDS.findall(_TOOL.sub("", comment))]
@@ -265,7 +268,7 @@ def _is_identity(values: list[float]) -> bool:
 
 
 def _numbers_after(words: list[str], numbers: list[float | None], keywords: frozenset[str]) -> list[float]:
-    """Returns the numbers of a comment after its first keyword; empty if there is none.
+    """Returns the numbers that follow the first keyword of a comment; empty if there is no keyword.
 
     A keyword only counts if a number follows within a few words.
 

@@ -191,9 +191,11 @@ def write_compressed_ply(
 
 
 def _order_by_density(splats: Splats, path: Path) -> Splats:
-    """Divides Gaussians into chunks so that dense and distant Gaussians do not share a chunk; logs visible rounding.
+    """Sorts Gaussians into chunks so that dense regions and distant Gaussians do not share a chunk.
 
-    Chunks are padded with transparent Gaussians (`splatwire.io.formats._chunks`).
+    Positions are quantised within the range of a chunk, so a distant Gaussian makes all others in its chunk inexact.
+    Chunks are padded with transparent Gaussians (`splatwire.io.formats._chunks`). Logs a warning if rounding is still
+    visible.
     """
     index, filling = arrange(splats)
     found = splats.select(index)

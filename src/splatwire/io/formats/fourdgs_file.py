@@ -92,7 +92,7 @@ def fourdgs_frames(path: Path) -> FourdgsFrames:
 
 
 def _declared_gaussians(path: Path) -> int:
-    """Returns the number of Gaussians that the chunk headers of a file declare, without decoding the chunks."""
+    """Returns the number of Gaussians in a file according to its chunk headers, without decoding the chunks."""
     data = path.read_bytes()
     check_magic(data)
     records = iter_records(data, len(MAGIC))

@@ -239,7 +239,7 @@ class _Gltf:
                 self._buffer(view["buffer"])
 
     def _moved(self, splats: Splats, instance: Instance, origin: Origin) -> Splats:
-        """Applies the transform of a node to Gaussians; the resulting positions are relative to `origin`.
+        """Applies the transform of a scene node to Gaussians, and makes their positions relative to `origin`.
 
         Raises:
             DatasetError: If the result is out of range.
@@ -364,7 +364,7 @@ class _Gltf:
         return replaced
 
     def _rows(self, name: str, place: dict[str, Any], dtype: np.dtype, shape: tuple[int, int]) -> np.ndarray:
-        """Returns an array in a buffer; zeros if no buffer view is named.
+        """Returns an array that a buffer contains; zeros if the document names no buffer view for it.
 
         Args:
             name: Name of the attribute, for messages.

@@ -176,7 +176,7 @@ def read_all_rows(path: Path) -> tuple[FileContent, ElementValidity]:
 
 
 def _last_iteration(folder: Path) -> Path:
-    """Returns the PLY of the last iteration of a 3DGS model folder.
+    """Returns the PLY file of the last training iteration in a 3DGS model folder.
 
     Raises:
         DatasetError: If the PLY was removed after the format of the folder had been detected.
@@ -409,7 +409,7 @@ _FACTS = frozenset(("antialiased", "metadata", "note", "origin", "outliers"))
 
 
 def _lazy_import(module: str, name: str) -> Callable[..., Any]:
-    """Returns a function that imports a reader or writer of `splatwire.io.formats` at its first call.
+    """Wraps a reader or writer of `splatwire.io.formats` so that its module is imported at the first call.
 
     The deferred import avoids loading the libraries of all other formats.
     """

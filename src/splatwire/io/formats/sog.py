@@ -212,7 +212,10 @@ class _Sog:
         return values[:, :3], 1 / (1 + np.exp(-values[:, 3]))
 
     def _from_bounds(self, section: str, pixels: np.ndarray) -> np.ndarray:
-        """Decodes values of a version 1 file, which are scaled to the bounds of each channel, to float32 (N, C)."""
+        """Decodes quantised values of a version 1 file to float32 (N, C).
+
+        They are fractions of the range of each channel, whose bounds `meta.json` contains.
+        """
         low, high = (self._numbers(section, side, pixels.shape[1], _MAX_CODE) for side in ("mins", "maxs"))
         return (low + (high - low) * (pixels / _CHANNEL)).astype(np.float32)
 
@@ -353,8 +356,8 @@ def _reason(error: Exception) -> str:
 
 
 def _most_pixels(pixels: int) -> int:
-    """Returns the maximum accepted number of pixels of an image that stores `pixels` values, including padding.
+    """Returns how many pixels an image with `pixels` values may have.
 
-    Writers pad images in different ways.
+    Writers pad images in different ways; a larger image is rejected.
     """
     return 2 * pixels + _SPARE_PIXELS

@@ -98,7 +98,7 @@ def read_splatv(path: Path) -> MovingSplats:
 
 
 def _gaussian_block(path: Path, data: bytes) -> tuple[int, int]:
-    """Returns the position and size in bytes of the data block with the Gaussians."""
+    """Finds the data block with the Gaussians; returns its position and size in the file, bytes."""
     try:
         pieces, before = json.loads(data), 0
         for piece in pieces:

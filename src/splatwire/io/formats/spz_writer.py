@@ -123,7 +123,7 @@ def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 
 def _step(farthest: float) -> float:
-    """Returns the quantisation step of fixed-point positions, given the largest absolute coordinate.
+    """Returns the quantisation step of fixed-point positions whose largest absolute coordinate is `farthest`.
 
     The format has steps of 1 and below. A larger result means that the coordinate exceeds the range of the format.
     """

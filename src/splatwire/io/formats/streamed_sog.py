@@ -187,9 +187,10 @@ def _piece(index: Path, level: Any, num_chunks: int) -> Piece:
 def _read_pieces(
     index: Path, chunks: list[Path], pieces: dict[int, list[Piece]], named: dict[int, list[Piece]]
 ) -> Splats:
-    """Concatenates all ranges of Gaussians; keeps only one chunk and the environment in memory at a time.
+    """Reads the selected ranges of Gaussians from all chunks, and concatenates them.
 
-    Logs a warning if chunks have Gaussians that no leaf names.
+    Only one chunk and the environment are in memory at a time. Logs a warning if chunks have Gaussians that no leaf of
+    the tree names.
 
     Args:
         index: Path of the `lod-meta.json`, for messages.
@@ -222,7 +223,7 @@ def _read_pieces(
 
 
 def _with_capacity(joined: Splats | None, count: int, total: int, degree: int) -> Splats:
-    """Allocates arrays for `total` Gaussians and copies those read so far into them."""
+    """Copies the Gaussians read so far to larger arrays, which have room for `total` Gaussians."""
     room = Splats.empty(total, degree)
     for begin in range(0, 0 if joined is None else count, ROWS):
         assert joined is not None
@@ -231,7 +232,7 @@ def _with_capacity(joined: Splats | None, count: int, total: int, degree: int) -
 
 
 def _read_chunk(index: Path, folder: Path, runs: list[Piece], named: list[Piece]) -> tuple[Splats, int]:
-    """Reads a chunk and selects the Gaussians of some ranges, which must not overlap.
+    """Reads one chunk; returns the Gaussians of some ranges in it, which must not overlap.
 
     Args:
         index: Path of the `lod-meta.json`, for messages.

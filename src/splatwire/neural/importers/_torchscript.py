@@ -128,7 +128,7 @@ def _key(argument: Any) -> int:
 
 
 def _build(name: str, stack: list[Any], tensors: "_Tensors") -> None:
-    """Interprets one pickle instruction that assembles a tuple, list, dictionary, module or tensor on the stack."""
+    """Executes a pickle instruction that builds a tuple, list, dictionary, module or tensor on the stack."""
     if name in ("MARK", "EMPTY_DICT", "EMPTY_LIST", "EMPTY_TUPLE"):
         stack.append({"MARK": _MARK, "EMPTY_DICT": {}, "EMPTY_LIST": [], "EMPTY_TUPLE": ()}[name])
     elif name == "TUPLE":

@@ -83,7 +83,7 @@ class GsplatRenderer:
 def _nothing(
     gaussians: Gaussians, cameras: Cameras, background: Float[Tensor, "3"]
 ) -> tuple[Float[Tensor, "C H W 3"], Float[Tensor, "C 0 2"]]:
-    """Returns pictures of the background without Gaussians, as part of the autograd graph, and no 2D centres."""
+    """Returns pictures without Gaussians: the background as part of the autograd graph, and no projected centres."""
     centers = gaussians.means.new_zeros(cameras.num_views, 0, 2, requires_grad=True)
     zero = torch.stack([value.sum() for value in (centers, *vars(gaussians).values())]).sum()
     shape = (cameras.num_views, cameras.height, cameras.width, 3)

@@ -175,7 +175,7 @@ def causal_networks(parameters: dict[str, Tensor], config: CausalConfig) -> dict
 
 
 def _functions(networks: dict[str, Mlp]) -> dict[str, Callable[[Tensor], Tensor]]:
-    """Returns each network as a function of its inputs."""
+    """Wraps each network as a function of its inputs, by name."""
     return {name: partial(run_network, network) for name, network in networks.items()}
 
 

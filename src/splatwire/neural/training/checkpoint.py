@@ -110,7 +110,10 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
 
 
 def _steering_values(steering: Steering) -> list[float | None]:
-    """Converts the state of the size controller to a list of numbers; a `Steering.ratio` of None is omitted."""
+    """Converts the state of the controller of the stream size to numbers for a checkpoint.
+
+    A `Steering.ratio` of None is omitted.
+    """
     values = [steering.log_rate, steering.miss]
     return values if steering.ratio is None else [*values, steering.ratio]
 

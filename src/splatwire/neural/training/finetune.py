@@ -120,7 +120,7 @@ def _context_parameters(coding: HacppCoding | CausalCoding) -> dict[str, Tensor 
 
 
 def _bounds(coding: HacppCoding | CausalCoding) -> tuple[Tensor, Tensor]:
-    """Returns `TrainState.bounds_min` and `TrainState.bounds_max` for a scene's context model.
+    """Returns the values of `TrainState.bounds_min` and `TrainState.bounds_max` for a scene's context model.
 
     HAC++ model: the lower and upper corner of the hash grid's bounding box. Causal model: the middle of the anchors
     minus and plus their spread.

@@ -162,7 +162,10 @@ def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K
 
 
 def _keys(cells: Int64[Tensor, "M 3"]) -> Int64[Tensor, "M"]:
-    """Encodes the three indices of each grid cell as one unique 64-bit integer."""
+    """Encodes the three indices of each grid cell as one 64-bit integer.
+
+    Different cells have different integers.
+    """
     shifted = cells + (1 << (_KEY_BITS - 1))
     return (shifted[:, 0] << (2 * _KEY_BITS)) | (shifted[:, 1] << _KEY_BITS) | shifted[:, 2]
 

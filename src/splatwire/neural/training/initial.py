@@ -149,7 +149,7 @@ def anchor_parameters(voxels: Int64[Tensor, "N 3"], voxel_size: float, config: T
 
 
 def _folder(dataset: Dataset) -> Path:
-    """Returns the folder of a dataset's photos, for error messages."""
+    """Returns the folder with the photos of a dataset, for error messages."""
     return dataset.image_paths[0].parent if dataset.image_paths else Path()
 
 
@@ -271,7 +271,7 @@ def log_scalings_dim(config: TrainConfig) -> int:
 
 
 def _network_widths(config: TrainConfig) -> dict[str, tuple[int, int, int]]:
-    """Returns the numbers of inputs, hidden units and outputs of every network, by name."""
+    """Returns the layer widths of every network by name: numbers of inputs, hidden units and outputs."""
     layout = config.model.layout
     head, prior, channel = config.hidden
     inputs, num_offsets = layout.feature_dim + 4, layout.num_offsets

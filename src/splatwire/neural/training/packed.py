@@ -73,7 +73,7 @@ def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetw
 def _copy_indices(
     shapes: tuple[Shape, ...], order: tuple[int, ...], device: torch.device
 ) -> tuple[Int64[Tensor, "packed"], Int64[Tensor, "numbers"], Float[Tensor, "1"]]:
-    """Computes the indices that copy the weights of all networks into the packed weights, and back.
+    """Computes the indices with which the weights of several networks are copied into one array, and back.
 
     Returns:
         For each packed weight, its index in the concatenated weights of all networks. For each concatenated weight, its

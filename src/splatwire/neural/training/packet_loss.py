@@ -86,12 +86,12 @@ class PacketLosses:
 
     @property
     def _last_lossless(self) -> int:
-        """Last iteration without packet loss: packet loss is simulated only late in the training.
+        """Last iteration without simulated packet loss.
 
-        Without fine-tuning, it is the last iteration of the growth phase, in which anchors are added and removed. With
-        fine-tuning, it is the last iteration before the fine-tuning. Earlier packet loss reduces the quality of short
-        trainings, measured with and without packet loss (lego, 600 iterations). With `LossTraining.first`, it is always
-        the last iteration of the growth phase, because the order of anchors by importance still changes after it.
+        Packet loss is simulated only late in the training: from the end of the growth phase, in which anchors are added
+        and removed. With fine-tuning, it is simulated only in the fine-tuning. Earlier packet loss reduces the quality
+        of short trainings, measured with and without packet loss (lego, 600 iterations). With `LossTraining.first`, it
+        always starts at the end of the growth phase, because the order of anchors by importance still changes after it.
         """
         marks = self._config.marks
         return marks.fine_tuning_start if marks.tuning and not self._config.losses.first else marks.growth_end
@@ -206,7 +206,7 @@ class PacketLosses:
         return relative_sizes(sizes, gaussians, tiers, 2)[tiers]
 
     def _update_order(self, state: TrainState) -> None:
-        """Recomputes the coding order and the neighbours of the anchors; called after anchors were added or removed."""
+        """Recomputes the coding order and the neighbours of the anchors if anchors were added or removed."""
         if self._voxels is state.voxels:
             return
         order = anchor_order(state.voxels.cpu().numpy(), "morton")
@@ -243,9 +243,9 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
 
 
 def _anchors_per_packet(packetization: Packetization, rate: SampleRate | None) -> int:
-    """Estimates the number of anchors per packet with hashed grouping, from the current bits per anchor.
+    """Estimates how many anchors a packet contains with hashed grouping, from the current bits per anchor.
 
-    Returns 1 if the rate is None or the packetization has another grouping, which does not use this number.
+    Returns 1 if the rate is None, or if the packetization has another grouping, which does not use this number.
     """
     if rate is None or not packetization.hashed:
         return 1

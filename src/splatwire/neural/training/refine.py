@@ -100,9 +100,9 @@ class _BinaryGrid:
         self._read[torch.cat([corners.volume_rows.flatten(), corners.plane_rows.flatten()]).long()] = 1
 
     def bits(self) -> Float[Tensor, ""]:
-        """Returns the code length, in bits, of all signs that at least one anchor uses.
+        """Returns the estimated code length, in bits, of all entries that at least one anchor uses.
 
-        Each table column has one probability of +1 per level.
+        Each column of the tables has one probability of +1 per level.
         """
         signs = torch.cat([straight_through_sign(self.volume), straight_through_sign(self.planes).flatten(0, 1)])
         with torch.no_grad():
@@ -116,7 +116,7 @@ class _BinaryGrid:
         return (each * self._read[:, None]).sum()
 
     def grid(self, grid: HashGrid) -> HashGrid:
-        """Returns the grid with the current signs."""
+        """Returns the hash grid whose entries are the current signs."""
         volume, planes = (hard_sign(table.detach()).to(torch.int8) for table in (self.volume, self.planes))
         return HashGrid(volume, planes, grid.bounds_min, grid.bounds_max)
 
@@ -213,10 +213,11 @@ def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_ConstantData,
 
 
 def _typical_outputs(outputs: PriorOutputs, config: ModelConfig) -> list[Float[Tensor, "out"]]:
-    """Returns typical values of the networks' outputs, by which they are divided during the refinement.
+    """Returns typical magnitudes of the outputs of each network.
 
-    The value is the typical predicted standard deviation of the attribute channel that the output belongs to. The first
-    entry is for the prior network, the others for the channel networks.
+    Outputs are divided by them during the refinement, so that one learning rate suits all outputs. A typical magnitude
+    is the typical predicted standard deviation of the attribute channel that the output belongs to. The first entry is
+    for the prior network, the others for the channel networks.
     """
     scales = (outputs.feature_scale, outputs.scaling_scale, outputs.offset_scale)
     feature, scaling, offset = (

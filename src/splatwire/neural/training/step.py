@@ -161,7 +161,7 @@ class TrainingStep:
     def _drawn_anchors(
         self, state: TrainState, visible: Int64[Tensor, "M"], attributes: Attributes, weight: Float[Tensor, "M K"]
     ) -> Anchors:
-        """Returns the visible anchors as they are drawn: with noise in place of quantisation, and with offset masks."""
+        """Returns the visible anchors as training draws them: with noise in place of quantisation, and offset masks."""
         features, scalings, offsets = attributes
         offsets = offsets.view(-1, self._config.model.layout.num_offsets, 3)
         positions = self._cache.positions(state)[visible]

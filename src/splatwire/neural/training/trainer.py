@@ -128,7 +128,7 @@ def train_scene(
 
 @dataclass
 class _TrainingLoop:
-    """Training loop, and the objects that it uses in every iteration."""
+    """The training loop, with the objects that every iteration uses."""
 
     config: TrainConfig
     options: RunOptions

@@ -201,7 +201,7 @@ class CalibrationRun:
         return {name: sum(errors[name] for errors in each) / len(each) for name in each[0]}
 
     def improve(self) -> None:
-        """Validates the network, and stores its weights if it is the best so far."""
+        """Measures the network on held-out losses; stores its weights if they are the best so far."""
         errors = self.validate()
         if self.score(errors) < self.score(self.best_errors):
             self.best, self.best_errors, self.stale = self._copy(), errors, 0

@@ -114,7 +114,7 @@ def repair(context: ReceivedScene, graph: RepairGraph, network: InpaintingNetwor
 
 
 def _replace_invalid(context: ReceivedScene, anchors: Anchors, interpolated: Anchors) -> Anchors:
-    """Replaces network predictions that are not finite by the interpolation, and limits scalings."""
+    """Replaces network predictions that are NaN or infinite by the interpolated values, and limits scalings."""
     good = anchors.features.isfinite().all(dim=1) & anchors.scalings.isfinite().all(dim=1)
     good &= anchors.offsets.flatten(1).isfinite().all(dim=1)
     same = (anchors.scalings == interpolated.scalings).all(dim=1, keepdim=True)

@@ -125,9 +125,9 @@ def plan_sequence(
 def _efficient_choices(
     variant: SequenceVariant, group: int, loss: LossModel, most: float | int | None, trials: int, seed: int
 ) -> list[_Choice]:
-    """Returns the efficient amounts of parity for a group of pictures, from none to most.
+    """Returns the amounts of parity for a group of pictures that are worth their bytes, from none to most.
 
-    Efficient amounts are on the upper convex hull of PSNR as a function of parity bytes (`_hull`).
+    These amounts are on the upper convex hull of PSNR as a function of parity bytes (`_hull`).
 
     Args:
         variant: Encoded variant of the sequence.
@@ -179,7 +179,9 @@ def _slope(one: _Choice, other: _Choice) -> float:
 
 
 def _distribute_bytes(choices: Sequence[Sequence[_Choice]], room: float | int) -> list[_Choice]:
-    """Distributes bytes for parity over groups of pictures, where the gain in PSNR per byte is largest.
+    """Distributes a budget of parity bytes over groups of pictures.
+
+    Each step goes to the group with the largest gain in PSNR per byte.
 
     Args:
         choices: Choices of each group on the convex hull, from `_efficient_choices`.
