@@ -110,7 +110,7 @@ class StreamVariant:
             raise InvalidValueError(f"StreamVariant.blank_psnr must be finite, not {shown(self.blank_psnr)}")
 
     def left(self, budget_bytes: float | int) -> float:
-        """Returns the number of bytes of a budget that remain after the server's first message (welcome)."""
+        """Returns the bytes of a budget that remain after the server's first message, the welcome."""
         return float(max(budget_bytes - self.preview_bytes, 0))
 
 

@@ -80,7 +80,7 @@ class PruningCurve:
         return PruningCurve(order, shares, errors)
 
     def scaled(self, factor: float) -> "PruningCurve":
-        """Returns the curve with all errors multiplied by a factor, by which fine-tuning reduces them."""
+        """Returns the curve with all errors multiplied by a factor, which accounts for fine-tuning."""
         return replace(self, errors=factor * self.errors)
 
     def error(self, share: float) -> float:

@@ -176,7 +176,10 @@ class Picture:
         share(some, _pieces(len(sums)))
 
     def _gradient_sums(self, image: np.ndarray, d_image: np.ndarray) -> np.ndarray:
-        """Returns the gradient sums of each projected Gaussian, float32 (G, SUMS), the input of `project_back`."""
+        """Sums gradients over the pixels of each projected Gaussian, float32 (G, SUMS).
+
+        The sums are the input of `project_back`.
+        """
         num, width, spare = self.splats.shape[0], _cpu_gradients.SUMS, _cpu_gradients.SPARE
         flat = np.zeros(num * width + spare, np.float32)
         for band in self._bands():

@@ -107,7 +107,7 @@ _FULL = 1.0
 
 
 def _moved(cameras: Cameras, positions: Float[np.ndarray, "N 3"], factor: float) -> Cameras:
-    """Multiplies the distances of cameras from the scene's centre by `factor`."""
+    """Moves cameras towards or away from the scene's centre: multiplies their distances from it by `factor`."""
     middle = lower_median(positions)
     poses = cameras.viewmats.copy()
     places = middle + factor * (cameras.centers - middle)

@@ -86,7 +86,7 @@ def quick_sensitivity(
 
 @dataclass(frozen=True, eq=False)
 class _NetworkErrors:
-    """Errors that were back-propagated through the networks in one view, summed over the selected anchors.
+    """Errors of a view, back-propagated to the inputs of the networks and summed over the selected anchors.
 
     Attributes:
         metric: Error for changes of features and logarithms of scalings, as a quadratic form (D, D).

@@ -180,7 +180,7 @@ class ClipEncoder:
         return {SECTION: self.tracking.section(), **self._sections}
 
     def importance(self, packets: Sequence[Packet]) -> list[float]:
-        """Returns the importance (visible motion) of packets of the last group, see `packet_importance`."""
+        """Returns the importance of packets of the last group: the visible motion in them, see `packet_importance`."""
         return [self._writer.importance[packet.id] for packet in packets]
 
     def flush(self) -> list[Packet]:
@@ -203,7 +203,7 @@ class ClipEncoder:
         return self._writer.add(group, classes)
 
     def _collect_tracks(self) -> TrackGroup:
-        """Collects the tracks of the current group of pictures.
+        """Joins the frames of the current group of pictures to tracks.
 
         For a complete group, two steps run in parallel: the analysis of the motion for encoding, and the extrapolation
         of tracks that do not exist in all frames.
@@ -238,7 +238,7 @@ class ClipEncoder:
         return packets
 
     def _precision(self, group: TrackGroup, scenes: list[int], new: np.ndarray) -> np.ndarray | None:
-        """Returns the precision class of each track of a group; None to give new tracks the median class.
+        """Returns the precision class of each track of a group; None if all new tracks get the median class.
 
         Only groups with a scene cut are analysed, because rendering takes time.
 

@@ -67,7 +67,10 @@ class GroupBuilder:
             self._find_neighbors(number)
 
     def _rows_of(self, keys: np.ndarray) -> np.ndarray:
-        """Returns the array rows of the tracks with the given keys; new tracks get new rows."""
+        """Returns the index of each track in the arrays of the group, given the keys of the tracks.
+
+        A track with a new key is added.
+        """
         by, number = self._by, len(self.frames) - 1
         at = np.searchsorted(self._keys, keys, sorter=by)
         known = self._keys[by[np.minimum(at, len(by) - 1)]] == keys if len(by) else np.zeros(len(keys), bool)
@@ -83,7 +86,7 @@ class GroupBuilder:
         return by[at]
 
     def _grow(self, count: int) -> None:
-        """Enlarges the arrays to a capacity of `count` tracks."""
+        """Enlarges the arrays of the group so that they have room for `count` tracks."""
         self._room = count
         for name, values in _moving(self.frames[-1].splats).items():
             grown = np.zeros((count, self._most, *values.shape[1:]), np.float32)
@@ -152,7 +155,10 @@ def group_of(frames: Sequence[TrackedFrame]) -> TrackGroup:
 
 
 def _moving(splats: Splats) -> dict[str, np.ndarray]:
-    """Returns the attributes of Gaussians that motion can change, by name."""
+    """Returns the attributes of Gaussians that a sequence can change over time, by name.
+
+    These are position, rotation, scales, opacity and base colour.
+    """
     names = ("means", "quats", "scales", "opacities")
     return {**{name: getattr(splats, name) for name in names}, "colours": splats.sh[:, 0]}
 

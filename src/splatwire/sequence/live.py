@@ -69,7 +69,7 @@ class LiveDecoder:
         yield from self._frames_before(len(manifest.tiers) // 2 - 1)
         if self._decoder is not None:  # optional while packets are missing: many declared tracks may be unjustified yet
             with suppress(BitstreamError):
-                self._create_decoder()
+                self._current_decoder()
         yield from self._complete()
 
     def add(self, packets: Iterable[Packet]) -> Iterator[ClipFrame]:
@@ -93,7 +93,7 @@ class LiveDecoder:
             else:
                 motion.append(packet)
         if motion and self._decoder is not None:
-            opened = self._create_decoder()
+            opened = self._current_decoder()
             self._store_bases(opened, self._manifest, whole=True)
             for _, some in itertools.groupby(motion, lambda packet: plan.tier_of(packet.id.block)):
                 opened.prepare(list(some), self._num_bytes, self._threads)
@@ -112,13 +112,15 @@ class LiveDecoder:
             yield from self._frames_before(self._next + 1)
 
     def _frames_before(self, end: int) -> Iterator[ClipFrame]:
-        """Yields the frames of all groups before group `end` that were not yet output."""
+        """Yields the frames of all groups of pictures before group `end` that were not yet output."""
         while self._next < end:
             group, self._next = self._next, self._next + 1
             yield from self._group(group)
 
-    def _create_decoder(self) -> TracksDecoder:
-        """Creates the decoder for the current manifest; takes over the keyframe Gaussians of the previous decoder.
+    def _current_decoder(self) -> TracksDecoder:
+        """Returns the decoder for the current manifest of the stream.
+
+        After an update of the manifest, creates a new decoder with the keyframe Gaussians of the previous one.
 
         Raises:
             BitstreamError: If the tracks declared in the manifest need more memory than the received bytes justify.
@@ -138,7 +140,7 @@ class LiveDecoder:
 
     def _group(self, group: int) -> Iterator[ClipFrame]:
         assert self._manifest is not None
-        opened = self._create_decoder()
+        opened = self._current_decoder()
         with allocating(f"decoding {self._manifest.num_elements:,} tracks"):
             self._store(opened, self._manifest, group)
             clip = opened.scene().scene

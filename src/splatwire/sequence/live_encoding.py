@@ -34,7 +34,7 @@ class GroupEncoder(Protocol):
         """Encodes a frame; returns the new state of the stream after the last frame of a group, otherwise None."""
 
     def restart(self) -> None:
-        """Drops the current group; the next frame begins another stream."""
+        """Discards the frames of the incomplete group; the next frame starts a new stream."""
 
     def end(self) -> Iterable[StreamUpdate]:
         """Encodes the frames that are left; returns the new states of the stream."""
@@ -103,7 +103,7 @@ class LiveEncoding:
             self._publish(update)
 
     def _queue_new_files(self) -> None:
-        """Looks for new files and adds them to the queue; drops the oldest frames if the queue is too long."""
+        """Adds new files to the queue of frames; removes the oldest frames if the queue is too long."""
         now = self._clock()
         self._waiting.extend(self._source.poll(now))
         surplus = 0 if self._source.over else self._backlog.surplus(len(self._waiting), now)
@@ -118,7 +118,10 @@ class LiveEncoding:
             )
 
     def _next_frame(self) -> Frame | None:
-        """Reads the next file of the queue; returns None if it is skipped, or not yet complete."""
+        """Reads the next file of the queue.
+
+        Returns None if the file is skipped, or is not complete yet.
+        """
         path, now = self._waiting[0], self._clock()
         signature = signature_at(path)
         if not self._patience.is_unchanged(path, signature):
@@ -143,7 +146,7 @@ class LiveEncoding:
         self._source.mark_read(self._waiting.popleft(), signature)
 
     def _checked(self, path: Path, frame: Frame) -> Frame | None:
-        """Returns the frame if it is compatible with the previous frames; None if it is skipped."""
+        """Returns a frame unchanged if it is compatible with the frames before it; None if it is skipped."""
         count, kind = frame.splats.num_gaussians, (frame.splats.degree, frame.antialiased)
         if count and not _has_valid_rows(frame):
             self._skip(f"{path}: none of its {count:,} Gaussians can be drawn")

@@ -170,7 +170,7 @@ def _match_one_to_one(
     candidates: int,
     weight: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Matches Gaussians one to one by expected position and appearance.
+    """Matches the Gaussians of two frames one to one, by expected position and appearance.
 
     Args:
         expected: Positions of the previous frame's Gaussians, moved to the current frame.
@@ -233,7 +233,7 @@ def _implausible_matches(
 
 
 def _distance_scale(values: np.ndarray) -> float:
-    """Returns a scale for normalising distances: 1.5 times their median, with a small lower bound above 0."""
+    """Returns a typical distance, by which distances are divided: 1.5 times their median, always above 0."""
     return max(float(np.median(values)) * 1.5, float(values.mean()) * 1e-3, 1e-12)
 
 

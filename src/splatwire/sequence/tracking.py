@@ -118,7 +118,7 @@ class Tracker:
         return self._matched(frame)
 
     def _by_rows(self, frame: Frame, count: bool) -> TrackedFrame:
-        """Assigns keys by index, for frames with the same order of Gaussians.
+        """Assigns track keys by index, for frames in which each Gaussian keeps its index.
 
         A Gaussian gets the key of the same index in the previous frame, or a new key if it was invisible then.
         """
@@ -129,7 +129,7 @@ class Tracker:
         return TrackedFrame(_drawn(frame), keys[frame.drawn])
 
     def _matched(self, frame: Frame) -> TrackedFrame:
-        """Assigns keys by matching, for frames with different orders of Gaussians.
+        """Assigns track keys by matching Gaussians with the previous frame, for frames in any order.
 
         A matched Gaussian gets the key of its match, others get new keys.
         """

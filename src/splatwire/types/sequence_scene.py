@@ -160,7 +160,10 @@ class ClipScene:
 
     @property
     def num_elements(self) -> int:
-        """Number of elements, N: keyframe Gaussians, and motions of a track in a group of pictures."""
+        """Number of elements that packets contain, N.
+
+        An element is a keyframe Gaussian, or the motion of one track in one group of pictures.
+        """
         return self.count
 
     @property

@@ -86,7 +86,7 @@ class Relay:
         await self._begun.wait()
 
     async def headed(self) -> None:
-        """Waits until the side information, and thus `origin`, was received, or the transfer ended."""
+        """Waits until the side information is known, and thus `origin`, or the transfer has ended."""
         await self._headed.wait()
 
     async def pieces(self) -> AsyncIterator[bytes]:
@@ -106,7 +106,7 @@ class Relay:
             yield b"".join(pieces[begin:given])
 
     def _is_growing(self, pieces: list[bytes]) -> bool:
-        """True if a file is still being received, and not yet replaced by the file of another stream."""
+        """True if a `.swz` file is still being received, and was not replaced by the file of another stream."""
         return not self._over and pieces is self._pieces
 
     async def _forward(self) -> None:

@@ -74,7 +74,10 @@ class CubicWindow:
         self.threshold = min(self.threshold, self.bytes)
 
     def undo(self) -> None:
-        """Restores the window from before the last reduction, because the loss turned out not to be congestion."""
+        """Restores the window from before the last reduction.
+
+        Called if the loss that caused the reduction was not congestion.
+        """
         if self._undo:
             self.bytes, self.threshold = max(self.bytes, self._undo[0]), max(self.threshold, self._undo[1])
             self._undo, self._since = None, None

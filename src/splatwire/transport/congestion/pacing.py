@@ -216,7 +216,7 @@ class RateControl:
         self.rate = min(wanted, self._most)
 
     def _end_round(self, done: _Round, now: float) -> None:
-        """Ends a control round (about one round trip) and chooses the next action.
+        """Ends a control round (about one round trip), and adapts the window or the rate to the receiver's feedback.
 
         The action is to reduce or grow the window, or to send at a lower rate for some time: to test if the loss
         depends on the rate, to probe for competing flows, or to drain the queue.
@@ -279,7 +279,9 @@ class RateControl:
         self._pause = _RateReduction(kind, now + seconds, self.window.bytes, rate, before or LossCounter())
 
     def _reduce(self, done: _Round, now: float) -> None:
-        """Reduces the window, at most once per round trip, as further losses belong to the same congestion event.
+        """Reduces the window after congestion, at most once per round trip.
+
+        Further losses in the same round trip belong to the same congestion event.
 
         Args:
             done: Feedback of the completed control round.

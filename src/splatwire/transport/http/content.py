@@ -215,7 +215,7 @@ class PageContent:
         return make_answer(status, kind, body, headers)
 
     def _requested_scene(self, request: Request) -> str:
-        """Returns the name of the scene that a request is for, if it may need a token; empty for other requests.
+        """Returns the name of the scene for which a request may need an access token; empty for all other requests.
 
         A private scene has no file in `/streams/`: a request there gets 404, as for a scene that does not exist.
         """
@@ -277,7 +277,7 @@ class PageContent:
         return answer.for_method(request.method)
 
     def _host_advice(self) -> bytes:
-        """Returns the response body for a refused `Host` header: advice on how to reach the server."""
+        """Returns the body of a response that refuses the `Host` header: advice on how to reach the server."""
         if self.public_origin is not None:
             host = host_of(self.public_origin)
             return f"the proxy must pass 'Host: {host}' or the IP address of this server\n".encode()
@@ -334,12 +334,15 @@ class PageContent:
         return web_file("index.html").replace("$scenes", listed).replace("$attributes", words)
 
     def _scene_attributes(self, name: str) -> dict[str, str]:
-        """Returns the HTML attributes of a stream's entry in the page's list of scenes, such as its preview."""
+        """Returns the HTML attributes with which the page's list of scenes shows a stream, such as its preview."""
         program = self.programs[name]
         return preview_attributes(*_side_info_of(program), program.preview) if isinstance(program, ServedStream) else {}
 
     def _stream_url(self, name: str) -> str:
-        """Returns the URL of a stream; that of a complete file has the entity tag as query, for caches."""
+        """Returns the URL of a stream's file on this server.
+
+        The URL of a complete file contains the entity tag, so that caches do not return an old file.
+        """
         file = self._file(name)
         path = self._stream_path(name)
         return f"{path}?{self._entity_tag(file)}" if isinstance(file, bytes) and file else path
@@ -434,7 +437,10 @@ def served_stream_file(program: ServedStream) -> bytes:
 
 
 def _head(program: ServedStream) -> tuple[Manifest, bytes]:
-    """Returns the manifest and side information of a prepared stream, parsed from its init segment."""
+    """Returns the manifest and the side information of a prepared stream.
+
+    Both are parsed from its init segment.
+    """
     segments = Segments(program.head_bytes, program.symbol_bytes)
     symbols = (symbol for number, segment in enumerate(program.head) for symbol in segment[: segments.size(number)])
     manifest, side_info, _ = split_init_segment(b"".join(symbols)[: program.head_bytes])

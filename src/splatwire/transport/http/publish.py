@@ -134,12 +134,15 @@ def _hashed(stem: str, data: bytes, suffix: str) -> str:
 
 
 def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
-    """Converts the HTML attributes of a scene's preview element to those of its viewer element."""
+    """Renames the HTML attributes of a scene's preview element to the names that the viewer element has for them."""
     return {("preview" if name == "data" else name): value for name, value in preview.items()}
 
 
 def _link_preview(name: str, url: str | None, page: str, picture: str | None) -> str:
-    """Returns the HTML elements with which other programs, such as messengers, show a preview of a link to the page."""
+    """Returns the HTML elements from which messengers and other programs build a preview of a link to a page.
+
+    Returns an empty text if the URL of the site is unknown.
+    """
     if url is None:
         return ""
     found = {"og:title": name, "og:type": "website", "og:url": f"{url}/{quote(page)}"}

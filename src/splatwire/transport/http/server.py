@@ -274,7 +274,7 @@ class PageServer:
 
 
 async def _wait_for_pacer(pacer: Pacer) -> None:
-    """Waits until a pacer permits sending."""
+    """Waits until a rate limit permits sending."""
     loop = asyncio.get_running_loop()
     while (wait := pacer.next_at() - loop.time()) > 0:
         await asyncio.sleep(wait)
@@ -282,7 +282,7 @@ async def _wait_for_pacer(pacer: Pacer) -> None:
 
 @dataclass
 class _Count:
-    """Counter of the response bytes that were passed to the kernel."""
+    """Number of bytes of a response that were passed to the kernel for sending."""
 
     num_bytes: int = 0
 

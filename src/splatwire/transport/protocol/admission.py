@@ -93,7 +93,7 @@ def _places(held: Mapping[Network, int], within: Network) -> int:
 
 
 def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
-    """Finds the IP range with the most connection slots; returns the range and its number of slots.
+    """Finds the IP range that uses the most connection slots; returns the range and its number of slots.
 
     The result is None if no slot is in use. IP ranges are given like networks: by their prefixes, from the widest to
     the narrowest.

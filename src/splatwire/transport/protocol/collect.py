@@ -284,7 +284,7 @@ class PacketCollector:
                 yield first, np.packbits(some, bitorder="little").tobytes()
 
     def _take(self, index: int, data: bytes) -> Packet | None:
-        """Checks and stores a received packet; returns the packet, or None if it is invalid.
+        """Checks a received packet and stores it if it is valid; returns the packet, or None if it is invalid.
 
         A packet is invalid if its checksum is wrong, if it belongs to another stream, or if the packet plan of the
         manifest has no such packet. Packets that arrive before the manifest are compared with the plan later.
@@ -324,7 +324,7 @@ class PacketCollector:
             self._members.get(place[0], {}).pop(place[1], None)
 
     def _solve(self, number: int) -> list[Packet]:
-        """Tries to recover the lost packets of a parity group from its repair symbols; returns the recovered packets.
+        """Recovers the lost packets of a parity group from its repair symbols, if these suffice; returns the packets.
 
         Args:
             number: Number of the parity group.

@@ -90,9 +90,9 @@ def arrange(
 
 
 def _round_up(share: float) -> int:
-    """Rounds a number of packets or repair symbols up.
+    """Rounds a fractional number of packets or repair symbols up; even a small share gives at least one.
 
-    Even a small share of few packets thus gives at least one.
+    Rounding errors of the fraction do not add one.
     """
     return math.ceil(share - 1e-9)
 
@@ -104,7 +104,7 @@ def _most_important(motion: Sequence[int], importance: Sequence[float] | None, c
 
 
 def _joined(tiers: Sequence[TierHead]) -> tuple[TierHead, ...]:
-    """Merges neighbouring packet runs that have no parity, and removes empty runs."""
+    """Merges neighbouring packet runs without parity into one run, and removes runs without packets."""
     out = list[TierHead]()
     for tier in tiers:
         if tier.num_packets and out and not (tier.groups or out[-1].groups):

@@ -53,7 +53,7 @@ class ReceiveState:
             self._collector.add(frame)
 
     def _resume(self, before: Welcome, welcome: Welcome) -> bool:
-        """Continues a stream in a new transfer with the data received before.
+        """Continues an interrupted transfer in a new one; keeps the data that were received before.
 
         Args:
             before: Server's declaration of the stream in the earlier transfer.

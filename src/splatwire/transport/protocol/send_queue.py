@@ -126,7 +126,7 @@ class SendQueue:
 
     @property
     def _num_scheduled(self) -> int:
-        """Number of datagrams that are sent in the order of the schedule, which does not depend on the viewpoint.
+        """Number of datagrams, the first of the schedule, whose order does not depend on the viewpoint.
 
         These are all datagrams as long as the client has sent no viewpoint. With a viewpoint, they are the init segment
         and the coarsest tiles; the viewpoint determines the order of the other tiles.

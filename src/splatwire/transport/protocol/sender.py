@@ -348,7 +348,7 @@ class Server:
         self._schedule(key)
 
     def _schedule(self, key: Key) -> None:
-        """Enters a transfer into the queue of times, at the time of its next datagram.
+        """Schedules the next datagram of a transfer; ends the transfer if its limit on sent bytes is reached.
 
         If an earlier time was scheduled, it stays in the queue and is ignored when it is reached.
         """
@@ -364,7 +364,7 @@ class Server:
             heapq.heappush(self._due, (at, self._tick, key))
 
     def _end_transfer(self, key: Key, reason: str) -> None:
-        """Ends a transfer.
+        """Removes a transfer and logs its end; no more datagrams are sent to its client for it.
 
         Args:
             key: Key of the transfer.
@@ -380,7 +380,10 @@ class Server:
         )  # fmt: skip
 
     def _end_silent(self, now: float) -> None:
-        """Ends transfers whose clients have sent nothing for `ServerLimits.silence_s`."""
+        """Ends transfers whose clients have sent no datagram for `ServerLimits.silence_s`.
+
+        Also removes outdated entries from the queue of scheduled times.
+        """
         if now - self._swept_at < 0.25:
             return
         self._swept_at = now

@@ -288,7 +288,7 @@ def _for_views(program: ServedStream, tiles: Tiles) -> ServedStream:
 def _packets_in_order(
     stream: SceneStream, protection: Protection, importance: Mapping[PacketId, float] | None
 ) -> tuple[list[Packet], tuple[TierHead, ...]]:
-    """Returns the packets of a stream in sending order, and the parity of each run (consecutive packets).
+    """Sorts the packets of a stream into sending order, and computes the parity of each run (consecutive packets).
 
     Args:
         stream: Complete stream.

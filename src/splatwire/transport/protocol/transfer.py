@@ -126,7 +126,9 @@ class ServerTransfer:
         self._allow(known)
 
     def _allow(self, known: int) -> None:
-        """Raises the limit on bytes sent to this client by the size of new packets and of the new init segment.
+        """Raises the limit on bytes sent to this client after an update of a live stream.
+
+        The limit grows by the size of the new packets and of the new init segment.
 
         Args:
             known: Number of packets before the update of the live stream.
@@ -135,7 +137,10 @@ class ServerTransfer:
         self._most_bytes += int(self._limits.passes * (sum(self.program.sizes().values()) - known_bytes))
 
     def exclude_known(self, frame: Have) -> None:
-        """Removes packets that the client already has from the queue, and lowers the client's limit on sent bytes."""
+        """Removes packets that the client already has from the queue.
+
+        Lowers the limit on bytes sent to the client accordingly.
+        """
         self._most_bytes -= int(self._limits.passes * self._held.take(frame, self.program))
 
     def _take_next(self, now: float) -> tuple[int, int, int] | None:

@@ -185,7 +185,10 @@ class _Client(QuicConnectionProtocol):
         self._rearm()
 
     def _on_terminated(self, event: events.ConnectionTerminated) -> None:
-        """Processes the end of this connection; also ends the transfer, unless a new connection can resume it."""
+        """Processes the end of the QUIC connection.
+
+        The transfer ends too, unless a new connection can resume it.
+        """
         by_application = event.frame_type is None
         final = event.error_code in ((MALFORMED, INTERNAL) if by_application else UNTRUSTED)
         if not final and self._receiver.may_resume(self._loop.time()):

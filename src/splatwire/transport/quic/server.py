@@ -180,7 +180,7 @@ class QuicServer(SocketServer):
         self.networks[connection.network] += 1
 
     def leave(self, connection: "_Connection") -> None:
-        """Stops counting a closed connection; repeated calls have no effect."""
+        """Removes a closed connection from the counts of connections; repeated calls have no effect."""
         self.greeting.discard(connection)
         if connection in self.connections:
             del self.connections[connection]
@@ -270,7 +270,7 @@ class _Endpoint(AioquicServer):
 
 
 class _CountingTransport:
-    """Datagram transport of asyncio that reports the size of each sent datagram to a function."""
+    """Datagram transport of asyncio that calls a function with the size of each datagram that it sends."""
 
     def __init__(self, transport: Any, sent: Callable[[int], None]) -> None:
         self._transport, self._sent = transport, sent

@@ -72,7 +72,7 @@ class Session:
             self.connection.malformed("no stream for what was asked for")
 
     def opened(self, stream: int) -> None:
-        """Stores the number of the reliable stream that the client has opened, and sends the waiting frames."""
+        """Stores the number of the reliable stream that the client has opened; sends the frames that waited for it."""
         self.stream = stream
         for frame in self._held:
             self._on_stream(frame)
