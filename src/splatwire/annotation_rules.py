@@ -194,13 +194,13 @@ def _tuplerule_of(args: tuple[Any, ...], arrays: Callable[[Any], Rule]) -> Rule:
     if len(args) == 2 and args[1] is Ellipsis:
         item = rule_of(args[0], arrays)
         return Rule(
-            f"a tuple of {_several(item)}",
+            f"a tuple of {_plural(item)}",
             lambda value: isinstance(value, tuple | list) and all(map(item.accepts, value)),
             _as_tuple,
         )
     items = [rule_of(arg, arrays) for arg in args]
     whats = {item.what for item in items}
-    what = f"of {len(items)} {_several(items[0])}" if len(whats) == 1 else f"({', '.join(i.what for i in items)})"
+    what = f"of {len(items)} {_plural(items[0])}" if len(whats) == 1 else f"({', '.join(i.what for i in items)})"
     return Rule(
         f"a tuple {what}",
         lambda value: (
@@ -212,7 +212,7 @@ def _tuplerule_of(args: tuple[Any, ...], arrays: Callable[[Any], Rule]) -> Rule:
     )
 
 
-def _several(item: Rule) -> str:
+def _plural(item: Rule) -> str:
     """Returns the plural of a description of values, such as `numbers` for `a number`."""
     plain = item.what.removeprefix("a ")
     return f"{plain}s" if plain.endswith("number") else plain or "items"
@@ -230,7 +230,7 @@ def _mapping_rule(kind: type, rules: list[Rule]) -> Rule:
             return False
         return all(map(key.accepts, value)) and all(map(item.accepts, value.values()))
 
-    what = f"a dictionary of {_several(item)} by {key.what or 'key'}" if rules else "a dictionary"
+    what = f"a dictionary of {_plural(item)} by {key.what or 'key'}" if rules else "a dictionary"
     return Rule(what, accepts)
 
 
@@ -261,7 +261,7 @@ def _items_rule(kind: type, item: Rule) -> Rule:
     def convert(value: Any) -> Any:
         return _checked_items(value, item) if isinstance(value, abc.Iterator) else value
 
-    what = f"a sequence of {_several(item)}"
+    what = f"a sequence of {_plural(item)}"
     return Rule(what, accepts, convert) if not sized and item.what else Rule(what, accepts)
 
 

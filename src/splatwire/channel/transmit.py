@@ -176,7 +176,7 @@ def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *
         Index of the group of pictures for each packet, -1 if the packet never arrives, in the order of
         `SceneStream.packets`, int64.
     """
-    plan, own = stream.manifest.plan, _groups_of(stream)
+    plan, own = stream.manifest.plan, _group_of_packets(stream)
     arrival = np.where(mask.received, own, -1)
     persistent = np.array([plan.persistent(packet.id.block) for packet in stream.packets], bool)
     num_datagrams = datagrams_of(np.array([packet.num_bytes for packet in stream.packets], np.int64))
@@ -189,7 +189,7 @@ def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *
     return arrival
 
 
-def _groups_of(stream: SceneStream) -> np.ndarray:
+def _group_of_packets(stream: SceneStream) -> np.ndarray:
     """Returns the index of the group of pictures that each packet of a sequence belongs to, int64."""
     plan = stream.manifest.plan
     return np.array([plan.tier_of(packet.id.block) // 2 for packet in stream.packets], np.int64)

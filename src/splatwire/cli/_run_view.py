@@ -47,7 +47,7 @@ def _read(command: View) -> SceneStream:
 async def _forward(command: View, cameras: Cameras | None) -> None:
     """Receives a stream from another server and forwards it to the page while it arrives."""
     name = parse_url(command.stream).name or "scene"
-    relay = _relay(command)
+    relay = _receive_function(command)
     receiving = asyncio.create_task(relay.run())
     try:
         await (relay.begun() if cameras is None else relay.headed())
@@ -83,7 +83,7 @@ async def _serve(command: View, content: PageContent, receiving: asyncio.Task[No
         receiving.result()
 
 
-def _relay(command: View) -> Relay:
+def _receive_function(command: View) -> Relay:
     """Returns the function that receives the stream from the given address."""
     address = parse_url(command.stream)
     transfer, options = transfer_of(command.trust, address), ReceiverOptions(name=address.name)

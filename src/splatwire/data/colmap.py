@@ -74,12 +74,12 @@ def find_reconstruction(root: Path) -> Path | None:
         if _has(root / name, "images"):
             return root / name
     for name in ("sparse", "colmap/sparse"):
-        if numbered := [folder for folder in _numbered(root / name) if _has(folder, "images")]:
+        if numbered := [folder for folder in _numbered_folders(root / name) if _has(folder, "images")]:
             return numbered[0]
     return root if _has(root, "images") and _has(root, "cameras") else None  # layout of RealityScan exports
 
 
-def _numbered(folder: Path) -> list[Path]:
+def _numbered_folders(folder: Path) -> list[Path]:
     """Returns the folders below `folder` whose names are numbers, in that order."""
     found = [path for path in folder.iterdir() if path.name.isdecimal()] if folder.is_dir() else []
     return sorted(found, key=lambda path: int(path.name[:_MAX_DIGITS]))
@@ -92,7 +92,7 @@ def warn_of_other_reconstructions(folder: Path) -> None:
     """
     if not folder.name.isdecimal():
         return
-    found = [other.name for other in _numbered(folder.parent) if other != folder and _has(other, "images")]
+    found = [other.name for other in _numbered_folders(folder.parent) if other != folder and _has(other, "images")]
     if found:
         LOG.warning(
             "%s: reconstructions beside it are not read: %s; their photos are not used", folder, ", ".join(found[:8])
@@ -124,7 +124,7 @@ def read_views(folder: Path) -> list[ColmapView]:
         camera = by_id[image.camera_id]
         if not (0 < camera.width < _MAX_SIDE and 0 < camera.height < _MAX_SIDE):
             raise DatasetError(f"{folder}: camera {camera.camera_id} is {camera.width} x {camera.height} pixels large")
-        K, lens = _optics(folder, camera)
+        K, lens = _intrinsics(folder, camera)
         views.append(ColmapView(image.name, _viewmat(folder, image), K, camera.width, camera.height, lens))
     return sorted(views, key=lambda view: (Path(view.name).stem, view.name))
 
@@ -167,7 +167,7 @@ def _viewmat(folder: Path, image: RawImage) -> np.ndarray:
     return viewmat
 
 
-def _optics(folder: Path, camera: RawCamera) -> tuple[np.ndarray, LensModel]:
+def _intrinsics(folder: Path, camera: RawCamera) -> tuple[np.ndarray, LensModel]:
     """Returns the intrinsics (3, 3) and the lens distortion of a camera."""
     if camera.model not in _LENSES:
         raise DatasetError(

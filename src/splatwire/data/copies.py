@@ -24,7 +24,7 @@ def warn_of_copies(source: Path, names: Sequence[str], photos: Sequence[Path | N
     for view, photo in enumerate(photos):
         if photo is not None:
             sizes.setdefault(photo.stat().st_size, []).append(view)
-    copies = [pair for views in sizes.values() for pair in _pairs(views, photos, is_test)]
+    copies = [pair for views in sizes.values() for pair in _copied_views(views, photos, is_test)]
     if copies:
         test, train = min(copies)
         LOG.warning(
@@ -34,7 +34,9 @@ def warn_of_copies(source: Path, names: Sequence[str], photos: Sequence[Path | N
         )  # fmt: skip
 
 
-def _pairs(views: list[int], photos: Sequence[Path | None], is_test: Sequence[bool]) -> Iterable[tuple[int, int]]:
+def _copied_views(
+    views: list[int], photos: Sequence[Path | None], is_test: Sequence[bool]
+) -> Iterable[tuple[int, int]]:
     """Yields pairs of a test view and a training view with the same photo.
 
     If several training views have the photo, the first of them is used.

@@ -141,7 +141,7 @@ def open_dataset(
         UnknownNameError: If `split` or `test_views` is not a known name.
         InvalidValueError: If `max_width` is not positive.
     """
-    path = _checked(path, split, max_width, test_views)
+    path = _checked_path(path, split, max_width, test_views)
     if not path.is_dir():
         raise DatasetError(is_not(path, "a dataset folder") + _dataset_nearby(path))
     chosen = test_views or ("first_31" if (path / bungee.FILE).is_file() else "every_8th")
@@ -163,7 +163,7 @@ def open_dataset(
     return Dataset(cameras, tuple(image_paths), points, background, masks, bent, upright)
 
 
-def _checked(path: str | os.PathLike[str], split: str, max_width: int | None, test_views: str | None) -> Path:
+def _checked_path(path: str | os.PathLike[str], split: str, max_width: int | None, test_views: str | None) -> Path:
     """Checks the options of `open_dataset` and converts the path."""
     for kind, name, known in (("split", split, SPLITS), ("choice of test views", test_views, (None, *TEST_VIEWS))):
         if name not in known:

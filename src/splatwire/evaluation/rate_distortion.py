@@ -76,7 +76,7 @@ def _mean_difference(reference: Iterable[tuple[float, float]], other: Iterable[t
     """
     from scipy.interpolate import PchipInterpolator  # takes long to load
 
-    curves = [_function(points) for points in (reference, other)]
+    curves = [_sorted_points(points) for points in (reference, other)]
     if min(map(len, curves)) < FEWEST_POINTS:
         return None
     low, high = max(curve[0][0] for curve in curves), min(curve[-1][0] for curve in curves)
@@ -86,7 +86,7 @@ def _mean_difference(reference: Iterable[tuple[float, float]], other: Iterable[t
     return (areas[1] - areas[0]) / (high - low)
 
 
-def _function(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+def _sorted_points(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
     """Sorts the points (x, y) of a curve by x, for interpolation.
 
     Of points with equal x, only the one with the lowest y is kept.

@@ -77,13 +77,15 @@ def encode_levels(
     if quality is None and found is not None and not scene.splats.degree:
         quality = WALKED
     stream = encode_scene(
-        built.scene, packetization, quality=quality, classes=_classes(built, found, quality), threads=threads,
+        built.scene, packetization, quality=quality, classes=_precision_classes(built, found, quality), threads=threads,
         progress=lambda share: report(BUILDING + (1 - BUILDING) * share),
     )  # fmt: skip
     return with_tile_index(stream, built.errors)
 
 
-def _classes(built: BuiltLevels, classes: np.ndarray | None, quality: str | int | float | Quality | None) -> np.ndarray:
+def _precision_classes(
+    built: BuiltLevels, classes: np.ndarray | None, quality: str | int | float | Quality | None
+) -> np.ndarray:
     """Returns the precision class of each Gaussian of all levels."""
     chosen = quality_of("default" if quality is None else quality).num_classes(built.scene.splats.degree)
     merged = max(COARSEST_CLASS, 1 - chosen)

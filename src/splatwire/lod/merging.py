@@ -53,7 +53,7 @@ def reduced(splats: Splats, count: int, mass: np.ndarray | None = None) -> tuple
     edges = np.arange(count - kept + 1) * len(rest) // (count - kept)
     alike = np.concatenate([_relative(splats.means[rest]), COLOUR * splats.sh[rest, 0]], axis=1)
     rest = rest[kd_order(alike, [edges.astype(np.int64)])]
-    merged, squares = _merged(splats.select(rest), mass[rest], edges[:-1])
+    merged, squares = _merge_runs(splats.select(rest), mass[rest], edges[:-1])
     both = (splats.select(large), merged)
     joined = {name: np.concatenate([getattr(part, name) for part in both]) for name in vars(splats)}
     return Splats(**joined), kept, float(np.sqrt(squares / max(mass.sum(), 1e-300)))
@@ -77,7 +77,7 @@ def _relative(means: np.ndarray) -> np.ndarray:
     return apart / max(float(np.sqrt((apart.astype(np.float64) ** 2).sum(axis=1).mean())), 1e-30)
 
 
-def _merged(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[Splats, float]:
+def _merge_runs(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[Splats, float]:
     """Merges each run of consecutive Gaussians into one Gaussian.
 
     Args:

@@ -191,7 +191,7 @@ def _refine(settings: Cari, fixed: _ConstantData, old: _Estimate, *, first: bool
                 index, weight = chosen.index[:, place], chosen.weight[:, place]
                 near = _Neighbors(queries, index, weight)
                 if group.attribute is Attribute.MASK:
-                    mask[queries] = _vote(settings, old.mask, near)
+                    mask[queries] = _estimate_masks(settings, old.mask, near)
                 else:
                     parts[group.part][queries] = _interpolate(settings, fixed, group, old.residuals, near)
     exists = _known_residuals(context, mask)
@@ -239,7 +239,7 @@ class _Neighbors:
     weight: Float[Tensor, "Q k"]
 
 
-def _vote(settings: Cari, mask: Bool[Tensor, "N K"], near: _Neighbors) -> Bool[Tensor, "Q K"]:
+def _estimate_masks(settings: Cari, mask: Bool[Tensor, "N K"], near: _Neighbors) -> Bool[Tensor, "Q K"]:
     """Estimates the offset masks of lost anchors (queries) by a weighted vote of their neighbours."""
     total = near.weight.sum(dim=1, keepdim=True)
     votes = weighted_mean(mask.to(total.dtype), near.index, near.weight)

@@ -131,25 +131,25 @@ def plan_protection(
         first = [] if traces.all() else list(baseline_candidates(variant.load, traces, search).values())
         tried = candidates(variant.load, traces, search)
         for done, candidate in enumerate([*tried, *first]):
-            plan = _predicted(variant, number, candidate, traces[:trials], budget_bytes)
+            plan = _predict_plan(variant, number, candidate, traces[:trials], budget_bytes)
             if search.allows(plan.sizes):
                 (plans if done < len(tried) else plain).append(plan)
             report(0.7 * (number + (done + 1) / (len(tried) + len(first))) / len(variants))
     if not plans and not plain:
         raise InvalidValueError(f"no plan keeps protection below {max_protection:.1%} of all bytes")
     plans, plain = (
-        [_predicted(variants[plan.variant], plan.variant, plan.protection, traces, budget_bytes) for plan in chosen]
+        [_predict_plan(variants[plan.variant], plan.variant, plan.protection, traces, budget_bytes) for plan in chosen]
         for chosen in (_leaders(plans, SHORT_LIST), plain)
     )
     finalists = _finalists(plans, plain, head_target)
     fresh = losses(variants, loss, min(FINAL_TRIALS, max(MOST_FATES // traces.shape[1], trials)), seed + 1)
     scored = []
     for plan in finalists:
-        found = _scored(variants[plan.variant], plan, fresh, budget_bytes, rendered_trials)
+        found = _evaluate_plan(variants[plan.variant], plan, fresh, budget_bytes, rendered_trials)
         scored.append(replace(found, plain=plan in plain))
         report(0.7 + 0.3 * len(scored) / len(finalists))
     whole = max(float(variant.distortion.psnr(np.zeros((1, variant.load.num_tiers)))[0]) for variant in variants)
-    return _best(scored, whole)
+    return _choose_plan(scored, whole)
 
 
 def check_request(
@@ -189,7 +189,7 @@ def losses(variants: Sequence[StreamVariant], loss: LossModel, trials: int, seed
     return draw_losses(loss, trials, 3 * max(bare) + 3 * head // FINE_SYMBOL_BYTES, seed)
 
 
-def _predicted(
+def _predict_plan(
     variant: StreamVariant, number: int, protection: Protection, traces: np.ndarray, budget_bytes: float | int
 ) -> ScenePlan:
     """Predicts the picture quality of a plan with the distortion model, without rendering."""
@@ -228,7 +228,7 @@ def _finalists(plans: Sequence[ScenePlan], plain: Sequence[ScenePlan], head_targ
 
 
 @dataclass(frozen=True)
-class _Scored:
+class _EvaluatedPlan:
     """A plan with its result in new simulated transfers, some of which were rendered.
 
     Attributes:
@@ -244,14 +244,14 @@ class _Scored:
     plain: bool = False
 
 
-def _scored(
+def _evaluate_plan(
     variant: StreamVariant, plan: ScenePlan, traces: np.ndarray, budget_bytes: float | int, rendered_trials: int
-) -> _Scored:
+) -> _EvaluatedPlan:
     """Evaluates a plan on simulated transfers that were not used for choosing it."""
     arrival = arrival_within(model_transfer(variant.load, plan.protection), traces, variant.left(budget_bytes))
     found = expected(variant, arrival, rendered_trials)
     judged = replace(plan, psnr=found.psnr, head_arrives=float(arrival.head.mean()), lost=found.lost)
-    return _Scored(judged, found.partly, found.error)
+    return _EvaluatedPlan(judged, found.partly, found.error)
 
 
 @dataclass(frozen=True)
@@ -300,7 +300,7 @@ def expected(variant: StreamVariant, arrival: SimulatedTransfers, rendered_trial
     return ExpectedResult(float(curves.mean()), tuple(float(share) for share in lost.mean(axis=0)), partly, error)
 
 
-def _best(scored: Sequence[_Scored], whole_psnr: float) -> ScenePlan:
+def _choose_plan(scored: Sequence[_EvaluatedPlan], whole_psnr: float) -> ScenePlan:
     """Selects the plan with the highest PSNR; a baseline is preferred unless it is worse by more than a margin.
 
     Among several baselines, a baseline of the first stream variant is preferred. Among plans with equal PSNR, the plan
@@ -320,6 +320,6 @@ def _best(scored: Sequence[_Scored], whole_psnr: float) -> ScenePlan:
     return max((found.plan for found in scored if found.plan.psnr >= least), key=lambda plan: plan.protection_bytes)
 
 
-def _margin(one: _Scored, other: _Scored, lost_db: float) -> float:
+def _margin(one: _EvaluatedPlan, other: _EvaluatedPlan, lost_db: float) -> float:
     prudent = max(MIN_GAIN_DB, MIN_GAIN_SHARE * lost_db) * max(one.partly, other.partly)
     return EQUAL_DB + max(prudent, math.hypot(one.error, other.error))

@@ -64,7 +64,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
     if splats is None:
         return cameras_around(scene.positions, num_views, size)
     near = replace(cameras_around(splats.means, num_views, size), origin=origin_of(scene))
-    far, outwards = _moved(near, splats.means, _FAR), _turned(near)
+    far, outwards = _moved(near, splats.means, _FAR), _facing_back(near)
     poses = near.viewmats.copy()
     poses[1::2] = far.viewmats[1::2]
     for view in range(2, num_views, 4):
@@ -88,7 +88,7 @@ def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndar
         InvalidValueError: If the number of views, pixels or elements is 0.
     """
     near = cameras_around(splats.means, num_views, size)
-    outwards, step = _turned(near), -(-splats.num_gaussians // _MOST_MEASURED)
+    outwards, step = _facing_back(near), -(-splats.num_gaussians // _MOST_MEASURED)
     few = splats.select(np.arange(0, splats.num_gaussians, step))
     shown = [_footprints(few.seen_from(near.centers[view]), outwards, view).sum() for view in range(num_views)]
     return np.array(shown, np.float32) * step / size**2
@@ -115,7 +115,7 @@ def _moved(cameras: Cameras, positions: Float[np.ndarray, "N 3"], factor: float)
     return replace(cameras, viewmats=poses)
 
 
-def _turned(cameras: Cameras) -> Cameras:
+def _facing_back(cameras: Cameras) -> Cameras:
     """Rotates cameras to look in the opposite direction."""
     poses = np.array([[-1], [1], [-1], [1]], np.float32) * cameras.viewmats
     return replace(cameras, viewmats=poses)

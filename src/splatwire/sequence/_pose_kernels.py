@@ -11,7 +11,7 @@ _LEAST, _MOST = 1e-12, 1.0 - 1e-6
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _turn(quat, offset, found):
+def _rotate(quat, offset, found):
     """Rotates the unit quaternion `quat` by the rotation `offset`; writes the result to `found`.
 
     `offset` is a rotation vector: its direction is the axis, and its length is 4 tan(angle / 4).
@@ -31,7 +31,7 @@ def _turn(quat, offset, found):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _grow(scales, offset, found):
+def _scale(scales, offset, found):
     """Multiplies the three scales of a Gaussian by exponentials of motion parameters; writes the result to `found`.
 
     `offset` has the motion parameters of the track. Its entry 6 applies to the largest scale, 7 to the next, and 8 to
@@ -64,8 +64,8 @@ def move(bases, tracks, offsets, found):
         t, offset = tracks[n], offsets[n]
         for a in range(3):
             found[0][n, a] = means[t, a] + offset[a]
-        _turn(quats[t], offset, found[1][n])
-        _grow(scales[t], offset, found[2][n])
+        _rotate(quats[t], offset, found[1][n])
+        _scale(scales[t], offset, found[2][n])
         opacity = np.float64(opacities[t])
         if offset[9] != 0.0:
             opacity *= np.exp(np.float64(offset[9]))

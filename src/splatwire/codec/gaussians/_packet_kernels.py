@@ -258,7 +258,7 @@ def _encode_packet(tables, stream, models, statistics, box_bits, defaults, sourc
 
 @njit(error_model="numpy")
 @no_type_check
-def _part(source, begin, n):
+def _packet_source(source, begin, n):
     """Returns the `BlockSource` fields of n Gaussians from index `begin` on, sorted by their Morton codes."""
     order = begin + np.argsort(source[2][begin : begin + n], kind="mergesort")
     cells_at, spread, codes, places, classes, logs, axes, colours, levels = source
@@ -298,7 +298,7 @@ def encode_fixed(tables, stream, models, statistics, box_bits, defaults, source,
     for p in range(len(sizes)):
         end = begin + sizes[p]
         at += _encode_packet(
-            tables, stream, models, statistics, box_bits, defaults, _part(source, begin, sizes[p]),
+            tables, stream, models, statistics, box_bits, defaults, _packet_source(source, begin, sizes[p]),
             buffer[at:], rows[begin:end], harmonics[begin:end],
         )  # fmt: skip
         ends[p] = at
@@ -341,7 +341,7 @@ def encode_cut(
         n = min(guess, left)
         while high - low > 1:
             length = _encode_packet(
-                tables, stream, models, statistics, box_bits, defaults, _part(source, begin, n),
+                tables, stream, models, statistics, box_bits, defaults, _packet_source(source, begin, n),
                 buffer[at:], rows[begin : begin + n], harmonics[begin : begin + n],
             )  # fmt: skip
             tries, last = tries + 1, n
@@ -354,7 +354,7 @@ def encode_cut(
             n = min(max(n * aim // max(length, 1), low + 1), high - 1)
         if last != low:
             length = _encode_packet(
-                tables, stream, models, statistics, box_bits, defaults, _part(source, begin, low),
+                tables, stream, models, statistics, box_bits, defaults, _packet_source(source, begin, low),
                 buffer[at:], rows[begin : begin + low], harmonics[begin : begin + low],
             )  # fmt: skip
         at += length

@@ -143,12 +143,12 @@ class SourceScene:
             size_log = scene_log(splats)
             splats = within_reach(splats, size_log)
             log_clipped_colours(splats)
-            bases = _bases(splats, quality, size_log)
+            bases = _step_exponents(splats, quality, size_log)
             most = quality.num_classes(splats.degree) - 1
             levels = _levels_of_flat(splats, levels_of(classes, splats.num_gaussians, most), most, bases, size_log)
             unit = min(_lattice_unit(splats, levels, bases, size_log), most_unit)
             coarsest = typical_cell(splats.means, unit, size_log)
-        centres = _centres(splats, levels, bases, size_log, unit, coarsest)
+        centres = _quantised_positions(splats, levels, bases, size_log, unit, coarsest)
         order = _input_order(len(centres)) if sorted_already else gaussian_order(centres, tiers)
         edges = np.concatenate([[0], np.cumsum(block_sizes(plan))]).astype(np.int64)
         return SourceScene(
@@ -332,7 +332,7 @@ def _is_flat(scales: np.ndarray) -> np.ndarray:
     return low < middle * np.float32(2.0**-MAX_THINNESS)
 
 
-def _bases(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
+def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
     """Returns the exponents of a scene's quantisation steps (see `SideInfo`).
 
     The quantisation step of the largest scale is adapted to the mean scale of the scene's Gaussians.
@@ -355,7 +355,7 @@ def _bases(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
     return bases
 
 
-def _centres(
+def _quantised_positions(
     splats: Splats, levels: np.ndarray, bases: np.ndarray, size_log: int, unit: int, coarsest: int
 ) -> np.ndarray:
     """Returns the quantised positions of the Gaussians, as a decoder obtains them, float32 (N, 3).

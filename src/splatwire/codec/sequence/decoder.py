@@ -64,7 +64,7 @@ class TracksDecoder:
         info, self.manifest = open_side_info(manifest, side_info), manifest
         self.info, self._plan, self._num = info, manifest.plan, manifest.num_elements
         self.sections = info.sections
-        self._spans = _Spans(info, manifest)
+        self._spans = _BlockMap(info, manifest)
         self._num_tracks = sum(group.births for group in info.groups)
         self._num_bytes, side = num_bytes, 3 * (info.bases.degree + 1) ** 2
         self.scene_bytes = self._num_tracks * (4 * (12 + side) + 8 * int(COLUMNS) + 24 + SHOWN_BYTES) + self._num
@@ -276,7 +276,7 @@ def _sorted(heads: np.ndarray, offsets: Offsets, covered: np.ndarray, complete: 
     return GroupMotion(tracks, moving[first], begins, ends, offsets.of(rows), covered, complete, unchanged)
 
 
-class _Spans:
+class _BlockMap:
     """Maps each block of a packet plan to its group of pictures and to the kind of its content.
 
     A block contains either keyframe Gaussians or motion.

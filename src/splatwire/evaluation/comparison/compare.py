@@ -155,17 +155,17 @@ def compare_files(
 
     def scored(file: Path, name: str) -> FileScore:
         if file == chosen:
-            return _scored(replace(known, name=name), references, images, lpips, pictures, progress)
+            return _with_metrics(replace(known, name=name), references, images, lpips, pictures, progress)
         opened = _Opened.of(file, READS)
         extent.check(opened.scene, file)
         drawn = views_of(opened.scene, seen, renderer, behind)
-        return _scored(replace(opened.score, name=name), references, drawn, lpips, pictures, progress)
+        return _with_metrics(replace(opened.score, name=name), references, drawn, lpips, pictures, progress)
 
     scores = tuple(scored(file, name) for file, name in zip(files, _names(files), strict=True))
     return Comparison(chosen, seen, renderer, behind, lpips is not None, scores)
 
 
-def _scored(
+def _with_metrics(
     score: FileScore, references: ReferenceViews, drawn: Iterable[np.ndarray], lpips: Lpips | None, pictures: bool,
     progress: Progress,
 ) -> FileScore:  # fmt: skip

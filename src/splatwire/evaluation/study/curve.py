@@ -47,7 +47,7 @@ def run_loss_curve(result: StudyResult, store: Store, engine: Engine, progress: 
     """
     study, loss = result.study, result.study.losses[0]
     rows, model = compared_rows(result, summarize(result)), parse_loss(loss.model, loss.unit)
-    losses = tuple(replace(loss, model=text) for rate in RATES if (text := _at_rate(model, rate)))
+    losses = tuple(replace(loss, model=text) for rate in RATES if (text := _with_loss_rate(model, rate)))
     losses = tuple(other for other in losses if other.process != loss.process)
     if rows is None or not losses:
         return None
@@ -99,7 +99,7 @@ def curve_losses(result: StudyResult, curve: StudyResult) -> tuple[Loss, ...]:
     return tuple(sorted(losses, key=lambda loss: getattr(loss.process, "rate", 0.0)))
 
 
-def _at_rate(model: LossModel, rate: float) -> str | None:
+def _with_loss_rate(model: LossModel, rate: float) -> str | None:
     """Returns a loss model with another loss rate, as text; None if the model has no rate."""
     if isinstance(model, Bernoulli):
         return f"bernoulli:{rate}"

@@ -98,7 +98,7 @@ def make_lead(
     worst_loss = max((s.loss for s in summaries if s.loss), key=_rate, default=None)
     at_worst = {s.row.key: s for s in summaries if s.loss == worst_loss}
     source = next(iter(result.scenes.values())).references.source
-    sentence = _sentence(at_worst, rows, source)
+    sentence = _summary_sentence(at_worst, rows, source)
     view = next(iter(worst or pictures), None)
     if sentence is None:
         return None
@@ -129,7 +129,7 @@ def _rate(loss: Loss) -> float:
     return float(getattr(loss.process, "rate", 0.0))
 
 
-def _sentence(found: dict[str, Summary], rows: ComparedRows | None, source: str) -> str | None:
+def _summary_sentence(found: dict[str, Summary], rows: ComparedRows | None, source: str) -> str | None:
     """Summarises the result in one sentence; None if no PSNR is finite."""
     shown = [found[row.key] for row in (rows.uncovered, rows.best)] if rows else list(found.values())[:1]
     figures = [s.figures.get("psnr") for s in shown]

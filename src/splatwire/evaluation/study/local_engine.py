@@ -64,7 +64,7 @@ class _Worker:
     def start(root: str) -> "_Worker":
         context = multiprocessing.get_context("spawn")  # a fork would inherit the threads of numba and torch
         ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs, root), daemon=True)
+        process = context.Process(target=_work_loop, args=(theirs, root), daemon=True)
         process.start()
         theirs.close()
         return _Worker(process, ours)
@@ -102,7 +102,7 @@ def _await_finished(workers: list[_Worker]) -> list[_Worker]:
     return [worker for worker in busy if worker.pipe in ready or worker.process.sentinel in ready]
 
 
-def _serve(pipe: Connection, root: str) -> None:
+def _work_loop(pipe: Connection, root: str) -> None:
     """Main loop of a worker process: executes tasks received through a pipe, and sends back their error messages.
 
     Args:

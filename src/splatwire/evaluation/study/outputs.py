@@ -203,7 +203,7 @@ def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, li
         One result for each loss model, by name of the packetization.
     """
     found = {}
-    models = list(dict.fromkeys(model for loss in result.study.losses for model in _at_rates(loss.model)))
+    models = list(dict.fromkeys(model for loss in result.study.losses for model in _with_loss_rates(loss.model)))
     for variant, stream in result.scenes[scene].streams.items():
         if not stream.num_packets:
             continue
@@ -212,7 +212,7 @@ def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, li
     return found
 
 
-def _at_rates(spec: str) -> list[str]:
+def _with_loss_rates(spec: str) -> list[str]:
     """Returns the specifications of a loss model with each of the loss rates of `RATES`.
 
     A loss model without a loss rate is returned unchanged.

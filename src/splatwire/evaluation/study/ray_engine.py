@@ -33,7 +33,7 @@ class RayEngine:
         """See `Engine.run`."""
         ray = _library()
         attempts, waiting = Attempts(listener), list(reversed(units))
-        with self._cluster(ray):
+        with self._connected(ray):
             most = self.workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
             task = ray.remote(num_cpus=1, max_retries=0)(_run)
             running: dict[Any, Unit] = {}
@@ -50,7 +50,7 @@ class RayEngine:
                         waiting.append(unit)
 
     @contextmanager
-    def _cluster(self, ray: Any) -> Iterator[None]:
+    def _connected(self, ray: Any) -> Iterator[None]:
         """Connects to a cluster, or starts a temporary one that listens on this machine only."""
         if ray.is_initialized():
             yield

@@ -79,7 +79,7 @@ class Delivery:
         A tile can be drawn if the share `MOST` of its packets was received; one packet suffices for tiles of the
         coarsest level.
         """
-        return _drawable(tiles, self.blocks, self.arrivals <= seconds)
+        return _drawable_tiles(tiles, self.blocks, self.arrivals <= seconds)
 
     def bytes_at(self, seconds: float) -> int:
         """Returns the number of packet bytes received until a time."""
@@ -175,7 +175,7 @@ class _Sender:
         self.now = max(self.now, until)
 
 
-def _drawable(tiles: Tiles, blocks: np.ndarray, came: np.ndarray) -> np.ndarray:
+def _drawable_tiles(tiles: Tiles, blocks: np.ndarray, came: np.ndarray) -> np.ndarray:
     """Returns the mask of tiles that can be drawn, bool (B).
 
     A tile can be drawn if the share `MOST` of its packets was received. One packet suffices for tiles of the coarsest

@@ -35,7 +35,7 @@ def checked_layers(path: Path) -> list[Sdf.Layer]:
     seen = {layers[0].identifier}
     for layer in layers:  # grows
         for name, composed in _named_files(layer):
-            found = _found(path, layer, name, folder)
+            found = _resolved_file(path, layer, name, folder)
             if not composed or found is None or found in seen:
                 continue
             seen.add(found)
@@ -75,7 +75,7 @@ def _clip_files(layer: Sdf.Layer, clips: Any) -> Iterator[str]:
             yield from (one.path for one in value)
 
 
-def _found(path: Path, layer: Sdf.Layer, name: str, folder: str) -> str | None:
+def _resolved_file(path: Path, layer: Sdf.Layer, name: str, folder: str) -> str | None:
     """Returns the identifier of a file that a layer names; None if it does not exist.
 
     Args:

@@ -157,7 +157,7 @@ class _Gltf:
         read = {index: [self._primitive(primitive) for primitive in found[index]] for index in {s.mesh for s in shown}}
         shifts = np.array([instance.matrix[:3, 3] for instance in shown]) * GLTF_FLIPS
         origin = choose_origin(shifts, wide=False)
-        moved = [self._moved(part, instance, origin) for instance in shown for part in read[instance.mesh]]
+        moved = [self._transformed(part, instance, origin) for instance in shown for part in read[instance.mesh]]
         primitives = [primitive for index in read for primitive in found[index]]
         antialiased = all(_extras(primitive).get("antialiased") is True for primitive in primitives)
         warn_of_unused_extras(self._path, self._document.get("asset"))
@@ -238,7 +238,7 @@ class _Gltf:
                 view = entry(self._path, self._document["bufferViews"], place["bufferView"], "buffer view")
                 self._buffer(view["buffer"])
 
-    def _moved(self, splats: Splats, instance: Instance, origin: Origin) -> Splats:
+    def _transformed(self, splats: Splats, instance: Instance, origin: Origin) -> Splats:
         """Applies the transform of a scene node to Gaussians, and makes their positions relative to `origin`.
 
         Raises:

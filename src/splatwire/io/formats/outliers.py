@@ -119,10 +119,10 @@ def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> C
 
     def is_costly(column: Column) -> bool:
         inside, found = ~column.outside, errors(column)
-        if not _are_costly(found, np.median(splats.scales[inside], axis=1)):
+        if not _are_visible(found, np.median(splats.scales[inside], axis=1)):
             return False
         known[:] = known or [local_scales(splats, np.arange(splats.num_gaussians))]
-        return _are_costly(found, known[0][inside])
+        return _are_visible(found, known[0][inside])
 
     first = find_outliers(splats.means)
     if not is_costly(first):
@@ -159,7 +159,7 @@ def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
     return np.asarray(errors > scales / VISIBLE)
 
 
-def _are_costly(errors: np.ndarray, scales: np.ndarray) -> bool:
+def _are_visible(errors: np.ndarray, scales: np.ndarray) -> bool:
     """True if too many Gaussians have visible position errors, that is, errors above the limit `FINE`."""
     return bool(len(errors)) and float((errors > scales / FINE).mean()) > _FEW_COSTLY
 

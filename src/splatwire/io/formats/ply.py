@@ -145,7 +145,7 @@ def _some(vertices: PlyElement, num_rest: int, origin: Origin) -> Splats:
         harmonics.append(rest.reshape(len(rest), 3, -1).transpose(0, 2, 1)[:, : num_functions(MAX_DEGREE) - 1])
     log_scales, opacities = vertices.columns("scale_", 3), _expit(vertices.select(["opacity"])[:, 0])
     if filters := [name for name in vertices.names if _FILTER.fullmatch(name)]:
-        log_scales, opacities = _filtered(log_scales, opacities, vertices.select_wide(filters[:1]))
+        log_scales, opacities = _smoothed(log_scales, opacities, vertices.select_wide(filters[:1]))
     return build_splats(
         vertices.path,
         means=vertices.select_wide(list(_AXES)) - np.array(origin),
@@ -156,7 +156,7 @@ def _some(vertices: PlyElement, num_rest: int, origin: Origin) -> Splats:
     )
 
 
-def _filtered(log_scales: np.ndarray, opacities: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _smoothed(log_scales: np.ndarray, opacities: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Applies the 3D smoothing filter of Mip-Splatting to Gaussians (Yu et al., CVPR 2024, equation 9).
 
     Args:

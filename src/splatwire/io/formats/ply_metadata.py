@@ -68,14 +68,14 @@ def stated_metadata(comments: Iterable[str]) -> SceneMetadata:
         stated = {name: match for name, line in _LINES.items() if (match := line.fullmatch(comment))}
         found |= {name: _value(name, match[1].strip()) for name, match in stated.items()}
         if not stated:
-            plain |= _matches(_PLAIN_LINES, comment)
-            credits |= _matches(_CREDITS, comment)
+            plain |= _stated_fields(_PLAIN_LINES, comment)
+            credits |= _stated_fields(_CREDITS, comment)
         if (up := _up(comment)) is not None:
             found["up"] = up
     return metadata_from_json(credits | plain | found)
 
 
-def _matches(lines: dict[str, re.Pattern[str]], comment: str) -> dict[str, str]:
+def _stated_fields(lines: dict[str, re.Pattern[str]], comment: str) -> dict[str, str]:
     """Returns the fields stated by a comment, each with its text."""
     matches = {name: line.fullmatch(comment) for name, line in lines.items()}
     return {name: match[match.lastindex or 0].strip() for name, match in matches.items() if match}

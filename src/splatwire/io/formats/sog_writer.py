@@ -52,7 +52,7 @@ def write_sog(
     """Writes a bundled SOG with the Gaussians in Morton order; arguments as in `splatwire.io.formats.write_splats`."""
     splats = treat_outliers(join(path, parts), path, outliers)
     column = find_outliers(splats.means)
-    found = _errors(replace(column, outside=np.zeros(len(column.values), bool)))
+    found = _position_errors(replace(column, outside=np.zeros(len(column.values), bool)))
     if visible_errors(found, np.median(splats.scales, axis=1)).any():
         warn_of_errors(path, found, local_scales(splats, np.arange(splats.num_gaussians)))
     files = sog_files(splats.select(spatial_order(column)), antialiased=antialiased, metadata=metadata)
@@ -91,7 +91,7 @@ def sog_files(splats: Splats, *, antialiased: bool = False, metadata: SceneMetad
 
 def treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
     """Moves or removes outliers that enlarge the range of positions so much that all other positions lose precision."""
-    column = costly_outliers(splats, _errors)
+    column = costly_outliers(splats, _position_errors)
     logs, others = _logs(column.values), _logs(column.others)
     low, high = others.min(axis=0), others.max(axis=0)
     span, whole = high - low, np.ptp(logs, axis=0)
@@ -107,7 +107,7 @@ def treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
     return treated_positions(splats, treatment, beyond, column.middle, *bounds)
 
 
-def _errors(column: Column) -> np.ndarray:
+def _position_errors(column: Column) -> np.ndarray:
     """Returns the rounding error of each Gaussian's position, except outliers: the maximum over x, y and z.
 
     SOG quantises logarithms of positions, so the steps grow with the distance from 0.

@@ -101,28 +101,28 @@ def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
         return splats
 
     def errors(column: Column) -> np.ndarray:
-        return np.full(len(column.others), _step(float(np.abs(column.others).max())) / 2)
+        return np.full(len(column.others), _position_step(float(np.abs(column.others).max())) / 2)
 
     column = costly_outliers(splats, errors)
-    step = _step(float(np.abs(column.others).max()))
+    step = _position_step(float(np.abs(column.others).max()))
     limit = _MOST * step
     inside = bool((np.abs(column.middle) <= limit).all())
     if farthest > limit and inside:
         beyond = np.flatnonzero(np.abs(column.values).max(axis=1) > limit)
-        warn_of_outliers(path, treatment, "positions", column, (_step(farthest), step), len(beyond))
+        warn_of_outliers(path, treatment, "positions", column, (_position_step(farthest), step), len(beyond))
         splats = treated_positions(splats, treatment, beyond, column.middle, np.full(3, -limit), np.full(3, limit))
     elif step > 2.0**-_FRACTION_BITS:
         LOG.warning(
             "%s: positions are rounded to steps of %.3g instead of %.3g, because they reach %.4g from the origin",
             path, step, 2.0**-_FRACTION_BITS, farthest,
         )  # fmt: skip
-    final = np.full(splats.num_gaussians, _step(float(np.abs(splats.means).max())) / 2)
+    final = np.full(splats.num_gaussians, _position_step(float(np.abs(splats.means).max())) / 2)
     if (final > np.median(splats.scales, axis=1) / VISIBLE).any():
         warn_of_errors(path, final, local_scales(splats, np.arange(splats.num_gaussians)))
     return splats
 
 
-def _step(farthest: float) -> float:
+def _position_step(farthest: float) -> float:
     """Returns the quantisation step of fixed-point positions whose largest absolute coordinate is `farthest`.
 
     The format has steps of 1 and below. A larger result means that the coordinate exceeds the range of the format.
@@ -170,12 +170,15 @@ def _columns(splats: Splats, bits: int, harmonic_bits: tuple[int, int]) -> list[
         rounded_bytes((sh[:, 0] * COLOR_SCALE + 0.5) * 255),
         rounded_bytes((np.log(splats.scales) + 10) * 16),
         _pack_smallest_three(splats.quats),
-        np.concatenate([_harmonic(sh[:, 1:4], harmonic_bits[0]), _harmonic(sh[:, 4:], harmonic_bits[1])], axis=1),
+        np.concatenate(
+            [_quantise_harmonics(sh[:, 1:4], harmonic_bits[0]), _quantise_harmonics(sh[:, 4:], harmonic_bits[1])],
+            axis=1,
+        ),
     ]
     return [np.ascontiguousarray(column) for column in columns if column.size]
 
 
-def _harmonic(values: np.ndarray, bits: int) -> np.ndarray:
+def _quantise_harmonics(values: np.ndarray, bits: int) -> np.ndarray:
     """Quantises spherical harmonics to bytes whose lowest bits are zero, so that they compress better."""
     step = 1 << (8 - bits)
     return rounded_bytes(np.floor((np.rint(values * 128 + 128) + step / 2) / step) * step)

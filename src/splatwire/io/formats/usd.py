@@ -192,7 +192,7 @@ class _Stage:
         flips, own = self._axes()
         shifts = np.array([placement[:3, 3] for _, placement in found]) * flips
         origin = choose_origin(shifts, wide=False)
-        moved = [_moved(splats, placement, flips, origin) for splats, placement in found]
+        moved = [_transformed(splats, placement, flips, origin) for splats, placement in found]
         metadata = metadata_of_asset(own.get("asset"))
         if metadata.up is None and flips == _KEPT_AXES:
             metadata = SceneMetadata(up=UsdGeom.GetStageUpAxis(self._stage).lower()).over(metadata)
@@ -261,7 +261,7 @@ def _attribute(prim: Usd.Prim, name: str) -> Usd.Attribute | None:
     return None
 
 
-def _moved(splats: Splats, placement: np.ndarray, flips: tuple[float, float, float], origin: Origin) -> Splats:
+def _transformed(splats: Splats, placement: np.ndarray, flips: tuple[float, float, float], origin: Origin) -> Splats:
     """Applies the transform of a prim and the axes of the stage; the result is relative to `origin`."""
     signs = np.diag(flips)
     shift = signs @ placement[:3, 3] - np.array(origin)

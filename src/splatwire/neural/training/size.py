@@ -46,11 +46,11 @@ def steer(state: TrainState, config: TrainConfig, estimate: Callable[[TrainState
     """
     if config.weights.size and is_time(config.marks, state.iteration):
         aim = config.weights.size * (1 + headroom(config.marks, state.iteration))
-        size, ratio = _measured(state, config, estimate)
+        size, ratio = _measure_size(state, config, estimate)
         state.steering = replace(steered(state.steering, math.log(size / aim)), ratio=ratio)
 
 
-def _measured(
+def _measure_size(
     state: TrainState, config: TrainConfig, estimate: Callable[[TrainState], float] | None
 ) -> tuple[float, float | None]:
     """Measures the size of a state's stream.

@@ -125,7 +125,7 @@ class PageContent:
             request = read_request(head)
         except BitstreamError:
             return make_answer("400 Bad Request")
-        wanted = self._download(request.target)
+        wanted = self._parse_download(request.target)
         if wanted is None or self.downloads is None or not self._is_own_host(request.host):
             return self.answer(head)
         shared = self._cors_headers(request.headers.get("origin"))
@@ -151,7 +151,7 @@ class PageContent:
         private = self._is_private(name)
         return make_part(kind, found.data, headers, request, found.tag, private=private).for_method(request.method)
 
-    def _download(self, target: str) -> tuple[str, str, str] | None:
+    def _parse_download(self, target: str) -> tuple[str, str, str] | None:
         """Parses the path of a download, such as `/room.spz` or `/room/3dtiles/tileset.json`.
 
         Returns:

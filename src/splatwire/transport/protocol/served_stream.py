@@ -269,10 +269,10 @@ def make_served_stream(
         tiers, parity, schedule,
         preview, protection.resend, round(protection.resend_until * len(packets)),
     )  # fmt: skip
-    return program if tiles is None else _for_views(program, tiles)
+    return program if tiles is None else _with_view_order(program, tiles)
 
 
-def _for_views(program: ServedStream, tiles: Tiles) -> ServedStream:
+def _with_view_order(program: ServedStream, tiles: Tiles) -> ServedStream:
     """Adapts a prepared stream with levels of detail for view-dependent sending order.
 
     The coarsest tiles (up to `OPENING_BYTES`, at least one tile) are sent first for every viewpoint.

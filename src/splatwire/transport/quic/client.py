@@ -196,7 +196,7 @@ class _Client(QuicConnectionProtocol):
             self._finish()
         else:
             before = "" if self._receiver.welcome is None else "the server fell silent; "
-            self.stop(before + _ending(event, established=self._established))
+            self.stop(before + _end_message(event, established=self._established))
 
     def _check_certificate(self) -> None:
         """Ends the transfer if the server's certificate does not have the accepted fingerprint."""
@@ -271,7 +271,7 @@ class _Client(QuicConnectionProtocol):
             self._tap(*(ends if outgoing else ends[::-1]), data)
 
 
-def _ending(event: events.ConnectionTerminated, *, established: bool) -> str:
+def _end_message(event: events.ConnectionTerminated, *, established: bool) -> str:
     """Returns a message with the reason why a connection ended, and advice for known causes.
 
     Args:

@@ -83,12 +83,12 @@ class QuicServer(SocketServer):
         self._configuration = configuration(is_client=False, alpn=[ALPN, ALPN_HTTP], idle_s=limits.silence_s)
         self._identity = identity if callable(identity) else lambda: identity
         self.load_identity()
-        self._endpoint: _Endpoint | None = None
+        self._endpoint: _LimitedEndpoint | None = None
 
     async def start(self) -> "QuicServer":
         """Starts to listen for connections and returns this server."""
         _, self._endpoint = await self._loop.create_datagram_endpoint(
-            lambda: _Endpoint(self, self._configuration), sock=self._socket
+            lambda: _LimitedEndpoint(self, self._configuration), sock=self._socket
         )
         return self
 
@@ -217,7 +217,7 @@ class QuicServer(SocketServer):
         return next((other for other in some if other is not newcomer), None)
 
 
-class _Endpoint(AioquicServer):
+class _LimitedEndpoint(AioquicServer):
     """Listening socket of aioquic that limits new connections and counts sent bytes."""
 
     def __init__(self, owner: QuicServer, settings: Any) -> None:

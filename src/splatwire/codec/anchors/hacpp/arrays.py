@@ -121,10 +121,12 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[Ancho
         metadata=read_metadata(info.sections),
     )
     loss_mask = LossMask(arrays.received)
-    return ReceivedScene(scene, loss_mask, concealer_sections(info.sections, MASKS), (_prior(info, arrays), layout))
+    return ReceivedScene(
+        scene, loss_mask, concealer_sections(info.sections, MASKS), (_float_prior(info, arrays), layout)
+    )
 
 
-def _prior(info: SideInfo, arrays: DecodedArrays) -> Prior:
+def _float_prior(info: SideInfo, arrays: DecodedArrays) -> Prior:
     """Converts the predicted distributions from integers to floats, without changing their values."""
     columns, layout = prior_columns(info.config), info.config.layout
     factors = factor_table()[step_indices(arrays.outputs, info.config)]
