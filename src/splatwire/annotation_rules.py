@@ -213,7 +213,7 @@ def _tuplerule_of(args: tuple[Any, ...], arrays: Callable[[Any], Rule]) -> Rule:
 
 
 def _plural(item: Rule) -> str:
-    """Returns the plural of a description of values, such as `numbers` for `a number`."""
+    """Converts a description of one value to the plural, for error messages: `a number` to `numbers`."""
     plain = item.what.removeprefix("a ")
     return f"{plain}s" if plain.endswith("number") else plain or "items"
 

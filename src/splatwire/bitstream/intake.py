@@ -88,7 +88,7 @@ class PacketIntake:
         self._problems: list[str] = []
 
     def extend(self, manifest: Manifest) -> None:
-        """Replaces the manifest of a live stream by that of its next state; accepted packets stay."""
+        """Replaces the manifest after a live stream has grown; packets accepted before stay accepted."""
         with self._lock:
             self._manifest, self._plan = manifest, manifest.plan
 

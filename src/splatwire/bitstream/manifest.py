@@ -306,7 +306,7 @@ def _refuse(text: str) -> None:
 
 
 def _check_fields(content: dict[str, Any], types: dict[str, type], name: str) -> None:
-    """Checks that the content has exactly these fields with exactly these JSON types."""
+    """Checks that a JSON object has exactly the given fields, and that their values have the given types."""
     if missing := sorted(set(types) - set(content)):
         raise BitstreamError(f"{name} lacks {', '.join(missing)}")
     if unknown := sorted(set(content) - set(types)):

@@ -62,7 +62,7 @@ class Packet:
 
     @property
     def payload(self) -> bytes:
-        """The entropy-coded attributes of the packet's elements (the bytes after the header)."""
+        """Bytes after the packet header: the entropy-coded attributes of the packet's elements."""
         return self.data[HEADER_BYTES:]
 
     @property

@@ -212,7 +212,7 @@ class _Scores:
         return found
 
     def _decoded(self, stream: SceneStream, seed: int) -> ReceivedScene:
-        """Decodes the stream after a random packet loss with the given seed."""
+        """Simulates random packet loss with a given seed, and decodes the received packets."""
         dropped = set(dropped_packets(len(stream.packets), self._config.drop_rate, seed))
         partial = decode_stream(
             stream.with_packets([packet for k, packet in enumerate(stream.packets) if k not in dropped])

@@ -57,7 +57,7 @@ def _embeds(command: CalibrateGnn) -> bool:
 
 
 def _check(command: CalibrateGnn) -> None:
-    """Raises an error for options that would have no effect."""
+    """Checks the values of the options, and rejects options that have no effect in combination with others."""
     if command.precision is not None and command.precision not in PRECISIONS:
         raise UnknownNameError("precision", command.precision, PRECISIONS)
     if command.precision is not None and _embeds(command):

@@ -111,7 +111,9 @@ def _print_result(command: Evaluate, content: Mapping[str, Any], show: Callable[
 
 
 def _check(command: Evaluate) -> Link | None:
-    """Checks the options before any work; returns the simulated link of a camera path.
+    """Checks the options before any work.
+
+    Returns the simulated network link if a camera path is evaluated, else None.
 
     Raises:
         InvalidValueError: If options are missing, or mean nothing here.

@@ -130,7 +130,7 @@ def allowed_origins(command: Serve) -> tuple[str, ...]:
 
 
 def _access(command: Serve) -> Access | None:
-    """Returns the rules of access of the options; None if all scenes are open and listed.
+    """Returns which scenes are private or unlisted, and how access tokens are checked; None if all scenes are public.
 
     Raises:
         InvalidValueError: If an option is missing, a name is no served scene, or the key is invalid.

@@ -47,7 +47,7 @@ def _read(command: View) -> SceneStream:
 async def _forward(command: View, cameras: Cameras | None) -> None:
     """Receives a stream from another server and forwards it to the page while it arrives."""
     name = parse_url(command.stream).name or "scene"
-    relay = _receive_function(command)
+    relay = _create_relay(command)
     receiving = asyncio.create_task(relay.run())
     try:
         await (relay.begun() if cameras is None else relay.headed())
@@ -83,8 +83,8 @@ async def _serve(command: View, content: PageContent, receiving: asyncio.Task[No
         receiving.result()
 
 
-def _receive_function(command: View) -> Relay:
-    """Returns the function that receives the stream from the given address."""
+def _create_relay(command: View) -> Relay:
+    """Creates the object that receives the stream from the address of the command, and forwards it to the page."""
     address = parse_url(command.stream)
     transfer, options = transfer_of(command.trust, address), ReceiverOptions(name=address.name)
     return Relay(command.stream, lambda note: transfer(options, note))

@@ -196,7 +196,7 @@ def _parse(arguments: list[str]) -> Any:
 
 
 def _execute(verb: str, options: Any) -> None:
-    """Checks the output and runs a verb: calls `run(options)` of the module `_run_MODULE`.
+    """Runs a verb after checking its output: calls `run(options)` of the module `_run_MODULE`.
 
     That module imports the libraries that the verb needs, so that `--help` imports only the options.
     """

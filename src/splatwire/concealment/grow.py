@@ -170,7 +170,7 @@ def lost_share(
 def _neighbors_of(
     positions: Float[np.ndarray, "N 3"], which: Bool[np.ndarray, "N"], neighbors: int
 ) -> Iterator[tuple[Int64[np.ndarray, "m"], Int64[np.ndarray, "m k"]]]:
-    """Finds the nearest neighbours of some elements, in batches.
+    """Finds the nearest neighbours of the elements `which`, in batches to limit memory.
 
     Args:
         positions: Positions of all elements.

@@ -164,7 +164,7 @@ def open_dataset(
 
 
 def _checked_path(path: str | os.PathLike[str], split: str, max_width: int | None, test_views: str | None) -> Path:
-    """Checks the options of `open_dataset` and converts the path."""
+    """Checks the options of `open_dataset`; returns the path of the dataset as `Path`."""
     for kind, name, known in (("split", split, SPLITS), ("choice of test views", test_views, (None, *TEST_VIEWS))):
         if name not in known:
             raise UnknownNameError(kind, str(name), filter(None, known))

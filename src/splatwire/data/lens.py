@@ -204,7 +204,7 @@ def _grid(view: Undistortion) -> Float[np.ndarray, "2 H W"]:
 
 
 def _sampled(pixels: np.ndarray, grid: Float[np.ndarray, "2 H W"], order: int) -> np.ndarray:
-    """Interpolates pixels (H, W, C) at fractional positions with splines of the given order."""
+    """Resamples an image (H, W, C) at fractional pixel positions, by interpolation with splines of the given order."""
     from scipy.ndimage import map_coordinates  # takes long to load
 
     planes = [map_coordinates(plane, grid, order=order, mode="nearest") for plane in np.moveaxis(pixels, 2, 0)]

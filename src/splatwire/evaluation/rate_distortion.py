@@ -87,7 +87,7 @@ def _mean_difference(reference: Iterable[tuple[float, float]], other: Iterable[t
 
 
 def _sorted_points(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Sorts the points (x, y) of a curve by x, for interpolation.
+    """Prepares the points (x, y) of a curve for interpolation: sorts them by x.
 
     Of points with equal x, only the one with the lowest y is kept.
     """

@@ -85,7 +85,7 @@ class Latents:
         return Splats(means, quats, np.exp(logs), opacities, sh)
 
     def select(self, kept: np.ndarray) -> "Latents":
-        """Returns the parameters of the Gaussians at `kept` (indices)."""
+        """Returns the parameters of only the Gaussians with the indices `kept`."""
         return Latents(**{name: values[kept] for name, values in vars(self).items()})
 
 

@@ -212,7 +212,10 @@ class _Adam:
         self._steps = 0
 
     def update(self, trained: dict[str, np.ndarray], gradients: dict[str, np.ndarray], rate: float) -> None:
-        """Changes arrays in place by one step, with the rates of `RATES` times `rate`."""
+        """Performs one step of the optimiser: changes the trained arrays in place.
+
+        The learning rates are those of `RATES`, times `rate`.
+        """
         self._steps += 1
         root = math.sqrt(1 - BETA2**self._steps)
 

@@ -135,7 +135,10 @@ def _levels_of(finest: Splats, num_levels: int) -> list[Splats]:
 
 
 def _nodes(leaves: list[list[Splats]], files: list[int]) -> list[dict[str, Any]]:
-    """Returns the nodes of leaves whose levels are in the given files, one after the other."""
+    """Returns the JSON object of each leaf: its bounds, and where the chunk files contain each of its levels.
+
+    The leaves are stored in the files one after the other.
+    """
     offsets, nodes = [0] * len(files), []
     for levels in leaves:
         lods = {}

@@ -192,7 +192,7 @@ def losses(variants: Sequence[StreamVariant], loss: LossModel, trials: int, seed
 def _predict_plan(
     variant: StreamVariant, number: int, protection: Protection, traces: np.ndarray, budget_bytes: float | int
 ) -> ScenePlan:
-    """Predicts the picture quality of a plan with the distortion model, without rendering."""
+    """Predicts the picture quality of an allocation of redundancy with the distortion model, without rendering."""
     model, budget = model_transfer(variant.load, protection), variant.left(budget_bytes)
     arrival = arrival_within(model, traces, budget)
     lost = lost_fractions(variant.load, arrival.packets)

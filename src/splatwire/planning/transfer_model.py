@@ -84,7 +84,10 @@ class TransferModel:
     num_bundled: int = 0
 
     def bytes_by_kind(self) -> dict[str, int]:
-        """Returns the bytes of a complete transfer by purpose, as in `ServedStream.sizes`."""
+        """Returns the bytes of a complete transfer by purpose.
+
+        The purposes are side information, packets, and the parity of both.
+        """
         repair = (self.kind == SIDE) & (self.symbol >= np.array((*self.head, 0), dtype=np.int64)[self._segment()])
         masks = {"side": (self.kind == SIDE) & ~repair, "side_protection": repair, "packets": self.kind == DATA,
                  "packet_protection": self.kind == PARITY}  # fmt: skip

@@ -107,7 +107,7 @@ class GatheredGradients:
         self.fields = [np.zeros(values.shape, np.float32) for values in vars(gaussians).values()]
 
     def add(self, some: slice, *gradients: np.ndarray) -> None:
-        """Stores the gradients of the Gaussians in the slice `some`, in the order of `fields`."""
+        """Stores the gradients of a range of Gaussians (slice `some`); the gradients are in the order of `fields`."""
         for whole, part in zip(self.fields, gradients, strict=True):
             whole[some] = part
 

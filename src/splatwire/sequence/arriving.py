@@ -229,7 +229,10 @@ class Patience:
         return (self._path, self._signature) == (path, signature)
 
     def note(self, path: Path, signature: Signature | None, now: float) -> None:
-        """Records that reading a file failed in its current state."""
+        """Records that a file could not be read in its current state.
+
+        Reading is retried only after the file has changed.
+        """
         self._first = self._first if self._path == path else now
         self._path, self._signature, self._changed = path, signature, now
 
@@ -252,7 +255,7 @@ class Patience:
         return now - self._first >= GROWING_S
 
     def clear(self) -> None:
-        """Resets the state after the frame was read or given up."""
+        """Forgets all failures to read a file, because the frame was read or given up."""
         self._path = self._signature = None
 
 

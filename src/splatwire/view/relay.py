@@ -82,7 +82,10 @@ class Relay:
         return "" if end is None or end.reason in wanted else end.reason
 
     async def begun(self) -> None:
-        """Waits until the preview or the side information was received, or the transfer ended."""
+        """Waits until the preview or the side information is known, or the transfer has ended.
+
+        The page can then show something.
+        """
         await self._begun.wait()
 
     async def headed(self) -> None:

@@ -89,7 +89,7 @@ def _fit_part(
     degree: int,
     counts: FitCounts,
 ) -> Splats:
-    """Fits some of the Gaussians, from the views in which at least one of them is visible.
+    """Fits the parameters of some Gaussians to the views in which at least one of them is visible.
 
     Args:
         scene: The scene.

@@ -211,7 +211,7 @@ class GaussianEncoder:
         return iter(range(self._plan.num_blocks))
 
     def encode(self, run: int) -> CodedPackets:
-        """Encodes the block with index `run` (see `Encoder.encode`)."""
+        """Encodes one block of Gaussians; `run` is the index of the block (see `Encoder.encode`)."""
         source = self._scene.arranged(run, self._info)
         coded = encode_block(source, self._info, run, self._sizes[run], self._most)
         return CodedPackets(coded.sizes, coded.payloads, (coded.rows, coded.harmonics))

@@ -170,7 +170,10 @@ class SourceScene:
         return len(self.edges) - 1
 
     def some_blocks(self) -> list[int]:
-        """Returns the indices of the blocks to which context tables are fitted, spread over the scene."""
+        """Returns the indices of a sample of blocks, evenly spread.
+
+        The context tables of the entropy coder are fitted to them.
+        """
         return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
 
     def members(self, block: int) -> slice:

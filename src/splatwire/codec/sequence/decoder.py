@@ -277,9 +277,9 @@ def _sorted(heads: np.ndarray, offsets: Offsets, covered: np.ndarray, complete: 
 
 
 class _BlockMap:
-    """Maps each block of a packet plan to its group of pictures and to the kind of its content.
+    """Maps each block of a packet plan to its group of pictures.
 
-    A block contains either keyframe Gaussians or motion.
+    A block contains either keyframe Gaussians or the motion of tracks.
     """
 
     def __init__(self, info: ClipInfo, manifest: Manifest) -> None:
@@ -303,7 +303,7 @@ class _BlockMap:
                     track += span.block_elements(block)
 
     def of(self, block: int) -> tuple[int, int | None]:
-        """Returns the group of pictures that a block belongs to, and the kind of its content.
+        """Returns the group of pictures of a block, and its index among the blocks of keyframe Gaussians.
 
         Args:
             block: Index of the block in the packet plan.

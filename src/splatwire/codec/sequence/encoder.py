@@ -210,7 +210,7 @@ class ClipWriter:
     def _stated(
         self, sections: Mapping[str, bytes], lifetimes: Sequence[Lifetimes]
     ) -> tuple[bytes, tuple[TierShape, ...]]:
-        """Returns the side information, and the tiers for the manifest, of the groups of frames encoded so far.
+        """Returns the headers of the stream for the packets encoded so far: side information, and manifest tiers.
 
         Each group has two tiers: its keyframe Gaussians, and its motion.
 

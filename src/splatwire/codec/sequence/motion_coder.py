@@ -38,7 +38,7 @@ class CodedMotion:
     counts: np.ndarray
 
     def packets(self, block: int) -> list[Packet]:
-        """Returns the packets, with ids for the block of the given index."""
+        """Returns the coded motion as packets of the block with the given index."""
         starts = (np.cumsum(self.sizes) - self.sizes).tolist()
         parts = zip(starts, self.sizes.tolist(), self.payloads, strict=True)
         return [make_packet(PacketId(block, start), count, payload) for start, count, payload in parts]

@@ -29,7 +29,7 @@ class Curve:
 
     @property
     def points(self) -> list[RatePoint]:
-        """Bytes and mean PSNR of the rows with a finite PSNR."""
+        """Points of the rate-distortion curve: bytes and mean PSNR of the table rows with a finite PSNR."""
         found = [(row.num_bytes, row.figures.get("psnr")) for row in self.rows]
         return [RatePoint(size, estimate.mean) for size, estimate in found if estimate is not None]
 

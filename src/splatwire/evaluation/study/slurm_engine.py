@@ -70,7 +70,7 @@ class SlurmEngine:
         return executor
 
     def parameters(self) -> dict[str, Any]:
-        """Returns the options as parameters of submitit."""
+        """Returns the options for the cluster under the names that the package submitit uses."""
         options = self.options
         common = {"timeout_min": options.minutes, "mem_gb": options.memory_gb}
         if self.cluster != "slurm":

@@ -180,7 +180,9 @@ def dataset_means(result: StudyResult, summaries: Sequence[Summary]) -> list[Sum
 
 
 def _means(summaries: Sequence[Summary], what: str, baseline: str | None) -> list[Summary]:
-    """Averages the statistics of every method that was evaluated on all of the given scenes.
+    """Averages the results of each method over all scenes.
+
+    Methods that were not evaluated on every scene are left out.
 
     Args:
         summaries: Statistics per scene and method.

@@ -70,7 +70,10 @@ def _with_wide_axes(dtype: np.dtype) -> np.dtype:
 
 
 def _has_more_digits(rows: np.ndarray) -> bool:
-    """Returns True if some positions far from 0 have more digits than float32 numbers have."""
+    """True if positions in the file are more precise than float32.
+
+    Only a sample of the positions far from 0 is examined.
+    """
     some = rows[:: max(1, -(-len(rows) // _SAMPLE))]
     values = np.concatenate([some[axis] for axis in _AXES])
     values = values[(np.abs(values) > _FAR) & (np.abs(values) < np.finfo(np.float32).max)]

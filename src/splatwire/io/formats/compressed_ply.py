@@ -294,7 +294,7 @@ def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, li
 
 
 def _with_values(splats: Splats, what: str, rows: np.ndarray, values: np.ndarray) -> Splats:
-    """Replaces attribute values of some Gaussians.
+    """Returns a copy of Gaussians in which one attribute of some Gaussians has other values.
 
     Args:
         splats: All Gaussians.

@@ -160,7 +160,10 @@ def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
 
 
 def _are_visible(errors: np.ndarray, scales: np.ndarray) -> bool:
-    """True if too many Gaussians have visible position errors, that is, errors above the limit `FINE`."""
+    """True if too many Gaussians have visible rounding errors of their position.
+
+    An error is visible above the limit `FINE`.
+    """
     return bool(len(errors)) and float((errors > scales / FINE).mean()) > _FEW_COSTLY
 
 

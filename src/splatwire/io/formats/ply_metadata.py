@@ -76,7 +76,7 @@ def stated_metadata(comments: Iterable[str]) -> SceneMetadata:
 
 
 def _stated_fields(lines: dict[str, re.Pattern[str]], comment: str) -> dict[str, str]:
-    """Returns the fields stated by a comment, each with its text."""
+    """Returns the metadata fields that a PLY comment states, such as title or author, each with its text."""
     matches = {name: line.fullmatch(comment) for name, line in lines.items()}
     return {name: match[match.lastindex or 0].strip() for name, match in matches.items() if match}
 

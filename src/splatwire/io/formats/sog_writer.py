@@ -108,7 +108,7 @@ def treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 
 def _position_errors(column: Column) -> np.ndarray:
-    """Returns the rounding error of each Gaussian's position, except outliers: the maximum over x, y and z.
+    """Returns the rounding error of the positions of all Gaussians except outliers: the maximum over x, y and z.
 
     SOG quantises logarithms of positions, so the steps grow with the distance from 0.
 

@@ -156,7 +156,7 @@ def _finest(
 
 
 def _leaves(index: Path, tree: Any) -> Iterator[dict[str, Any]]:
-    """Yields the levels of detail of each leaf, in tree order."""
+    """Yields the levels of detail of each leaf as JSON objects (`lods`), in tree order."""
     waiting, count = [tree], 0
     while waiting:
         node, count = waiting.pop(), count + 1

@@ -318,7 +318,7 @@ class _Writer:
         self._prim.CreateRadianceSphericalHarmonicsDegreeAttr(degree)
 
     def put(self, splats: Splats, time: Usd.TimeCode) -> None:
-        """Sets the values of all attributes at a time."""
+        """Writes the attributes of one frame: sets the value of each attribute at a time."""
         turned, prim = splats if self._flips == _KEPT_AXES else flipped(splats, self._flips), self._prim
         prim.CreatePositionsAttr().Set(_vectors(turned.means), time)
         orientations = Vt.QuatfArray.FromNumpy(_contiguous(np.roll(turned.quats, -1, axis=1)))

@@ -103,7 +103,7 @@ def _copy_indices(
 
 
 class _Packed(torch.autograd.Function):
-    """Autograd function that copies the weights of several networks into one tensor, by index.
+    """Autograd function that gathers the weights of several networks in one tensor, by index.
 
     Its gradient is also computed by index, because each weight is used exactly once.
     """

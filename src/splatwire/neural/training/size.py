@@ -53,7 +53,7 @@ def steer(state: TrainState, config: TrainConfig, estimate: Callable[[TrainState
 def _measure_size(
     state: TrainState, config: TrainConfig, estimate: Callable[[TrainState], float] | None
 ) -> tuple[float, float | None]:
-    """Measures the size of a state's stream.
+    """Measures the size of the stream that a training state would give, in bytes.
 
     With `estimate`, the scene is encoded only at some of the measurements. In between, the estimate is multiplied by
     the last known ratio of encoded to estimated size.

@@ -84,7 +84,7 @@ class Networks:
 
     @staticmethod
     def of(parameters: dict[str, Tensor]) -> "Networks":
-        """Returns the networks made of the tensors named `heads.*`, `prior.*` and `channel.*`."""
+        """Builds the networks from trained tensors, whose names begin with `heads.`, `prior.` or `channel.`."""
 
         def mlp(prefix: str, negative_slope: float = 0.0) -> Mlp:
             layers = (f"{prefix}.{layer}" for layer in ("hidden", "output"))

@@ -91,7 +91,10 @@ class _EdgeLayer(nn.Module):
         self.output = nn.Linear(hidden, hidden)
 
     def project(self, others: Tensor) -> Tensor:
-        """Returns the contribution of each known anchor to EdgeConv; it does not depend on the query."""
+        """Returns the part of EdgeConv that depends on the known anchors only.
+
+        It is computed once for all queries.
+        """
         return self.edge(self.norm(others))
 
     def forward(self, own: Tensor, projected: Tensor, index: Tensor) -> Tensor:

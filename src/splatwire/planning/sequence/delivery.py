@@ -36,7 +36,7 @@ class SequenceLoad:
 
     @staticmethod
     def of(stream: SceneStream, importance: Mapping[PacketId, float]) -> "SequenceLoad":
-        """Returns sizes and importance of the packets of a complete sequence."""
+        """Returns the sizes of the packets of a complete sequence, and the importance of each packet."""
         ordered = send_sequence(stream, "tiers")
         return SequenceLoad(
             tuple(packet.id for packet in ordered),

@@ -269,7 +269,10 @@ class RateControl:
 
     @property
     def _capacity(self) -> float:
-        """Capacity of the path, estimated as delivery rate divided by 1 - baseline loss, bytes per second."""
+        """Estimated capacity of the path, bytes per second.
+
+        It is the delivery rate divided by 1 - baseline loss, at most the current rate.
+        """
         return min(self._carried / (1.0 - self.loss.baseline), self.rate)
 
     def _time_to_drain(self, share: float) -> float:

@@ -143,7 +143,7 @@ class GroupFinder:
         self.num_groups = sum(tier.groups for tier in self._tiers)
 
     def group(self, number: int) -> Group:
-        """Returns a parity group, given its index, 0 to `num_groups - 1`."""
+        """Returns the parity group with the given index, 0 to `num_groups - 1`."""
         first = 0
         for tier in self._tiers:
             if number < tier.groups:

@@ -318,7 +318,7 @@ class Receiver(ReceiveState):
         return out, [*events, Welcomed.of(frame)]
 
     def _begin_session(self, now: float) -> None:
-        """Resets the state of the previous transfer: sequence numbers and NACKs."""
+        """Prepares for the datagrams of a new transfer: discards sequence numbers and NACKs of the previous one."""
         self._largest, self._received, self._largest_at = -1, 0, now
         self._nack_tracker, self._gaps = NackTracker(), GapTracker()
         self._told, self._ends_in_vain = 0, 0

@@ -273,7 +273,7 @@ def make_served_stream(
 
 
 def _with_view_order(program: ServedStream, tiles: Tiles) -> ServedStream:
-    """Adapts a prepared stream with levels of detail for view-dependent sending order.
+    """Prepares a stream with levels of detail for a sending order that depends on the client's viewpoint.
 
     The coarsest tiles (up to `OPENING_BYTES`, at least one tile) are sent first for every viewpoint.
     """

@@ -38,7 +38,7 @@ PLACE_BYTES = 32
 
 
 def _width(config: CausalConfig) -> int:
-    """Returns the number of attribute values of an anchor."""
+    """Returns how many numbers the attributes of an anchor have in total."""
     return config.layout.feature_dim + 6 + 3 * config.layout.num_offsets
 
 
