@@ -103,7 +103,7 @@ def _encode_joined(tables, stream, models, statistics, box_bits, defaults, sourc
     encoder_start(coder.state)
     for size in sizes:
         end = begin + size
-        part = kernels._part(source, begin, size)
+        part = kernels._packet_source(source, begin, size)
         kernels._code_packet(
             coder, stream, box_bits, defaults, part, rows[begin:end], harmonics[begin:end], kernels.new_scratch(size)
         )
