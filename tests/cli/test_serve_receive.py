@@ -145,7 +145,7 @@ def test_serve_without_a_stream_serves_the_bundled_gaussians():
     from splatwire.codec.viewpoint import SECTION
 
     stream, _ = read_stream(_bundled.ASSETS / _bundled.SPLATS)
-    ((name, program),) = _run_serve._programs(Serve(), Protection()).items()
+    ((name, program),) = _run_serve._served_streams(Serve(), Protection()).items()
     assert (name, program.stream_id) == ("snowmiku_gaussians", stream.manifest.stream_id)
     assert stream.manifest.elements == "Gaussians"
     assert SECTION in sections_of(stream)
@@ -211,14 +211,14 @@ def test_durations_are_parsed():
 
 def test_a_folder_of_packets_is_served_under_its_name(stream_file: Path, tmp_path: Path):
     from splatwire.cli._files import stream_name
-    from splatwire.cli._run_serve import _programs
+    from splatwire.cli._run_serve import _served_streams
     from splatwire.cli.serve import Serve
     from splatwire.transport import Protection
 
     folder = tmp_path / "scene"
     write_stream(read_stream(stream_file)[0], folder)
     assert stream_name(str(folder)) == "scene"
-    one, other = (_programs(Serve((str(path),)), Protection()) for path in (folder, stream_file))
+    one, other = (_served_streams(Serve((str(path),)), Protection()) for path in (folder, stream_file))
     assert one["scene"].packets == other["tiny"].packets
 
 
@@ -350,7 +350,7 @@ def test_deadline_that_passes_before_all_arrived_is_no_success(stream_file, tmp_
     ],
 )
 def test_only_listed_end_reasons_count_as_complete(reason, live, missed, complete):
-    assert _run_receive._is_all(reason, live=live, num_missed=missed) is complete
+    assert _run_receive._is_complete(reason, live=live, num_missed=missed) is complete
 
 
 @contextlib.contextmanager

@@ -55,7 +55,7 @@ def run(options: Export) -> None:
             counts.possible = counts.written = _write(options, iter([splats.at_most_degree(degree)]), scene)
             warn_of_lost_harmonics(scene, options.output)
         if views is not None:
-            measured = compare_export(scene, _prepared_scene(options, scene), views.measured_on, views.photos, show)
+            measured = compare_export(scene, _read_back(options, scene), views.measured_on, views.photos, show)
     result = {
         "output": str(options.output),
         "num_gaussians": counts.written,
@@ -126,7 +126,7 @@ def _outliers(options: Export) -> Outliers:
     return chosen_outliers(options.outliers, f"x{_format(options).suffix}")
 
 
-def _prepared_scene(options: Export, scene: Scene) -> Scene:
+def _read_back(options: Export, scene: Scene) -> Scene:
     """Reads the exported file again; returns its Gaussians relative to the origin of the exported scene."""
     written: Any = open_scene(options.output)
     return written if written.origin != NO_ORIGIN else replace(written, origin=origin_of(scene))

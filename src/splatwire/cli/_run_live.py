@@ -96,7 +96,7 @@ def _encoding(command: Live, options: ClipOptions, protection: Protection, publi
 
 
 async def _await_last_packets(opened: RunningServer) -> None:
-    """Waits until all clients have received the packets of the last group of frames, for at most `LAST_S`."""
+    """Waits until all transfers have ended, so that clients receive the last packets, for at most `LAST_S`."""
     end = time.monotonic() + LAST_S
     while opened.server.core.num_transfers and time.monotonic() < end:
         await asyncio.sleep(0.05)

@@ -69,7 +69,7 @@ def run(command: Receive) -> None:
     _print_result(command, receiver, stream, reason, moments)
     if stopped:
         raise KeyboardInterrupt  # sets the exit status; the received data is already written
-    if not (command.partial or _is_all(reason, live=receiver.is_live, num_missed=receiver.num_missed)):
+    if not (command.partial or _is_complete(reason, live=receiver.is_live, num_missed=receiver.num_missed)):
         print(
             f"splatwire: error: {command.url}: the stream is incomplete ({reason}: {receiver.describe_missing()}); "
             f"what arrived is in {command.output}. Receive it again, or accept this with --partial", file=sys.stderr,
@@ -142,8 +142,8 @@ def _print_result(
         print_summary(f"{text} -> {command.output}", command.output)
 
 
-def _is_all(reason: str, *, live: bool, num_missed: int) -> bool:
-    """Returns True if everything that the transfer can deliver was received.
+def _is_complete(reason: str, *, live: bool, num_missed: int) -> bool:
+    """True if a transfer delivered everything that it could deliver.
 
     A stream is complete if all packets arrived. A stream with levels of detail is complete if everything that the
     camera sees arrived. A live clip is complete if the server ended it and everything sent since this receiver joined

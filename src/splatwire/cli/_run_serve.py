@@ -58,11 +58,11 @@ def run(command: Serve) -> None:
     if command.trust.given:
         raise InvalidValueError("--fingerprint, --authority and --insecure are for --moq")
     (protected, planned), _ = protection(command), limits(command)  # reports invalid options before streams are read
-    asyncio.run(_serve(command, _programs(command, protected, planned), access))
+    asyncio.run(_serve(command, _served_streams(command, protected, planned), access))
 
 
-def _programs(command: Serve, protection: Protection, planned: int | None = None) -> dict[str, ServedStream]:
-    """Returns the streams to serve, prepared for sending, by name.
+def _served_streams(command: Serve, protection: Protection, planned: int | None = None) -> dict[str, ServedStream]:
+    """Reads the streams to serve and prepares them for sending; returns them by name.
 
     Raises:
         InvalidValueError: If two streams have one name, or the plan is for another stream.
@@ -190,7 +190,7 @@ async def _reload(command: Serve, opened: RunningServer) -> None:
     """Reads the streams and the certificate again; keeps the previous ones and logs an error if one is invalid."""
 
     def read() -> dict[str, ServedStream]:
-        return _programs(command, *protection(command))
+        return _served_streams(command, *protection(command))
 
     try:
         streams = await start_thread(read, "reading")

@@ -163,20 +163,20 @@ class ProgressiveDecoder(Arrivals):
         room = copy.copy(self._decoder)  # the original stays unchanged, because other threads may be decoding with it
         room.expect(self._threads, self._progress)
         for run in runs_of(room, self.manifest, self._packets(), gaps=True):
-            room.store(run, self._rows(run))
+            room.store(run, self._decoded_integers(run))
         self._room, self._partial = room, room.scene()
 
     def _store(self, room: Decoder, packets: Iterable[Packet]) -> None:
         for run in runs_of(room, self.manifest, packets):
-            room.store(run, self._rows(run))
+            room.store(run, self._decoded_integers(run))
 
     def _packets(self) -> list[Packet]:
         return [packet for packet, _ in self._found.values()]
 
-    def _rows(self, run: Run) -> SymbolRows:
+    def _decoded_integers(self, run: Run) -> SymbolRows:
         """Returns the decoded integers of packets that were added before.
 
-        If only the compressed packets were kept, they are decoded again.
+        If only compressed packets are kept in memory, they are decoded again.
         """
         found = [rows for packet in run.packets if (rows := self._found[packet.id][1]) is not None]
         if not found:
@@ -190,7 +190,7 @@ class ProgressiveDecoder(Arrivals):
                 return
             self._checked, digest = True, hashlib.sha256()
             for run in runs_of(self._decoder, self.manifest, self._packets()):
-                self._decoder.update_digest(digest, self._rows(run))
+                self._decoder.update_digest(digest, self._decoded_integers(run))
             if self._room is not None:  # no longer needed
                 self._found.clear()
                 self._blocks.clear()

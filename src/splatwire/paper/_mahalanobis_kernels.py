@@ -15,7 +15,7 @@ from splatwire.ops.compiled import njit
 def _distance_bound(x, low, high, reach):
     """Returns a lower bound of the squared Mahalanobis distance from a query to the points of a block.
 
-    A block whose bound exceeds the distance of the neighbours found so far need not be searched.
+    The search skips a block whose bound is too large.
 
     Args:
         x: Query position, float64 (3).

@@ -175,12 +175,12 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
         place_starts[k + 1] = place
     for t in range(starts.shape[0] - 1):
         starts[t + 1] += starts[t]
-    return starts, *_entries(order, corners, strips, starts, grid_x), place_starts
+    return starts, *_build_tile_lists(order, corners, strips, starts, grid_x), place_starts
 
 
 @njit(inline="always", error_model="numpy")
 @no_type_check
-def _entries(order, corners, strips, starts, grid_x):
+def _build_tile_lists(order, corners, strips, starts, grid_x):
     """Builds the lists of `fill_tiles` from the pixel rows of each Gaussian in each column of tiles.
 
     Args:

@@ -184,7 +184,7 @@ class ClipWriter:
         Args:
             sections: Additional named sections of the side information, content by name.
         """
-        side_info, tiers = self._stated(sections, self._lifetimes)
+        side_info, tiers = self._current_header(sections, self._lifetimes)
         return make_stream(
             packetization=self._packetization, num_elements=sum(tier.num_elements for tier in tiers),
             side_info=side_info, packets=self._packets, symbols_digest=self._digest.hexdigest(),
@@ -198,7 +198,7 @@ class ClipWriter:
             sections: Additional named sections of the side information, content by name.
             stream_id: Id of the live stream.
         """
-        side_info, tiers = self._stated(sections, self._lifetimes[-LIVE_GROUPS:])
+        side_info, tiers = self._current_header(sections, self._lifetimes[-LIVE_GROUPS:])
         manifest = Manifest(
             packetization=self._packetization, num_elements=sum(tier.num_elements for tier in tiers),
             num_packets=len(self._packets), stream_id=stream_id, side_info_bytes=len(side_info),
@@ -207,10 +207,10 @@ class ClipWriter:
         )  # fmt: skip
         return manifest, side_info
 
-    def _stated(
+    def _current_header(
         self, sections: Mapping[str, bytes], lifetimes: Sequence[Lifetimes]
     ) -> tuple[bytes, tuple[TierShape, ...]]:
-        """Returns the headers of the stream for the packets encoded so far: side information, and manifest tiers.
+        """Returns the side information and the tiers of the manifest for the groups encoded so far.
 
         Each group has two tiers: its keyframe Gaussians, and its motion.
 

@@ -140,7 +140,7 @@ def compare_files(
         if not file.exists():
             raise InvalidValueError(f"{file}: no such file or folder")
     chosen, lpips = files[0] if reference is None else reference, find_lpips()
-    first = _Opened.of(chosen, READS if chosen in files else 1)
+    first = _TimedScene.of(chosen, READS if chosen in files else 1)
     seen = held_out_cameras(first.scene) if cameras is None else cameras
     seen = seen.select(spread(seen.num_views, views))
     behind = first.scene.background if background is None else background
@@ -156,7 +156,7 @@ def compare_files(
     def scored(file: Path, name: str) -> FileScore:
         if file == chosen:
             return _with_metrics(replace(known, name=name), references, images, lpips, pictures, progress)
-        opened = _Opened.of(file, READS)
+        opened = _TimedScene.of(file, READS)
         extent.check(opened.scene, file)
         drawn = views_of(opened.scene, seen, renderer, behind)
         return _with_metrics(replace(opened.score, name=name), references, drawn, lpips, pictures, progress)
@@ -257,14 +257,17 @@ class _Extent:
 
 
 @dataclass(frozen=True, eq=False)
-class _Opened:
-    """A scene that was read from a file, with size and reading time of the file; image quality is measured later."""
+class _TimedScene:
+    """A scene that was read from a file, with the score of the file.
+
+    The score has size and reading time; image quality is measured later.
+    """
 
     scene: Scene
     score: FileScore
 
     @classmethod
-    def of(cls, path: Path, reads: int) -> "_Opened":
+    def of(cls, path: Path, reads: int) -> "_TimedScene":
         """Reads a scene several times, and measures the shortest reading time.
 
         Args:

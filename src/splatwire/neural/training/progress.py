@@ -102,7 +102,7 @@ class RunningMeans:
         """
         self.unread.append(report)
         if not self.means or state.iteration % self.interval == 0 or state.iteration == self.config.marks.iterations:
-            self._read(state)
+            self._read_reports(state)
         means = self.means
         self.recent.append(elapsed)
         enough = len(self.recent) >= _FEWEST
@@ -117,8 +117,11 @@ class RunningMeans:
             iterations_per_second=1 / max(median(self.recent), 1e-9) if enough else None,
         )
 
-    def _read(self, state: TrainState) -> None:
-        """Updates the running means with all reports not read yet, in a single copy from the device."""
+    def _read_reports(self, state: TrainState) -> None:
+        """Adds all new reports to the running means.
+
+        The reports are copied from the device at once, because each copy waits for the device.
+        """
         columns = torch.stack([
             torch.stack([r.total, r.absolute_error, r.total if r.sample_bits is None else r.sample_bits]).double()
             for r in self.unread

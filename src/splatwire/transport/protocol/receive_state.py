@@ -74,7 +74,7 @@ class ReceiveState:
             self._begin(welcome, discard=False)
         return True
 
-    def _ahead(self, frame: Data) -> bool:
+    def _is_for_next_state(self, frame: Data) -> bool:
         """True if a packet belongs to the next state of a live stream, which the server has not yet declared.
 
         Up to `MAX_WAITING_PACKETS` such packets are kept until the declaration (welcome) arrives.

@@ -392,7 +392,7 @@ class Receiver(ReceiveState):
         events: list[Event] = [] if self._greeting is None else [Resumed(True)]
         self._greeting = None
         match frame:
-            case Data() if not self._ahead(frame):
+            case Data() if not self._is_for_next_state(frame):
                 repaired = self._collector.num_repaired
                 new = self._collector.add(frame)
                 back = self._collector.num_repaired - repaired

@@ -348,7 +348,7 @@ class Server:
         self._schedule(key)
 
     def _schedule(self, key: Key) -> None:
-        """Schedules the next datagram of a transfer; ends the transfer if its limit on sent bytes is reached.
+        """Schedules the next datagram of a transfer; ends the transfer if its maximum of bytes or datagrams was sent.
 
         If an earlier time was scheduled, it stays in the queue and is ignored when it is reached.
         """

@@ -49,7 +49,7 @@ def causal_encoder(
     scene = replace(scene, anchors=_with_sizes(scene.anchors))
     voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
     info = fit_side_info(scene, voxels, noise=noise)
-    places = _balanced(info, voxels, CausalEncoder(scene, info, voxels).expected_bytes())
+    places = _split_position_bits(info, voxels, CausalEncoder(scene, info, voxels).expected_bytes())
     side_info = write_side_info(replace(info, places=places, sections=sections))
     # Predict from the side information as a decoder reads it, after quantisation.
     info = read_side_info(side_info, scene.anchors.num_anchors)
@@ -80,8 +80,8 @@ def _check_common(packetization: Packetization) -> None:
         )
 
 
-def _balanced(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> SharedPlaces:
-    """Chooses which bits of the anchors' positions are sent as side information, and which in packets.
+def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> SharedPlaces:
+    """Chooses which bits of the anchors' positions are sent in side information, and which in packets.
 
     Side information delays the first picture, so bits are moved to the packets until its share is at most `HEAD_SHARE`.
     No more bits are moved than necessary. At most `MOST_LEAF` anchors share a leaf of the position tree, even if the
