@@ -130,7 +130,7 @@ class Spawning:
 
 
 class _Pass:
-    """Evaluation of a network for a batch of inputs, with back-propagation."""
+    """Forward pass of a network for a batch of inputs; keeps the values that back-propagation needs."""
 
     def __init__(self, network: Mlp, inputs: Float[np.ndarray, "N in"]) -> None:
         self._network = network

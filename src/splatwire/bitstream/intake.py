@@ -99,7 +99,7 @@ class PacketIntake:
             return tuple(self._packets[key] for key in sorted(self._packets))
 
     def has(self, packet: Packet) -> bool:
-        """True if the filter accepted this packet object; False for any other object, even with equal content."""
+        """True if exactly this packet object was accepted; False for any other object, even with equal content."""
         return self._packets.get(packet.id) is packet
 
     @property

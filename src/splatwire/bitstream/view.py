@@ -44,7 +44,7 @@ class Viewpoint(CheckedFields):
     __repr__ = summary_repr
 
     def relative_to(self, origin: tuple[float, float, float]) -> "Viewpoint":
-        """Returns the same viewpoint relative to another origin, usually the stream's."""
+        """Returns the same viewpoint with coordinates relative to another origin, usually that of the stream."""
         if origin == self.origin:
             return self
         viewmat = np.array(self.viewmat, dtype=np.float64)

@@ -138,7 +138,7 @@ class AnchorSketch:
 
 
 def _sensitivity(scene: AnchorScene, cameras: Cameras, most: int, config: SketchConfig, show: Progress) -> Sensitivity:
-    """Returns the sensitivity of rendered pictures to errors in each anchor.
+    """Measures how much errors of each anchor's attributes change the rendered pictures.
 
     With `SketchConfig.quick`, the sensitivity is estimated from pictures of half the width and height. It is then
     estimated only for the anchors that are candidates for a copy.

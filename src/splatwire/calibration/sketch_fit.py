@@ -188,7 +188,7 @@ def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> Sk
 
 
 def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[SketchBasis, float]:
-    """Returns the quantised basis for coding channels, and the quantisation step of the coarsest precision level.
+    """Chooses the quantised basis in which the channels of a copy are coded, and its coarsest quantisation step.
 
     At this step, one more bit of precision costs as much as the error that it saves. For a small quantisation step s
     and a weight w, the error is `w s^2 / 12`, and one more bit reduces the error to a quarter.

@@ -26,7 +26,10 @@ class Concealed(RenderHints):
 
     @staticmethod
     def filled(elements: Any) -> "Concealed":
-        """Builds a result that draws all elements, with estimates for lost ones and unchanged sizes and opacities."""
+        """Builds a result that draws all elements.
+
+        Lost elements have estimated values; sizes and opacities are not changed.
+        """
         elements = to_arrays(elements)
         count = len(next(iter(vars(elements).values())))
         return Concealed(np.ones(count, np.float32), np.zeros(count, np.bool_), elements=elements)

@@ -98,7 +98,7 @@ def check_suffix(path: Path) -> None:
 
 
 def _best_side(scene: Scene, size: int) -> Cameras:
-    """Returns the one of several cameras around a scene whose picture has the most detail.
+    """Chooses among several cameras around a scene the one whose picture has the most detail.
 
     Detail is the mean difference of neighbouring pixels, measured in small pictures.
 

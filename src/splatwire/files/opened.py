@@ -29,7 +29,10 @@ class OpenedFile(_NativePath):
         return self._kind
 
     def attach(self, kind: "Kind", file: BufferedReader | None) -> None:
-        """Sets the detected format and the open file, which is None for a folder and for a path that cannot be read."""
+        """Sets the detected format and the open file.
+
+        The file is None for a folder, and for a path that cannot be read.
+        """
         self._kind, self._file = kind, file
 
     def detach(self) -> None:

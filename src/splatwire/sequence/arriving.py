@@ -225,7 +225,10 @@ class Patience:
         self._first = self._changed = 0.0
 
     def is_unchanged(self, path: Path, signature: Signature | None) -> bool:
-        """Returns True if reading the file failed before and it has not changed since, so that a retry is useless."""
+        """True if reading the file failed before and the file has not changed since.
+
+        Another attempt is then useless.
+        """
         return (self._path, self._signature) == (path, signature)
 
     def note(self, path: Path, signature: Signature | None, now: float) -> None:

@@ -233,7 +233,10 @@ def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, around
 
 
 def _is_coherent(means: np.ndarray, stays: np.ndarray, sample: NeighborSet | None) -> bool:
-    """True if most of a sample of complete tracks move like their neighbours."""
+    """True if most tracks move like their neighbours.
+
+    Only a sample of the tracks that exist in all frames is tested.
+    """
     tested = None if sample is None else sample.part(stays[sample.tracks]).only(stays, means)
     if tested is None or 2 * len(tested.tracks) < min(len(means), SAMPLE):
         tested = sampled(means, NeighborIndex.of(means, 0, np.flatnonzero(stays))).only(stays, means)

@@ -154,5 +154,8 @@ class Tracker:
 
 
 def _drawn(frame: Frame) -> Splats:
-    """Returns the visible Gaussians of a frame; without a copy if all are visible."""
+    """Returns the visible Gaussians of a frame.
+
+    If all are visible, they are returned without a copy.
+    """
     return frame.splats if frame.drawn.all() else frame.splats.select(frame.drawn)

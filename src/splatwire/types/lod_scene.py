@@ -57,5 +57,5 @@ class Levels:
 
     @property
     def hints(self) -> RenderHints:
-        """Drawing instructions that hide all levels of detail except the finest."""
+        """Rendering hints that draw only the finest level of detail."""
         return RenderHints(np.ones(len(self.of), np.float32), self.of > 0)

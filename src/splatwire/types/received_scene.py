@@ -204,9 +204,9 @@ class ReceivedScene(Generic[S]):
 
 
 def _rows(records: tuple[Any, ...]) -> set[int]:
-    """Returns the set of element counts of the side information records that have one entry per element.
+    """Returns the different element counts of those side information records that have one entry per element.
 
-    All these records belong to one scene, so the set has at most one member if the records are consistent.
+    All these records belong to one scene, so a consistent set of records gives at most one count.
 
     Args:
         records: Side information records of a received scene, of any type; other types are ignored.

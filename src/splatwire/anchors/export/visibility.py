@@ -93,7 +93,7 @@ def visible_areas(
 
 
 def _blending_weights(gaussians: Gaussians, camera: Cameras, find: FindGradients) -> Float[np.ndarray, "G"]:
-    """Returns the sum of each Gaussian's blending weights over the image."""
+    """Returns the sum of the blending weights of each Gaussian over all pixels of a view."""
     weights = np.zeros(gaussians.num_gaussians, np.float32)
 
     def ones(shape: tuple[int, ...]) -> Iterator[np.ndarray]:

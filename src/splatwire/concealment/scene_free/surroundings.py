@@ -33,7 +33,7 @@ class Neighborhood:
     distance: Float[np.ndarray, "M k"]
 
     def first(self, count: int) -> "Neighborhood":
-        """Returns a copy restricted to the `count` nearest neighbours of each anchor."""
+        """Returns a copy with only the `count` nearest neighbours of each anchor."""
         return Neighborhood(self.index[:, :count], self.distance[:, :count])
 
 

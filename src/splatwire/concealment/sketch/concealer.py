@@ -148,7 +148,7 @@ class SketchedLoss:
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
     def proposal(self, section: SketchSection) -> Concealed:
-        """Builds the concealer's result, with the parameters of the enlargement that a section `sketch` contains."""
+        """Conceals the losses with the enlargement parameters that a section `sketch` contains."""
         rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
         gain = rule.gain(self.left, self.filled.known, self.filled.tier_sizes)
         gains = default_weights()(replace(self.inputs, grown=gain), section.trust)

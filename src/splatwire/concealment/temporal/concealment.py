@@ -113,7 +113,9 @@ def _arrived(motion: GroupMotion) -> GroupPoses:
 
 
 def _next_state(poses: GroupPoses, count: int, frames: int, before: ConcealmentState) -> ConcealmentState:
-    """Returns the concealment state after a group of pictures; tracks that have ended keep their last offsets.
+    """Returns the state that the concealment of the next group of pictures needs.
+
+    Tracks that have ended keep their last offsets.
 
     Args:
         poses: Poses of the tracks in the group, received or estimated.

@@ -92,7 +92,7 @@ class Record:
         return found
 
     def row(self) -> dict[str, Any]:
-        """Returns the record as a mapping from column names to values."""
+        """Returns the columns of the record by name, one row of a table."""
         own = {name: value for name, value in vars(self).items() if name != "others"}
         return own | dict(self.others)
 

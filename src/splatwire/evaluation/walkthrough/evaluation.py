@@ -173,7 +173,7 @@ class StreamedWalkthrough:
 
 
 def _replaced_tile(tiles: Tiles, tile_of: np.ndarray, scene: Scene) -> np.ndarray:
-    """Returns the index of the finer tile that replaces each Gaussian when that tile is received; -1 without one."""
+    """Returns for each Gaussian the index of the finer tile that replaces it when received; -1 for none."""
     splats = explicit_gaussians(scene)
     assert splats is not None  # only explicit Gaussians have levels
     order, means = np.argsort(tile_of, kind="stable"), splats.means.astype(np.float64)

@@ -65,7 +65,7 @@ class Column:
 
     @property
     def others(self) -> np.ndarray:
-        """Indices of the Gaussians that are not outliers."""
+        """Indices of the Gaussians whose value is not an outlier."""
         return self.values[~self.outside]
 
 

@@ -114,7 +114,7 @@ class CalibrationRun:
         return rounded_parameters(self.network, self.config.bits) if self.rounding else nullcontext()
 
     def score(self, errors: dict[str, float]) -> float:
-        """Returns the mean error of the attributes that are trained, for comparing networks; smaller is better."""
+        """Returns the mean error of all trained attributes, one number for comparing networks; smaller is better."""
         trained = [errors[name] for name in errors if getattr(self.config.losses, name) > 0]
         return sum(trained) / len(trained)
 

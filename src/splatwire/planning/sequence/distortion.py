@@ -119,7 +119,7 @@ def measure_sequence_distortion(
 
 
 def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeline: Timeline) -> SequenceDistortion:
-    """Converts measured errors to one distortion curve per group of pictures.
+    """Converts errors measured at several loss shares to one distortion curve per group of pictures.
 
     In groups with fewer frames than are sampled, frames are repeated.
 

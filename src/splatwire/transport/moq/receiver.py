@@ -180,7 +180,7 @@ class RelayReceiver:
         return "sent" if self.options.viewpoint is None else "seen"
 
     def _order(self, manifest: Manifest, tiles: Tiles | None) -> list[int]:
-        """Returns the numbers N of the tracks `part/N` to receive, in order of importance for the viewpoint.
+        """Returns which tracks `part/N` are received, as a list of N: most important for the viewpoint first.
 
         Args:
             manifest: Manifest of the stream.

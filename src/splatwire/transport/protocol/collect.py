@@ -129,7 +129,10 @@ class InitSegmentCollector:
         return None
 
     def _restart(self, segment: int) -> None:
-        """Discards all symbols of one segment (source block) because at least one symbol was corrupt."""
+        """Discards all symbols of one segment (source block).
+
+        Called after decoding has failed, because a symbol was then corrupt.
+        """
         self.num_poisoned += 1
         self._symbols[segment].clear()
         self._pieces[segment] = None

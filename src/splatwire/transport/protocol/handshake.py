@@ -35,7 +35,7 @@ class HandshakeAttempt:
 
     @property
     def is_validated(self) -> bool:
-        """True if the server may accept the request now: its token was returned, or the path needs no token."""
+        """True if the server may accept the request: its token was returned, or the path needs no token."""
         return self._token is not None
 
     def poll(self, now: float) -> list[bytes]:

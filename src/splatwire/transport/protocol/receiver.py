@@ -327,7 +327,7 @@ class Receiver(ReceiveState):
             self._collector.highest = -1
 
     def _received_lists(self, now: float) -> list[bytes]:
-        """Returns datagrams, if due, that list the packets received before a transfer was resumed.
+        """Returns the datagrams, if due, with which the server learns what a resuming client has already received.
 
         The server does not send these packets again.
         """
@@ -337,7 +337,7 @@ class Receiver(ReceiveState):
         return self._have
 
     def _list_held(self, now: float) -> None:
-        """Prepares the lists of received packets that the server needs to resume a transfer; none for live streams."""
+        """Lists the received packets, for the server that resumes the transfer; prepares no list for live streams."""
         assert self._welcome is not None
         assert self._collector is not None
         nonce, stream_id, head = self._nonce, self._welcome.stream_id, int(self._head is None)
