@@ -131,7 +131,7 @@ def views_of(
     renderer: str,
     background: Background | None = None,
 ) -> Iterable[Float[np.ndarray, "H W 3"]]:
-    """Renders reference images of a scene, one per camera, RGB in [0, 1].
+    """Renders images of a scene, one per camera, RGB in [0, 1].
 
     Args:
         scene: The scene.
