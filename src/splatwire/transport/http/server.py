@@ -22,8 +22,8 @@ MOST_HEAD_BYTES = 8192
 CHUNK_BYTES = 1 << 16
 """Maximum number of body bytes passed to the kernel at once; no more is buffered for a slow client."""
 TURN_S = 0.01
-"""Under a total rate limit, duration of a turn of a response, seconds: it passes the bytes that the limit allows in this
-time to the kernel at once, and datagrams wait."""
+"""Under a total rate limit, duration of a response's turn, seconds. It sends the bytes of this time at once, and
+datagrams wait."""
 LEAST_TURN_BYTES = 1200
 """Minimum size of such a turn, bytes."""
 YIELD_S = 0.002
