@@ -14,6 +14,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.evaluation.views import held_out_cameras
 from splatwire.finetuning import FineTuning, Pictures, fine_tune, fitting_cameras, own_pictures, prune_and_tune
 from splatwire.render import render_scene
+from splatwire.render.importance import surrounding_cameras
 from splatwire.render.pruning import prune
 from splatwire.types import SplatScene
 
@@ -108,10 +109,17 @@ def test_progress_reaches_all_iterations() -> None:
     assert [(report.iteration, report.iterations) for report in seen] == [(k + 1, 5) for k in range(5)]
 
 
-def test_fitting_cameras_differ_from_held_out_cameras() -> None:
+@pytest.mark.parametrize("num_views", [16, 17, 18, 19, 90, 95, 240])
+@pytest.mark.parametrize("enclosing", [False, True])
+def test_fitting_cameras_differ_from_held_out_cameras(
+    num_views: int, enclosing: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if enclosing:  # as `framing_cameras` does for rooms
+        monkeypatch.setattr("splatwire.finetuning.pictures.framing_cameras", surrounding_cameras)
     scene = shell(100)
-    centers, held_out = fitting_cameras(scene).centers, held_out_cameras(scene).centers
-    assert np.linalg.norm(centers[:, None] - held_out[None], axis=2).min() > 1e-3
+    fitted, held_out = fitting_cameras(scene, num_views, 32), held_out_cameras(scene)
+    assert fitted.num_views == num_views
+    assert np.linalg.norm(fitted.centers[:, None] - held_out.centers[None], axis=2).min() > 1e-3
 
 
 def test_pictures_of_another_size_are_refused() -> None:
