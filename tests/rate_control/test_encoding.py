@@ -1,6 +1,8 @@
 """`encode_controlled` and `splatwire.encode` with targets: accuracy, efforts, monotonic quality."""
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +11,11 @@ import splatwire
 from explicit import ball_of_gaussians
 from random_numbers import Numbers
 from splatwire.codec import encode_scene
-from splatwire.codec.gaussians.quality import quality_of
+from splatwire.codec.gaussians.quality import Quality, quality_of
 from splatwire.errors import InvalidValueError
 from splatwire.rate_control import EncodedScene, Target, Tuning, encode_controlled
+from splatwire.rate_control.encoding import _Trials
+from splatwire.render.importance import cameras_around
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
 
@@ -35,11 +39,12 @@ def shell(count: int = 1500, degree: int = 0) -> SplatScene:
     )
 
 
-def encoded(scene: SplatScene, effort: str = "default", **target: object) -> EncodedScene:
-    def encode(some: SplatScene, classes: np.ndarray, quality: object) -> splatwire.SceneStream:
-        return encode_scene(some, classes=classes, quality=quality)
+def encode_plainly(some: SplatScene, classes: np.ndarray, quality: object) -> splatwire.SceneStream:
+    return encode_scene(some, classes=classes, quality=quality)
 
-    return encode_controlled(scene, Target(**target), encode, effort=effort)
+
+def encoded(scene: SplatScene, effort: str = "default", **target: object) -> EncodedScene:
+    return encode_controlled(scene, Target(**target), encode_plainly, effort=effort)
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +117,29 @@ def test_errors_of_impossible_targets_state_the_possible_range():
     nothing = SplatScene(scene.splats.select(np.zeros(0, np.int64)))
     with pytest.raises(InvalidValueError, match="nothing to encode"):
         encoded(nothing, size=1000)
+
+
+@pytest.mark.parametrize(("offset", "tuned_level"), [(0.6, 8.0), (0.6, None), (-0.6, None)])
+def test_search_for_a_psnr_corrects_the_difference_of_the_held_out_views(offset, tuned_level):
+    def encode(quality: Quality, *rest: object) -> SimpleNamespace:
+        return SimpleNamespace(quality=quality, psnr=5 * quality.level + offset)
+
+    plan = SimpleNamespace(curve=None, encoded=encode)
+    trials = _Trials(plan, None, lambda task, share: None, tuned_level)
+    trials.measured = lambda found: 5 * found.quality.level
+    assert abs(trials.of_psnr(40.0).psnr - 40.0) <= 0.1
+
+
+@pytest.mark.parametrize("effort", ["fast", "default"])
+def test_psnr_in_cameras_that_do_not_see_the_scene_is_an_error(effort):
+    scene = SplatScene(ball_of_gaussians())
+    cameras = cameras_around(scene.splats.means, 9, 64)
+    poses = cameras.viewmats.copy()
+    poses[:, 2, 3] = -100  # the scene is behind all cameras
+    with pytest.raises(InvalidValueError, match="do they see the scene"):
+        encode_controlled(
+            scene, Target(psnr=40.0), encode_plainly, effort=effort, cameras=replace(cameras, viewmats=poses)
+        )
 
 
 def test_size_above_that_of_the_finest_setting_gives_the_finest_stream():

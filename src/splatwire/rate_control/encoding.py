@@ -66,7 +66,8 @@ class EncodedScene:
         quality: Quantisation setting that was chosen.
         kept: Share of the Gaussians that were kept, 0 to 1.
         source: The scene before pruning and quantisation, without Gaussians that draw nothing.
-        held_out: Views for measuring the PSNR. They were not used to choose Gaussians, their precision or their values.
+        held_out: Views for measuring the PSNR. They were not used to rank Gaussians, to choose their precision classes,
+            or to fine-tune them. For a target PSNR, they corrected the number of Gaussians and the level.
         fine_tuned: True if the kept Gaussians were fine-tuned.
     """
 
@@ -104,7 +105,7 @@ def encode_controlled(
         target: Size, PSNR or quality setting.
         encode: Function that encodes a scene.
         effort: `fast` keeps all Gaussians and only chooses precision classes; `default` also prunes; `best` prunes
-            more, and fine-tunes the remaining Gaussians once before the search.
+            more, and fine-tunes the remaining Gaussians once or twice before the search.
         cameras: Cameras at typical viewing positions (see `ViewSets`); None for views around the scene.
         tuning: Options of the fine-tuning; ignored by other efforts.
         progress: Called with the name of the current task and its finished share, 0 to 1.
@@ -158,8 +159,12 @@ def _tuned(
         Search among streams of the fine-tuned Gaussians, which begins with the steps of the fine-tuning.
     """
     aim = target
+    before: EncodedScene | None = None
     for attempt in range(TUNINGS):
         chosen = expected.before_tuning(aim)
+        if before is not None and (chosen.quality, chosen.kept) == (before.quality, before.kept):
+            break  # the aim is out of reach: fine-tuning would give the same Gaussians again
+        before = chosen
         tuned = tune(chosen)
         trials = _Trials(tuned, encode, progress, chosen.quality.level)
         if target.quality is not None or attempt + 1 == TUNINGS:
@@ -354,6 +359,9 @@ class _Trials:
 
         The search compares pictures in a separate set of views (`ViewSets.search`). The held-out views only correct the
         PSNR that the search aims at.
+
+        Raises:
+            InvalidValueError: If all views of the search equal those of the source at every level.
         """
         start, wanted, by_share = self._start, psnr, False
         best: EncodedScene | None = None
@@ -368,10 +376,14 @@ class _Trials:
             value, last = found = min(self._found[first:], key=lambda each: abs(each[0] - wanted))
             if best is None or abs(last.psnr - psnr) < abs(best.psnr - psnr):
                 best = last
-            if abs(last.psnr - psnr) <= PSNR_TOLERANCE or last.quality.level in self._ends:
+            excess = last.psnr - psnr
+            end = self._ends[0] if excess > 0 else self._ends[1]
+            if abs(excess) <= PSNR_TOLERANCE or last.quality.level == end or not math.isfinite(value - excess):
                 break
-            start, wanted = last.quality.level + (psnr - last.psnr) / OCTAVE_DB, psnr - last.psnr + value
+            start, wanted = last.quality.level - excess / OCTAVE_DB, value - excess
         assert best is not None
+        if all(math.isinf(value) for value, _ in self._found):
+            raise InvalidValueError("no camera shows a difference between source and stream: do they see the scene?")
         return best
 
     def _search(
