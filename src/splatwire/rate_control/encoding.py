@@ -236,7 +236,8 @@ class _Plan:
         """
         assert self.curve is not None
         kept = self.curve.kept(chosen.kept)
-        scene, classes = tuned_to_source(self.source, kept, chosen.quality, cameras, tuning, progress)
+        packetization = chosen.stream.manifest.packetization
+        scene, classes = tuned_to_source(self.source, kept, chosen.quality, packetization, cameras, tuning, progress)
         return replace(self, classes=classes, curve=None, scene=scene)
 
     def encoded(self, quality: Quality, encode: Encoder, share: float | None = None) -> EncodedScene:
