@@ -243,7 +243,8 @@ def _print_result(
         if reached is not None:
             kept = "kept and fine-tuned" if reached.fine_tuned else "kept"
             text = f"{text} ({reached.kept:.0%} {kept}, level {reached.quality.level:.2f})"
-            text = f"{text}, {reached.psnr:.2f} dB against pictures of the source"
+            source = "the source" if kept_psnr is None else "the kept ones"
+            text = f"{text}, {reached.psnr:.2f} dB against pictures of {source}"
         print_summary(f"{text}, {stream.num_bytes:,} bytes, {seconds:.1f} s -> {command.output}", command.output)
 
 
