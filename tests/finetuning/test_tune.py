@@ -18,6 +18,7 @@ from splatwire.render import render_scene
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.pruning import prune, removal_errors
 from splatwire.types import SplatScene
+from splatwire.types.splats import Splats
 
 
 def _psnr(ours: SplatScene, source: SplatScene) -> float:
@@ -62,6 +63,18 @@ def test_equal_arguments_give_equal_scenes_and_another_seed_another() -> None:
     for name, values in vars(first.splats).items():
         assert (values == getattr(again.splats, name)).all()
     assert (first.splats.means != other.splats.means).any()
+
+
+def test_memory_layout_of_the_scene_has_no_influence() -> None:
+    scene = shell(60, 1)
+    columns = Splats(**{name: np.asfortranarray(values) for name, values in vars(scene.splats).items()})
+    pictures = own_pictures(scene, fitting_cameras(scene, 2, 16))
+    first, second = (
+        fine_tune(replace(scene, splats=splats), pictures, FineTuning(iterations=4))
+        for splats in (scene.splats, columns)
+    )
+    for name, values in vars(first.splats).items():
+        assert (values == getattr(second.splats, name)).all()
 
 
 def test_source_scene_stays_unchanged() -> None:
