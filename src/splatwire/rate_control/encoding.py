@@ -43,7 +43,7 @@ JUMP = 0.04
 power of two."""
 SHARE_OCTAVES = 4.0
 """Levels by which bytes change as much as by keeping all or none of the Gaussians."""
-LEAST_SHARE = 0.6
+LEAST_SHARE_RATIO = 0.6
 """Smallest share of Gaussians to keep on the fine side of a jump, relative to the best one."""
 LEAST_ERROR = 1e-12
 """Minimum mean squared error, so that logarithms are finite."""
@@ -130,7 +130,7 @@ def encode_controlled(
 
     # The search without fine-tuning comes first, so that impossible targets are errors before the fine-tuning.
     untuned = None if target.quality is not None else _Trials(plan, encode, choosing).reached(target)
-    expected = _Trials(plan.before_tuning(), encode, choosing)
+    expected = _Trials(plan.with_more_pruning(), encode, choosing)
     trials = _tuned(expected, target, encode, lambda chosen: plan.tuned(chosen, cameras, tuning, progress), progress)
     found = trials.closest(target)
     better = trials.better_of(found, untuned, target)
@@ -220,8 +220,8 @@ class _Plan:
         curve = PruningCurve.measured(source, measured.removal, pictures, lambda share: progress("pruning", share))
         return cls(source, views, measured.classes, curve, source)
 
-    def before_tuning(self) -> "_Plan":
-        """Returns the plan that removes more Gaussians, because fine-tuning reduces the error of pruning most."""
+    def with_more_pruning(self) -> "_Plan":
+        """Returns a plan that keeps fewer Gaussians at each level, for fine-tuning, which makes up for removed ones."""
         assert self.curve is not None
         return replace(self, curve=self.curve.scaled(10 ** ((ROUNDED_GAIN_DB - PRUNED_GAIN_DB) / 10)))
 
@@ -432,7 +432,7 @@ class _Trials:
         """
         value, encoded = known
         share, per_share = encoded.kept, slope * SHARE_OCTAVES / encoded.kept
-        ends = (LEAST_SHARE * share, min(share / LEAST_SHARE, 1.0))
+        ends = (LEAST_SHARE_RATIO * share, min(share / LEAST_SHARE_RATIO, 1.0))
         start = share + (permitted.wanted - value) / per_share
         search(functools.partial(self._try, measure, encoded.quality.level), permitted, start, per_share, ends)
 
