@@ -130,6 +130,22 @@ def test_search_for_a_psnr_corrects_the_difference_of_the_held_out_views(offset,
     assert abs(trials.of_psnr(40.0).psnr - 40.0) <= 0.1
 
 
+@pytest.mark.parametrize("offset", [0.0, 0.3, -0.3])
+def test_search_for_a_psnr_that_levels_jump_over_changes_the_share_of_gaussians(offset):
+    def encode(quality: Quality, encoder: None, share: float | None = None) -> SimpleNamespace:
+        kept = 0.5 if share is None else share
+        value = (42.0 if quality.level >= 8 else 38.0) + 30 * (kept - 0.5)
+        return SimpleNamespace(quality=quality, kept=kept, value=value, psnr=value + offset)
+
+    plan = SimpleNamespace(curve="any", encoded=encode)
+    trials = _Trials(plan, None, lambda task, share: None)
+    trials.measured = lambda found: found.value
+    found = trials.of_psnr(40.0)
+    assert abs(found.psnr - 40.0) <= 0.1
+    assert found.quality.level >= 8
+    assert found.kept < 0.5
+
+
 @pytest.mark.parametrize("effort", ["fast", "default"])
 def test_psnr_in_cameras_that_do_not_see_the_scene_is_an_error(effort):
     scene = SplatScene(ball_of_gaussians())
