@@ -1,8 +1,8 @@
 """`encode_controlled` and `splatwire.encode` with targets: accuracy, efforts, monotonic quality."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from splatwire.codec import encode_scene
 from splatwire.codec.gaussians.quality import Quality, quality_of
 from splatwire.errors import InvalidValueError
 from splatwire.rate_control import EncodedScene, Target, Tuning, encode_controlled
-from splatwire.rate_control.encoding import _Trials
+from splatwire.rate_control.encoding import _Plan, _Trials
 from splatwire.render.importance import cameras_around
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
@@ -119,28 +119,47 @@ def test_errors_of_impossible_targets_state_the_possible_range():
         encoded(nothing, size=1000)
 
 
+class PretendedScene(EncodedScene):
+    """An encoded scene of which only these attributes exist."""
+
+    psnr = 0.0
+    value = 0.0
+
+    def __init__(self, quality: Quality, kept: float, value: float, psnr: float) -> None:
+        for name, content in (("quality", quality), ("kept", kept), ("value", value), ("psnr", psnr)):
+            object.__setattr__(self, name, content)
+
+
+class PretendedPlan(_Plan):
+    """A plan whose values in the views of the search are `value(level, kept)`, and higher by `offset` in the others."""
+
+    def __init__(self, value: Callable[[float, float], float], offset: float, *, prunes: bool) -> None:
+        object.__setattr__(self, "curve", "a curve" if prunes else None)
+        object.__setattr__(self, "_value", value)
+        object.__setattr__(self, "_offset", offset)
+
+    def encoded(self, quality: Quality, encode: object, share: float | None = None) -> PretendedScene:
+        kept = 0.5 if share is None else share
+        value = self._value(quality.level, kept)
+        return PretendedScene(quality, kept, value, value + self._offset)
+
+
+def trials_of(plan: PretendedPlan, tuned_level: float | None = None) -> _Trials:
+    trials = _Trials(plan, encode_plainly, lambda task, share: None, tuned_level)
+    trials.measured = lambda found: found.value
+    return trials
+
+
 @pytest.mark.parametrize(("offset", "tuned_level"), [(0.6, 8.0), (0.6, None), (-0.6, None)])
 def test_search_for_a_psnr_corrects_the_difference_of_the_held_out_views(offset, tuned_level):
-    def encode(quality: Quality, *rest: object) -> SimpleNamespace:
-        return SimpleNamespace(quality=quality, psnr=5 * quality.level + offset)
-
-    plan = SimpleNamespace(curve=None, encoded=encode)
-    trials = _Trials(plan, None, lambda task, share: None, tuned_level)
-    trials.measured = lambda found: 5 * found.quality.level
-    assert abs(trials.of_psnr(40.0).psnr - 40.0) <= 0.1
+    plan = PretendedPlan(lambda level, kept: 5 * level, offset, prunes=False)
+    assert abs(trials_of(plan, tuned_level).of_psnr(40.0).psnr - 40.0) <= 0.1
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.3, -0.3])
 def test_search_for_a_psnr_that_levels_jump_over_changes_the_share_of_gaussians(offset):
-    def encode(quality: Quality, encoder: None, share: float | None = None) -> SimpleNamespace:
-        kept = 0.5 if share is None else share
-        value = (42.0 if quality.level >= 8 else 38.0) + 30 * (kept - 0.5)
-        return SimpleNamespace(quality=quality, kept=kept, value=value, psnr=value + offset)
-
-    plan = SimpleNamespace(curve="any", encoded=encode)
-    trials = _Trials(plan, None, lambda task, share: None)
-    trials.measured = lambda found: found.value
-    found = trials.of_psnr(40.0)
+    plan = PretendedPlan(lambda level, kept: (42.0 if level >= 8 else 38.0) + 30 * (kept - 0.5), offset, prunes=True)
+    found = trials_of(plan).of_psnr(40.0)
     assert abs(found.psnr - 40.0) <= 0.1
     assert found.quality.level >= 8
     assert found.kept < 0.5

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,11 +12,10 @@ from splatwire.bitstream import PRESETS, Packetization
 from splatwire.channel import parse_loss
 from splatwire.codec import encode_scene
 from splatwire.codec.gaussians.packets import PacketDivision, divide_into_packets
-from splatwire.codec.gaussians.quality import Quality, quality_of
+from splatwire.codec.gaussians.quality import quality_of
 from splatwire.errors import InvalidValueError
 from splatwire.finetuning import fitting_cameras
 from splatwire.rate_control import EncodedScene, Target, Tuning, encode_controlled
-from splatwire.rate_control.encoding import _tuned
 from splatwire.rate_control.tuning import MAX_GAUSSIANS, fitted_cameras
 from splatwire.rate_control.views import LEAST_CAMERAS, ViewSets
 from splatwire.render.importance import surrounding_cameras
@@ -80,16 +78,17 @@ def test_equal_seeds_give_equal_streams_and_another_seed_or_loss_another():
     assert first != lossy
 
 
-def test_gaussians_are_not_fine_tuned_again_if_the_aim_is_out_of_reach():
-    finest, calls = SimpleNamespace(quality=Quality(14.0), kept=1.0), []
+def test_gaussians_are_not_fine_tuned_again_if_the_aim_is_out_of_reach(monkeypatch):
+    tuned = []
+    monkeypatch.setattr("splatwire.rate_control.encoding.TUNINGS", 3)
 
-    def tune(chosen: SimpleNamespace) -> SimpleNamespace:
-        calls.append(chosen)
-        return SimpleNamespace(encoded=lambda *given: SimpleNamespace(stream=SimpleNamespace(num_bytes=500)))
+    def tuned_to_source(source: SplatScene, kept: np.ndarray, *rest: object) -> tuple[SplatScene, np.ndarray]:
+        tuned.append(len(kept))
+        return source.select(kept), np.zeros(len(kept), np.int64)
 
-    expected = SimpleNamespace(before_tuning=lambda aim: finest)
-    _tuned(expected, Target(size=1000), None, tune, lambda task, share: None)
-    assert calls == [finest]
+    monkeypatch.setattr("splatwire.rate_control.encoding.tuned_to_source", tuned_to_source)
+    encoded(shell(200), size=10_000_000)  # above the finest stream
+    assert len(tuned) == 1
 
 
 def test_losses_apply_to_the_packets_of_the_stream(monkeypatch):
