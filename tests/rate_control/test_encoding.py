@@ -133,20 +133,22 @@ class PretendedScene(EncodedScene):
 class PretendedPlan(_Plan):
     """A plan whose values in the views of the search are `value(level, kept)`, and higher by `offset` in the others."""
 
+    values: tuple[Callable[[float, float], float], float]
+
     def __init__(self, value: Callable[[float, float], float], offset: float, *, prunes: bool) -> None:
         object.__setattr__(self, "curve", "a curve" if prunes else None)
-        object.__setattr__(self, "_value", value)
-        object.__setattr__(self, "_offset", offset)
+        object.__setattr__(self, "values", (value, offset))
 
     def encoded(self, quality: Quality, encode: object, share: float | None = None) -> PretendedScene:
         kept = 0.5 if share is None else share
-        value = self._value(quality.level, kept)
-        return PretendedScene(quality, kept, value, value + self._offset)
+        function, offset = self.values
+        value = function(quality.level, kept)
+        return PretendedScene(quality, kept, value, value + offset)
 
 
 def trials_of(plan: PretendedPlan, tuned_level: float | None = None) -> _Trials:
     trials = _Trials(plan, encode_plainly, lambda task, share: None, tuned_level)
-    trials.measured = lambda found: found.value
+    trials.measured = lambda found: vars(found)["value"]
     return trials
 
 
