@@ -5,7 +5,8 @@
 Simulates `JOINS` joins at random times with independent losses. `fountain`: repair symbols of the whole file. `plain`:
 the packets in a circle, coarsest level first. `spread`: the packets in a circle, in random order. `weighted`: each
 level has its own circle, whose lost packets are replaced by RaptorQ symbols, and coarse levels get more than their part
-of the air time. Sizes and PSNR are those of `levels.json`; a partly received level counts as in its measurement of the
+of the air time. Each receiver is assumed to join at the beginning of these circles, which no sender can do for all.
+Sizes and PSNR are those of `levels.json`; a partly received level counts as in its measurement of the
 concealer `coarse`, and an empty picture as `EMPTY_DB`.
 """
 

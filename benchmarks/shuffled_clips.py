@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -269,6 +270,12 @@ def measure(name: str, arguments: argparse.Namespace) -> dict:
     return found
 
 
+def growing(**options: Any) -> Any:
+    """Returns the concealer that leaves out lost Gaussians and enlarges received ones."""
+    left_out: Any = clip_concealer("drop")
+    return replace(left_out, grow=True, **options)
+
+
 def main() -> None:
     """Measures clips."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -282,7 +289,7 @@ def main() -> None:
     parser.add_argument("--group", type=int, default=GROUP)
     parser.add_argument("--sizes", action="store_true", help="also code frame by frame")
     arguments = parser.parse_args()
-    register_concealer("grow", temporal=True)(lambda **options: replace(clip_concealer("drop"), grow=True, **options))
+    register_concealer("grow", temporal=True)(growing)
     print(json.dumps([measure(name, arguments) for name in arguments.clips], indent=1))
 
 

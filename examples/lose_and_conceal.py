@@ -22,7 +22,7 @@ def main(stream_path: str, cameras_path: str, loss: str = "bernoulli:0.2") -> No
     received, record = transmit(stream, parse_loss(loss), seed=0)
     print(f"{record.num_lost} of {record.num_sent} packets ({record.unit}) lost")
     partial = decode_stream(received)
-    for name in concealer_names(partial.sections, partial.offers):
+    for name in concealer_names(partial.sections, partial.provides):
         image = render_scene(conceal(partial, name), cameras)
         print(f"{name:8} {psnr(image, reference)[0]:6.2f} dB")
 

@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from oversized import LARGEST, of_gaussians, oversized_clips, oversized_streams
 from splatwire.bitstream import SceneStream, read_stream, stream_from_bytes, write_stream
 from splatwire.codec import ProgressiveDecoder, decode_stream, memory
+from splatwire.codec.decoding import open_decoder
 from splatwire.codec.memory import VARIABLE, allocating, check_memory, threads_within
 from splatwire.errors import BitstreamError, InvalidValueError
 
@@ -97,6 +99,14 @@ def test_oversized_anchor_streams_are_refused_before_allocation(name: str, monke
     monkeypatch.setattr(memory, "BYTES_PER_BYTE", 0)
     with pytest.raises(BitstreamError, match="that arrived"):
         decoder.add(stream.packets)
+
+
+@pytest.mark.parametrize("name", ["gaussians.swz", "tiny_clip.swz"])
+def test_memory_of_a_thread_grows_with_the_largest_packet(name: str) -> None:
+    stream = stream_from_bytes(real_gaussians())[0] if name == "gaussians.swz" else read_stream(GOLDEN / name)[0]
+    decoder = open_decoder(stream.manifest, stream.side_info, stream.num_bytes)
+    packets = [replace(stream.packets[0], data=bytes(size)) for size in (100, 2_000_000, 1_000)]
+    assert decoder.working_bytes(packets) - decoder.working_bytes(packets[:1]) == 8 * (2_000_000 - 100)
 
 
 def test_small_streams_use_few_threads(monkeypatch: pytest.MonkeyPatch) -> None:

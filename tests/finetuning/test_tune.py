@@ -13,9 +13,12 @@ from splatwire.concealment import conceal
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.views import held_out_cameras
 from splatwire.finetuning import FineTuning, Pictures, fine_tune, fitting_cameras, own_pictures, prune_and_tune
+from splatwire.finetuning.shares import share_for
 from splatwire.render import render_scene
-from splatwire.render.pruning import prune
+from splatwire.render.importance import surrounding_cameras
+from splatwire.render.pruning import prune, removal_errors
 from splatwire.types import SplatScene
+from splatwire.types.splats import Splats
 
 
 def _psnr(ours: SplatScene, source: SplatScene) -> float:
@@ -62,6 +65,18 @@ def test_equal_arguments_give_equal_scenes_and_another_seed_another() -> None:
     assert (first.splats.means != other.splats.means).any()
 
 
+def test_memory_layout_of_the_scene_has_no_influence() -> None:
+    scene = shell(60, 1)
+    columns = Splats(**{name: np.asfortranarray(values) for name, values in vars(scene.splats).items()})
+    pictures = own_pictures(scene, fitting_cameras(scene, 2, 16))
+    first, second = (
+        fine_tune(replace(scene, splats=splats), pictures, FineTuning(iterations=4))
+        for splats in (scene.splats, columns)
+    )
+    for name, values in vars(first.splats).items():
+        assert (values == getattr(second.splats, name)).all()
+
+
 def test_source_scene_stays_unchanged() -> None:
     scene = shell(60)
     before = {name: values.copy() for name, values in vars(scene.splats).items()}
@@ -94,6 +109,19 @@ def test_a_higher_psnr_keeps_more_gaussians() -> None:
     assert prune_and_tune(scene, pictures, options, share=0.25).num_elements == 50
 
 
+def test_pixels_outside_of_masks_do_not_change_the_share() -> None:
+    scene = shell(200)
+    pictures = own_pictures(scene, fitting_cameras(scene, 6, 32))
+    masks = np.zeros(pictures.images.shape[:3], np.bool_)
+    masks[:, 8:-8, 8:-8] = True
+    errors = removal_errors(scene, pictures.cameras)
+    images = np.where(masks[..., None], pictures.images, np.uint8(255))
+    shares = [
+        share_for(scene, errors, Pictures(pictures.cameras, some, masks), 32.0) for some in (pictures.images, images)
+    ]
+    assert shares[0] == shares[1] < 1
+
+
 @pytest.mark.parametrize("chosen", [{}, {"share": 0.5, "psnr": 40.0}, {"share": 0.0}, {"share": 1.5}])
 def test_share_and_psnr_that_make_no_sense_are_refused(chosen: dict[str, float]) -> None:
     scene = shell(20)
@@ -108,10 +136,17 @@ def test_progress_reaches_all_iterations() -> None:
     assert [(report.iteration, report.iterations) for report in seen] == [(k + 1, 5) for k in range(5)]
 
 
-def test_fitting_cameras_differ_from_held_out_cameras() -> None:
+@pytest.mark.parametrize("num_views", [16, 17, 18, 19, 90, 95, 240])
+@pytest.mark.parametrize("enclosing", [False, True])
+def test_fitting_cameras_differ_from_held_out_cameras(
+    num_views: int, enclosing: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if enclosing:  # as `framing_cameras` does for rooms
+        monkeypatch.setattr("splatwire.finetuning.pictures.framing_cameras", surrounding_cameras)
     scene = shell(100)
-    centers, held_out = fitting_cameras(scene).centers, held_out_cameras(scene).centers
-    assert np.linalg.norm(centers[:, None] - held_out[None], axis=2).min() > 1e-3
+    fitted, held_out = fitting_cameras(scene, num_views, 32), held_out_cameras(scene)
+    assert fitted.num_views == num_views
+    assert np.linalg.norm(fitted.centers[:, None] - held_out.centers[None], axis=2).min() > 1e-3
 
 
 def test_pictures_of_another_size_are_refused() -> None:

@@ -1,5 +1,7 @@
 """`encode_controlled` and `splatwire.encode` with targets: accuracy, efforts, monotonic quality."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +11,11 @@ import splatwire
 from explicit import ball_of_gaussians
 from random_numbers import Numbers
 from splatwire.codec import encode_scene
-from splatwire.codec.gaussians.quality import quality_of
+from splatwire.codec.gaussians.quality import Quality, quality_of
 from splatwire.errors import InvalidValueError
 from splatwire.rate_control import EncodedScene, Target, Tuning, encode_controlled
+from splatwire.rate_control.encoding import _Plan, _Trials
+from splatwire.render.importance import cameras_around
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
 
@@ -35,11 +39,12 @@ def shell(count: int = 1500, degree: int = 0) -> SplatScene:
     )
 
 
-def encoded(scene: SplatScene, effort: str = "default", **target: object) -> EncodedScene:
-    def encode(some: SplatScene, classes: np.ndarray, quality: object) -> splatwire.SceneStream:
-        return encode_scene(some, classes=classes, quality=quality)
+def encode_plainly(some: SplatScene, classes: np.ndarray, quality: object) -> splatwire.SceneStream:
+    return encode_scene(some, classes=classes, quality=quality)
 
-    return encode_controlled(scene, Target(**target), encode, effort=effort)
+
+def encoded(scene: SplatScene, effort: str = "default", **target: object) -> EncodedScene:
+    return encode_controlled(scene, Target(**target), encode_plainly, effort=effort)
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +117,66 @@ def test_errors_of_impossible_targets_state_the_possible_range():
     nothing = SplatScene(scene.splats.select(np.zeros(0, np.int64)))
     with pytest.raises(InvalidValueError, match="nothing to encode"):
         encoded(nothing, size=1000)
+
+
+class PretendedScene(EncodedScene):
+    """An encoded scene of which only these attributes exist."""
+
+    psnr = 0.0
+    value = 0.0
+
+    def __init__(self, quality: Quality, kept: float, value: float, psnr: float) -> None:
+        for name, content in (("quality", quality), ("kept", kept), ("value", value), ("psnr", psnr)):
+            object.__setattr__(self, name, content)
+
+
+class PretendedPlan(_Plan):
+    """A plan whose values in the views of the search are `value(level, kept)`, and higher by `offset` in the others."""
+
+    values: tuple[Callable[[float, float], float], float]
+
+    def __init__(self, value: Callable[[float, float], float], offset: float, *, prunes: bool) -> None:
+        object.__setattr__(self, "curve", "a curve" if prunes else None)
+        object.__setattr__(self, "values", (value, offset))
+
+    def encoded(self, quality: Quality, encode: object, share: float | None = None) -> PretendedScene:
+        kept = 0.5 if share is None else share
+        function, offset = self.values
+        value = function(quality.level, kept)
+        return PretendedScene(quality, kept, value, value + offset)
+
+
+def trials_of(plan: PretendedPlan, tuned_level: float | None = None) -> _Trials:
+    trials = _Trials(plan, encode_plainly, lambda task, share: None, tuned_level)
+    trials.measured = lambda found: vars(found)["value"]
+    return trials
+
+
+@pytest.mark.parametrize(("offset", "tuned_level"), [(0.6, 8.0), (0.6, None), (-0.6, None)])
+def test_search_for_a_psnr_corrects_the_difference_of_the_held_out_views(offset, tuned_level):
+    plan = PretendedPlan(lambda level, kept: 5 * level, offset, prunes=False)
+    assert abs(trials_of(plan, tuned_level).of_psnr(40.0).psnr - 40.0) <= 0.1
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.3, -0.3])
+def test_search_for_a_psnr_that_levels_jump_over_changes_the_share_of_gaussians(offset):
+    plan = PretendedPlan(lambda level, kept: (42.0 if level >= 8 else 38.0) + 30 * (kept - 0.5), offset, prunes=True)
+    found = trials_of(plan).of_psnr(40.0)
+    assert abs(found.psnr - 40.0) <= 0.1
+    assert found.quality.level >= 8
+    assert found.kept < 0.5
+
+
+@pytest.mark.parametrize("effort", ["fast", "default"])
+def test_psnr_in_cameras_that_do_not_see_the_scene_is_an_error(effort):
+    scene = SplatScene(ball_of_gaussians())
+    cameras = cameras_around(scene.splats.means, 9, 64)
+    poses = cameras.viewmats.copy()
+    poses[:, 2, 3] = -100  # the scene is behind all cameras
+    with pytest.raises(InvalidValueError, match="do they see the scene"):
+        encode_controlled(
+            scene, Target(psnr=40.0), encode_plainly, effort=effort, cameras=replace(cameras, viewmats=poses)
+        )
 
 
 def test_size_above_that_of_the_finest_setting_gives_the_finest_stream():

@@ -8,9 +8,10 @@ import pytest
 
 import splatwire
 from shells import shell
-from splatwire.bitstream import PRESETS
+from splatwire.bitstream import PRESETS, Packetization
 from splatwire.channel import parse_loss
 from splatwire.codec import encode_scene
+from splatwire.codec.gaussians.packets import PacketDivision, divide_into_packets
 from splatwire.codec.gaussians.quality import quality_of
 from splatwire.errors import InvalidValueError
 from splatwire.finetuning import fitting_cameras
@@ -24,9 +25,15 @@ BUNDLED = Path(splatwire.__file__).parent / "assets" / "snowmiku_gaussians.swz"
 FEW = Tuning(iterations=8, num_views=4, size=32)
 
 
-def encoded(scene: SplatScene, effort: str = "best", tuning: Tuning = FEW, **target: object) -> EncodedScene:
+def encoded(
+    scene: SplatScene,
+    effort: str = "best",
+    tuning: Tuning = FEW,
+    packetization: Packetization | None = None,
+    **target: object,
+) -> EncodedScene:
     def encode(some: SplatScene, classes: np.ndarray, quality: object) -> splatwire.SceneStream:
-        return encode_scene(some, classes=classes, quality=quality)
+        return encode_scene(some, packetization, classes=classes, quality=quality)
 
     return encode_controlled(scene, Target(**target), encode, effort=effort, tuning=tuning)
 
@@ -62,11 +69,40 @@ def test_best_is_closer_to_the_source_than_default_at_equal_bytes():
 def test_equal_seeds_give_equal_streams_and_another_seed_or_loss_another():
     scene, target = shell(200), {"quality": quality_of("small")}
     loss = parse_loss("bernoulli:0.5")
-    options = FEW, FEW, replace(FEW, seed=1), replace(FEW, loss=loss, packetization=PRESETS["datagram"])
-    first, again, other, lossy = (encoded(scene, tuning=tuning, **target).stream.packets for tuning in options)
+    options = FEW, FEW, replace(FEW, seed=1), replace(FEW, loss=loss)
+    first, again, other, lossy = (
+        encoded(scene, tuning=tuning, packetization=PRESETS["datagram"], **target).stream.packets for tuning in options
+    )
     assert first == again
     assert first != other
     assert first != lossy
+
+
+def test_gaussians_are_not_fine_tuned_again_if_the_aim_is_out_of_reach(monkeypatch):
+    tuned = []
+    monkeypatch.setattr("splatwire.rate_control.encoding.TUNINGS", 3)
+
+    def tuned_to_source(source: SplatScene, kept: np.ndarray, *rest: object) -> tuple[SplatScene, np.ndarray]:
+        tuned.append(len(kept))
+        return source.select(kept), np.zeros(len(kept), np.int64)
+
+    monkeypatch.setattr("splatwire.rate_control.encoding.tuned_to_source", tuned_to_source)
+    encoded(shell(200), size=10_000_000)  # above the finest stream
+    assert len(tuned) == 1
+
+
+def test_losses_apply_to_the_packets_of_the_stream(monkeypatch):
+    seen = []
+
+    def divided(scene: SplatScene, packetization: Packetization) -> PacketDivision:
+        seen.append(packetization)
+        return divide_into_packets(scene, packetization)
+
+    monkeypatch.setattr("splatwire.finetuning.tune.divide_into_packets", divided)
+    options, packets = replace(FEW, loss=parse_loss("bernoulli:0.5")), replace(PRESETS["datagram"], block_size=50)
+    found = encoded(shell(200), tuning=options, packetization=packets, quality=quality_of("small"))
+    assert set(seen) == {found.stream.manifest.packetization}
+    assert found.stream.manifest.packetization.block_size == 50
 
 
 def test_held_out_views_are_those_of_other_efforts():

@@ -13,7 +13,7 @@ from splatwire.concealment.temporal.concealment import conceal_group
 from splatwire.concealment.temporal.poses import ConcealmentState
 from splatwire.sequence import ClipEncoder, ClipOptions, Frame, encode_clip
 from splatwire.sequence.group_builder import GroupBuilder, group_of
-from splatwire.sequence.grouping import TrackedFrame
+from splatwire.sequence.partial_tracks import TrackedFrame
 from splatwire.types.sequence_scene import ClipScene, GroupMotion
 from splatwire.types.splats import Splats
 

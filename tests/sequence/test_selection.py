@@ -136,3 +136,7 @@ def test_generated_clips_are_reproducible_and_shuffled():
     for name in MADE["CLIPS"]:
         first, again = ([*MADE["shuffled_frames"](name, count=50, frames=2)] for _ in range(2))
         assert all(np.array_equal(a.means, b.means) for a, b in zip(first, again, strict=True))
+    for name in ("waves", "cloth", "dancer"):  # the same Gaussians in each frame
+        one, other = ([*map(tuple, s.sh[:, 0].tolist())] for s in MADE["shuffled_frames"](name, count=50, frames=2))
+        assert one != other
+        assert sorted(one) == sorted(other)

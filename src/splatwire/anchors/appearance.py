@@ -70,7 +70,7 @@ def gaussians_of_view(scene: Scene, cameras: Cameras, view: int) -> Gaussians:
     Raises:
         InvalidValueError: If `scene` is not a scene.
     """
-    raise InvalidValueError(f"expected a scene (`load_scene` reads one from a file), not {type(scene).__name__}")
+    raise InvalidValueError(f"expected a scene (`open_scene` reads one from a file), not {type(scene).__name__}")
 
 
 @gaussians_of_view.register

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatwire.anchors.appearance import Scene, metadata_of
-from splatwire.bitstream import PRESETS, Packetization, SceneStream, measure_sizes, packetization_named, write_stream
+from splatwire.bitstream import Packetization, SceneStream, measure_sizes, packetization_named, write_stream
 from splatwire.bitstream.limits import UNNAMED_SCHEMA
 from splatwire.cli._files import input_path, output_path
 from splatwire.cli._options import quality_option
@@ -92,13 +92,13 @@ def _check(command: Encode) -> None:
     if command.effort == "best":
         if command.levels == "auto":
             raise InvalidValueError(_NO_LEVELS)
-        _tuning(command, PRESETS["paper"])
+        _tuning(command)
     for name in ("loss", "seed"):
         if getattr(command, name) is not None and command.effort != "best":
             raise InvalidValueError(f"--{name} is for --effort best: only then Gaussians are fine-tuned")
 
 
-def _tuning(command: Encode, packetization: Packetization) -> "Tuning":
+def _tuning(command: Encode) -> "Tuning":
     """Returns the options of the fine-tuning.
 
     Raises:
@@ -106,7 +106,7 @@ def _tuning(command: Encode, packetization: Packetization) -> "Tuning":
     """
     unit = "datagram" if command.preset == "datagram" else "pak"
     loss = None if command.loss is None else _optional_steps().parse_loss(command.loss, unit)
-    return _optional_steps().Tuning(loss=loss, packetization=packetization, seed=command.seed or 0)
+    return _optional_steps().Tuning(loss=loss, seed=command.seed or 0)
 
 
 def _effort(command: Encode) -> str:
@@ -184,8 +184,8 @@ def _encode_scene(command: Encode, source: Path) -> None:
         found = None
         if _needs_rate_control(command):
             found = _optional_steps().encode_controlled(
-                scene, _target(command), encode, effort=_effort(command), cameras=cameras,
-                tuning=_tuning(command, packetization_of(command, schema.name, scene.num_elements)), progress=report,
+                scene, _target(command), encode, effort=_effort(command), cameras=cameras, tuning=_tuning(command),
+                progress=report,
             )  # fmt: skip
             stream = found.stream
         else:
@@ -248,7 +248,8 @@ def _print_result(
         if reached is not None:
             kept = "kept and fine-tuned" if reached.fine_tuned else "kept"
             text = f"{text} ({reached.kept:.0%} {kept}, level {reached.quality.level:.2f})"
-            text = f"{text}, {reached.psnr:.2f} dB against pictures of the source"
+            source = "the source" if kept_psnr is None else "the kept ones"
+            text = f"{text}, {reached.psnr:.2f} dB against pictures of {source}"
         print_summary(f"{text}, {stream.num_bytes:,} bytes, {seconds:.1f} s -> {command.output}", command.output)
 
 

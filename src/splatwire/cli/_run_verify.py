@@ -9,6 +9,7 @@ from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import print_json
 from splatwire.cli.verify import Verify
 from splatwire.codec.decoding import open_decoder
+from splatwire.codec.memory import allocating
 from splatwire.errors import BitstreamError, InvalidValueError
 
 
@@ -32,7 +33,8 @@ def _check(command: Verify, name: str) -> dict[str, Any]:
     try:
         with input_path(name) as path:
             stream, report = read_stream(path)
-        open_decoder(stream.manifest, stream.side_info, stream.num_bytes)  # checks the side information
+        with allocating("reading the side information"):
+            open_decoder(stream.manifest, stream.side_info, stream.num_bytes)  # checks it
     except BitstreamError as error:
         return {"ok": False, "intact": False, "problems": [str(error)]}
     intact = report.num_corrupt == report.num_foreign == report.num_duplicate == 0

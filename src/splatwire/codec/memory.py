@@ -7,10 +7,11 @@ decoded, too.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from splatwire.bitstream.limits import BYTES_PER_BYTE, FREE_BYTES
+from splatwire.bitstream.packet import Packet
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.ops.threads import allowed_threads
 
@@ -77,6 +78,11 @@ def threads_within(held: int, working: int, stream_bytes: int | None, what: str,
     check_memory(held + working, stream_bytes, what)
     room = (allowed_bytes(stream_bytes) - held) // max(working, 1)
     return max(1, min(threads or allowed_threads(), room))
+
+
+def words_bytes(packets: Sequence[Packet]) -> int:
+    """Returns the memory for the words of the largest packet, bytes (see `splatwire.entropy.word_kernels.words_of`)."""
+    return 8 * max((len(packet.data) for packet in packets), default=0)
 
 
 @contextmanager

@@ -15,13 +15,12 @@ from splatwire.metrics import black_outside
 from splatwire.metrics.registry import measure_view
 from splatwire.ops.arrays import to_numpy
 from splatwire.render import iterate_views
-from splatwire.render.importance import surrounding_cameras
+from splatwire.render.importance import HELD_OUT_VIEWS, surrounding_cameras
 from splatwire.types import Cameras
 from splatwire.types.background import Background
 
-HELD_OUT_VIEWS, HELD_OUT_SIZE = 15, 400
-"""Number of views of `held_out_cameras`, and their width and height in pixels. The poses depend on the number, and no
-encoder measures importance, precision or pruning from 15 views around a scene."""
+HELD_OUT_SIZE = 400
+"""Width and height of the images of `held_out_cameras`, pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +130,7 @@ def views_of(
     renderer: str,
     background: Background | None = None,
 ) -> Iterable[Float[np.ndarray, "H W 3"]]:
-    """Renders reference images of a scene, one per camera, RGB in [0, 1].
+    """Renders images of a scene, one per camera, RGB in [0, 1].
 
     Args:
         scene: The scene.

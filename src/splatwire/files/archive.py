@@ -42,25 +42,27 @@ class Archive:
 
     Args:
         path: The file, for messages.
-        bundle: The open archive.
+        file: The open file.
+        bundle: The open archive, a reader of `file`.
         error: Exception class to raise for a damaged archive.
 
     Attributes:
         sizes: Decompressed size of each member in bytes, by name.
     """
 
-    def __init__(self, path: Path, bundle: zipfile.ZipFile, error: type[SplatwireError]) -> None:
-        self._path, self._bundle, self._error = path, bundle, error
+    def __init__(
+        self, path: Path, file: io.BufferedReader, bundle: zipfile.ZipFile, error: type[SplatwireError]
+    ) -> None:
+        self._path, self._file, self._bundle, self._error = path, file, bundle, error
         self.sizes = {entry.filename: entry.file_size for entry in bundle.infolist()}
         self._left = path.stat().st_size
 
     def bytes_outside(self) -> int:
         """Returns the number of bytes before the first member and after the end of the archive."""
         before = min((entry.header_offset for entry in self._bundle.infolist()), default=0)
-        size = self._path.stat().st_size
-        with open_regular(self._path, self._error) as file:
-            file.seek(max(0, size - _END_BYTES - _MAX_COMMENT_BYTES))
-            tail = file.read()
+        size = self._file.seek(0, io.SEEK_END)  # no second reader, which would move the position of this one
+        self._file.seek(max(0, size - _END_BYTES - _MAX_COMMENT_BYTES))
+        tail = self._file.read()
         at = tail.rfind(_END)
         comment = int.from_bytes(tail[at + _END_BYTES - 2 : at + _END_BYTES], "little")
         return before + max(0, len(tail) - at - _END_BYTES - comment)
@@ -144,7 +146,7 @@ def open_archive(path: Path, error: type[SplatwireError]) -> Iterator[Archive]:
         if len(set(names)) < len(names):
             twice = next(name for name, count in Counter(names).items() if count > 1)
             raise error(f"{path}: the zip has two members {twice[:80]!r}")
-        yield Archive(path, bundle, error)
+        yield Archive(path, file, bundle, error)
 
 
 def _damaged(path: Path, problem: Exception, error: type[SplatwireError]) -> SplatwireError:

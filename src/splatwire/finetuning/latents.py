@@ -43,10 +43,10 @@ class Latents:
 
     @staticmethod
     def of(splats: Splats) -> "Latents":
-        """Converts Gaussians to the parameters that the fine-tuning optimises."""
-        logs = np.log(np.maximum(splats.scales, np.float32(1e-12)))
+        """Converts Gaussians to the parameters of the fine-tuning: contiguous arrays that the optimiser changes."""
+        logs = np.ascontiguousarray(np.log(np.maximum(splats.scales, np.float32(1e-12))))
         ordered = np.sort(logs, axis=1)
-        zeros = np.zeros_like(splats.means)
+        zeros = np.zeros(splats.means.shape, np.float32)
         return Latents(
             zeros,
             zeros.copy(),
@@ -56,7 +56,7 @@ class Latents:
             splats.sh[:, 1:].copy(),
             splats.means.copy(),
             np.exp(ordered[:, 1:].mean(axis=1)),
-            _unit(splats.quats),
+            _unit(np.ascontiguousarray(splats.quats)),
         )
 
     def trained(self) -> dict[str, np.ndarray]:

@@ -12,7 +12,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.files.mmap_array import large_empty
 from splatwire.render import iterate_views
 from splatwire.render.framing import framing_cameras
-from splatwire.render.importance import surrounding_cameras
+from splatwire.render.importance import HELD_OUT_VIEWS, surrounding_cameras
 from splatwire.types import Cameras
 from splatwire.types.origin import Origin
 
@@ -87,6 +87,8 @@ def fitting_cameras(scene: Scene, num_views: int = VIEWS, size: int = SIZE) -> C
         InvalidValueError: If the number of views, pixels or elements is too small.
     """
     framing = max(num_views // _FRAMING, 1)
+    if HELD_OUT_VIEWS in (framing, num_views - framing):  # poses around a scene depend on their number
+        framing += 1
     around, near = surrounding_cameras(scene, num_views - framing, size), framing_cameras(scene, framing, size)
     names = tuple(f"fit_{view:03d}" for view in range(num_views))
     return replace(

@@ -29,7 +29,7 @@ def share_for(
     Args:
         scene: The complete scene.
         errors: Image error caused by removing each Gaussian (`splatwire.render.pruning.removal_errors`).
-        pictures: Pictures of the complete scene.
+        pictures: Pictures of the complete scene, and masks of the compared pixels.
         psnr: Mean PSNR to reach over all views, decibels.
         progress: Called with the finished share of the work.
     """
@@ -38,12 +38,14 @@ def share_for(
 
     def quality(share: float) -> float:
         left = scene.select(np.sort(order[: max(1, round(share * scene.num_elements))]))
-        images = iterate_views(left, cameras)
-        found = [
-            float(np.mean(np.square(image - pictures.images[view].astype(np.float32) / 255, dtype=np.float64)))
-            for view, image in zip(views, images, strict=True)
-        ]
-        return sum(-10 * math.log10(max(error, 1e-10)) for error in found) / len(found)
+        found = 0.0
+        for view, image in zip(views, iterate_views(left, cameras), strict=True):
+            difference = image - pictures.images[view].astype(np.float32) / 255
+            if pictures.masks is not None:
+                difference = difference[pictures.masks[view]]
+            error = float(np.square(difference, dtype=np.float64).mean()) if difference.size else 0.0
+            found += -10 * math.log10(max(error, 1e-10))
+        return found / len(views)
 
     low, high = math.log(_LEAST), 0.0
     for step in range(_STEPS):

@@ -31,7 +31,7 @@ LAST_RATE = 0.03
 BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-15
 """Constants of Adam. The second moment remembers all views: a Gaussian may fill few views and be tiny in the others."""
 STEADY = 0.5
-"""Share of the iterations after which the precision classes are computed again and then stay."""
+"""Share of the iterations after which the precision classes are computed for the last time."""
 _DIVISIONS = 8
 """Number of times that the division into packets is computed, if the channel loses packets."""
 _DARKEST = 1e-7

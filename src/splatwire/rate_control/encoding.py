@@ -43,7 +43,7 @@ JUMP = 0.04
 power of two."""
 SHARE_OCTAVES = 4.0
 """Levels by which bytes change as much as by keeping all or none of the Gaussians."""
-LEAST_SHARE = 0.6
+LEAST_SHARE_RATIO = 0.6
 """Smallest share of Gaussians to keep on the fine side of a jump, relative to the best one."""
 LEAST_ERROR = 1e-12
 """Minimum mean squared error, so that logarithms are finite."""
@@ -66,7 +66,8 @@ class EncodedScene:
         quality: Quantisation setting that was chosen.
         kept: Share of the Gaussians that were kept, 0 to 1.
         source: The scene before pruning and quantisation, without Gaussians that draw nothing.
-        held_out: Views for measuring the PSNR. They were not used to choose Gaussians, their precision or their values.
+        held_out: Views for measuring the PSNR. They were not used to rank Gaussians, to choose their precision classes,
+            or to fine-tune them. For a target PSNR, they corrected the number of Gaussians and the level.
         fine_tuned: True if the kept Gaussians were fine-tuned.
     """
 
@@ -104,7 +105,7 @@ def encode_controlled(
         target: Size, PSNR or quality setting.
         encode: Function that encodes a scene.
         effort: `fast` keeps all Gaussians and only chooses precision classes; `default` also prunes; `best` prunes
-            more, and fine-tunes the remaining Gaussians once before the search.
+            more, and fine-tunes the remaining Gaussians once or twice before the search.
         cameras: Cameras at typical viewing positions (see `ViewSets`); None for views around the scene.
         tuning: Options of the fine-tuning; ignored by other efforts.
         progress: Called with the name of the current task and its finished share, 0 to 1.
@@ -129,7 +130,7 @@ def encode_controlled(
 
     # The search without fine-tuning comes first, so that impossible targets are errors before the fine-tuning.
     untuned = None if target.quality is not None else _Trials(plan, encode, choosing).reached(target)
-    expected = _Trials(plan.before_tuning(), encode, choosing)
+    expected = _Trials(plan.with_more_pruning(), encode, choosing)
     trials = _prune_and_tune(
         expected, target, encode, lambda chosen: plan.tuned(chosen, cameras, tuning, progress), progress
     )
@@ -160,8 +161,12 @@ def _prune_and_tune(
         Search among streams of the fine-tuned Gaussians, which begins with the steps of the fine-tuning.
     """
     aim = target
+    before: EncodedScene | None = None
     for attempt in range(TUNINGS):
         chosen = expected.before_tuning(aim)
+        if before is not None and (chosen.quality, chosen.kept) == (before.quality, before.kept):
+            break  # the aim is out of reach: fine-tuning would give the same Gaussians again
+        before = chosen
         tuned = tune(chosen)
         trials = _Trials(tuned, encode, progress, chosen.quality.level)
         if target.quality is not None or attempt + 1 == TUNINGS:
@@ -217,11 +222,8 @@ class _Plan:
         curve = PruningCurve.measured(source, measured.removal, pictures, lambda share: progress("pruning", share))
         return cls(source, views, measured.classes, curve, source)
 
-    def before_tuning(self) -> "_Plan":
-        """Returns the plan for the encoding before fine-tuning, which prunes more Gaussians.
-
-        Fine-tuning reduces the error of pruning more than that of rounding.
-        """
+    def with_more_pruning(self) -> "_Plan":
+        """Returns a plan that keeps fewer Gaussians at each level, for fine-tuning, which makes up for removed ones."""
         assert self.curve is not None
         return replace(self, curve=self.curve.scaled(10 ** ((ROUNDED_GAIN_DB - PRUNED_GAIN_DB) / 10)))
 
@@ -236,7 +238,8 @@ class _Plan:
         """
         assert self.curve is not None
         kept = self.curve.kept(chosen.kept)
-        scene, classes = tuned_to_source(self.source, kept, chosen.quality, cameras, tuning, progress)
+        packetization = chosen.stream.manifest.packetization
+        scene, classes = tuned_to_source(self.source, kept, chosen.quality, packetization, cameras, tuning, progress)
         return replace(self, classes=classes, curve=None, scene=scene)
 
     def encoded(self, quality: Quality, encode: Encoder, share: float | None = None) -> EncodedScene:
@@ -364,6 +367,9 @@ class _Trials:
 
         The search compares pictures in a separate set of views (`ViewSets.search`). The held-out views only correct the
         PSNR that the search aims at.
+
+        Raises:
+            InvalidValueError: If all views of the search equal those of the source at every level.
         """
         start, wanted, by_share = self._start, psnr, False
         best: EncodedScene | None = None
@@ -378,10 +384,14 @@ class _Trials:
             value, last = found = min(self._found[first:], key=lambda each: abs(each[0] - wanted))
             if best is None or abs(last.psnr - psnr) < abs(best.psnr - psnr):
                 best = last
-            if abs(last.psnr - psnr) <= PSNR_TOLERANCE or last.quality.level in self._ends:
+            excess = last.psnr - psnr
+            end = self._ends[0] if excess > 0 else self._ends[1]
+            if abs(excess) <= PSNR_TOLERANCE or last.quality.level == end or not math.isfinite(value - excess):
                 break
-            start, wanted = last.quality.level + (psnr - last.psnr) / OCTAVE_DB, psnr - last.psnr + value
+            start, wanted = last.quality.level - excess / OCTAVE_DB, value - excess
         assert best is not None
+        if all(math.isinf(value) for value, _ in self._found):
+            raise InvalidValueError("no camera shows a difference between source and stream: do they see the scene?")
         return best
 
     def _search(
@@ -429,7 +439,7 @@ class _Trials:
         """
         value, encoded = known
         share, per_share = encoded.kept, slope * SHARE_OCTAVES / encoded.kept
-        ends = (LEAST_SHARE * share, min(share / LEAST_SHARE, 1.0))
+        ends = (LEAST_SHARE_RATIO * share, min(share / LEAST_SHARE_RATIO, 1.0))
         start = share + (permitted.wanted - value) / per_share
         search(
             functools.partial(self._encode_and_measure, measure, encoded.quality.level),

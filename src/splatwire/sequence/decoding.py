@@ -159,7 +159,7 @@ def pose_frame(clip: ClipScene, poses: GroupPoses, index: int, number: int, hint
         index: Frame index within the group.
         number: Frame number within the sequence.
         hints: Factors on size and opacity of all tracks, which enlarge received Gaussians to cover missing ones; None
-            if no keyframe Gaussian is missing.
+            if nothing is missing.
     """
     here = np.flatnonzero((poses.begins <= index) & (index < poses.ends))
     tracks = poses.tracks[here]

@@ -26,8 +26,8 @@ from splatwire.render.up import estimate_up_axis
 from splatwire.sequence.extent import BoundingSphere, bounding_sphere
 from splatwire.sequence.frames import Frame
 from splatwire.sequence.group_builder import GroupBuilder, group_of
-from splatwire.sequence.grouping import TrackedFrame
 from splatwire.sequence.options import USUAL, ClipOptions
+from splatwire.sequence.partial_tracks import TrackedFrame
 from splatwire.sequence.tracking import SECTION, Tracker, TrackingReport
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats

@@ -10,7 +10,7 @@ import numpy as np
 
 from splatwire.codec.sequence.track_group import TrackGroup
 from splatwire.codec.sequence.trajectories import Trajectories
-from splatwire.sequence.grouping import (
+from splatwire.sequence.partial_tracks import (
     MORE_AROUND,
     NUM_AROUND,
     NeighborIndex,

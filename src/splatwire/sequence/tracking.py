@@ -8,8 +8,8 @@ from splatwire.arguments import CheckedFields
 from splatwire.errors import InvalidValueError
 from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.sequence.frames import Frame
-from splatwire.sequence.grouping import TrackedFrame
 from splatwire.sequence.matching import Match, aligned, match, tracked
+from splatwire.sequence.partial_tracks import TrackedFrame
 from splatwire.types.splats import Splats
 
 ORDERS = ("auto", "tracked", "shuffled")

@@ -316,6 +316,27 @@ def test_buffers_behind_links_out_of_the_folder_are_refused(tmp_path: Path) -> N
                     read_splats(place / "a.gltf")
 
 
+def test_a_document_whose_files_are_links_into_one_folder_is_read(tmp_path: Path) -> None:
+    """The cache of the Hugging Face Hub consists of such links."""
+    document, binary = document_of(glb(some_splats()))
+    document["buffers"][0]["uri"] = "deep/a.bin"
+    blobs, scene = tmp_path / "blobs", tmp_path / "snapshots" / "revision"
+    (scene / "deep").mkdir(parents=True)
+    blobs.mkdir()
+    (blobs / "1").write_text(json.dumps(document))
+    (blobs / "2").write_bytes(binary)
+    (tmp_path / "3").write_bytes(binary)
+    (scene / "a.gltf").symlink_to("../../blobs/1")
+    buffer = scene / "deep" / "a.bin"
+    buffer.symlink_to("../../../blobs/2")
+    assert read_splats(scene / "a.gltf").num_gaussians == 20
+    for target in (tmp_path / "3", "../a.bin", "a.bin"):  # elsewhere; missing; itself
+        buffer.unlink()
+        buffer.symlink_to(target)
+        with pytest.raises((DatasetError, OSError), match=r"a link out of the folder|a\.bin"):
+            read_splats(scene / "a.gltf")
+
+
 def test_gltf_without_gaussians_is_refused_with_a_reason(tmp_path: Path) -> None:
     document = {"asset": {"version": "2.0"}, "meshes": [{"primitives": [{"attributes": {}}]}]}
     with pytest.raises(DatasetError, match=f"no primitive with {EXTENSION}"):

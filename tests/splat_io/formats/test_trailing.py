@@ -1,5 +1,6 @@
 """Bytes outside of a file's content, such as a second file that was appended, give a warning."""
 
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -46,6 +47,19 @@ def test_a_comment_of_a_zip_is_part_of_it(tmp_path: Path, caplog: pytest.LogCapt
     write(path, data[:-2] + (5).to_bytes(2, "little") + b"hello")
     read_splats(path)
     assert not caplog.messages
+
+
+def test_a_sog_is_read_whichever_member_comes_first(tmp_path: Path) -> None:
+    """Members are larger than the buffer of a file."""
+    write_splats([some_splats(8000, degree=0)], tmp_path / "a.sog")
+    with zipfile.ZipFile(tmp_path / "a.sog") as source:
+        names = source.namelist()
+        for first in names:
+            path = tmp_path / f"{first}.sog"
+            with zipfile.ZipFile(path, "w") as target:
+                for name in sorted(names, key=lambda name: (name != first, name)):
+                    target.writestr(name, source.read(name))
+            assert read_splats(path).num_gaussians == 8000
 
 
 def test_a_second_spz_of_version_3_gives_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -246,6 +246,28 @@ PARTS = {
 }""",
     "clip": CLIPS % "asset[] assetPaths = [@%s@]",
     "clips by a pattern": CLIPS % 'string templateAssetPath = "%s"',
+    "clip in a variant": """(
+    references = @./own.usda@</Scene>
+    variants = {
+        string v = "a"
+    }
+    prepend variantSets = "v"
+)
+{
+    variantSet "v" = {
+        "a" (
+            clips = {
+                dictionary default = {
+                    asset[] assetPaths = [@%s@]
+                    string primPath = "/Scene/Gaussians"
+                    double2[] active = [(0, 0)]
+                    double2[] times = [(0, 0)]
+                }
+            }
+        ) {
+        }
+    }
+}""",
 }
 """Ways in which a prim names another file."""
 
@@ -298,8 +320,38 @@ def test_files_in_the_folder_are_composed(around, part):
     assert read_splats(composed(around / "a.usda", "reference", "./own.usdz")).num_gaussians == 20
 
 
-def test_a_missing_file_of_a_scene_gives_a_warning(around, caplog):
+@pytest.mark.parametrize(
+    ("part", "name"),
+    [("reference", "./link.usda:SDF_FORMAT_ARGS:a=b"), ("clips by a pattern", "./frame.#.usda")],
+)
+def test_links_out_of_the_folder_are_found_behind_arguments_and_in_patterns(around, part, name):
+    (around / "frame.100.usda").symlink_to(around.parent / "other.usda")
+    with pytest.raises(DatasetError, match="outside of its folder"):
+        read_splats(composed(around / "a.usda", part, name))
+
+
+def test_a_scene_whose_files_are_links_into_one_folder_is_read(tmp_path):
+    """The cache of the Hugging Face Hub consists of such links."""
+    blobs, scene = tmp_path / "blobs", tmp_path / "snapshots" / "revision"
+    (scene / "deep").mkdir(parents=True)
+    blobs.mkdir()
+    write_splats([some_splats()], tmp_path / "own.usda")
+    composed(tmp_path / "a.usda", "reference", "./deep/own.usda")
+    for name, link in (("a.usda", scene / "a.usda"), ("own.usda", scene / "deep" / "own.usda")):
+        (tmp_path / name).rename(blobs / name[0])
+        link.symlink_to(blobs / name[0])
+    assert read_splats(scene / "a.usda").num_gaussians == 20
+    (blobs / "o").rename(tmp_path / "o")
+    (scene / "deep" / "own.usda").unlink()
+    (scene / "deep" / "own.usda").symlink_to(tmp_path / "o")
+    with pytest.raises(DatasetError, match="outside of its folder"):
+        read_splats(scene / "a.usda")
+
+
+@pytest.mark.parametrize("name", ["./gone.usda", "gone.usda", "./photo.png"])
+def test_a_missing_or_unknown_file_of_a_scene_gives_a_warning(around, name, caplog):
+    (around / "photo.png").write_bytes(b"no scene")
     path = around / "a.usda"
-    path.write_text("#usda 1.0\n(\n    subLayers = [@./gone.usda@, @./own.usda@]\n)\n")
+    path.write_text(f"#usda 1.0\n(\n    subLayers = [@{name}@, @./own.usda@]\n)\n")
     assert read_splats(path).num_gaussians == 20
-    assert ["gone.usda" in message for message in caplog.messages] == [True]
+    assert [name in message for message in caplog.messages] == [True]

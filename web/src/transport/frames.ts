@@ -1,4 +1,4 @@
-// Messages of the wire protocol, version 4 (docs/transport.md), as far as browsers write and read them.
+// Messages of the wire protocol, version 4 (docs/wire.md), as far as browsers write and read them.
 
 import { sha256 } from "@noble/hashes/sha2.js";
 

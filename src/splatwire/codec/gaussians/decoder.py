@@ -28,6 +28,7 @@ from splatwire.codec.gaussians.layout import (
     SCALE2,
 )
 from splatwire.codec.gaussians.side_info import SideInfo, read_side_info
+from splatwire.codec.memory import words_bytes
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import Run, SymbolRows
@@ -71,11 +72,12 @@ class GaussianDecoder:
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         """Returns the working memory needed in addition to the scene, bytes (see `Decoder.working_bytes`).
 
-        The memory is for the integers of several pending blocks, and for the floats of `PIECE` Gaussians.
+        The memory is for the integers of several pending blocks, the floats of `PIECE` Gaussians, and the words of the
+        largest packet.
         """
         spans = (span for span in self._plan.spans if span.num_elements)
         largest = max((self._plan.block_elements(span.first_block) for span in spans), default=0)
-        return largest * (4 * self.row_bytes + 64) + (4 << 20)
+        return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates the scene before packets are decoded (see `Decoder.expect`).

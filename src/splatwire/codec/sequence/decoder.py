@@ -13,7 +13,7 @@ from splatwire.codec.gaussians.attributes import empty_rows as empty_bases
 from splatwire.codec.gaussians.attributes import update_digest as digest_bases
 from splatwire.codec.gaussians.decoder import blank_splats, decode_packets, store_block
 from splatwire.codec.gaussians.layout import COLUMNS
-from splatwire.codec.memory import check_memory
+from splatwire.codec.memory import check_memory, words_bytes
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import Run, SymbolRows
@@ -72,9 +72,12 @@ class TracksDecoder:
         self.row_bytes = max(8 * int(COLUMNS) + 4 * info.bases.num_harmonics, 8 * HEAD + 4 * NUM_CHANNELS * frames)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the working memory for the integers of pending blocks, bytes (see `Decoder.working_bytes`)."""
+        """Returns the working memory for the integers of pending blocks and for the words of the largest packet, bytes.
+
+        See `Decoder.working_bytes`.
+        """
         largest = max((span.block_size for span in self._plan.spans if span.num_elements), default=0)
-        return largest * (4 * self.row_bytes + 64) + (4 << 20)
+        return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates the keyframe Gaussians of all tracks before packets are decoded (see `Decoder.expect`)."""

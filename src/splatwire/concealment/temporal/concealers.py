@@ -78,8 +78,8 @@ class TemporalConcealer(Protocol):
 class ClipConcealer:
     """Conceals lost motion: extrapolates the last received motion, or interpolates the motion of neighbouring tracks.
 
-    If neighbouring tracks do not move alike everywhere, each region is covered by the best of interpolated motion, the
-    last position, and enlarged received Gaussians (`selection`).
+    A concealer that interpolates covers each region by the best of interpolated motion, the last position, and enlarged
+    received Gaussians (`selection`).
 
     Attributes:
         name: Name of the concealer.

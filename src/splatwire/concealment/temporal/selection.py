@@ -24,9 +24,10 @@ LEAST_TESTS = 16
 """Number of tested tracks around a lost track whose errors are added. With fewer, the first candidate is used."""
 COVERING = 24
 """Number of received Gaussians that are considered at a position."""
-FIRST, HIDE = 0.9, 0.6
-"""Factors on the errors of the first candidate, which is preferred if others are equal, and of hidden tracks, whose
-error is reduced by the enlargement of the received Gaussians."""
+FIRST = 0.9
+"""Factor on the error of the first candidate, which is thus preferred to others of about the same error."""
+HIDE = 0.6
+"""Factor on the error of hidden tracks, because enlarged received Gaussians cover a part of them."""
 OPACITY_ERROR = 0.5
 """Weight of an error of the opacity relative to an error of the colour."""
 

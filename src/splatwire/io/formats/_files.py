@@ -1,4 +1,4 @@
-"""Memory-mapped files, and warnings about bytes that no reader uses."""
+"""Memory-mapped files, the folder of a scene, and warnings about bytes that no reader uses."""
 
 import logging
 import mmap
@@ -22,6 +22,20 @@ def mapped_file(path: Path) -> memoryview:
         if not os.fstat(file.fileno()).st_size:  # an empty file cannot be mapped
             return memoryview(b"")
         return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+
+
+def is_in_folder_of(path: Path, other: Path) -> bool:
+    """Returns True if a file is in the folder of a scene, or below it; links of both are followed.
+
+    The files of a scene may all be links into one other folder, as in the cache of the Hugging Face Hub, whose links
+    lead to a folder `blobs`. If the scene is a link, files next to its target are therefore accepted, too.
+
+    Args:
+        path: The scene, a file.
+        other: File that the scene names; it need not exist.
+    """
+    found = Path(os.path.realpath(other))
+    return found.is_relative_to(os.path.realpath(path.parent)) or found.parent == Path(os.path.realpath(path)).parent
 
 
 def warn_of_bytes_outside(path: Path, count: int, where: str = "after its end") -> None:

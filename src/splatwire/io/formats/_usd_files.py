@@ -1,19 +1,20 @@
 """Files that an OpenUSD scene is composed of, found and checked before usd-core composes them.
 
 A scene may name further files: sublayers, references, payloads and value clips. Composition opens them wherever they
-are. A file from elsewhere must not read others of this machine, so only those in the folder of the scene are accepted.
+are. A downloaded scene must not read other files of this machine, so only those in its folder are accepted.
 """
 
 import logging
-import os
+import re
 from collections.abc import Iterator
-from glob import glob, has_magic
+from glob import escape, glob
 from pathlib import Path
 from typing import Any
 
-from pxr import Ar, Sdf
+from pxr import Ar, Sdf, Tf
 
 from splatwire.errors import DatasetError
+from splatwire.io.formats._files import is_in_folder_of
 
 LOG = logging.getLogger(__name__)
 MAX_LAYERS = 10_000
@@ -24,25 +25,32 @@ _CLIPS, _TEMPLATE = "clips", "templateAssetPath"
 def checked_layers(path: Path) -> list[Sdf.Layer]:
     """Opens all files that a scene is composed of; as long as they are held, usd-core does not read them again.
 
-    A missing file gives a warning.
+    A further file that is missing, or that usd-core cannot read, gives a warning.
 
     Raises:
-        DatasetError: If a file is outside of the folder of the scene, is named by an expression, or there are too many.
-        Tf.ErrorException: If usd-core cannot open a file.
+        DatasetError: If a file is outside of the folder of the scene (`is_in_folder_of`), is named by an expression, or
+            there are too many; or if usd-core cannot find the scene.
+        Tf.ErrorException: If usd-core cannot open the scene.
     """
-    folder = os.path.realpath(path.parent)
-    layers = [Sdf.Layer.FindOrOpen(str(path))]
-    seen = {layers[0].identifier}
+    scene = Sdf.Layer.FindOrOpen(str(path))
+    if scene is None:
+        raise DatasetError(f"{path}: usd-core cannot find it")
+    layers, seen = [scene], {scene.identifier}
     for layer in layers:  # grows
         for name, composed in _named_files(layer):
-            found = _resolved_file(path, layer, name, folder)
+            found = _resolved_file(path, layer, name)
             if not composed or found is None or found in seen:
                 continue
             seen.add(found)
             if len(seen) > MAX_LAYERS:
                 raise DatasetError(f"{path}: is composed of more than {MAX_LAYERS:,} files")
-            other = Sdf.Layer.FindOrOpen(found)
-            if other is not None:
+            try:
+                other = Sdf.Layer.FindOrOpen(found)
+            except Tf.ErrorException:  # such as a format that usd-core does not have
+                other = None
+            if other is None:
+                LOG.warning("%s: names %.200s, which cannot be read: parts of the scene may be missing", path, name)
+            else:
                 layers.append(other)
     return layers
 
@@ -55,8 +63,8 @@ def _named_files(layer: Sdf.Layer) -> Iterator[tuple[str, bool]]:
     places: list[Sdf.Path] = []
     layer.Traverse(Sdf.Path.absoluteRootPath, places.append)
     for place in places:
-        spec = layer.GetObjectAtPath(place)
-        if isinstance(spec, Sdf.PrimSpec) and spec.HasInfo(_CLIPS):
+        spec = layer.GetPrimAtPath(place)  # also the prim within a variant
+        if spec is not None and spec.HasInfo(_CLIPS):
             for name in _clip_files(layer, spec.GetInfo(_CLIPS)):
                 yield name, False
 
@@ -66,34 +74,34 @@ def _clip_files(layer: Sdf.Layer, clips: Any) -> Iterator[str]:
     for key, value in clips.items():
         if isinstance(value, dict):
             yield from _clip_files(layer, value)
-        elif key == _TEMPLATE:  # such as ./clip.###.usd
-            pattern = layer.ComputeAbsolutePath(str(value)).replace("#", "?")
-            yield from [pattern, *(glob(pattern) if has_magic(pattern) else [])]
-        elif isinstance(value, Sdf.AssetPath):
-            yield value.path
-        elif isinstance(value, Sdf.AssetPathArray):
-            yield from (one.path for one in value)
+        elif key == _TEMPLATE and value:  # such as ./clip.###.usd, whose numbers may have more digits
+            pattern = Path(layer.ComputeAbsolutePath(str(value)))
+            yield str(pattern.parent)
+            yield from glob(re.sub("#+", "*", escape(str(pattern))))
+        elif isinstance(value, Sdf.AssetPath | Sdf.AssetPathArray):
+            names = [value] if isinstance(value, Sdf.AssetPath) else value
+            yield from (one.path for one in names if one.path)
 
 
-def _resolved_file(path: Path, layer: Sdf.Layer, name: str, folder: str) -> str | None:
+def _resolved_file(path: Path, layer: Sdf.Layer, name: str) -> str | None:
     """Returns the identifier of a file that a layer names; None if it does not exist.
 
     Args:
         path: The scene.
         layer: The layer that names the file.
         name: The file's name in the layer.
-        folder: Folder in which the file must be, without links.
 
     Raises:
-        DatasetError: If the file is outside of this folder, or its name is an expression.
+        DatasetError: If the file is outside of the folder of the scene, or its name is an expression.
     """
     if name.startswith("`"):
         raise DatasetError(f"{path}: names a file by the expression {name[:80]}, which is not read")
     identifier = layer.ComputeAbsolutePath(name)
-    resolved = str(Ar.GetResolver().Resolve(identifier))
-    outer = Ar.SplitPackageRelativePathOuter(resolved or identifier)[0]
-    if os.path.commonpath([folder, os.path.realpath(outer)]) != folder:
+    place = Sdf.Layer.SplitIdentifier(identifier)[0]  # without arguments of the file format
+    resolved = str(Ar.GetResolver().Resolve(place))
+    outer = Ar.SplitPackageRelativePathOuter(resolved or place)[0]
+    if not is_in_folder_of(path, path.parent / outer):  # a name without a path is relative if no such file is found
         raise DatasetError(f"{path}: names {name[:200]}, which is outside of its folder: only files in there are read")
-    if not resolved and not has_magic(name):
+    if not resolved:
         LOG.warning("%s: names %.200s, which does not exist: parts of the scene may be missing", path, name)
     return identifier if resolved else None

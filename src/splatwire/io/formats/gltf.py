@@ -23,7 +23,7 @@ from splatwire.io.formats._asset import metadata_of_asset, warn_of_unused_extras
 from splatwire.io.formats._axes import GLTF_FLIPS as GLTF_FLIPS
 from splatwire.io.formats._axes import harmonic_signs, is_similarity, transform_splats
 from splatwire.io.formats._columns import MAX_GAUSSIANS, MAX_LOG_SCALE, build_splats, check_count, concatenate
-from splatwire.io.formats._files import mapped_file, warn_of_bytes_outside
+from splatwire.io.formats._files import is_in_folder_of, mapped_file, warn_of_bytes_outside
 from splatwire.io.formats._gltf_nodes import Instance, entry, shown_instances
 from splatwire.io.formats.content import FileContent
 from splatwire.ops.spherical_harmonics import MAX_DEGREE
@@ -327,10 +327,12 @@ class _Gltf:
         parts, name = urlsplit(uri), PurePosixPath(unquote(urlsplit(uri).path))
         if parts.scheme or parts.netloc or name.is_absolute() or ".." in name.parts or "\\" in uri or "\0" in str(name):
             raise DatasetError(f"{self._path}: buffer {uri!r:.80} is no file in the folder of the document")
-        folder = self._path.parent.resolve()
-        if not (folder / name).resolve().is_relative_to(folder):  # its bytes would become part of a scene
-            raise DatasetError(f"{self._path}: buffer {uri!r:.80} is a link out of the folder of the document")
-        return mapped_file(self._path.parent / name)
+        file = self._path.parent / name
+        if not is_in_folder_of(self._path, file):  # its bytes would become part of a scene
+            raise DatasetError(
+                f"{self._path}: buffer {uri!r:.80} is a link out of the folder of the document: replace it by a copy"
+            )
+        return mapped_file(file)
 
     def _accessor(self, attributes: dict[str, int], name: str, width: int) -> np.ndarray:
         """Returns the values of a glTF accessor (vertex attribute) as float32 (N, width)."""

@@ -45,7 +45,7 @@ class Pacer:
     Attributes:
         rate: Sending rate, bytes per second.
         burst_s: Maximum burst after a pause, as seconds of sending at the current rate.
-        claimed: True while datagrams wait for this pacer. Others that share it then leave the next turn to them.
+        claimed: True while datagrams wait for this pacer. Responses over HTTP that share it let them go first.
     """
 
     rate: float

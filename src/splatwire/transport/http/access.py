@@ -32,7 +32,8 @@ class Access:
         Args:
             name: Name of the scene.
             token: Token of the request; empty if the request has none.
-            exists: False if there is no such scene. If some scenes are private, it needs a token like these.
+            exists: False if there is no such scene. If any scene is private, this one needs a token, too, so that the
+                refusal does not reveal which private scenes exist.
         """
         if name not in self.private and (exists or not self.private):
             return None

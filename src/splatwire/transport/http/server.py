@@ -21,11 +21,13 @@ LOG = logging.getLogger(__name__)
 MOST_HEAD_BYTES = 8192
 CHUNK_BYTES = 1 << 16
 """Maximum number of body bytes passed to the kernel at once; no more is buffered for a slow client."""
-TURN_S, LEAST_TURN_BYTES = 0.01, 1200
-"""Under a total rate limit, duration of the bytes that a response sends in its turn, seconds, and their least number.
-Datagrams wait for such a turn."""
+TURN_S = 0.01
+"""Under a total rate limit, duration of a response's turn, seconds. It sends the bytes of this time at once, and
+datagrams wait."""
+LEAST_TURN_BYTES = 1200
+"""Minimum size of such a turn, bytes."""
 YIELD_S = 0.002
-"""Time that a response leaves to waiting datagrams before its turn, seconds."""
+"""Time in which a response lets waiting datagrams go first, seconds."""
 
 
 @dataclass(frozen=True)

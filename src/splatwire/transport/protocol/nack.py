@@ -1,9 +1,21 @@
 """NACK tracker of a receiver: decides when a missing packet is requested again.
 
-Three limits apply: the interval (`NACK_INTERVAL_S`), the number of NACKs per packet (`MAX_ATTEMPTS`), and the number of
-NACKs per feedback datagram (`frames.MAX_NACKS`). Receivers of view-dependent streams request sequence numbers instead
-of packets, up to `gap_tracker.MAX_ATTEMPTS` times each. A server limits retransmission by the total bytes sent to a
-client (`ServerLimits.passes`). The counterpart in browsers is `web/src/transport/transfer.ts`.
+Limits of a receiver:
+
+* interval between NACKs for a packet: `NACK_INTERVAL_S`;
+* number of NACKs per packet of a live stream: `MAX_ATTEMPTS`; of a view-dependent stream, whose receivers request
+  sequence numbers instead of packets: `gap_tracker.MAX_ATTEMPTS`;
+* number of NACKs per feedback datagram: `frames.MAX_NACKS`;
+* number of later packets after which a packet counts as missing: `receiver.REORDER`;
+* ends of a transfer without a new packet after which the receiver gives up: `receiver.MAX_FRUITLESS_ENDS`.
+
+Limits of a server:
+
+* interval between retransmissions of a packet: `transfer.RESEND_S`;
+* packets that are retransmitted at all: `Protection.resend` and `Protection.resend_until`;
+* bytes sent to a client: `ServerLimits.passes`.
+
+The counterpart in browsers is `web/src/transport/transfer.ts`.
 """
 
 import sys

@@ -2,7 +2,7 @@
 
 Byte 0 contains the protocol version (high 4 bits) and the datagram kind; all numbers are little-endian. Every kind
 except `DATA` ends with a CRC-32 of all preceding bytes; packets in `DATA` have their own checksum. The tables are in
-`docs/transport.md`.
+`docs/wire.md`.
 """
 
 import struct
