@@ -343,3 +343,27 @@ def test_overflowing_bounds_are_refused_without_a_numpy_warning(
     assert left.num_gaussians == 2  # nearly as red as the reddest: the other colours do not fit into float32
     assert bool(np.isfinite(left.sh).all())
     assert "6 of 8 Gaussians cannot be drawn" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ((b"min_y", b"max_y"), (b"max_y", b"min_y"), "a number of min_y is above that of max_y"),
+        ((b"min_scale_x", b"max_scale_x"), (b"max_scale_x", b"min_scale_x"), "a number of min_scale_x is above"),
+        ((b"min_g", b"max_g"), (b"max_g", b"min_g"), "a number of min_g is above that of max_g"),
+        ((b"min_r", b"max_r"), (b"own_r", b"max_r"), "min_r"),
+    ],
+)
+def test_bounds_of_a_compressed_ply_are_checked(
+    old: tuple[bytes, bytes], new: tuple[bytes, bytes], reason: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.compressed.ply"
+    write_splats([some_splats(300, 1)], path)
+    head, mark, data = path.read_bytes().partition(b"end_header\n")
+    for number, name in enumerate(old):
+        head = head.replace(b" " + name + b"\n", b" #%d\n" % number)
+    for number, name in enumerate(new):
+        head = head.replace(b" #%d\n" % number, b" " + name + b"\n")
+    path.write_bytes(head + mark + data)
+    with pytest.raises(DatasetError, match=reason):
+        read_splats(path)
