@@ -337,10 +337,10 @@ def test_overflowing_bounds_are_refused_without_a_numpy_warning(
 ) -> None:
     write_splats([some_splats(8, 0)], tmp_path / "a.compressed.ply")
     head, body = (tmp_path / "a.compressed.ply").read_bytes().split(b"end_header\n", 1)
-    lie = np.full(1, 3e38, "<f4").tobytes()  # the least red
-    write(tmp_path / "a.compressed.ply", head + b"end_header\n" + body[:48] + lie + body[52:])
+    lie = np.full(1, 3e38, "<f4").tobytes()  # the most red
+    write(tmp_path / "a.compressed.ply", head + b"end_header\n" + body[:60] + lie + body[64:])
     left = read_splats(tmp_path / "a.compressed.ply")
-    assert left.num_gaussians == 2  # nearly as red as the reddest: the other colours do not fit into float32
+    assert left.num_gaussians == 2  # nearly as red as the least red: the other colours do not fit into float32
     assert bool(np.isfinite(left.sh).all())
     assert "6 of 8 Gaussians cannot be drawn" in caplog.text
 
