@@ -174,3 +174,22 @@ def test_3dgs_cameras_keep_a_principal_point_off_the_centre(cameras, tmp_path):
     (tmp_path / "cameras.json").write_text(json.dumps(views))
     with pytest.raises(DatasetError, match="whole numbers"):
         load_cameras(tmp_path / "cameras.json")
+
+
+@pytest.mark.parametrize(
+    ("fields", "named"),
+    [
+        ({"k1": 0.1, "p2": 0}, "k1"),
+        ({"camera_model": "OPENCV_FISHEYE"}, "camera_model"),
+        ({"distortion": [0.1, 0], "k1": 0}, "distortion"),
+        ({"camera_model": "PINHOLE", "k1": 0, "distortion": []}, None),
+    ],
+)
+def test_a_lens_of_a_3dgs_camera_gives_a_warning(fields, named, tmp_path, caplog):
+    view = {"img_name": "a", "width": 40, "height": 24, "position": [0, 0, 0], "rotation": np.eye(3).tolist()}
+    (tmp_path / "cameras.json").write_text(json.dumps([view | {"fx": 33, "fy": 33} | fields]))
+    load_cameras(tmp_path / "cameras.json")
+    if named is None:
+        assert not caplog.text
+    else:
+        assert f"fields about a lens are left out: {named};" in caplog.text

@@ -246,3 +246,24 @@ def test_other_reconstructions_give_a_warning(capture, caplog):
     shutil.copytree(folder, folder.parent / "1")
     open_dataset(capture.root)
     assert "reconstructions beside it are not read: 1; their photos are not used" in caplog.text
+
+
+@pytest.mark.parametrize(("name", "what", "count"), [("images", "images", 12), ("points3D", "points", 5)])
+def test_a_text_model_with_fewer_entries_than_its_header_states_gives_a_warning(name, what, count, capture, caplog):
+    folder = capture.write_text()
+    rows = (folder / f"{name}.txt").read_text()
+    for stated in (count, count + 1):
+        (folder / f"{name}.txt").write_text(f"# Number of {what}: {stated}, mean of something: 3\n{rows}")
+        assert len(read_views(folder)) == 12
+        assert read_points(folder).num_points == 5
+        assert (f"has {count} entries, and its header states {stated}: the file may be cut" in caplog.text) == (
+            stated != count
+        )
+
+
+def test_a_camera_that_is_there_twice_is_refused(capture):
+    folder = capture.write_text()
+    with (folder / "cameras.txt").open("a") as file:
+        file.write("7 PINHOLE 40 24 90 90 20 12\n")
+    with pytest.raises(DatasetError, match="camera 7 is there twice"):
+        read_views(folder)

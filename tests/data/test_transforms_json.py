@@ -194,3 +194,54 @@ def test_other_axes_of_poses_give_a_warning(key, capture, caplog):
     assert not caplog.text
     read_transforms(rewritten(path, **{key: "OpenCV"}))
     assert f"{key} is 'OpenCV': poses are read with OpenGL axes" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("camera_type", "fisheye"),
+        ("lens_model", "EQUIRECTANGULAR"),
+        ("projection", "spherical"),
+        ("fisheye", True),
+        ("is_equirectangular", 1),
+        ("distortion", [0, 0.1, 0, 0]),
+        ("distortion_coefficients", {"k1": 0.1}),
+        ("dist_coeffs", [0.1]),
+        ("s1", 0.01),
+    ],
+)
+def test_a_lens_under_an_unknown_name_is_refused(key, value, capture):
+    path = capture.write_nerfstudio() / "transforms.json"
+    with pytest.raises(DatasetError, match=f"'{key}', which may state a lens"):
+        read_transforms(rewritten(path, **{key: value}))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("camera_type", "perspective"),
+        ("fisheye_crop_radius", 900.0),
+        ("fisheye", False),
+        ("distortion", [0, 0.0]),
+        ("dist", 3.5),
+        ("scene", "fisheye"),
+        ("camera", "left"),
+    ],
+)
+def test_fields_that_state_no_lens_are_accepted(key, value, capture, caplog):
+    path = capture.write_nerfstudio() / "transforms.json"
+    content = json.loads(path.read_text())
+    content["frames"][1][key] = value
+    path.write_text(json.dumps(content))
+    assert len(read_transforms(path).views) == 12
+    assert not caplog.text
+
+
+def test_other_axes_of_the_poses_of_frames_give_one_warning(capture, caplog):
+    path = capture.write_nerfstudio() / "transforms.json"
+    content = json.loads(path.read_text())
+    for frame in content["frames"]:
+        frame["camera_convention"] = "opencv"
+    path.write_text(json.dumps(content))
+    read_transforms(path)
+    assert caplog.text.count("camera_convention is 'opencv': poses are read with OpenGL axes") == 1

@@ -1,6 +1,8 @@
 """Reader of COLMAP's text files."""
 
+import logging
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +13,11 @@ from splatwire.errors import DatasetError
 from splatwire.files.kinds import is_not
 from splatwire.files.read_limited import open_regular
 
+LOG = logging.getLogger(__name__)
 _MAX_LINE_BYTES = 1 << 26
+_COUNT = re.compile(rb"#\s*Number of (?:cameras|images|points):\s*([0-9]{1,12})\b")
+"""Pattern of the comment in which COLMAP states the number of entries of a file."""
+_HEAD_BYTES = 4096
 _MAX_WORDS = 20
 """Maximum number of fields that are read from a line of `cameras.txt`; the largest camera model has 16 parameters."""
 
@@ -35,6 +41,24 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
                 yield number, line
 
 
+def _warn_of_missing_entries(path: Path, count: int) -> None:
+    """Logs a warning if a file has another number of entries than its header states, as a file that was cut has.
+
+    Args:
+        path: The file.
+        count: Number of entries that were read.
+    """
+    with open_regular(path, DatasetError) as file:
+        stated = _COUNT.search(file.read(_HEAD_BYTES))
+    if stated is not None and int(stated[1]) != count:
+        LOG.warning(
+            "%s: has %s entries, and its header states %s: the file may be cut",
+            path,
+            f"{count:,}",
+            f"{int(stated[1]):,}",
+        )
+
+
 def read_cameras(path: Path) -> list[RawCamera]:
     """Reads `cameras.txt`."""
     known = dict(MODELS)
@@ -51,6 +75,7 @@ def read_cameras(path: Path) -> list[RawCamera]:
         if known.get(model) != len(parameters):
             raise DatasetError(f"{path}: line {number}: unknown camera model {model} with {len(parameters)} parameters")
         cameras.append(RawCamera(camera_id, model, width, height, parameters))
+    _warn_of_missing_entries(path, len(cameras))
     return cameras
 
 
@@ -70,6 +95,7 @@ def read_images(path: Path) -> list[RawImage]:
         elif line:
             images.append(_image(path, number, line))
             points_may_follow = True
+    _warn_of_missing_entries(path, len(images))
     return images
 
 
@@ -123,4 +149,5 @@ def read_points3d(path: Path) -> tuple[np.ndarray, np.ndarray]:
                 raise ValueError(line)
         except ValueError as error:
             raise DatasetError(f"{path}: line {number} is not a point: {line[:80]!r}") from error
+    _warn_of_missing_entries(path, len(positions))
     return np.array(positions, dtype=np.float64).reshape(-1, 3), np.array(colors, dtype=np.uint8).reshape(-1, 3)

@@ -1,6 +1,7 @@
 """Camera files in JSON: the format of this package, and the `cameras.json` of HAC++ results and 3DGS model folders."""
 
 import json
+import logging
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 
 from splatwire.arguments import checked, checked_except
 from splatwire.data._checks import check_rigid, make_cameras, matrix, pinhole
+from splatwire.data._lens_fields import unread_lens_fields
 from splatwire.errors import DatasetError, check_kind
 from splatwire.files.atomic_write import atomic_write
 from splatwire.files.kinds import is_not
@@ -19,6 +21,7 @@ from splatwire.ops.arrays import to_numpy
 from splatwire.types import Cameras
 from splatwire.types.origin import NO_ORIGIN
 
+LOG = logging.getLogger(__name__)
 FORMAT = "splatwire-cameras"
 VERSION = 1
 _MAX_NAME = 200
@@ -80,6 +83,7 @@ def load_cameras(path: str | os.PathLike[str]) -> Cameras:
     if not all(isinstance(view, dict) and isinstance(view.get("name"), str) for view in views):
         raise DatasetError(f"{path}: a camera has no name")
     names = [view["name"] for view in views]
+    _warn_of_lenses(path, views)
     pose_key = "viewmat" if own else "w2c"
     viewmats = np.stack([matrix(path, view["name"], view.get(pose_key), (4, 4)) for view in views])
     intrinsics = np.stack([matrix(path, view["name"], view.get("K"), (3, 3)) for view in views])
@@ -94,6 +98,7 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
     if not all(isinstance(view, dict) and {"position", "rotation", "fx", "fy"} <= set(view) for view in views):
         raise DatasetError(is_not(path, "a cameras file", "a list must hold cameras with position, rotation, fx, fy"))
     names = [_name_in_3dgs(path, number, view) for number, view in enumerate(views)]
+    _warn_of_lenses(path, views)
     width, height = _size(path, views)
     poses = np.tile(np.eye(4), (len(views), 1, 1))
     intrinsics = np.empty((len(views), 3, 3))
@@ -105,6 +110,13 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
         center = [[view.get("cx", width / 2), view.get("cy", height / 2)]]
         intrinsics[number] = pinhole(fx, fy, *matrix(path, name, center, (1, 2))[0])
     return make_cameras(path, names, np.linalg.inv(poses), intrinsics, width, height)
+
+
+def _warn_of_lenses(path: Path, views: list[dict[str, Any]]) -> None:
+    """Logs fields of cameras that state a lens, because pictures are drawn by pinhole cameras."""
+    if fields := sorted({name for view in views for name in unread_lens_fields(view)}):
+        names = ", ".join(fields)[:120]
+        LOG.warning("%s: fields about a lens are left out: %s; pictures are those of pinhole cameras", path, names)
 
 
 def _name_in_3dgs(path: Path, number: int, view: dict[str, Any]) -> str:

@@ -1,6 +1,7 @@
 """Reads COLMAP reconstructions, binary or text: cameras with their lenses, poses and sparse points."""
 
 import logging
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -117,6 +118,9 @@ def read_views(folder: Path) -> list[ColmapView]:
     if not images:
         raise DatasetError(f"{folder}: the reconstruction has no images")
     by_id = {camera.camera_id: camera for camera in cameras}
+    if len(by_id) < len(cameras):
+        (twice, _), *_ = Counter(camera.camera_id for camera in cameras).most_common(1)
+        raise DatasetError(f"{folder}: camera {twice} is there twice")
     views = []
     for image in images:
         if image.camera_id not in by_id:

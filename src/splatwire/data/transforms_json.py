@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.data._checks import check_distinct, check_rigid, child, is_file, matrix, pinhole
+from splatwire.data._lens_fields import unread_lens_fields
 from splatwire.data.fisheye import FisheyeLens
 from splatwire.data.lens import NO_LENS, Lens, LensModel
 from splatwire.data.photos import photo_size
@@ -27,8 +28,12 @@ _OTHER_PROJECTIONS = ("latlong", "equirectangular", "ftheta_p0")
 _POINT_CLOUD = "ply_file_path"
 _TERMS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _LISTED_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
+_LENS_FIELDS = (*_TERMS, "camera_model", "is_fisheye", "distortion_params", *_OTHER_PROJECTIONS)
+"""Fields about the lens that are applied or refused."""
 _CONVENTION = re.compile(r"(?:camera|pose|axis|axes|coord\w*|world)[-_ ]?(?:convention|system|frame|space)?", re.I)
 """Names of fields that may state other axes of the poses."""
+_CONVENTION_OF_FRAME = re.compile(r"\w+[-_ ](?:convention|system)", re.I)
+"""Names of such fields in a frame, in which `camera` may be the name of a camera."""
 _OPENGL = re.compile(r".*(?:opengl|blender|nerf|instant|ngp|rub).*", re.I)
 _MAX_BEND = 1e3
 _MAX_NUMBER = 1e12
@@ -108,12 +113,22 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
             raise DatasetError(f"{path}: frame {number} has no 'file_path'")
     if images is not None and not any(frame["file_path"].removeprefix("./").startswith(_IMAGES) for frame in frames):
         raise DatasetError(f"{path}: its paths do not begin with {_IMAGES}, which {images} would replace")
-    for key, value in content.items():
-        if isinstance(value, str) and _CONVENTION.fullmatch(key) and not _OPENGL.fullmatch(value):
-            LOG.warning("%s: %.40s is %.40r: poses are read with OpenGL axes (y up, z backward)", path, key, value)
+    _warn_of_conventions(path, content, frames)
     views = [_read_frame(path, content, frame, images) for frame in frames]
     check_distinct(path, [view.name for view in views], [view.image_path for view in views])
     return Transforms(views, _splits(path, content, views, images), _points(path, content))
+
+
+def _warn_of_conventions(path: Path, content: dict[str, Any], frames: list[dict[str, Any]]) -> None:
+    """Logs fields of the file and of its frames that state other axes of the poses, each once."""
+    stated = [(key, value) for key, value in content.items() if _CONVENTION.fullmatch(key)]
+    for frame in frames:
+        stated += [
+            (key, frame[key]) for key in frame if _CONVENTION_OF_FRAME.fullmatch(key) and _CONVENTION.fullmatch(key)
+        ]
+    texts = [(key, value) for key, value in stated if isinstance(value, str) and not _OPENGL.fullmatch(value)]
+    for key, value in dict.fromkeys(texts):
+        LOG.warning("%s: %.40s is %.40r: poses are read with OpenGL axes (y up, z backward)", path, key, value)
 
 
 def listed_photos(path: Path, images: str | None = None) -> dict[str, Path]:
@@ -257,6 +272,12 @@ def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
         raise DatasetError(
             f"{path}: view '{name}' has {found}; perspective and OPENCV_FISHEYE photos are read. Cut panoramas into "
             "perspective photos first, for example with `ns-process-data images --camera-type equirectangular`"
+        )
+    if unapplied := unread_lens_fields(values, _LENS_FIELDS):
+        raise DatasetError(
+            f"{path}: view '{name}' has {unapplied[0][:60]!r}, which may state a lens and is not read: name the lens "
+            "in 'camera_model' and 'k1', 'k2', …, or undistort the photos first, for example with "
+            "`colmap image_undistorter`"
         )
     values = values | _listed_terms(path, name, values)
     fisheye = model in _FISHEYE or _as_bool(path, name, values, "is_fisheye")

@@ -337,9 +337,33 @@ def test_overflowing_bounds_are_refused_without_a_numpy_warning(
 ) -> None:
     write_splats([some_splats(8, 0)], tmp_path / "a.compressed.ply")
     head, body = (tmp_path / "a.compressed.ply").read_bytes().split(b"end_header\n", 1)
-    lie = np.full(1, 3e38, "<f4").tobytes()  # the least red
-    write(tmp_path / "a.compressed.ply", head + b"end_header\n" + body[:48] + lie + body[52:])
+    lie = np.full(1, 3e38, "<f4").tobytes()  # the most red
+    write(tmp_path / "a.compressed.ply", head + b"end_header\n" + body[:60] + lie + body[64:])
     left = read_splats(tmp_path / "a.compressed.ply")
-    assert left.num_gaussians == 2  # nearly as red as the reddest: the other colours do not fit into float32
+    assert left.num_gaussians == 2  # nearly as red as the least red: the other colours do not fit into float32
     assert bool(np.isfinite(left.sh).all())
     assert "6 of 8 Gaussians cannot be drawn" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ((b"min_y", b"max_y"), (b"max_y", b"min_y"), "a number of min_y is above that of max_y"),
+        ((b"min_scale_x", b"max_scale_x"), (b"max_scale_x", b"min_scale_x"), "a number of min_scale_x is above"),
+        ((b"min_g", b"max_g"), (b"max_g", b"min_g"), "a number of min_g is above that of max_g"),
+        ((b"min_r", b"max_r"), (b"own_r", b"max_r"), "min_r"),
+    ],
+)
+def test_bounds_of_a_compressed_ply_are_checked(
+    old: tuple[bytes, bytes], new: tuple[bytes, bytes], reason: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.compressed.ply"
+    write_splats([some_splats(300, 1)], path)
+    head, mark, data = path.read_bytes().partition(b"end_header\n")
+    for number, name in enumerate(old):
+        head = head.replace(b" " + name + b"\n", b" #%d\n" % number)
+    for number, name in enumerate(new):
+        head = head.replace(b" #%d\n" % number, b" " + name + b"\n")
+    path.write_bytes(head + mark + data)
+    with pytest.raises(DatasetError, match=reason):
+        read_splats(path)

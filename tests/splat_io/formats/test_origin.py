@@ -232,3 +232,16 @@ def test_positions_within_far_bounds_of_a_compressed_ply_are_not_rounded(
     assert np.abs(world - (near + shift)).max() < error
     assert len(np.unique(content.splats.means[:, 0])) > 500
     assert ("the file has lost precision" in caplog.text) == (kind == "float")
+
+
+@pytest.mark.parametrize("kind", ["double", "float"])
+@pytest.mark.parametrize(("share", "size", "warned"), [(2, 0.01, True), (2, 10.0, False), (50, 0.01, False)])
+def test_a_second_site_far_from_the_origin_gives_a_warning(
+    share: int, size: float, warned: bool, kind: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    splats = some_splats(300, 0)
+    splats.scales[:] = size
+    shift = np.where(np.arange(300)[:, None] % share == 0, np.array(UTM), 0.0)
+    content = read_content(geo_ply(splats, shift, tmp_path / "two.ply", kind))
+    assert content.origin == NO_ORIGIN
+    assert ("split the sites into files" in caplog.text) == warned

@@ -118,7 +118,7 @@ def test_unsupported_columns_that_may_change_gaussians_give_a_warning(
     "comment",
     [
         "antialiasing: mip-splatting filter of 0.3 px", "SplatRenderMode: smooth", "trained without antialiasing",
-        "mip-splatting with a kernel of 0.1", "rasterize_mode: 2",
+        "mip-splatting with a kernel of 0.1", "rasterize_mode: 2", "use_mip_filter 1",
     ],
 )  # fmt: skip
 def test_unparsable_antialiasing_comments_give_a_warning(

@@ -260,6 +260,7 @@ def test_swapped_bounds_of_positions_are_refused(tmp_path: Path) -> None:
         ("unit", "cm", "the unit of the positions"),
         ("sceneScale", 0.01, "a scale of the positions"),
         ("crs", "EPSG:25832", "the coordinate reference system of the positions"),
+        ("upAxis", "z", "the axis that is up"),
     ],
 )
 @pytest.mark.parametrize("place", ["meta", "extras"])

@@ -181,7 +181,9 @@ def warn_of_unused_fields(path: Path, content: object) -> None:
     """
     for name, value in content.items() if isinstance(content, dict) else ():
         text = _value_as_text(value)
-        if text is not None and (meaning := _unapplied_meaning(f"{name}: {text}")) is not None:
+        if text is not None and names_up(f"{name}: {text}"):
+            _warn(path, f"{name}: {text}", "the axis that is up", "field")
+        elif text is not None and (meaning := _unapplied_meaning(f"{name}: {text}")) is not None:
             _warn(path, f"{name}: {text}", meaning, "field")
 
 

@@ -83,6 +83,7 @@ def content_of_chunks(elements: dict[str, PlyElement]) -> FileContent:
     positions, rotations, scales, colors = (_word(vertices, name) for name in _WORDS)
     chunk = np.arange(count) // CHUNK
     rgba = _unpack(colors, _BYTES)
+    _check_bounds(chunks)
     has_colors = "min_r" in chunks.names
     color = _within(chunks, _BOUNDS[2], chunk, rgba[:, :3]) if has_colors else rgba[:, :3]
     harmonics = [((color - 0.5) / np.float32(DC))[:, None]]
@@ -111,6 +112,22 @@ def content_of_chunks(elements: dict[str, PlyElement]) -> FileContent:
     origin = check_origin([stated + chosen for stated, chosen in zip(offset, own, strict=True)])
     metadata = stated_metadata(chunks.comments).moved_origin(NO_ORIGIN, own)
     return FileContent(splats, origin, states_antialiasing(chunks.comments), metadata)
+
+
+def _check_bounds(chunks: PlyElement) -> None:
+    """Checks that bounds are complete and ordered; older files have none of colours.
+
+    Raises:
+        DatasetError: If a minimum exceeds its maximum, or one of the bounds of an attribute is missing.
+    """
+    for names in _BOUNDS:
+        sides = [[f"{side}_{name}" for name in names] for side in ("min", "max")]
+        if names == _CHANNELS and not set(sides[0] + sides[1]) & set(chunks.names):
+            continue
+        low, high = (chunks.select_wide(side) for side in sides)
+        if (wrong := (low > high).any(axis=0)).any():
+            name = names[int(wrong.argmax())]
+            raise DatasetError(f"{chunks.path}: a number of min_{name} is above that of max_{name}")
 
 
 def _position_bounds(chunks: PlyElement) -> tuple[np.ndarray, np.ndarray, Origin, bool]:

@@ -9,12 +9,14 @@ import numpy as np
 
 from splatwire.arguments import CheckedFields
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
-from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin
+from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin, describe_origin
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
 _VISIBLE = 0.5
 """Ratio of the step of rounded positions to the median size of Gaussians above which rounding is visible."""
+_FAR, _SAMPLE = 0.05, 1 << 16
+"""Minimum share of visibly rounded Gaussians for a warning, and maximum number of Gaussians that are examined."""
 Content = TypeVar("Content", bound="FileContent")
 
 
@@ -67,4 +69,29 @@ def warn_of_rounded_positions(path: Path, splats: Splats, origin: Origin) -> Non
             "%s: positions are float32 and up to %.6g from 0, where they have steps of %.2g, and the median size of "
             "Gaussians is %.2g: the file has lost precision; write float64, or subtract a point near the scene first",
             path, float(np.abs(origin).max()), step, float(np.median(sizes)),
+        )  # fmt: skip
+
+
+def warn_of_distant_sites(path: Path, splats: Splats, origin: Origin) -> None:
+    """Logs a warning if many Gaussians are so far from the origin of the scene that float32 rounds them visibly.
+
+    A scene has one origin. Of two sites with map coordinates far apart, only one is near it. Large Gaussians, such as
+    those of a sky, are not rounded visibly.
+
+    Args:
+        path: The file.
+        splats: The Gaussians, relative to the origin.
+        origin: The origin.
+    """
+    some = slice(None, None, max(1, -(-splats.num_gaussians // _SAMPLE)))
+    distances, sizes = np.abs(splats.means[some]).max(axis=1), splats.scales[some].max(axis=1)
+    with np.errstate(invalid="ignore"):
+        steps = np.spacing(distances.astype(np.float32))
+        rounded = np.isfinite(distances) & (sizes > 0) & (steps > _VISIBLE * sizes)
+    share = float(rounded.mean()) if len(rounded) else 0.0
+    if share > _FAR:
+        LOG.warning(
+            "%s: %.2g %% of the Gaussians are up to %.6g from the scene's origin (%s), where positions have steps of "
+            "up to %.2g, more than half of their size: split the sites into files",
+            path, 100 * share, float(distances[rounded].max()), describe_origin(origin), float(steps[rounded].max()),
         )  # fmt: skip

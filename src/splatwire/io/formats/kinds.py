@@ -41,7 +41,7 @@ from splatwire.files.names import path_of
 from splatwire.files.scene_formats import FORMATS, FileFormat
 from splatwire.io.formats._placement import warn_of_files_beside
 from splatwire.io.formats.compressed_ply import content_of_chunks, write_compressed_ply
-from splatwire.io.formats.content import FileContent, warn_of_rounded_positions
+from splatwire.io.formats.content import FileContent, warn_of_distant_sites, warn_of_rounded_positions
 from splatwire.io.formats.outliers import DEFAULT, Outliers, check_outliers
 from splatwire.io.formats.ply import content_of_vertices, warn_of_colour_space, write_ply
 from splatwire.io.formats.ply_file import read_ply_elements
@@ -168,6 +168,7 @@ def read_all_rows(path: Path) -> tuple[FileContent, ElementValidity]:
             content = found.with_chosen_origin()
             if found.origin == NO_ORIGIN:
                 warn_of_rounded_positions(path, content.splats, content.origin)
+            warn_of_distant_sites(path, content.splats, content.origin)
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from error
     except InvalidValueError as error:

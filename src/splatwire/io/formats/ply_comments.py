@@ -27,7 +27,7 @@ _YES = frozenset(("", "1", "1.0", "true", "yes", "on", "enabled"))
 _NO = frozenset(("0", "0.0", "false", "no", "off", "none", "disabled"))
 _CLASSIC = re.compile(r"default|classic|normal|standard|vanilla|3dgs|gaussian|none|off|0|false|no", re.I)
 _ABOUT = re.compile(
-    r"anti[-_ ]?alias|\bmip[-_ ]?(?:splat|filter)|splat[-_ ]?render[-_ ]?mode|raster\w*[-_ ]?mode"
+    r"anti[-_ ]?alias|(?:\b|_)mip[-_ ]?(?:splat|filter)|splat[-_ ]?render[-_ ]?mode|raster\w*[-_ ]?mode"
     r"|\b(?:kernel|filter)[-_ ]?size|\b(?:2d|low[-_ ]?pass|smoothing)[-_ ]?filter|\bfilter[-_ ]?2d|\blow[-_ ]?pass\b"
     r"|\beps[-_ ]?2d|\bdilation|\bopacity[-_ ]?compensation|\bcompensat",
     re.I,

@@ -1,0 +1,50 @@
+"""Detection of fields in camera files that describe a lens or projection and that no reader applies.
+
+There is no standard for the names. Photos of a fisheye or a panorama that are taken for pinhole photos give a wrong
+scene.
+"""
+
+import re
+from collections.abc import Collection, Mapping
+
+_KIND = re.compile(
+    r"(?:is[-_]?)?(?:camera|lens|projection|distortion)(?:[-_]?(?:type|model|kind|projection|lens))?", re.I
+)
+"""Pattern of names of fields whose text names a lens or projection."""
+_NAMED = re.compile(
+    r"(?:is[-_]?)?(?:fish[-_]?eye|equirect(?:angular)?|panorama|panoramic|spherical|omnidirectional|orthographic)", re.I
+)
+"""Pattern of names of flags."""
+_WIDE = re.compile(r"fish[-_ ]?eye|equirect|panoram|spherical|omnidi|lat[-_ ]?long|orthogra|cubemap|cylindric", re.I)
+"""Pattern of lenses and projections that pinhole photos do not have."""
+_TERMS = re.compile(
+    r"k[1-9]|p[12]|s[1-4]|xi|(?:\w+[-_])?(?:distortions?|dist(?=[-_]?c))(?:[-_]?(?:coef\w*|params?|parameters))?", re.I
+)
+"""Pattern of names of distortion parameters."""
+
+
+def unread_lens_fields(values: Mapping[str, object], known: Collection[str] = ()) -> list[str]:
+    """Returns the names of fields that state a lens other than a pinhole.
+
+    Args:
+        values: Fields of a camera or of a whole camera file.
+        known: Names of fields that the reader applies.
+    """
+    return [name for name, value in values.items() if name not in known and _states_lens(name, value)]
+
+
+def _states_lens(name: str, value: object) -> bool:
+    if isinstance(value, str):
+        return bool(_KIND.fullmatch(name) and _WIDE.search(value))
+    if _NAMED.fullmatch(name):
+        return isinstance(value, bool | int | float) and bool(value)
+    return bool(_TERMS.fullmatch(name)) and _has_numbers(value)
+
+
+def _has_numbers(value: object) -> bool:
+    """Returns True for a number other than 0, and for a list or object that contains one."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        return any(_has_numbers(part) for part in value if not isinstance(part, dict))
+    return isinstance(value, int | float) and not isinstance(value, bool) and value != 0
