@@ -105,7 +105,7 @@ def test_concealers_of_sequences_are_skipped_on_still_scenes(folder: Path, tmp_p
 
 def test_scene_without_any_valid_row_is_refused(folder: Path, tmp_path: Path):
     study = load_study(protocol(folder, "losses", NEVER, 'stream = "tiny.swz"'))
-    with pytest.raises(InvalidValueError, match="why_unsupported what every row needs, or cannot be packed so"):
+    with pytest.raises(InvalidValueError, match="lacks what every row needs, or cannot be packed so"):
         run_study(study, Store(tmp_path / "store"), InProcess(), silent)
 
 
