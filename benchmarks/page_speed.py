@@ -279,7 +279,7 @@ def figures(name: str, frames: list[tuple[float, float, bytes]], events: list[di
 
     start = min((e["ts"] for e in mine), default=0)
     tail = start + (complete + 2) * 1e6
-    seconds = max(times[-1] - complete - 2, 1)
+    seconds = max(max(e["ts"] + e.get("dur", 0) for e in events if "ts" in e) / 1e6 - tail / 1e6, 1)
     after = [e for e in (*mine, *theirs) if e["ts"] > tail]
     return {
         "first_s": round(first or complete, 2), "complete_s": round(complete, 2), "frames": len(frames),
