@@ -6,7 +6,7 @@ Chooses jointly which Gaussians are kept, their precision classes, and the quant
 import functools
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -35,7 +35,7 @@ START, OCTAVE_DB, OCTAVE_LOG = 7.5, 5.0, 0.25
 """First level of a search, and typical increase of PSNR (decibels) and of the logarithm of bytes per level."""
 SIZE_TOLERANCE, PSNR_TOLERANCE = 0.03, 0.1
 """Maximum share by which a stream is below its target size, and maximum difference from a target PSNR in decibels."""
-CORRECTIONS = 3
+CORRECTIONS = 4
 """Maximum number of searches for a PSNR. Each begins with the difference between the held-out views and the views of
 the search that the one before found."""
 JUMP = 0.04
@@ -183,6 +183,20 @@ def _prune_and_tune(
                 break
             aim = Target(size=round(target.size**2 / first.stream.num_bytes))
     return trials
+
+
+def _slope(pairs: Sequence[tuple[float, float]]) -> float:
+    """Returns the change of the PSNR in the held-out views per decibel in the views of the search, from 0.5 to 2.
+
+    Args:
+        pairs: PSNR in the views of the search and in the held-out views of each stream found, decibels.
+    """
+    if len(pairs) < 2:
+        return 1.0
+    (before, psnr_before), (last, psnr_last) = pairs[-2:]
+    return (
+        min(max((psnr_last - psnr_before) / (last - before), 0.5), 2.0) if abs(last - before) > PSNR_TOLERANCE else 1.0
+    )
 
 
 def decoded_finest(stream: SceneStream) -> Scene:
@@ -374,6 +388,7 @@ class _Trials:
         start, wanted, by_share = self._start, psnr, False
         best: EncodedScene | None = None
         found: tuple[float, EncodedScene] | None = None
+        pairs: list[tuple[float, float]] = []
         for _ in range(CORRECTIONS):
             first = len(self._found)
             permitted = Interval(wanted - PSNR_TOLERANCE / 2, wanted, wanted + PSNR_TOLERANCE / 2)
@@ -388,7 +403,8 @@ class _Trials:
             end = self._ends[0] if excess > 0 else self._ends[1]
             if abs(excess) <= PSNR_TOLERANCE or last.quality.level == end or not math.isfinite(value - excess):
                 break
-            start, wanted = last.quality.level - excess / OCTAVE_DB, value - excess
+            pairs.append((value, last.psnr))
+            start, wanted = last.quality.level - excess / OCTAVE_DB, value - excess / _slope(pairs)
         assert best is not None
         if all(math.isinf(value) for value, _ in self._found):
             raise InvalidValueError("no camera shows a difference between source and stream: do they see the scene?")
