@@ -213,7 +213,7 @@ def _optional_steps() -> ModuleType:
 
 
 def _target(command: Encode) -> Target:
-    """Returns the size, PSNR or quality that the options ask for; the default quality if they ask for none."""
+    """Returns the size, PSNR or quality that the options set; the default quality without such an option."""
     if command.size is not None:
         return Target(size=parse_size(command.size))
     if command.psnr is not None:

@@ -30,7 +30,7 @@ from splatwire.types.origin import NO_ORIGIN
 from splatwire.types.splats import Splats
 
 _VIEWS = 64
-"""Number of views around the scene to which Gaussians are fitted, and in which the export is measured."""
+"""Number of views around the scene for fitting Gaussians, and for measuring the export."""
 
 
 def run(options: Export) -> None:
