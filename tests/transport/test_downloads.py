@@ -3,7 +3,10 @@
 import asyncio
 import json
 import re
+import shutil
+import threading
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
@@ -204,6 +207,60 @@ def test_a_conversion_that_takes_too_long_ends_and_leaves_no_file(program, tmp_p
 
     asyncio.run(asyncio.wait_for(work(), 120))
     assert not list(tmp_path.iterdir())
+
+
+def test_a_failed_conversion_is_tried_again_after_some_time(tmp_path, monkeypatch):
+    """The cause may have passed, such as a busy machine."""
+    tried = []
+
+    async def slow(self, *words):
+        tried.append(words)
+        raise SplatwireError("the conversion took longer than 600 seconds")
+
+    async def fails(downloads):
+        with pytest.raises(SplatwireError, match="took longer"):
+            await downloads.file(b"", "tag", "ply")
+
+    async def work():
+        patient, quick = MadeDownloads(tmp_path, ("ply",)), MadeDownloads(tmp_path, ("ply",), retry_s=0.0)
+        await fails(patient)
+        await fails(patient)
+        assert len(tried) == 1
+        await fails(quick)
+        await asyncio.sleep(0.05)
+        await fails(quick)
+        assert len(tried) == 3
+
+    monkeypatch.setattr(MadeDownloads, "_run", slow)
+    asyncio.run(work())
+    assert not list(tmp_path.iterdir())
+
+
+def test_removing_old_folders_does_not_block_other_responses(tmp_path, monkeypatch):
+    """Thousands of files are removed in another thread; meanwhile the folder may be made again."""
+    threads, made = [], []
+
+    async def convert(self, verb, source, target, *words):
+        made.append(target)
+        Path(target).mkdir()
+        (Path(target) / "tileset.json").write_bytes(bytes(100))
+
+    def removing(place, **options):
+        threads.append(threading.current_thread() is threading.main_thread())
+        rmtree(place, **options)
+
+    async def work():
+        downloads = MadeDownloads(tmp_path, ("3dtiles",), most_bytes=150)
+        for tag in ("a", "b", "a", "b"):
+            assert (await downloads.file(b"", tag, "3dtiles", "tileset.json")).data == bytes(100)
+
+    rmtree = shutil.rmtree
+    monkeypatch.setattr(MadeDownloads, "_run", convert)
+    monkeypatch.setattr(shutil, "rmtree", removing)
+    asyncio.run(work())
+    assert [path.name for path in tmp_path.iterdir()] == ["b.3dtiles"]
+    assert len(made) == 4
+    assert not any(threads)
 
 
 def test_formats_are_named_once():

@@ -101,6 +101,61 @@ def test_a_public_name_is_served_with_a_final_dot():
     assert ask(content, host="splats.example.")[0] == 200
 
 
+@pytest.mark.parametrize(
+    ("target", "status"),
+    [
+        (f"http://127.0.0.1{STREAM}", 200), (f"http://127.0.0.1:8080{STREAM}?x", 200), ("http://localhost", 200),
+        (f"HTTPS://[::1]{STREAM}", 200), ("http://localhost?stream=city", 200), (f"http://evil.example{STREAM}", 403),
+        (f"http://user@localhost{STREAM}", 400), ("http:///x", 400), ("ftp://localhost/x", 400), ("localhost/x", 400),
+        ("*", 400), ("http://localhost#x", 404), ("http://127.0.0.1/streams/no.swz", 404),
+    ],
+)  # fmt: skip
+def test_the_url_of_a_request_may_be_absolute(target: str, status: int):
+    """Its host replaces that of the header, also if that header names this machine (RFC 9112, 3.2.2)."""
+    assert ask(LOCAL, target=target)[0] == status
+    assert ask(LOCAL, target=target, host="evil.example")[0] == status
+
+
+def test_an_absolute_url_and_its_path_have_the_same_answer():
+    for path in (STREAM, "/", "/streams.json", "/splatwire.js", "/streams/no.swz"):
+        assert ask(LOCAL, target=f"http://localhost{path}") == ask(LOCAL, target=path)
+
+
+def test_options_may_ask_about_the_whole_server():
+    assert ask(LOCAL, "OPTIONS", "*")[0] == 204
+
+
+@pytest.mark.parametrize("method", ["GET", "HEAD", "POST"])
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Content_Length": "4", "Transfer_Encoding": "chunked"}, {"Content_Length": "4, 5"}, {"Content_Length": "-1"},
+        {"Content_Length": "+4"}, {"Content_Length": "0x4"}, {"Content_Length": ""}, {"Content_Length": "4 4"},
+        {"Transfer_Encoding": "identity"}, {"Transfer_Encoding": "chunked, gzip"}, {"Transfer_Encoding": "xchunked"},
+        {"Content_Length": "0", "Transfer_Encoding": "identity"},
+    ],
+)  # fmt: skip
+def test_bodies_of_unclear_length_are_refused(method: str, headers: dict[str, str]):
+    """Else a proxy may take the rest of a body for another request."""
+    assert ask(LOCAL, method, **headers)[0] == 400
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Content_Length": "0"}, {"Content_Length": "4"}, {"Content_Length": "4, 4"},
+        {"Transfer_Encoding": "chunked"}, {"Transfer_Encoding": "gzip, Chunked"},
+    ],
+)  # fmt: skip
+def test_bodies_of_clear_length_are_ignored(headers: dict[str, str]):
+    assert ask(LOCAL, **headers)[0] == 200
+
+
+def test_an_old_client_has_no_chunked_body():
+    head = f"GET {STREAM} HTTP/1.0\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+    assert LOCAL.answer(head.encode()).head.startswith(b"HTTP/1.1 400 ")
+
+
 PREFLIGHT = {"Access_Control_Request_Method": "GET", "Access_Control_Request_Headers": "if-range,range"}
 
 

@@ -270,6 +270,31 @@ def test_malformed_requests_are_refused(head: bytes):
         read_request(head)
 
 
+@pytest.mark.parametrize(
+    ("request_head", "status"),
+    [
+        (b"GET /%b HTTP/1.1\r\nHost: localhost\r\n\r\n" % (b"x" * 9000), b"414 URI Too Long"),
+        (b"GET /%b HTTP/1.1\r\nHost: localhost\r\n\r\n" % (b"x" * 2_000_000), b"414 URI Too Long"),
+        (PAGE[:-2] + b"X: %b\r\n\r\n" % (b"x" * 9000), b"431 Request Header Fields Too Large"),
+        (PAGE[:-2] + b"X: y\r\n" * 200_000 + b"\r\n", b"431 Request Header Fields Too Large"),
+        (b"POST" + PAGE[3:-2] + b"Content-Length: 2000000\r\n\r\n" + bytes(2_000_000), b"405 Method Not Allowed"),
+    ],
+)  # fmt: skip
+def test_refused_requests_get_their_answer_however_long_they_are(request_head: bytes, status: bytes):
+    """Unread bytes would reset the connection before the client has read the answer."""
+
+    async def work() -> None:
+        async with PageServer(CONTENT, limits=PATIENT) as server:
+            for _ in range(5):
+                answer = await asked(server.port, request_head)
+                assert answer.startswith(b"HTTP/1.1 " + status)
+                assert b"Connection: close\r\n" in answer
+            await until(lambda: not server._clients)
+            assert not len(server._waiting) + server.num_active
+
+    run(work())
+
+
 def test_mutated_requests_get_answers_with_fixed_headers():
     """No byte of a request appears in an answer's header: names and values come from a fixed set."""
     rng = random.Random(6)

@@ -21,6 +21,9 @@ MOST_BYTES = 4 << 30
 """Maximum bytes of all files on the disk; the oldest are removed first, and made again on request."""
 MOST_SECONDS = 600.0
 """Maximum duration of one conversion, seconds; conversions wait for each other."""
+RETRY_S = 600.0
+"""Time after a failed conversion in which it is not tried again, seconds. The cause may pass: a busy machine, a full
+disk, too little memory."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +63,15 @@ class MadeDownloads:
         formats: File name suffixes without their dot, or names of folder formats.
         most_bytes: Maximum bytes of all files.
         most_seconds: Maximum duration of one conversion, seconds.
+        retry_s: Time after a failed conversion in which it is not tried again, seconds.
     """
 
     def __init__(
-        self, folder: Path, formats: tuple[str, ...], most_bytes: int = MOST_BYTES, most_seconds: float = MOST_SECONDS
-    ) -> None:
+        self, folder: Path, formats: tuple[str, ...], most_bytes: int = MOST_BYTES, most_seconds: float = MOST_SECONDS,
+        retry_s: float = RETRY_S,
+    ) -> None:  # fmt: skip
         self._folder, self._formats = folder, formats
-        self._most_bytes, self._most_seconds = most_bytes, most_seconds
+        self._most_bytes, self._most_seconds, self._retry_s = most_bytes, most_seconds, retry_s
         self._turn = asyncio.Semaphore(1)
         self._files: dict[tuple[str, str], asyncio.Task[_FinishedConversion]] = {}
 
@@ -78,7 +83,7 @@ class MadeDownloads:
     async def file(self, stream: bytes, tag: str, form: str, part: str = "") -> DownloadedFile | None:
         """Returns the file of a stream; all requests wait for the same process.
 
-        A stream that cannot be converted is not tried again.
+        A stream that cannot be converted is not tried again for some time.
 
         Args:
             stream: Content of the stream's `.swz` file.
@@ -96,7 +101,7 @@ class MadeDownloads:
         if key not in self._files:
             self._files[key] = asyncio.get_running_loop().create_task(self._make(stream, tag, form))
         found = await asyncio.shield(self._files[key])
-        self._evict(key)
+        await self._evict(key)
         if found.file is not None or part not in found.tags:
             return found.file
         return DownloadedFile((self._target(tag, form) / part).read_bytes(), found.tags[part])
@@ -117,12 +122,16 @@ class MadeDownloads:
             del self._files[tag, form]
             log_event(LOG, logging.ERROR, "download failed", format=form, error=str(error))
             raise SplatwireError(str(error)) from error
+        except SplatwireError:
+            asyncio.get_running_loop().call_later(self._retry_s, self._files.pop, (tag, form), None)
+            raise
 
     async def _convert(self, stream: bytes, tag: str, form: str) -> _FinishedConversion:
         target = self._target(tag, form)
         async with self._turn:
-            with tempfile.TemporaryDirectory(dir=self._folder) as place:
-                source, made = Path(place) / f"{tag}.swz", Path(place) / f"{tag}.{form}"
+            place = Path(tempfile.mkdtemp(dir=self._folder))
+            try:
+                source, made = place / f"{tag}.swz", place / f"{tag}.{form}"
                 await asyncio.to_thread(source.write_bytes, stream)  # files may be large: other responses go on
                 try:
                     await self._run("convert", str(source), str(made), "--to", form, "--json")
@@ -130,6 +139,8 @@ class MadeDownloads:
                     log_event(LOG, logging.ERROR, "download failed", format=form, error=str(error))
                     raise
                 made.replace(target)
+            finally:
+                await asyncio.to_thread(shutil.rmtree, place, ignore_errors=True)
         found = await asyncio.to_thread(_opened_folder if form in FOLDERS else _opened_file, target)
         log_event(LOG, logging.INFO, "download made", format=form, bytes=found.num_bytes)
         return found
@@ -156,24 +167,25 @@ class MadeDownloads:
         if process.returncode:
             raise SplatwireError(" ".join(errors.decode(errors="replace").split())[-500:])
 
-    def _evict(self, kept: tuple[str, str]) -> None:
+    async def _evict(self, kept: tuple[str, str]) -> None:
         """Removes the oldest files if all files together exceed the limit.
 
         Responses that are still sending a removed file are not affected.
         """
         done = {key: task for key, task in self._files.items() if task.done() and not task.exception()}
         total = sum(task.result().num_bytes for task in done.values())
+        removed = []
         for key, task in done.items():
             if total <= self._most_bytes:
-                return
+                break
             if key != kept:
                 total -= task.result().num_bytes
-                target = self._target(*key)
-                if key[1] in FOLDERS:
-                    shutil.rmtree(target, ignore_errors=True)
-                else:
-                    target.unlink(missing_ok=True)
+                place = Path(tempfile.mkdtemp(dir=self._folder))
+                self._target(*key).replace(place / "removed")  # the file may be made again while this one is removed
                 del self._files[key]
+                removed.append(place)
+        for place in removed:  # a folder may have thousands of files: other responses go on
+            await asyncio.to_thread(shutil.rmtree, place, ignore_errors=True)
 
 
 def _opened_file(path: Path) -> _FinishedConversion:

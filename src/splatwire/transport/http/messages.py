@@ -10,7 +10,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 from splatwire.errors import BitstreamError
 
-_REQUEST = re.compile(r"([!#$%&'*+.^_`|~0-9A-Za-z-]+) (/[!-~]*) HTTP/1\.[01]")
+_REQUEST = re.compile(r"([!#$%&'*+.^_`|~0-9A-Za-z-]+) ([!-~]+) HTTP/1\.([01])")
+_ABSOLUTE = re.compile(r"https?://([^/?#]+)([/?]?[!-~]*)", re.IGNORECASE)
 _FIELD = re.compile(r"([!#$%&'*+.^_`|~0-9A-Za-z-]+):([\t\x20-\x7e\x80-\xff]*)")
 _RANGE = re.compile(r"bytes=([0-9]{0,18})-([0-9]{0,18})", re.IGNORECASE)
 _NO_WEIGHT = re.compile(r"q=0(?:\.0{0,3})?")
@@ -65,12 +66,15 @@ class Answer(NamedTuple):
 def read_request(head: bytes) -> Request:
     """Parses the head of an HTTP request.
 
+    The URL is a path, an absolute URL (its host replaces that of the `Host` header), or `*` for OPTIONS (RFC 9112,
+    3.2).
+
     Args:
         head: Bytes of the request line and the headers, with or without the final empty line.
 
     Raises:
         BitstreamError: If the head has a control byte within a line, a header without name, or not exactly one valid
-            `Host` header.
+            `Host` header. Also if the length of the request's body is ambiguous.
     """
     first, *lines = head.removesuffix(b"\r\n\r\n").decode("latin-1").split("\r\n")
     words, headers = _REQUEST.fullmatch(first), dict[str, str]()
@@ -82,8 +86,35 @@ def read_request(head: bytes) -> Request:
             raise BitstreamError(f"no header of a request: {line[:80]!r}")
         name, value = field[1].lower(), field[2].strip(" \t")
         headers[name] = f"{headers[name]}, {value}" if name in headers else value
-    target, _, query = words[2].partition("?")
-    return Request(words[1], target, query, _host(headers.get("host", "")), headers)
+    _check_body_length(headers, words[3])
+    host, path = _host(headers.get("host", "")), words[2]
+    if absolute := _ABSOLUTE.fullmatch(path):
+        host, path = _host(absolute[1]), absolute[2] if absolute[2].startswith("/") else f"/{absolute[2]}"
+    if not path.startswith("/") and (words[1], path) != ("OPTIONS", "*"):
+        raise BitstreamError(f"no URL of a request: {path[:80]!r}")
+    target, _, query = path.partition("?")
+    return Request(words[1], target, query, host, headers)
+
+
+def _check_body_length(headers: Mapping[str, str], minor: str) -> None:
+    """Checks that all servers agree on the length of a request's body (RFC 9112, 6.1 and 6.3).
+
+    If a proxy and this server disagreed, the rest of the body could be taken for another request (request smuggling).
+
+    Args:
+        headers: Header values by lower-case name.
+        minor: Minor version of HTTP/1.
+
+    Raises:
+        BitstreamError: If the length is invalid or stated twice.
+    """
+    length, coding = headers.get("content-length"), headers.get("transfer-encoding")
+    if length is not None and not re.fullmatch(r"([0-9]{1,18})(?:[ \t]*,[ \t]*\1)*", length):
+        raise BitstreamError(f"no length of a body: {length[:80]!r}")
+    if coding is not None and (
+        length is not None or minor == "0" or not re.fullmatch(r"(?i)(?:.*[ \t,])?chunked", coding)
+    ):
+        raise BitstreamError(f"a body of unclear length: Transfer-Encoding {coding[:80]!r}")
 
 
 def _host(text: str) -> str:

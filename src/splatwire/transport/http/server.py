@@ -5,6 +5,7 @@ import logging
 import socket
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, runtime_checkable
@@ -13,7 +14,7 @@ from splatwire.errors import BitstreamError
 from splatwire.transport.address import cannot_listen
 from splatwire.transport.congestion.pacing import Pacer
 from splatwire.transport.event_log import log_event
-from splatwire.transport.http.messages import Answer, GrowingFile, read_request
+from splatwire.transport.http.messages import Answer, GrowingFile, make_answer, read_request
 from splatwire.transport.http.proxies import IpNetwork, client_address
 from splatwire.transport.protocol.admission import ConnectionSlots, Network, network_of, network_text
 
@@ -28,6 +29,9 @@ LEAST_TURN_BYTES = 1200
 """Minimum size of such a turn, bytes."""
 YIELD_S = 0.002
 """Time in which a response lets waiting datagrams go first, seconds."""
+LINGER_S, LINGER_BYTES = 1.0, 1 << 22
+"""Limits on reading the rest of a refused request, seconds and bytes. Unread bytes would reset the connection, and the
+client could lose the response (RFC 9112, 9.6)."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +182,13 @@ class PageServer:
             self._waiting.take(network, writer.transport)
             try:
                 async with asyncio.timeout(limits.request_s):
-                    head = await reader.readuntil(b"\r\n\r\n")
+                    try:
+                        head = await reader.readuntil(b"\r\n\r\n")
+                    except asyncio.LimitOverrunError:
+                        head = await reader.read(MOST_HEAD_BYTES)
+                        await self._respond(b"", _too_long(head), network, writer, close=False)
+                        await _linger(reader, writer)
+                        return
             finally:
                 self._waiting.leave(network, writer.transport)
             if self._proxies:
@@ -190,20 +200,27 @@ class PageServer:
                 self.num_answers += 1
                 content = self.content
                 answer = await content.respond(head) if isinstance(content, SlowContent) else content.answer(head)
-                await self._respond(head, answer, network, writer)
+                refused = answer.head[9:10] == b"4"
+                await self._respond(head, answer, network, writer, close=not refused)
+                if refused:
+                    await _linger(reader, writer)
             finally:
                 self._places.leave(network, writer.transport)
-        except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError, OSError):
+        except (asyncio.IncompleteReadError, TimeoutError, OSError):
             pass  # the client disconnected, or sent no valid request
 
-    async def _respond(self, head: bytes, answer: Answer, network: Network, writer: asyncio.StreamWriter) -> None:
-        """Sends a response to the client, counts it and logs it."""
+    async def _respond(
+        self, head: bytes, answer: Answer, network: Network, writer: asyncio.StreamWriter, *, close: bool = True
+    ) -> None:
+        """Sends a response to the client, counts it and logs it; closes the connection if `close` is True."""
         loop, status = asyncio.get_running_loop(), int(answer.head[9:12])
         began, sent, complete = loop.time(), _Count(), False
         self.statuses[status] += 1
         try:
             await self._send(answer, writer, sent)
             complete = True
+            if close:
+                writer.close()
         finally:
             if self._logged:
                 seconds = round(loop.time() - began, 3)
@@ -230,7 +247,6 @@ class PageServer:
         else:
             async for piece in answer.body.pieces():
                 await self._write(piece, writer, sent)
-        writer.close()
 
     async def _write(
         self, data: bytes | memoryview, writer: asyncio.StreamWriter, sent: "_Count",
@@ -273,6 +289,22 @@ class PageServer:
             if limit is not None and end is not None:
                 limit.reschedule(end + loop.time() - began)
             pacer.sent(num_bytes, loop.time())
+
+
+def _too_long(start: bytes) -> Answer:
+    """Returns the response to a request whose head exceeds the limit, given the start of the head."""
+    line_ends = b"\r\n" in start
+    return make_answer("431 Request Header Fields Too Large" if line_ends else "414 URI Too Long")
+
+
+async def _linger(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Ends the response and reads the rest of the request, within limits, until the client closes the connection."""
+    writer.write_eof()
+    with suppress(TimeoutError):
+        async with asyncio.timeout(LINGER_S):
+            left = LINGER_BYTES
+            while left > 0 and (data := await reader.read(CHUNK_BYTES)):
+                left -= len(data)
 
 
 async def _wait_for_pacer(pacer: Pacer) -> None:
