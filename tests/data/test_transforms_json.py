@@ -245,3 +245,43 @@ def test_other_axes_of_the_poses_of_frames_give_one_warning(capture, caplog):
     path.write_text(json.dumps(content))
     read_transforms(path)
     assert caplog.text.count("camera_convention is 'opencv': poses are read with OpenGL axes") == 1
+
+
+@pytest.mark.parametrize("key", ["intrinsics", "K", "intrinsic_matrix", "camera_matrix", "camera_intrinsics"])
+@pytest.mark.parametrize("form", ["3x3", "4x4", "9"])
+def test_intrinsics_of_a_frame_may_be_a_matrix(key, form, capture):
+    """They replace the common `fl_x`, as `fl_x` of the frame does."""
+    path = capture.write_nerfstudio() / "transforms.json"
+    content = json.loads(path.read_text())
+    K = [[90.5, 0, 31.0], [0, 91.5, 29.0], [0, 0, 1]]
+    forms = {"3x3": K, "4x4": [*([*row, 0] for row in K), [0, 0, 0, 1]], "9": [*K[0], *K[1], *K[2]]}
+    content["frames"][1][key] = forms[form]
+    path.write_text(json.dumps(content))
+    before, view = read_transforms(path).views[:2]
+    assert view.K.tolist() == K
+    assert before.K.tolist() != K
+    content["frames"][1] |= {"fl_x": 90.5, "fx": 90.5, "fl_y": 91.5}
+    path.write_text(json.dumps(content))
+    assert read_transforms(path).views[1].K.tolist() == K
+
+
+@pytest.mark.parametrize(
+    ("fields", "problem"),
+    [
+        ({"intrinsics": [[90, 0, 31], [0, 90, 29], [0, 0, 1]], "fl_x": 80.0}, "two values of fl_x, 80 and 90"),
+        ({"fx": 70.0, "fl_x": 80.0}, "two values of fl_x"),
+        ({"K": [90, 0, 0, 0, 90, 0, 31, 29, 1]}, "'K', which is not"),
+        ({"intrinsics": [[90, 3, 31], [0, 90, 29], [0, 0, 1]]}, "'intrinsics', which is not"),
+        ({"intrinsics": [90, 90, 31, 29]}, "no 3 x 3 matrix"),
+        ({"intrinsics": {"f": 90}}, "no 3 x 3 matrix"),
+        ({"intrinsics": "intrinsics/1.txt"}, "no 3 x 3 matrix"),
+        ({"fx": "90"}, "not a sensible number"),
+    ],
+)
+def test_unclear_intrinsics_are_refused(fields, problem, capture):
+    path = capture.write_nerfstudio() / "transforms.json"
+    content = json.loads(path.read_text())
+    content["frames"][1] |= fields
+    path.write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match=problem):
+        read_transforms(path)

@@ -30,6 +30,11 @@ _TERMS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _LISTED_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
 _LENS_FIELDS = (*_TERMS, "camera_model", "is_fisheye", "distortion_params", *_OTHER_PROJECTIONS)
 """Fields about the lens that are applied or refused."""
+_MATRIX = re.compile(r"(?:cam(?:era)?[-_]?)?(?:intrinsics?(?:[-_]?matrix)?|matrix|K)")
+"""Names of fields with the intrinsics as a matrix."""
+_ALIASES = {"fx": "fl_x", "fy": "fl_y"}
+_SAME_NUMBER = 1e-3
+"""Largest relative difference of two statements of the same intrinsics."""
 _CONVENTION = re.compile(r"(?:camera|pose|axis|axes|coord\w*|world)[-_ ]?(?:convention|system|frame|space)?", re.I)
 """Names of fields that may state other axes of the poses."""
 _CONVENTION_OF_FRAME = re.compile(r"\w+[-_ ](?:convention|system)", re.I)
@@ -87,9 +92,10 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
     """Reads a transforms file.
 
     Poses are camera-to-world with OpenGL axes (y up, z backward). Intrinsics are `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`
-    (common or per frame), or `camera_angle_x` (`camera_angle_y`) with a centred principal point and square pixels.
-    `k1`, `k2`, `k3`, `p1` and `p2` are the distortion (OpenCV's model, as written by nerfstudio). With `camera_model`
-    OPENCV_FISHEYE or `is_fisheye`, `k1` to `k4` are the coefficients of OpenCV's fisheye.
+    (common or per frame), or `camera_angle_x` (`camera_angle_y`) with a centred principal point and square pixels. A
+    matrix `intrinsics` or `K` and `fx`, `fy` are read, too. `k1`, `k2`, `k3`, `p1` and `p2` are the distortion
+    (OpenCV's model, as written by nerfstudio). With `camera_model` OPENCV_FISHEYE or `is_fisheye`, `k1` to `k4` are
+    the coefficients of OpenCV's fisheye.
 
     Args:
         path: The file.
@@ -152,7 +158,7 @@ def listed_photos(path: Path, images: str | None = None) -> dict[str, Path]:
 
 def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], images: str | None) -> TransformsView:
     name = _name(frame["file_path"], images)
-    values = {**content, **frame}
+    values = {**_with_intrinsics(path, name, content), **_with_intrinsics(path, name, frame)}
     lens = _lens(path, name, values)
     image_path = _find_image(path, name)
     rows = frame.get("transform_matrix")
@@ -254,6 +260,49 @@ def _intrinsics(path: Path, name: str, values: dict[str, Any], image_path: Path)
         fx = fy = side / (2 * math.tan(angle / 2))
     cx, cy = _number(path, name, values, "cx", width / 2), _number(path, name, values, "cy", height / 2)
     return pinhole(fx, fy, cx, cy), width, height
+
+
+def _with_intrinsics(path: Path, name: str, fields: dict[str, Any]) -> dict[str, Any]:
+    """Returns fields with the intrinsics that a matrix, `fx` or `fy` among them states as `fl_x`, `fl_y`, `cx`, `cy`.
+
+    Raises:
+        DatasetError: If a matrix is not that of a pinhole camera in pixels, or two fields contradict each other.
+    """
+    read = dict(fields)
+    for key, value in fields.items():
+        if value is None:
+            continue
+        stated = {_ALIASES[key]: value} if key in _ALIASES else {}
+        if _MATRIX.fullmatch(key):
+            stated = _matrix_terms(path, name, key, value)
+        for term, number in stated.items():
+            before, number = _number(path, name, read, term, math.nan), _number(path, name, {term: number}, term, 0.0)
+            if abs(before - number) > _SAME_NUMBER * max(abs(before), abs(number)):
+                raise DatasetError(
+                    f"{path}: view '{name}' has two values of {term}, {before:g} and {number:g} ('{key}')"
+                )
+            read.setdefault(term, number)
+    return read
+
+
+def _matrix_terms(path: Path, name: str, key: str, value: object) -> dict[str, float]:
+    """Returns the intrinsics in a list of 3 x 3, 4 x 4 or 9 numbers.
+
+    Raises:
+        DatasetError: If it is another value, or has skew or other entries that a pinhole camera does not have.
+    """
+    if isinstance(value, list) and len(value) == 9:
+        value = [value[:3], value[3:6], value[6:]]
+    size = 4 if isinstance(value, list) and len(value) == 4 and isinstance(value[0], list) else 3
+    try:
+        K = matrix(path, name, value, (size, size))[:3, :3]
+    except DatasetError as error:
+        raise DatasetError(f"{path}: view '{name}' has '{key}', which is no 3 x 3 matrix: write 'fl_x', …") from error
+    if not np.allclose(K, pinhole(K[0, 0], K[1, 1], K[0, 2], K[1, 2]), atol=_SAME_NUMBER):
+        raise DatasetError(
+            f"{path}: view '{name}' has '{key}', which is not [fx 0 cx; 0 fy cy; 0 0 1]: write 'fl_x', …"
+        )
+    return {"fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2], "cy": K[1, 2]}
 
 
 def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:

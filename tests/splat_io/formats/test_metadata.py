@@ -100,6 +100,17 @@ def test_ply_comments_of_other_programs_are_read() -> None:
     assert stated_metadata(comments) == SceneMetadata("Garden", "Ana", "CC0", "z")
 
 
+@pytest.mark.parametrize("end", [".ply", ".compressed.ply"])
+def test_comments_that_are_not_utf8_are_read_as_windows_1252(
+    end: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / f"a{end}"
+    write_splats([some_splats()], path, metadata=SceneMetadata("Räume", "Jürgen"))
+    path.write_bytes(path.read_bytes().replace("Räume".encode(), "Räume €1".encode("cp1252")))
+    assert read_content(path).metadata == SceneMetadata("Räume €1", "Jürgen")
+    assert ["read as Windows-1252" in message for message in caplog.messages] == [True]
+
+
 @pytest.mark.parametrize(
     ("comment", "expected"),
     [

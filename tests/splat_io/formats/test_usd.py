@@ -349,9 +349,20 @@ def test_a_scene_whose_files_are_links_into_one_folder_is_read(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["./gone.usda", "gone.usda", "./photo.png"])
-def test_a_missing_or_unknown_file_of_a_scene_gives_a_warning(around, name, caplog):
+def test_a_missing_or_unknown_file_of_a_scene_gives_one_warning(around, name, caplog, capfd):
     (around / "photo.png").write_bytes(b"no scene")
     path = around / "a.usda"
     path.write_text(f"#usda 1.0\n(\n    subLayers = [@{name}@, @./own.usda@]\n)\n")
     assert read_splats(path).num_gaussians == 20
     assert [name in message for message in caplog.messages] == [True]
+    assert capfd.readouterr().err == ""  # else usd-core prints its own
+
+
+def test_other_warnings_of_usd_core_are_logged(around, caplog, capfd):
+    path = around / "a.usda"
+    path.write_text(
+        '#usda 1.0\n(\n    subLayers = [@./own.usda@]\n)\ndef "B" (references = @./own.usda@</no/prim>)\n{\n}\n'
+    )
+    assert read_splats(path).num_gaussians == 20
+    assert ["usd-core: " in message for message in caplog.messages] == [True]
+    assert capfd.readouterr().err == ""

@@ -1,5 +1,6 @@
 """PLY header: elements, the properties of their rows, and the encoding."""
 
+import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 from splatwire.errors import DatasetError
 from splatwire.files.kinds import is_not
 
+LOG = logging.getLogger(__name__)
 MAX_ROWS = 20_000_000
 _MAX_HEADER_BYTES = 65_536
 _MAX_PROPERTIES = 1024
@@ -52,7 +54,8 @@ class PlyHeader:
             with list properties.
         lists: Name of the first element with list properties, which is not read, like all later elements; None if no
             element has lists.
-        comments: Text of each comment, without the word `comment`; bytes that are not UTF-8 are replaced.
+        comments: Text of each comment, without the word `comment`. Comments that are not UTF-8 are decoded as
+            Windows-1252.
     """
 
     order: str
@@ -100,7 +103,7 @@ def read_header(path: Path, source: Iterator[bytes]) -> tuple[PlyHeader, bytes]:
 
 def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
     lines = [line.strip() for line in head.split(newline)]
-    comments = tuple(_comment(line) for line in lines if line.startswith(_REMARKS))
+    comments = tuple(_comment(path, line) for line in lines if line.startswith(_REMARKS))
     lines = [line for line in lines if line and not line.startswith(_REMARKS)]
     try:
         texts = [line.decode("ascii") for line in lines]
@@ -117,8 +120,14 @@ def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
     return PlyHeader(order, rows, lists, comments)
 
 
-def _comment(line: bytes) -> str:
-    return line.partition(b" " if b"\t" not in line[:9] else b"\t")[2].strip().decode("utf-8", "replace")
+def _comment(path: Path, line: bytes) -> str:
+    text = line.partition(b" " if b"\t" not in line[:9] else b"\t")[2].strip()
+    try:
+        return text.decode("utf-8")
+    except UnicodeDecodeError:
+        western = text.decode("cp1252", "replace")
+        LOG.warning("%s: the comment %.80r is not UTF-8: it is read as Windows-1252", path, western)
+        return western
 
 
 def _elements(path: Path, lines: list[list[str]], order: str) -> tuple[dict[str, tuple[int, np.dtype]], str | None]:

@@ -22,10 +22,13 @@ MAX_LAYERS = 10_000
 _CLIPS, _TEMPLATE = "clips", "templateAssetPath"
 
 
-def checked_layers(path: Path) -> list[Sdf.Layer]:
+def checked_layers(path: Path) -> tuple[list[Sdf.Layer], list[str]]:
     """Opens all files that a scene is composed of; as long as they are held, usd-core does not read them again.
 
     A further file that is missing, or that usd-core cannot read, gives a warning.
+
+    Returns:
+        The opened files, and the paths of further files that are missing or that usd-core cannot read.
 
     Raises:
         DatasetError: If a file is outside of the folder of the scene (`is_in_folder_of`), is named by an expression, or
@@ -35,11 +38,13 @@ def checked_layers(path: Path) -> list[Sdf.Layer]:
     scene = Sdf.Layer.FindOrOpen(str(path))
     if scene is None:
         raise DatasetError(f"{path}: usd-core cannot find it")
-    layers, seen = [scene], {scene.identifier}
+    layers, seen, unread = [scene], {scene.identifier}, list[str]()
     for layer in layers:  # grows
         for name, composed in _named_files(layer):
-            found = _resolved_file(path, layer, name)
-            if not composed or found is None or found in seen:
+            found, exists = _resolved_file(path, layer, name)
+            if not exists:
+                unread.append(found)
+            if not composed or not exists or found in seen:
                 continue
             seen.add(found)
             if len(seen) > MAX_LAYERS:
@@ -50,9 +55,10 @@ def checked_layers(path: Path) -> list[Sdf.Layer]:
                 other = None
             if other is None:
                 LOG.warning("%s: names %.200s, which cannot be read: parts of the scene may be missing", path, name)
+                unread.append(found)
             else:
                 layers.append(other)
-    return layers
+    return layers, unread
 
 
 def _named_files(layer: Sdf.Layer) -> Iterator[tuple[str, bool]]:
@@ -83,8 +89,8 @@ def _clip_files(layer: Sdf.Layer, clips: Any) -> Iterator[str]:
             yield from (one.path for one in names if one.path)
 
 
-def _resolved_file(path: Path, layer: Sdf.Layer, name: str) -> str | None:
-    """Returns the identifier of a file that a layer names; None if it does not exist.
+def _resolved_file(path: Path, layer: Sdf.Layer, name: str) -> tuple[str, bool]:
+    """Returns the identifier of a file that a layer names, and True if the file exists.
 
     Args:
         path: The scene.
@@ -104,4 +110,4 @@ def _resolved_file(path: Path, layer: Sdf.Layer, name: str) -> str | None:
         raise DatasetError(f"{path}: names {name[:200]}, which is outside of its folder: only files in there are read")
     if not resolved:
         LOG.warning("%s: names %.200s, which does not exist: parts of the scene may be missing", path, name)
-    return identifier if resolved else None
+    return identifier, bool(resolved)

@@ -327,6 +327,8 @@ class _Gltf:
         parts, name = urlsplit(uri), PurePosixPath(unquote(urlsplit(uri).path))
         if parts.scheme or parts.netloc or name.is_absolute() or ".." in name.parts or "\\" in uri or "\0" in str(name):
             raise DatasetError(f"{self._path}: buffer {uri!r:.80} is no file in the folder of the document")
+        if not name.name:
+            raise DatasetError(f"{self._path}: a buffer's URI {uri!r:.80} names no file: its bytes are missing")
         file = self._path.parent / name
         if not is_in_folder_of(self._path, file):  # its bytes would become part of a scene
             raise DatasetError(

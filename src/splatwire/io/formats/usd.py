@@ -7,6 +7,7 @@ becomes right, down, forward; a stage with z up keeps its axes. Attributes may h
 
 import itertools
 import json
+import logging
 import math
 import re
 from collections.abc import Iterable, Iterator
@@ -30,6 +31,7 @@ from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin
 from splatwire.types.splats import Splats
 
+LOG = logging.getLogger(__name__)
 PRIM = "ParticleField3DGaussianSplat"
 _COEFFICIENTS, _DEGREE = "radiance:sphericalHarmonicsCoefficients", "radiance:sphericalHarmonicsDegree"
 _ARRAYS = {"positions": 3, "orientations": 4, "scales": 3, "opacities": 1, _COEFFICIENTS: 3}
@@ -125,6 +127,25 @@ def write_usd_frames(frames: Iterable[FileContent], path: Path, rate: float) -> 
     return count
 
 
+def _opened_stage(path: Path, unread: list[str]) -> Usd.Stage:
+    """Opens a stage, and logs the warnings of usd-core instead of printing them.
+
+    Args:
+        path: The scene.
+        unread: Paths of further files that cannot be read, for which there was a warning.
+
+    Raises:
+        Tf.ErrorException: If usd-core cannot open the scene.
+    """
+    printed = UsdUtils.CoalescingDiagnosticDelegate()  # as long as it exists, usd-core prints nothing
+    stage = Usd.Stage.Open(str(path))
+    texts = [found.commentary for found in printed.TakeUncoalescedDiagnostics()]
+    for text in dict.fromkeys(text.partition(" (instantiating stage on ")[0] for text in texts):
+        if not any(f"@{name}@" in text for name in unread):
+            LOG.warning("%s: usd-core: %.300s", path, text)
+    return stage
+
+
 class _Stage:
     """An opened OpenUSD stage with the visible prims of Gaussians.
 
@@ -135,8 +156,8 @@ class _Stage:
     def __init__(self, path: Path) -> None:
         self._path, self._bytes = path, path.stat().st_size
         try:
-            self._layers = checked_layers(path)
-            self._stage = Usd.Stage.Open(str(path))
+            self._layers, unread = checked_layers(path)
+            self._stage = _opened_stage(path, unread)
         except Tf.ErrorException as error:
             raise DatasetError(f"{path}: usd-core cannot open it: {_first_line(error)}") from error
         self._prims = [
