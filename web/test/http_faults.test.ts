@@ -406,6 +406,24 @@ test("a server that fails for a while is requested for parts again after the who
   );
 });
 
+test("a file that the page may not read (CORS) is an error that names the header, after some attempts", async () => {
+  for (const type of ["opaque", "basic", ""] as const) {
+    let attempts = 0;
+    globalThis.fetch = async (_, init) => {
+      if (init?.mode === "no-cors" && type) return { type } as Response;
+      if (init?.mode !== "no-cors" && ++attempts > 20) return part(STILL, { ...NO_RANGE, signal: init!.signal! });
+      throw new TypeError("Failed to fetch");
+    };
+    const ended = await visit();
+    if (type === "opaque") {
+      assert.match(ended.text, /may not read it.*Access-Control-Allow-Origin/);
+      assert.ok(attempts < 8, `${attempts} requests`);
+    } else assertWhole(ended, STILL); // the server was unreachable
+  }
+});
+
+const NO_RANGE = { range: null, cache: "default" } as const;
+
 function shifted(file: Uint8Array, asked: Parameters<Answering>[0], honest: boolean): Response {
   if (!asked.range) return whole(file);
   const range = [asked.range[0] + 4, asked.range[1] + 4] as const,

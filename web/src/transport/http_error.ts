@@ -17,6 +17,16 @@ export class HttpError extends Error {
   }
 }
 
+/** Error for a file that the server delivers but that the page may not read (CORS). A retry cannot help. */
+export class Unreadable extends Error {
+  constructor(url: string) {
+    super(
+      `${url} is there, but this page may not read it: it, or the address that it redirects to, needs the header ` +
+        "Access-Control-Allow-Origin (CORS)",
+    );
+  }
+}
+
 /** Returns the delay of a `Retry-After` header, seconds or a date, in milliseconds; NaN if it is invalid. */
 function retryDelay(header: string): number {
   return /^\d+$/.test(header) ? 1000 * Number(header) : Date.parse(header) - Date.now();

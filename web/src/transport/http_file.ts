@@ -1,7 +1,7 @@
 // A file on an HTTP server, read by range requests with timeouts and validation of responses.
 
 import { delay } from "../scheduler.ts";
-import { HttpError } from "./http_error.ts";
+import { HttpError, Unreadable } from "./http_error.ts";
 
 export interface Limits {
   /** Initial idle timeout, milliseconds. Each timeout raises it. */
@@ -27,6 +27,8 @@ const MAX_USELESS = 3;
 const MAX_FAILURES = 3;
 /** Number of requests for a range whose responses are shorter than it. Each may have half of the rest. */
 const MAX_SHORT = 24;
+/** Number of requests without a response after which it is checked if the browser withholds the responses. */
+const MAX_WITHHELD = 3;
 /** Temporary error statuses, of a server that is busy or restarting. */
 const PASSING = [408, 425, 429, 500];
 const CONTENT_RANGE = /^bytes (\d+)-(\d+)\/(\d+|\*)$/;
@@ -76,6 +78,7 @@ export class HttpFile {
   /** True while the whole file is requested because range requests failed repeatedly. */
   isTryingWhole = false;
   #failures = 0;
+  #withheld = 0;
   #changedAt = -Infinity;
   /** Message of the last failed range request. */
   #reason = "";
@@ -126,8 +129,8 @@ export class HttpFile {
 
   /**
    * Requests the bytes `first` to `end - 1`, where null means the end of the file. If `first` is null, the whole file
-   * is requested without a range. Throws `HttpError`, `Stalled`, `PastEnd`, `RangeUnsupported`, or the error of a
-   * broken connection.
+   * is requested without a range. Throws `HttpError`, `Stalled`, `PastEnd`, `RangeUnsupported`, `Unreadable`, or the
+   * error of a broken connection.
    */
   async request(
     first: number | null,
@@ -152,7 +155,19 @@ export class HttpFile {
       // Without a response, the server may have rejected the CORS preflight, which only range requests need.
       if (error instanceof TypeError && first !== null && this.ranges === "unknown" && !this.#partial)
         throw new RangeUnsupported(error.message);
+      if (error instanceof TypeError && !this.given && ++this.#withheld >= MAX_WITHHELD && (await this.#isWithheld()))
+        throw new Unreadable(this.url);
       throw error;
+    }
+  }
+
+  /** Returns true if the server responds, but the browser withholds its response from the page. */
+  async #isWithheld(): Promise<boolean> {
+    const signal = AbortSignal.timeout(this.#idleMs);
+    try {
+      return (await fetch(this.url, { method: "HEAD", mode: "no-cors", cache: "no-store", signal })).type === "opaque";
+    } catch {
+      return false;
     }
   }
 
