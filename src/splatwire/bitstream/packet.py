@@ -94,8 +94,11 @@ def make_packet(packet_id: PacketId, num_elements: int, payload: bytes, stream_i
     if type(packet_id) is not PacketId or type(payload) is not bytes:  # no `checked`: called once per packet
         found = f"{shown(packet_id)}, {shown(payload)}"
         raise InvalidValueError(f"expected a PacketId as packet_id and bytes as payload, not {found}")
-    num_elements = whole_number(num_elements, "num_elements", 1, MAX_BLOCK_SIZE)
-    stream_id = whole_number(stream_id, "stream_id", 0, (1 << 32) - 1)
+    if not (type(num_elements) is int and type(stream_id) is int):  # other integers, and what is none
+        num_elements, stream_id = whole_number(num_elements, "num_elements"), whole_number(stream_id, "stream_id")
+    if not (1 <= num_elements <= MAX_BLOCK_SIZE and 0 <= stream_id < 1 << 32):
+        whole_number(num_elements, "num_elements", 1, MAX_BLOCK_SIZE)
+        whole_number(stream_id, "stream_id", 0, (1 << 32) - 1)
     fits = (
         0 <= packet_id.block < MAX_BLOCKS
         and 0 <= packet_id.lane < (MAX_LANES if packet_id.part else MAX_HASHED_BLOCK)

@@ -165,12 +165,17 @@ def _is_complete(plan: PacketPlan, packets: Sequence[Packet]) -> bool:
     if not plan.packetization.hashed:
         expected = [(packet_id, plan.count(packet_id)) for packet_id in plan.ids]
         return [(packet.id, packet.num_elements) for packet in packets] == expected
+    # One plain comparison per packet: datagrams are many.
+    most = plan.packetization.packet_bytes
+    sizes = [plan.block_elements(block) for block in range(plan.num_blocks)]
     block, position = 0, 0
     for packet in packets:
-        if block < plan.num_blocks and position == plan.block_elements(block):
+        if block < len(sizes) and position == sizes[block]:
             block, position = block + 1, 0
-        too_large = packet.num_bytes > plan.packetization.packet_bytes
-        if packet.id != PacketId(block, position) or not plan.fits(packet.id, packet.num_elements) or too_large:
+        end = position + packet.num_elements
+        if block == len(sizes) or not position < end <= sizes[block]:
             return False
-        position += packet.num_elements
-    return block == plan.num_blocks - 1 and position == plan.block_elements(block) if packets else not plan.num_elements
+        if packet.id != PacketId(block, position) or packet.num_bytes > most:
+            return False
+        position = end
+    return block == len(sizes) - 1 and position == sizes[block] if packets else not plan.num_elements

@@ -42,14 +42,11 @@ class Sources:
             fractional bits. Scales are relative to the scene's size.
         axes: float64 (N, 3, 3), principal axes as the columns of a matrix, in the order of decreasing scale.
         colours: int64 (N, 3), base colour as Y Co Cg, with `BITS` fractional bits.
-        harmonics: float64 (N, K, 3), Y Co Cg of each spherical harmonic above degree 0, multiplied by `2**BITS`, not
-            rounded.
     """
 
     logs: np.ndarray
     axes: np.ndarray
     colours: np.ndarray
-    harmonics: np.ndarray
 
 
 def scene_middle(splats: Splats) -> np.ndarray:
@@ -83,7 +80,7 @@ def to_sources(splats: Splats, size_log: int) -> Sources:
     """
     order = np.argsort(-splats.scales, axis=1, kind="stable")
     axes = np.take_along_axis(matrices_of(splats.quats.astype(np.float64)), order[:, None, :], axis=2)
-    return Sources(to_logs(splats, size_log), axes, to_colours(splats), to_harmonics(splats))
+    return Sources(to_logs(splats, size_log), axes, to_colours(splats))
 
 
 def to_logs(splats: Splats, size_log: int) -> np.ndarray:
@@ -109,7 +106,7 @@ def to_colours(splats: Splats) -> np.ndarray:
 def to_harmonics(splats: Splats) -> np.ndarray:
     """Converts spherical harmonics above degree 0 to Y Co Cg multiplied by `2**BITS`, float64 (N, K, 3).
 
-    The result is not rounded: harmonics of a decoded scene lie between integers, and `transformed` must map them back
+    The result is not rounded: harmonics of a decoded scene lie between integers, and the transform must map them back
     to exactly the integers of the stream.
     """
     flat = splats.sh[:, 1:].astype(np.float64).reshape(-1, 3) @ LUMA_CHROMA.T * (1 << BITS)
@@ -138,19 +135,25 @@ def fit_transform(harmonics: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return np.rint(axes * TRANSFORM_UNIT).astype(np.int64)
 
 
-def transformed(harmonics: np.ndarray, transform: np.ndarray) -> np.ndarray:
-    """Transforms spherical harmonics to the integers stored in packets, int64 (n, 3 K).
+def transformed(splats: Splats, transform: np.ndarray) -> np.ndarray:
+    """Transforms spherical harmonics above degree 0 to the integers stored in packets, int64 (n, 3 K).
 
     Columns 0 to 2 are Y Co Cg along the first axis of the transform, columns 3 to 5 along the second axis, and so on.
 
     Args:
-        harmonics: float64 (n, K, 3), K harmonics above degree 0 of n Gaussians, from `to_harmonics`.
+        splats: The n Gaussians, with K harmonics above degree 0.
         transform: int64 (K, K), from `fit_transform`.
     """
+    count = splats.num_gaussians
     if not transform.size:
-        return np.zeros((len(harmonics), 0), dtype=np.int64)
-    inverse = np.linalg.inv(transform / TRANSFORM_UNIT)
-    numbers = harmonics.reshape(len(harmonics), -1) @ np.kron(inverse, np.eye(3))
+        return np.zeros((count, 0), dtype=np.int64)
+    inverse, side = np.linalg.inv(transform / TRANSFORM_UNIT), splats.sh[:, 1:]
+    # One product with a large matrix is several times as fast as a product with a 3 x 3 matrix before it. Only values
+    # that `to_harmonics` limits need the slow way: each is at most sqrt(3) times the largest coefficient.
+    if max(side.max(initial=0), -side.min(initial=0)) * (2 << BITS) < MAX_COLOUR:
+        numbers = side.reshape(count, -1).astype(np.float64) @ np.kron(inverse, LUMA_CHROMA.T * (1 << BITS))
+    else:
+        numbers = to_harmonics(splats).reshape(count, -1) @ np.kron(inverse, np.eye(3))
     return np.rint(numbers, out=numbers).astype(np.int64)
 
 

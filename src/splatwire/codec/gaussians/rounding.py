@@ -55,7 +55,7 @@ def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
         end = min(begin + _PIECE, splats.num_gaussians)
         part = splats.run(begin, end)
         sources, (rows, harmonics) = to_sources(part, coding.size_log), empty_rows(end - begin, width)
-        harmonics[:] = transformed(sources.harmonics, coding.transform)
+        harmonics[:] = transformed(part, coding.transform)
         places = to_lattice(part.means.astype(np.float64), coding.unit, coding.size_log)
         kernels.round_rows(
             places, sources.logs, sources.axes, sources.colours, coding.classes[begin:end].astype(np.int64), bases,

@@ -252,7 +252,8 @@ class SourceScene:
         codes, at = block_codes(places, bits), cell_shift(places, bits)
         by = self._arrangement(codes, at, bits)[some]
         where = self.members(block).start + by
-        s = to_sources(self.pick(where), self.size_log)
+        picked = self.pick(where)
+        s = to_sources(picked, self.size_log)
         return BlockSource(
             np.int64(at),
             np.int64(not self.contiguous),
@@ -262,7 +263,7 @@ class SourceScene:
             s.logs,
             s.axes,
             s.colours,
-            transformed(s.harmonics, info.transform),
+            transformed(picked, info.transform),
         )
 
 
