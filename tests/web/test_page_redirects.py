@@ -1,0 +1,134 @@
+"""Streams behind redirects: to the same server, to a store with CORS or with signed URLs, and to one without CORS."""
+
+import contextlib
+import itertools
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from splatwire.transport.http.content import web_file
+from splatwire.transport.http.messages import read_range
+from transport.chromium import Browser, browser, executable
+from web.pictures import ELEMENT
+
+pytestmark = [pytest.mark.skipif(executable() is None, reason="Chromium is not installed"), pytest.mark.slow]
+GOLDEN = Path(__file__).parent.parent / "golden"
+STATUS = f"{ELEMENT}?.status"
+PAGE = '<!doctype html><meta charset="utf-8"><script type="module" src="/splatwire.js"></script>'
+
+
+class Store:
+    """Two servers: one of pages, which redirects requests for streams, and one of files.
+
+    Attributes:
+        asked: Path of each request for a file.
+    """
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+        self.signatures = itertools.count(1)
+        self.valid = 0
+        self.pages, self.files = (ThreadingHTTPServer(("127.0.0.1", 0), self._handler(kind)) for kind in "pf")
+
+    def page(self, way: str, name: str) -> str:
+        return f"http://127.0.0.1:{self.pages.server_port}/page/{way}/{name}"
+
+    def _handler(self, kind: str) -> type[BaseHTTPRequestHandler]:
+        store = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def log_message(self, *given: Any) -> None:
+                pass
+
+            def do_OPTIONS(self) -> None:
+                self.send(204, {"Access-Control-Allow-Headers": "range"})
+
+            def do_HEAD(self) -> None:
+                self.do_GET()
+
+            def do_GET(self) -> None:
+                words = self.path.split("/")[1:]
+                match words:
+                    case ["page", way, name]:
+                        body = f'{PAGE}<splat-wire src="/{way}/{name}"></splat-wire>'.encode()
+                        self.send(200, {"Content-Type": "text/html"}, body)
+                    case ["splatwire.js"]:
+                        self.send(200, {"Content-Type": "text/javascript"}, web_file("splatwire.js").encode())
+                    case ["same", name] if kind == "p":
+                        self.send(307, {"Location": f"/file/{name}"})
+                    case ["cors" | "closed" as way, name] if kind == "p":
+                        self.send(302, {"Location": f"http://localhost:{store.files.server_port}/{way}/{name}"})
+                    case ["signed", name] if kind == "p":
+                        store.valid = next(store.signatures)
+                        place = f"http://localhost:{store.files.server_port}/signed/{store.valid}/{name}"
+                        self.send(302, {"Location": place, "Cache-Control": "no-store"})
+                    case ["signed", number, name]:  # a signature is valid once
+                        is_valid, store.valid = int(number) == store.valid, 0
+                        self.file(name) if is_valid else self.send(403)
+                    case ["file" | "cors" | "closed", name]:
+                        self.file(name)
+                    case _:
+                        self.send(404)
+
+            def file(self, name: str) -> None:
+                store.asked.append(self.path)
+                body = (GOLDEN / name).read_bytes()
+                wanted = read_range(self.headers.get("Range", ""), len(body))
+                if wanted is None:
+                    self.send(200, {}, body)
+                    return
+                first, end = wanted
+                self.send(206, {"Content-Range": f"bytes {first}-{end - 1}/{len(body)}"}, body[first:end])
+
+            def send(self, status: int, headers: dict[str, str] | None = None, body: bytes = b"") -> None:
+                self.send_response(status)
+                shared = {} if self.path.startswith("/closed") else {"Access-Control-Allow-Origin": "*"}
+                for name, value in {"Content-Length": str(len(body)), **shared, **(headers or {})}.items():
+                    self.send_header(name, value)
+                self.end_headers()
+                if self.command != "HEAD":
+                    self.wfile.write(body)
+
+        return Handler
+
+
+@pytest.fixture(scope="module")
+def store() -> Iterator[Store]:
+    found = Store()
+    with contextlib.ExitStack() as stack:
+        for server in (found.pages, found.files):
+            thread = threading.Thread(target=server.serve_forever)
+            thread.start()
+            stack.callback(thread.join)
+            stack.callback(server.shutdown)
+            stack.callback(server.server_close)
+        yield found
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[Browser]:
+    with browser() as opened:
+        yield opened
+
+
+@pytest.mark.parametrize("name", ["tiny_levels.swz", "tiny_causal.swz", "tiny_clip.swz"])
+@pytest.mark.parametrize("way", ["same", "cors", "signed"])
+def test_a_stream_behind_a_redirect_arrives_whole(way: str, name: str, store: Store, page: Browser):
+    for _ in range(2):  # the second visit has stored packets
+        page.open("about:blank")
+        page.open(store.page(way, name))
+        page.wait_for(f"{STATUS} && ({STATUS}.finished || {STATUS}.failed)")
+        assert not page.evaluate(f"{STATUS}.failed")
+        assert page.evaluate(f"{STATUS}.complete")
+
+
+def test_a_redirect_to_a_server_without_cors_is_an_error_that_names_the_header(store: Store, page: Browser):
+    page.open("about:blank")
+    store.asked.clear()
+    page.open(store.page("closed", "tiny_causal.swz"))
+    assert "Access-Control-Allow-Origin" in str(page.wait_for(f"{STATUS}?.failed"))
+    assert len(store.asked) < 12
