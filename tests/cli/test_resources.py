@@ -40,6 +40,10 @@ def test_exhausted_resource_is_named(error, words):
     assert "\n" not in problem
 
 
+def test_a_file_that_happens_to_be_the_first_too_many_is_not_named():
+    assert "thread.py" not in resource_problem(OSError(errno.EMFILE, "Too many open files", "thread.py"))
+
+
 @pytest.mark.parametrize("error", [OSError(errno.ENOENT, "No such file", "a"), ValueError("memory"), KeyError("x")])
 def test_other_errors_are_no_resource_errors(error):
     assert resource_problem(error) is None

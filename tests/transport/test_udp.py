@@ -1,6 +1,7 @@
 """Real sockets, on loopback only; every wait is bounded."""
 
 import asyncio
+import errno
 import random
 from collections.abc import Coroutine
 from typing import Any
@@ -21,7 +22,7 @@ from splatwire.transport import (
 from splatwire.transport.address import DEFAULT_PORT, Address, parse_url
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
-from splatwire.transport.udp import UdpServer, receive_udp
+from splatwire.transport.udp import UdpServer, bound_socket, receive_udp, resolve
 from transport.network import FailingCallbackError, at_most, bernoulli, bursts, datagram_stream, fail_on_event
 from transport.relay import Relay
 
@@ -184,3 +185,21 @@ def test_udp_addresses_are_parsed():
             parse_url(wrong)
     with pytest.raises(InvalidValueError, match="is not known"):
         run(receive_udp(Address("no-such-host.invalid", 1), ReceiverOptions()))
+
+
+@pytest.mark.parametrize("host", ["a" * 70 + ".com", "a..b"])
+def test_names_that_no_host_can_have_are_refused(host: str) -> None:
+    with pytest.raises(InvalidValueError, match="is not known: it is no host name"):
+        asyncio.run(resolve(Address(host, 1)))
+    with pytest.raises(InvalidValueError, match=r"cannot listen on UDP port 0 of a.*no host name"):
+        bound_socket(host, 0)
+
+
+def test_a_missing_resource_is_not_taken_for_an_unknown_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    def exhausted(*given: Any, **named: Any) -> Any:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr("socket.getaddrinfo", exhausted)
+    with pytest.raises(OSError, match="Too many open files") as caught:
+        asyncio.run(resolve(Address("127.0.0.1", 1)))
+    assert caught.value.errno == errno.EMFILE

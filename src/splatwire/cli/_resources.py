@@ -39,7 +39,8 @@ def resource_problem(error: BaseException) -> str | None:
             text = f"{_MEMORY}: {cause}".rstrip(": ")
             return text + _address_space_hint()
         if isinstance(cause, OSError) and cause.errno in _ADVICE:
-            where = "" if cause.filename is None else f"{cause.filename}: "
+            is_about_file = cause.filename is not None and cause.errno not in (errno.EMFILE, errno.ENFILE)
+            where = f"{cause.filename}: " if is_about_file else ""
             return where + _ADVICE[cause.errno]
         if "libllvmlite" in str(cause) and _address_space_hint():
             return _MEMORY + _address_space_hint()

@@ -27,16 +27,17 @@ class Address:
     scheme: str = "udp"
 
 
-def cannot_listen(kind: str, host: str, port: int, error: OSError) -> InvalidValueError:
+def cannot_listen(kind: str, host: str, port: int, error: OSError | UnicodeError) -> InvalidValueError:
     """Returns the exception for a server port that cannot be bound; the message has port, address and reason.
 
     Args:
         kind: Protocol of the port for the message, such as `UDP`.
         host: Address to listen on.
         port: Number of the port.
-        error: Error of the operating system.
+        error: Error of the operating system; a UnicodeError if the host name has a label of more than 63 characters.
     """
-    return InvalidValueError(f"cannot listen on {kind} port {port} of {host}: {error.strerror or error}")
+    reason = "it is no host name" if isinstance(error, UnicodeError) else error.strerror or error
+    return InvalidValueError(f"cannot listen on {kind} port {port} of {host:.80}: {reason}")
 
 
 def parse_url(url: str) -> Address:

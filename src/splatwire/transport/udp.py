@@ -164,11 +164,13 @@ async def resolve(address: Address) -> tuple[socket.AddressFamily, Any]:
 
     Raises:
         InvalidValueError: If the host name cannot be resolved.
+        OSError: If a resource is missing, such as a file descriptor.
     """
     try:
         found = await asyncio.get_running_loop().getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
-    except OSError as error:
-        raise InvalidValueError(f"the host '{address.host}' is not known: {error.strerror}") from error
+    except (socket.gaierror, UnicodeError) as error:  # a label of more than 63 characters is a UnicodeError
+        reason = getattr(error, "strerror", None) or "it is no host name"
+        raise InvalidValueError(f"the host '{address.host:.80}' is not known: {reason}") from error
     return found[0][0], found[0][4]
 
 
@@ -307,7 +309,7 @@ def bound_socket(host: str, port: int) -> socket.socket:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
         family, kind, protocol, _, target = found[0]
         server = socket.socket(family, kind, protocol)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
         raise cannot_listen("UDP", host, port, error) from error
     try:
         server.setblocking(False)
