@@ -20,7 +20,7 @@ from splatwire.metrics import psnr
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
-from splatwire.sequence import ClipOptions, decode_frames, encode_clip, frame_files, read_frames
+from splatwire.sequence import SequenceOptions, decode_frames, encode_sequence, frame_files, read_frames
 from splatwire.types import Cameras, SplatScene
 from splatwire.types.splats import Splats
 
@@ -38,7 +38,7 @@ def score(shown: list[Splats], files: list[Path], cameras: Cameras) -> float:
 
 def of_clip(files: list[Path], cameras: Cameras, quality: str) -> dict:
     """The clip of splatwire."""
-    stream, _ = encode_clip(read_frames(files), ClipOptions(quality=quality))
+    stream, _ = encode_sequence(read_frames(files), SequenceOptions(quality=quality))
     shown = [frame.scene.drawn() for frame in decode_frames(decode_stream(stream).scene) if frame.number % EVERY == 0]
     return {"bytes": stream.num_bytes, "psnr": score(shown, files[::EVERY], cameras)}
 

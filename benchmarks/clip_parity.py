@@ -23,8 +23,8 @@ from splatwire.bitstream import SceneStream
 from splatwire.channel import LossModel, parse_loss
 from splatwire.codec import decode_stream
 from splatwire.codec.gaussians.quality import Quality
-from splatwire.codec.sequence.encoder import ClipWriter
-from splatwire.concealment.temporal.concealers import clip_concealer
+from splatwire.codec.sequence.encoder import TracksEncoder
+from splatwire.concealment.temporal.concealers import temporal_concealer
 from splatwire.planning.sequence.delivery import SequenceLoad, delivered, model_motion_transfer
 from splatwire.planning.sequence.distortion import draw, measure_sequence_distortion, pooled
 from splatwire.planning.sequence.planner import SequenceVariant, plan_sequence
@@ -53,7 +53,7 @@ def encoded(files: list[Path], levels: list[float]) -> dict[float, SceneStream]:
     everyone = np.arange(len(groups[0].keys))
     classes, found = precision_classes(groups[0].first(everyone)), {}
     for level in levels:
-        writer = ClipWriter(RATE, GROUP, Quality(level=level))
+        writer = TracksEncoder(RATE, GROUP, Quality(level=level))
         for number, group in enumerate(groups):
             writer.add(group, None if number else classes)
         found[level] = writer.finish({SECTION: tracker.report.section()})
@@ -80,7 +80,7 @@ class Clip:
         """Damage of losses for each quality with a concealer."""
         damages = [
             measure_sequence_distortion(
-                stream, self.loads[level], clip_concealer(name), self._cameras, self._references, 0.0, seed=1
+                stream, self.loads[level], temporal_concealer(name), self._cameras, self._references, 0.0, seed=1
             )
             for level, stream in self.streams.items()
         ]
@@ -96,7 +96,7 @@ class Clip:
         key = (level, name, frozenset(p.id for p in came))
         if key not in self._known:
             clip = decode_stream(stream.with_packets(came)).scene
-            pairs = zip(draw(clip, clip_concealer(name), self._cameras), self._references, strict=True)
+            pairs = zip(draw(clip, temporal_concealer(name), self._cameras), self._references, strict=True)
             errors = [((a - b).astype(np.float64) ** 2).mean(axis=(1, 2, 3)) for a, b in pairs]
             self._known[key] = float((-10 * np.log10(np.array(errors))).mean())
         return self._known[key]

@@ -29,8 +29,8 @@ from bent_clip import bent_frames, capture
 from splatwire.bitstream import packet_from_bytes, read_stream, write_stream
 from splatwire.codec import decode_stream
 from splatwire.ops.threads import use_single_thread
-from splatwire.sequence import ClipEncoder, ClipOptions, decode_frames
-from splatwire.sequence.live import LiveDecoder
+from splatwire.sequence import SequenceEncoder, SequenceOptions, decode_frames
+from splatwire.sequence.live_decoder import LiveDecoder
 from splatwire.transport.protocol.live_session import LiveSession
 from splatwire.types.splats import Splats
 
@@ -59,7 +59,7 @@ def speed(path: Path, tracks: int, frames: int, threads: int) -> dict:
     """Frames a second of encoding, by wall and by processor time, and of decoding in one thread."""
     clip = list(bent_frames(capture(path, DEGREE, tracks), frames))
     for _ in range(2):  # kernels are loaded in the first
-        encoder, taken = ClipEncoder(ClipOptions(group_frames=GROUP, threads=threads)), []
+        encoder, taken = SequenceEncoder(SequenceOptions(group_frames=GROUP, threads=threads)), []
         for frame in clip:
             began = clocks()
             encoder.push(frame)
@@ -86,7 +86,7 @@ def speed(path: Path, tracks: int, frames: int, threads: int) -> dict:
 def live(path: Path, tracks: int) -> dict:
     """Median processor time of each step between a group's last frame and its frames, seconds; not of the first."""
     use_single_thread()
-    encoder, decoder = ClipEncoder(ClipOptions(group_frames=LIVE_GROUP, threads=1), live=True), LiveDecoder()
+    encoder, decoder = SequenceEncoder(SequenceOptions(group_frames=LIVE_GROUP, threads=1), live=True), LiveDecoder()
     broadcast, steps = LiveSession(importance=encoder.importance), list[dict[str, float]]()
     for frame in bent_frames(capture(path, DEGREE, tracks), 6 * LIVE_GROUP):
         times = [time.process_time()]
@@ -114,7 +114,7 @@ def live(path: Path, tracks: int) -> dict:
 
 def encoded(tracks: int, frames: int, path: Path) -> None:
     """Encodes a clip to a file."""
-    encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
+    encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP))
     for frame in swaying(tracks, frames):
         encoder.push(frame)
     write_stream(encoder.finish(), path)

@@ -23,12 +23,12 @@ from splatwire.channel import parse_loss
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.gaussians.quality import QUALITIES, Quality, quality_of
 from splatwire.evaluation.pixels import to_pixels
-from splatwire.evaluation.sequence.evaluation import ClipRow, frame_psnr, score_clip
+from splatwire.evaluation.sequence.evaluation import SequenceRow, frame_psnr, score_sequence
 from splatwire.evaluation.sequence.report import score_rows
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import scene_precision_classes
-from splatwire.sequence import ClipOptions, Frame, encode_clip, frame_files, read_frames
+from splatwire.sequence import Frame, SequenceOptions, encode_sequence, frame_files, read_frames
 from splatwire.types import Cameras, SplatScene
 
 CONCEALERS = ("drop", "hold", "neighbors", "motion")
@@ -74,14 +74,14 @@ def bytes_at(points: list[tuple[float, float]], decibels: float) -> float:
 def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
     """All figures of one clip."""
     files, began = frame_files(folder), time.perf_counter()
-    stream, tracking = encode_clip(read_frames(files), ClipOptions(quality=arguments.quality))
+    stream, tracking = encode_sequence(read_frames(files), SequenceOptions(quality=arguments.quality))
     seconds = time.perf_counter() - began
     cameras = surrounding_cameras(drawn(next(read_frames(files[:1]))), arguments.views, 320)
-    rows = [ClipRow("motion")] + [
-        ClipRow(concealer, parse_loss(loss, "datagram"), seed, loss)
+    rows = [SequenceRow("motion")] + [
+        SequenceRow(concealer, parse_loss(loss, "datagram"), seed, loss)
         for loss in arguments.losses for concealer in arguments.concealers for seed in arguments.seeds
     ]  # fmt: skip
-    scores = score_clip(stream, read_frames(files), cameras, rows)
+    scores = score_sequence(stream, read_frames(files), cameras, rows)
     decibels, tracks = float(scores[0].psnr.mean()), sum(tier.num_elements for tier in stream.manifest.tiers[::2])
     still = frame_by_frame(files, cameras)
     gaussians = sum(int(frame.drawn.sum()) for frame in read_frames(files))
@@ -103,11 +103,13 @@ def quality(word: str) -> Quality:
 def draw(folder: Path, target: Path) -> None:
     """Animation of a clip at 20 % loss: tracks with lost motion omitted, held, concealed."""
     files = frame_files(folder)
-    stream, _ = encode_clip(read_frames(files))
+    stream, _ = encode_sequence(read_frames(files))
     cameras = surrounding_cameras(drawn(next(read_frames(files[:1]))), 1, PICTURE)
-    rows = [ClipRow(concealer, parse_loss("bernoulli:0.2", "datagram"), 1) for concealer in ("drop", "hold", "motion")]
+    rows = [
+        SequenceRow(concealer, parse_loss("bernoulli:0.2", "datagram"), 1) for concealer in ("drop", "hold", "motion")
+    ]
     panels: dict[int, list[np.ndarray]] = {}
-    score_clip(
+    score_sequence(
         stream, read_frames(files), cameras, rows,
         on_picture=lambda row, frame, image: panels.setdefault(frame, []).append(to_pixels(image)),
     )  # fmt: skip

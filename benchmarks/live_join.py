@@ -22,7 +22,7 @@ from splatwire.codec import decode_stream
 from splatwire.metrics import psnr
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
-from splatwire.sequence import ClipEncoder, ClipOptions
+from splatwire.sequence import SequenceEncoder, SequenceOptions
 from splatwire.sequence.decoding import decode_frame
 from splatwire.transport import PacketArrived, Receiver, ServerLimits, SideInfoArrived
 from splatwire.transport.protocol.live_session import LiveSession, StreamUpdate
@@ -57,7 +57,7 @@ class Link:
 
 def program(frames: list[Splats]) -> tuple[StreamUpdate, SceneStream]:
     """Served program after these frames, and its stream."""
-    encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
+    encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP))
     broadcast = LiveSession(importance=encoder.importance)
     for splats in frames:
         packets = encoder.push(splats)

@@ -25,8 +25,8 @@ from pathlib import Path
 from bent_clip import bent_frames, capture
 
 from splatwire.ops.threads import use_single_thread
-from splatwire.sequence import ClipOptions
-from splatwire.sequence.live import LiveDecoder, frames_of_events
+from splatwire.sequence import SequenceOptions
+from splatwire.sequence.live_decoder import LiveDecoder, frames_of_events
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport import ReceiverOptions, ServerLimits
 from splatwire.transport.address import parse_url
@@ -57,7 +57,7 @@ def shown(port: int, out: Connection) -> None:
 
 def pushed(frames: list[Splats], args: argparse.Namespace, renew, ready: Connection) -> list[float]:
     """Pushes frames at their rate as `splatwire live` does; when each was."""
-    options = ClipOptions(rate=Fraction(args.fps), group_frames=args.group, threads=args.threads)
+    options = SequenceOptions(rate=Fraction(args.fps), group_frames=args.group, threads=args.threads)
     clip, times = LiveEncoder(options, lambda: int.from_bytes(os.urandom(4), "little")), list[float]()
     due = time.monotonic()
     for number in range(args.group * args.groups):

@@ -25,13 +25,13 @@ from splatwire.bitstream import packetization_named
 from splatwire.channel import parse_loss
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.concealment import register_concealer
-from splatwire.concealment.temporal.concealers import clip_concealer
-from splatwire.evaluation.sequence.evaluation import ClipRow, frame_psnr, score_clip
+from splatwire.concealment.temporal.concealers import temporal_concealer
+from splatwire.evaluation.sequence.evaluation import SequenceRow, frame_psnr, score_sequence
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import scene_precision_classes
-from splatwire.sequence import ClipOptions, Frame, encode_clip, frame_files, read_frames
-from splatwire.sequence.description import describe_clip
+from splatwire.sequence import Frame, SequenceOptions, encode_sequence, frame_files, read_frames
+from splatwire.sequence.description import describe_sequence
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
 
@@ -245,16 +245,16 @@ def measure(name: str, arguments: argparse.Namespace) -> dict:
     else:
         frames = [Frame.of(one) for one in shuffled_frames(name, count=arguments.count, frames=arguments.frames)]
     began = time.process_time()
-    stream, tracking = encode_clip(iter(frames), ClipOptions(group_frames=arguments.group))
+    stream, tracking = encode_sequence(iter(frames), SequenceOptions(group_frames=arguments.group))
     seconds = time.process_time() - began
     cameras = surrounding_cameras(SplatScene(frames[0].splats.select(frames[0].drawn)), arguments.views, 160)
-    rows = [ClipRow("motion")] + [
-        ClipRow(concealer, parse_loss(arguments.loss, "datagram"), seed, arguments.loss)
+    rows = [SequenceRow("motion")] + [
+        SequenceRow(concealer, parse_loss(arguments.loss, "datagram"), seed, arguments.loss)
         for concealer in arguments.concealers for seed in arguments.seeds
     ]  # fmt: skip
-    complete, *others = score_clip(stream, iter(frames), cameras, rows)
+    complete, *others = score_sequence(stream, iter(frames), cameras, rows)
     found = {"name": name, "tuned": name in TUNED, "frames": len(frames), "matched": tracking.share,
-             "group_frames": describe_clip(stream)["group_frames"],
+             "group_frames": describe_sequence(stream)["group_frames"],
              "packets": len(stream.packets), "bytes": stream.num_bytes, "seconds": seconds,
              "complete": complete.mean}  # fmt: skip
     if arguments.sizes:
@@ -272,7 +272,7 @@ def measure(name: str, arguments: argparse.Namespace) -> dict:
 
 def growing(**options: Any) -> Any:
     """Returns the concealer that leaves out lost Gaussians and enlarges received ones."""
-    left_out: Any = clip_concealer("drop")
+    left_out: Any = temporal_concealer("drop")
     return replace(left_out, grow=True, **options)
 
 

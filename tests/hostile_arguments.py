@@ -23,7 +23,7 @@ import numpy as np
 from PIL import Image
 
 import splatwire
-from moving_clips import splatv
+from moving_sequences import splatv
 from scenes import tiny_cameras, tiny_causal_scene, tiny_scene
 from splatwire.bitstream import PacketGroups, PacketId, Packetization
 from splatwire.bitstream.view import Viewpoint
@@ -61,7 +61,7 @@ NAMES = {
 """Names of packages that export none: each with its module."""
 RESULTS = frozenset(
     ("Attribute", "Scene", "LossModel", "Concealer", "Renderer", "SplatwireError", "ReadReport", "StreamSizes",
-     "TransmitRecord", "TrackingReport", "Arrangement", "Run", "Cut", "MovingSplats", "SceneFile", "ClipFrame",
+     "TransmitRecord", "TrackingReport", "Arrangement", "Run", "Cut", "MovingSplats", "SceneFile", "SequenceFrame",
      "Pictures", "Scores", "Event", "Finished", "PacketArrived", "SideInfoArrived", "StreamReplaced", "Welcomed",
      "ServedStream", "Progress", "QualityReport", "TrainResult", "GnnWeights")
 )  # fmt: skip
@@ -162,7 +162,7 @@ class Pool:
     def clip(self) -> Any:
         """A stream of a sequence."""
         sequence = importlib.import_module("splatwire.sequence")
-        return sequence.encode_clip([self.splats, self.splats])[0]
+        return sequence.encode_sequence([self.splats, self.splats])[0]
 
     @functools.cached_property
     def levels(self) -> Any:
@@ -214,7 +214,7 @@ class Pool:
             "load_cameras.path": self.views, "save_cameras.path": self.folder / "written.json",
             "write_splats.path": self.folder / "written.ply", "Trace.path": self.trace,
             "model_dir": self.folder, "concealer": "drop", "decode_frame.concealer": "drop",
-            "decode_frames.concealer": "drop", "ClipDecoder.concealer": "drop", "save_decoded.concealer": None,
+            "decode_frames.concealer": "drop", "SequenceDecoder.concealer": "drop", "save_decoded.concealer": None,
             "name": "drop", "add_concealment.name": "sketch", "without_concealment.name": "sketch",
             "create_renderer.name": "cpu", "packetization_named.name": "paper", "schema_named.name": "gaussians",
             "register_loss_model.name": "mine", "register_metric.name": "mine", "register_concealer.name": "mine",
@@ -232,7 +232,7 @@ class Pool:
             "side_info_parts.data": self.stream.side_info, "payload": b"1234", "packet": self.stream.packets[0].data,
             "send_order": "interleaved", "tiers": np.zeros(300, np.uint8), "plan": manifest.plan,
             "x": np.arange(4, dtype=np.uint64),
-            "block": 0, "lane": 0, "lanes": 1, "rate": 0.2, "ClipOptions.rate": Fraction(30), "mean_burst": 3.0,
+            "block": 0, "lane": 0, "lanes": 1, "rate": 0.2, "SequenceOptions.rate": Fraction(30), "mean_burst": 3.0,
             "received": np.ones((300, 4), np.bool_), "PacketLossMask.received": np.ones(3, np.bool_),
             "num_datagrams": 3, "num_lost_datagrams": 0,
             "size_gain": np.ones(300, np.float32), "left_out": np.zeros(300, np.bool_),
@@ -247,12 +247,13 @@ class Pool:
             "sizes": np.ones(300, np.float32), "size": 1.0, "opacity": 1.0, "load_photo.size": (8, 8),
             "frames": lambda: [splats, splats], "files": sorted(self.frames.iterdir()), "folder": self.frames,
             "open_sequence.path": self.frames, "is_sequence.path": self.frames, "drawn": np.ones(300, np.bool_),
-            "clip": lambda: splatwire.decode_stream(self.clip).scene, "number": 0, "record": None,
-            "ClipDecoder.manifest": lambda: self.clip.manifest, "ClipDecoder.side_info": lambda: self.clip.side_info,
+            "sequence": lambda: splatwire.decode_stream(self.clip).scene, "number": 0, "record": None,
+            "SequenceDecoder.manifest": lambda: self.clip.manifest,
+            "SequenceDecoder.side_info": lambda: self.clip.side_info,
             "tiles_of.stream": lambda: self.levels, "tiles": lambda: self._tiles,
             "cut_of.received": lambda: self._received,
             "cut_of.viewpoint": Viewpoint(np.eye(4), 100.0, 64, 64), "viewmat": np.eye(4), "focal": 100.0, "width": 64,
-            "height": 64, "what": "a file", "Packetization.order": "morton", "ClipOptions.order": "auto",
+            "height": 64, "what": "a file", "Packetization.order": "morton", "SequenceOptions.order": "auto",
             "hidden": network.hidden,
             "url": "udp://127.0.0.1/scene", "streams": {"scene": self.stream}, "reference": self.scene,
             **self._of_transfers(), "starts": np.array([0, 300]), "symbols_digest": "0" * 64, "writer": "test",

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from splatwire.bitstream import PacketId, SceneStream
-from splatwire.sequence import ClipFrame, ClipOptions
-from splatwire.sequence.live import LiveDecoder
+from splatwire.sequence import SequenceFrame, SequenceOptions
+from splatwire.sequence.live_decoder import LiveDecoder
 from splatwire.sequence.live_encoder import PERIOD_GROUPS, LiveEncoder
 from splatwire.transport import (
     Finished,
@@ -31,7 +31,7 @@ STEP_S, STREAM_ID, FRAME_RATE = 0.004, 4711, 30
 class Watched:
     """Frames shown by a receiver with their times, and packets sent to it."""
 
-    frames: list[ClipFrame] = field(default_factory=list)
+    frames: list[SequenceFrame] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     sent: list[tuple[int, int]] = field(default_factory=list)
     """Index of each sent packet, and the newest group at that time."""
@@ -67,7 +67,7 @@ class LivePath:
         self._frames, self._group, self._loss, self._joins = frames, group, loss, joins
         self._asks = asks
         ids = itertools.count(STREAM_ID)
-        self._clip = LiveEncoder(ClipOptions(group_frames=group), lambda: next(ids), protection, period_groups)
+        self._clip = LiveEncoder(SequenceOptions(group_frames=group), lambda: next(ids), protection, period_groups)
         limits = ServerLimits(fixed_rate=rate)
         self._server = Server({}, secret=bytes(16), random=self._random.randbytes, limits=limits)
         self._receiver: Receiver | None = None

@@ -218,12 +218,12 @@ def measure(warm: Path, folder: Path, *paths: Path) -> list[dict[str, object]]:
     from splatwire.concealment import conceal
     from splatwire.errors import SplatwireError
     from splatwire.io import save_decoded
-    from splatwire.sequence import ClipDecoder
+    from splatwire.sequence import SequenceDecoder
     from splatwire.sequence.decoding import decode_frames
 
     def progressive(stream: SceneStream) -> None:
         if stream.manifest.schema.timed:
-            clip = ClipDecoder(stream.manifest, stream.side_info)
+            clip = SequenceDecoder(stream.manifest, stream.side_info)
             for packet in stream.packets:
                 clip.push(packet)
             clip.frame(0)

@@ -4,18 +4,9 @@ Public names are loaded on first use, so that `import splatwire` is fast and a r
 neither scipy nor numba. Only training, the paper's concealers and importers of checkpoints need torch.
 """
 
-import warnings
-from typing import Any
-
 from splatwire.lazy_names import lazy_names
 from splatwire.version import __version__ as __version__
 
-_RENAMED = {"Partial": "ReceivedScene"}
+_RENAMED = {"ClipOptions": "SequenceOptions", "Partial": "ReceivedScene"}
 """Current name of each deprecated name."""
-__all__, _load, __dir__ = lazy_names(__name__, __file__)
-
-
-def __getattr__(name: str) -> Any:
-    if new := _RENAMED.get(name):
-        warnings.warn(f"splatwire.{name} is deprecated, use splatwire.{new}", DeprecationWarning, stacklevel=2)
-    return _load(new or name)
+__all__, __getattr__, __dir__ = lazy_names(__name__, __file__, _RENAMED)

@@ -27,7 +27,7 @@ from splatwire.io import open_scene as open_scene
 from splatwire.io import save_scene as save_scene
 from splatwire.neural.importers.hacpp import import_hacpp as import_hacpp
 from splatwire.render import render_scene as render_scene
-from splatwire.sequence import ClipOptions as ClipOptions
+from splatwire.sequence import SequenceOptions as SequenceOptions
 from splatwire.types.anchor_scene import AnchorScene as AnchorScene
 from splatwire.types.cameras import Cameras as Cameras
 from splatwire.types.gaussians import Gaussians as Gaussians

@@ -6,7 +6,8 @@ The names and their modules are in the stub file `__init__.pyi` of the package, 
 import importlib
 import re
 import sys
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from splatwire.errors import how_to_install
@@ -14,17 +15,24 @@ from splatwire.errors import how_to_install
 _IMPORT = re.compile(r"^from (\S+) import (\w+)", re.MULTILINE)
 
 
-def lazy_names(package: str, file: str) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
+def lazy_names(
+    package: str, file: str, renamed: Mapping[str, str] | None = None
+) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
     """Returns `__all__`, `__getattr__` and `__dir__` of a package that imports its public names on first use (PEP 562).
 
     Args:
         package: The full name of the package.
         file: Path of the package's `__init__.py`.
+        renamed: Current name of each deprecated name. The use of a deprecated name gives a `DeprecationWarning`.
     """
     with open(f"{file.removesuffix('.py')}.pyi", encoding="utf-8") as stub:
         homes = {name: home for home, name in _IMPORT.findall(stub.read())}
 
     def get(name: str) -> Any:
+        if renamed and name in renamed:
+            text = f"{package}.{name} is deprecated, use {package}.{renamed[name]}"
+            warnings.warn(text, DeprecationWarning, stacklevel=2)
+            return get(renamed[name])
         if name not in homes:
             raise AttributeError(f"module '{package}' has no attribute '{name}'")
         try:

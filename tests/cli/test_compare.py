@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from explicit import ball_of_gaussians
-from moving_clips import moving_frames
+from moving_sequences import moving_frames
 from splatwire.io.formats import write_splats
 
 ROW = {

@@ -167,7 +167,7 @@ def run(self):
     with ThreadPoolExecutor(1) as pool:
         pool.submit(threading.Event().wait).result()
 
-live.LiveEncoding.run = run
+live.LiveIngest.run = run
 live.STOP_S = 0.3
 main(["live", sys.argv[1], "--port", "0"])
 """

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from moving_clips import moving_frames
+from moving_sequences import moving_frames
 from splatwire.bitstream import packet_from_bytes
 from splatwire.cli._live_warnings import WARN_S, Warnings, print_if_read
 from splatwire.cli._terminal import PrintableStream, printable_streams
 from splatwire.errors import InvalidValueError
 from splatwire.io.formats import write_splats
-from splatwire.sequence import ClipFrame, ClipOptions, arriving
+from splatwire.sequence import SequenceFrame, SequenceOptions, arriving
 from splatwire.sequence.arriving import LOOK_S, Backlog, FolderSource, PipeSource
-from splatwire.sequence.live import LiveDecoder
+from splatwire.sequence.live_decoder import LiveDecoder
 from splatwire.sequence.live_encoder import LiveEncoder
-from splatwire.sequence.live_encoding import OTHERS, LiveEncoding
+from splatwire.sequence.live_ingest import OTHERS, LiveIngest
 from splatwire.sequence.written_frames import numbered
 from splatwire.transport import fec
 from splatwire.transport.protocol.layout import Segments, split_init_segment
@@ -74,8 +74,8 @@ class World:
         self.end = 3.0
         self.editions = list[Any]()
         source = FolderSource(folder, self.said.append, wall=lambda: 0.0)  # no file is old
-        self.live = LiveEncoding(
-            source, self.clip, ClipOptions(Fraction(RATE), GROUP), self.editions.append,
+        self.live = LiveIngest(
+            source, self.clip, SequenceOptions(Fraction(RATE), GROUP), self.editions.append,
             lambda: self.now >= self.end, self.said.append, clock=lambda: self.now, sleep=self.pass_time,
         )  # fmt: skip
 
@@ -283,7 +283,7 @@ def test_unencodable_group_is_dropped_and_the_next_starts_a_new_period(tmp_path)
 
 def test_persistent_new_degree_is_accepted_after_some_frames(tmp_path):
     ids = itertools.count(7)
-    clip = LiveEncoder(ClipOptions(Fraction(RATE), GROUP), lambda: next(ids))
+    clip = LiveEncoder(SequenceOptions(Fraction(RATE), GROUP), lambda: next(ids))
     world = World(tmp_path / "in", clip)
     world.frame(0)
     world.frame(1)
@@ -430,5 +430,5 @@ def test_restarted_server_continues_frame_numbers(tmp_path):
     scene = SplatScene(splats(5))
     numbers = [3, 4, 5, 0, 1, 4, 10]
     every = np.arange(5)
-    frames = numbered(ClipFrame(number, scene, every, every < 0) for number in numbers)
+    frames = numbered(SequenceFrame(number, scene, every, every < 0) for number in numbers)
     assert [number for _, number in frames] == [3, 4, 5, 6, 7, 10, 16]

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import splatwire
-from moving_clips import moving_frames
+from moving_sequences import moving_frames
 from scenes import tiny_cameras, tiny_scene
 from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError
@@ -54,10 +54,10 @@ def test_encode_gives_the_stream_of_encode_scene(scene):
 
 def test_frames_are_encoded_with_their_own_options():
     frames = moving_frames(60, 2)
-    stream = splatwire.encode(frames, splatwire.ClipOptions(quality="small"))
+    stream = splatwire.encode(frames, splatwire.SequenceOptions(quality="small"))
     assert stream.manifest.codec == "tracks"
-    with pytest.raises(InvalidValueError, match="threads in ClipOptions"):
-        splatwire.encode(frames, splatwire.ClipOptions(), threads=1)
+    with pytest.raises(InvalidValueError, match="threads in SequenceOptions"):
+        splatwire.encode(frames, splatwire.SequenceOptions(), threads=1)
 
 
 def test_options_of_another_kind_of_scene_are_refused(scene):

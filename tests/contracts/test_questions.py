@@ -14,7 +14,7 @@ SOURCE = Path(splatwire.__file__).parent
 MAY_ASK = ("codec/anchors/", "codec/gaussians/", "codec/sequence/", "codec/lod/",
            "anchors/", "neural/", "io/formats/", "types/splat_scene.py", "types/anchor_scene.py", "bitstream/limits.py",
            "evaluation/study/inputs.py", "lod/tileset.py", "api/coding.py")  # fmt: skip
-KINDS = {"AnchorScene", "SplatScene", "ClipScene", "HacppCoding", "CausalCoding", "Anchors", "Splats"}
+KINDS = {"AnchorScene", "SplatScene", "SequenceScene", "HacppCoding", "CausalCoding", "Anchors", "Splats"}
 SCHEMAS = {"ANCHORS", "CAUSAL", "GAUSSIANS", "TRACKS"}
 WORDS = {"anchors", "Gaussians", "hacpp", "causal", "gaussians", "tracks"}
 

@@ -211,7 +211,7 @@ def test_splatwire_encode_takes_targets():
         {"quality": 101},
         {"options": splatwire.GaussianOptions(quality="small"), "quality": 40},
         {"options": splatwire.GaussianOptions(classes=np.zeros(1500, np.int8)), "size": 1000},
-        {"options": splatwire.ClipOptions(), "size": 1000},
+        {"options": splatwire.SequenceOptions(), "size": 1000},
     ],
 )
 def test_contradictory_targets_are_refused(arguments):

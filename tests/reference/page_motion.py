@@ -7,7 +7,7 @@ from splatwire.concealment.temporal.concealers import ConcealedMotion, LostMotio
 from splatwire.concealment.temporal.extrapolation import extrapolate
 from splatwire.concealment.temporal.neighbors import PLACE
 from splatwire.concealment.temporal.poses import GroupPoses
-from splatwire.types.sequence_scene import ClipScene
+from splatwire.types.sequence_scene import SequenceScene
 
 NUM_NEIGHBORS, MAX_TRACKS, STRIDE = 8, 4096, 8
 """Neighbours per tested track, maximum number of tracks considered, and the stride that selects the tested tracks."""
@@ -28,7 +28,7 @@ class PageMotion:
         return ConcealedMotion(at, is_locally_coherent(lost.clip, lost.arrived, lost.num_frames))
 
 
-def is_locally_coherent(clip: ClipScene, arrived: GroupPoses, frames: int) -> bool:
+def is_locally_coherent(clip: SequenceScene, arrived: GroupPoses, frames: int) -> bool:
     """Returns True if most received tracks move like their neighbours (tested on a sample)."""
     observed = np.flatnonzero((arrived.begins == 0) & (arrived.ends == frames))
     if len(observed) <= 2 * NUM_NEIGHBORS:

@@ -21,7 +21,7 @@ from splatwire.io import open_scene, save_scene
 from splatwire.io.formats import is_antialiased
 from splatwire.lod import encode_levels
 from splatwire.render import render_scene
-from splatwire.sequence import encode_clip, open_sequence
+from splatwire.sequence import encode_sequence, open_sequence
 from splatwire.sequence.decoding import decode_frames
 from splatwire.types.splat_scene import SplatScene
 from splatwire.types.splats import Splats
@@ -131,5 +131,5 @@ def test_streamed_sog_stores_antialiasing_and_levels_keep_it(wish: bool, tmp_pat
 def test_clip_stores_antialiasing(tmp_path: Path) -> None:
     for number in range(2):
         save_scene(SplatScene(ball(), antialiased=True), tmp_path / f"{number}.spz")
-    clip, _ = encode_clip(open_sequence(tmp_path).read())
+    clip, _ = encode_sequence(open_sequence(tmp_path).read())
     assert all(frame.scene.antialiased for frame in decode_frames(decode_stream(clip).scene))

@@ -10,7 +10,7 @@ from random_numbers import Numbers
 from splatwire.codec.sequence.side_info import open_side_info
 from splatwire.codec.viewpoint import UP_SECTION
 from splatwire.render.up import estimate_up_axis
-from splatwire.sequence import ClipOptions, encode_clip
+from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.types.splat_scene import SplatScene
 from splatwire.types.splats import Splats
 
@@ -43,7 +43,7 @@ def test_up_axis_follows_objects_standing_on_a_ground(up: str, strength: float) 
 
 def test_up_axis_of_a_clip_is_detected_and_can_be_overridden() -> None:
     frames, sections = [lit_ball(1, 0.6).splats] * 2, []
-    for options in (ClipOptions(), ClipOptions(up="-y"), ClipOptions(up="z")):
-        stream, _ = encode_clip(frames, options)
+    for options in (SequenceOptions(), SequenceOptions(up="-y"), SequenceOptions(up="z")):
+        stream, _ = encode_sequence(frames, options)
         sections.append(open_side_info(stream.manifest, stream.side_info).sections.get(UP_SECTION))
     assert sections == [b"y", None, b"z"]

@@ -8,13 +8,13 @@ import pytest
 from close import unit
 from random_numbers import Numbers
 from splatwire.codec import decode_stream
-from splatwire.concealment.temporal.concealers import clip_concealer
+from splatwire.concealment.temporal.concealers import temporal_concealer
 from splatwire.concealment.temporal.concealment import conceal_group
 from splatwire.concealment.temporal.poses import ConcealmentState
-from splatwire.sequence import ClipEncoder, ClipOptions, Frame, encode_clip
+from splatwire.sequence import Frame, SequenceEncoder, SequenceOptions, encode_sequence
 from splatwire.sequence.group_builder import GroupBuilder, group_of
 from splatwire.sequence.partial_tracks import TrackedFrame
-from splatwire.types.sequence_scene import ClipScene, GroupMotion
+from splatwire.types.sequence_scene import GroupMotion, SequenceScene
 from splatwire.types.splats import Splats
 
 COUNT, FRAMES, LATE, GONE = 1200, 12, 5, 8
@@ -62,10 +62,10 @@ def test_unborn_tracks_follow_their_neighbours(body):
     assert np.array_equal(group.first(np.arange(COUNT)).means, group.moves.means[:, 0])
 
 
-def decoded(frames: list[Splats], group_frames: int) -> tuple[ClipScene, np.ndarray]:
+def decoded(frames: list[Splats], group_frames: int) -> tuple[SequenceScene, np.ndarray]:
     """Decoded clip and mask of the tracks with motion to be lost."""
-    options = ClipOptions(group_frames=group_frames, order="tracked")
-    clip = decode_stream(encode_clip(map(Frame.of, frames), options)[0]).scene
+    options = SequenceOptions(group_frames=group_frames, order="tracked")
+    clip = decode_stream(encode_sequence(map(Frame.of, frames), options)[0]).scene
     colours = np.concatenate([frame.sh[frame.opacities > 0, 0] for frame in frames])
     rows = np.concatenate([np.flatnonzero(frame.opacities > 0) for frame in frames])
     near = ((clip.tracks.splats.sh[:, None, 0] - colours[None, :COUNT]) ** 2).sum(axis=2).argmin(axis=1)
@@ -81,13 +81,13 @@ def without(motion: GroupMotion, lost: np.ndarray) -> GroupMotion:
     )  # fmt: skip
 
 
-def errors(clip: ClipScene, lost: np.ndarray) -> list[float]:
+def errors(clip: SequenceScene, lost: np.ndarray) -> list[float]:
     """Largest position error, by group, of tracks without motion in all groups."""
     memory: ConcealmentState | None = None
     there, found = np.ones(clip.num_gaussians, bool), []
     for group in range(clip.timeline.num_groups):
         motion = clip.motion(group, there)
-        poses, _, after = conceal_group(clip, without(motion, lost), group, there, memory, clip_concealer("motion"))
+        poses, _, after = conceal_group(clip, without(motion, lost), group, there, memory, temporal_concealer("motion"))
         memory = after()
         row = np.full(clip.num_gaussians, -1)
         row[motion.tracks] = np.arange(len(motion.tracks))
@@ -130,7 +130,7 @@ def test_lost_tracks_are_omitted_where_neighbours_move_incoherently(body):
         clip, lost = decoded([splats_at(body + move, np.ones(COUNT, bool)) for move in moves], FRAMES)
         there = np.ones(clip.num_gaussians, bool)
         motion = without(clip.motion(0, there), lost)
-        poses, _, _ = conceal_group(clip, motion, 0, there, None, clip_concealer("motion"))
+        poses, _, _ = conceal_group(clip, motion, 0, there, None, temporal_concealer("motion"))
         assert poses.concealed.any() == shown
         assert len(poses.tracks) == (COUNT if shown else COUNT - lost.sum())
 
@@ -152,7 +152,7 @@ def test_live_encoding_is_bit_identical_to_offline_encoding(body):
     """The last group ends early, after its frames were analysed."""
     streams = []
     for live in (False, True):
-        encoder = ClipEncoder(ClipOptions(group_frames=4, order="tracked"), live=live)
+        encoder = SequenceEncoder(SequenceOptions(group_frames=4, order="tracked"), live=live)
         for frame in range(FRAMES - 1):
             encoder.push(splats_at(places(body, frame, 0.1), there_at(frame)))
         streams.append(encoder.finish())

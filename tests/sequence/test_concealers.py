@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from distributions import install_page, run_with
-from moving_clips import moving_frames
+from moving_sequences import moving_frames
 from splatwire.bitstream import write_stream
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream
 from splatwire.concealment import concealer_names, create_concealer, register_concealer, registry
-from splatwire.concealment.temporal.concealers import ConcealedMotion, clip_concealer, clip_concealer_names
+from splatwire.concealment.temporal.concealers import ConcealedMotion, temporal_concealer, temporal_concealer_names
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.io.formats import write_splats
-from splatwire.sequence import ClipOptions, decode_frames, encode_clip
+from splatwire.sequence import SequenceOptions, decode_frames, encode_sequence
 
 pytestmark = pytest.mark.slow
 
@@ -28,7 +28,7 @@ def frames():
 
 @pytest.fixture(scope="module")
 def lossy(frames):
-    stream = encode_clip(frames, ClipOptions(group_frames=4))[0]
+    stream = encode_sequence(frames, SequenceOptions(group_frames=4))[0]
     persistent = stream.manifest.plan.persistent
     motion = [packet for packet in stream.packets if not persistent(packet.id.block)]
     return stream.with_packets(packet for packet in stream.packets if packet not in motion[1:])
@@ -50,7 +50,7 @@ def installed(frames, tmp_path_factory):
     (folder / "frames").mkdir()
     for number, splats in enumerate(frames):
         write_splats([splats], folder / "frames" / f"{number}.ply")
-    stream = encode_clip(frames, ClipOptions(group_frames=4))[0]
+    stream = encode_sequence(frames, SequenceOptions(group_frames=4))[0]
     write_stream(stream, folder / "clip.swz")
     write_stream(transmit(stream, parse_loss("bernoulli:0.5"), seed=2)[0], folder / "lossy.swz")
     return folder
@@ -74,9 +74,9 @@ def test_temporal_and_still_concealers_are_not_interchangeable(known):
     with pytest.raises(UnknownNameError, match="unknown concealer of still scenes 'hold'"):
         create_concealer("hold")
     with pytest.raises(UnknownNameError, match="unknown concealer of clips 'grow': known are drop, extrapolate, hold"):
-        clip_concealer("grow")
+        temporal_concealer("grow")
     assert not {"hold", "motion"} & set(concealer_names())
-    assert clip_concealer_names() == NAMES
+    assert temporal_concealer_names() == NAMES
 
 
 def test_a_second_temporal_concealer_of_one_name_is_refused(known):
@@ -105,13 +105,13 @@ def test_invalid_proposal_is_one_error_sentence(lossy, known, proposal, sentence
 def test_concealer_without_methods_is_one_error_sentence(known):
     register_concealer("mine", temporal=True)(type("Mine", (), {"name": "mine", "__call__": lambda self, lost: None}))
     with pytest.raises(InvalidValueError, match="concealer 'mine' is not one: it lacks grow"):
-        clip_concealer("mine")
+        temporal_concealer("mine")
     register_concealer("yours")(type("Yours", (), {"name": "yours"}))
     with pytest.raises(InvalidValueError, match="concealer 'yours' is not one: it cannot be called"):
         create_concealer("yours")
 
 
 def test_options_of_a_temporal_concealer_are_those_of_its_class():
-    assert vars(clip_concealer("motion", neighbors=3))["neighbors"] == 3
+    assert vars(temporal_concealer("motion", neighbors=3))["neighbors"] == 3
     with pytest.raises(InvalidValueError, match="concealer 'hold' does not take these options"):
-        clip_concealer("hold", speed=2)
+        temporal_concealer("hold", speed=2)

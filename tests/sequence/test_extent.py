@@ -7,7 +7,7 @@ from random_numbers import Numbers
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec.viewpoint import EXTENT_SECTION, extent_section, read_extent
 from splatwire.errors import BitstreamError
-from splatwire.sequence import ClipEncoder
+from splatwire.sequence import SequenceEncoder
 from splatwire.sequence.extent import BoundingSphere, bounding_sphere
 from splatwire.types.splats import Splats
 
@@ -50,7 +50,7 @@ def test_far_and_faint_gaussians_do_not_extend_the_sphere():
 
 
 def test_stream_contains_the_extent_of_its_clip():
-    encoder = ClipEncoder()
+    encoder = SequenceEncoder()
     frames = [cloud(200, shift, 0.2) for shift in (0.0, 1.0, 2.0, 3.0)]
     for frame in frames:
         encoder.push(frame)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from moving_clips import moving_frames
-from splatwire.sequence import ClipEncoder
-from splatwire.sequence.options import ClipOptions
+from moving_sequences import moving_frames
+from splatwire.sequence import SequenceEncoder
+from splatwire.sequence.options import SequenceOptions
 from splatwire.types.splats import Splats
 
 
@@ -26,7 +26,7 @@ def with_harmonics(frames: list[Splats], step: float) -> list[Splats]:
 
 @pytest.mark.parametrize(("step", "warnings"), [(0.0, 0), (0.05, 1)])
 def test_changing_harmonics_are_warned_about_once(caplog: pytest.LogCaptureFixture, step: float, warnings: int) -> None:
-    encoder = ClipEncoder(ClipOptions(group_frames=3))
+    encoder = SequenceEncoder(SequenceOptions(group_frames=3))
     for splats in with_harmonics(moving_frames(60, 6), step):
         encoder.push(splats)
     encoder.finish()

@@ -11,7 +11,7 @@ import pytest
 
 import splatwire
 from live_path import FRAME_RATE, STREAM_ID, LivePath
-from moving_clips import darkened, moving_frames
+from moving_sequences import darkened, moving_frames
 from oversized import of_tracks
 from splatwire.bitstream import packet_from_bytes, read_stream
 from splatwire.bitstream.limits import TRACKS
@@ -21,9 +21,9 @@ from splatwire.codec import decode_stream
 from splatwire.codec.memory import VARIABLE
 from splatwire.codec.viewpoint import EXTENT_SECTION
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.sequence import ClipEncoder, ClipOptions, decode_frames
+from splatwire.sequence import SequenceEncoder, SequenceOptions, decode_frames
 from splatwire.sequence.importance import stream_importance
-from splatwire.sequence.live import LiveDecoder
+from splatwire.sequence.live_decoder import LiveDecoder
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport import Receiver, ServerLimits
 from splatwire.transport.protocol.frames import TierHead, Welcome
@@ -170,7 +170,7 @@ def test_slow_path_drops_motion_packets_and_no_keyframe_packets(frames):
 
 
 def test_packets_of_each_block_are_sent_by_importance():
-    encoder = ClipEncoder(ClipOptions(group_frames=2), lambda splats: np.zeros(splats.num_gaussians, np.int64))
+    encoder = SequenceEncoder(SequenceOptions(group_frames=2), lambda splats: np.zeros(splats.num_gaussians, np.int64))
     for splats in moving_frames(24000, 2):
         packets = encoder.push(splats)
     manifest, _ = encoder.so_far(STREAM_ID)
@@ -196,7 +196,7 @@ def test_packets_of_each_block_are_sent_by_importance():
 
 
 def test_recorded_live_stream_decodes_as_a_clip(frames):
-    encoder, broadcast = ClipEncoder(ClipOptions(group_frames=GROUP)), LiveSession()
+    encoder, broadcast = SequenceEncoder(SequenceOptions(group_frames=GROUP)), LiveSession()
     for splats in frames[: 2 * GROUP]:
         packets = encoder.push(splats)
         if packets:
@@ -212,7 +212,7 @@ def test_recorded_live_stream_decodes_as_a_clip(frames):
 
 
 def test_decoder_refuses_a_manifest_that_contradicts_earlier_ones(frames):
-    encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
+    encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP))
     for splats in frames[:GROUP]:
         encoder.push(splats)
     manifest, side_info = encoder.so_far(STREAM_ID)
@@ -227,7 +227,7 @@ def test_decoder_refuses_a_manifest_that_contradicts_earlier_ones(frames):
 
 
 def test_stream_updates_with_a_wrong_packet_count_are_refused(frames):
-    encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
+    encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP))
     packets = [packet for splats in frames[:GROUP] for packet in encoder.push(splats)]
     with pytest.raises(InvalidValueError, match="packets, and the manifest says"):
         LiveSession().add(*encoder.so_far(STREAM_ID), packets[1:])
@@ -274,7 +274,7 @@ def test_receiver_accepts_only_growing_welcomes():
 
 def test_packets_ahead_of_their_welcome_are_kept(frames):
     ids, found = itertools.count(STREAM_ID), []
-    clip = LiveEncoder(ClipOptions(group_frames=GROUP), lambda: next(ids), period_groups=2)
+    clip = LiveEncoder(SequenceOptions(group_frames=GROUP), lambda: next(ids), period_groups=2)
     for splats in frames[: 3 * GROUP]:
         found += [edition] if (edition := clip.push(splats)) else []
     server = Server({"live": found[0]}, secret=bytes(16), random=bytes, limits=ServerLimits(fixed_rate=1e6))
@@ -316,7 +316,7 @@ def test_parity_restores_motion_without_retransmission(frames):
 
 
 def test_group_code_numbers_are_stable_and_protect_the_most_important_packets(frames):
-    encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
+    encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP))
     broadcast = LiveSession(dataclasses.replace(PROTECTION, motion=((0.5, 0.5),)), encoder.importance)
     found = None
     for splats in frames[: 3 * GROUP]:

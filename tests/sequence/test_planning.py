@@ -6,14 +6,14 @@ import random
 import numpy as np
 import pytest
 
-from moving_clips import moving_frames
+from moving_sequences import moving_frames
 from splatwire.bitstream import make_packet
 from splatwire.channel import parse_loss
 from splatwire.errors import InvalidValueError
 from splatwire.planning.sequence.delivery import MotionTransfer, SequenceLoad, delivered, model_motion_transfer
 from splatwire.planning.sequence.distortion import SHARES, SequenceDistortion, pooled
 from splatwire.planning.sequence.planner import SequenceVariant, plan_sequence
-from splatwire.sequence import ClipOptions, encode_clip
+from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.sequence.importance import packet_importance, stream_importance
 from splatwire.transport import Protection, make_served_stream
 from splatwire.transport.protocol.collect import PacketCollector
@@ -28,7 +28,7 @@ RANDOM, BURSTS = parse_loss("bernoulli:0.15", "datagram"), parse_loss("gilbert:0
 
 @pytest.fixture(scope="module")
 def stream():
-    return encode_clip(moving_frames(6000, 15), ClipOptions(group_frames=GROUP))[0]
+    return encode_sequence(moving_frames(6000, 15), SequenceOptions(group_frames=GROUP))[0]
 
 
 @pytest.fixture(scope="module")

@@ -5,11 +5,11 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from close import unit
-from moving_clips import darkened, drawn, moving_frames, shuffled
+from moving_sequences import darkened, drawn, moving_frames, shuffled
 from random_numbers import Numbers
 from splatwire.codec import decode_stream
 from splatwire.errors import InvalidValueError
-from splatwire.sequence import ClipEncoder, ClipOptions, decode_frames, encode_clip
+from splatwire.sequence import SequenceEncoder, SequenceOptions, decode_frames, encode_sequence
 from splatwire.sequence.matching import match
 from splatwire.types.splats import Splats
 
@@ -67,7 +67,7 @@ def test_new_gaussians_are_not_matched(share):
 
 def test_unrelated_frames_are_coded_independently(caplog):
     frames = [cloud(COUNT, seed, size=1 + seed) for seed in range(4)]
-    stream, tracking = encode_clip(frames)
+    stream, tracking = encode_sequence(frames)
     clip = decode_stream(stream).scene
     assert clip.timeline.group_frames == 1
     assert "4 of the first 4 frames show another scene" in caplog.text
@@ -80,7 +80,7 @@ def test_unrelated_frames_are_coded_independently(caplog):
 
 
 def test_independent_frames_keep_the_packets_of_push():
-    encoder = ClipEncoder(ClipOptions(group_frames=3))
+    encoder = SequenceEncoder(SequenceOptions(group_frames=3))
     given = [encoder.push(cloud(COUNT, seed)) for seed in range(5)]
     stream = encoder.finish()
     assert [bool(packets) for packets in given] == [False, False, True, True, True]
@@ -100,7 +100,7 @@ def test_scene_cut_recomputes_precision_classes_unless_live(live, group):
             looked.append(splats)
             return np.full(splats.num_gaussians, second * (len(looked) - 1), np.int8)
 
-        encoder = ClipEncoder(ClipOptions(group_frames=group), classes, live=live)
+        encoder = SequenceEncoder(SequenceOptions(group_frames=group), classes, live=live)
         for frame in frames:
             encoder.push(frame)
         clip = decode_stream(encoder.finish()).scene
@@ -129,7 +129,7 @@ def test_scene_cut_recomputes_precision_classes_unless_live(live, group):
 def test_clip_with_empty_frames_round_trips(dark, order, group):
     frames = darkened(moving_frames(300, 9), dark)
     frames = frames if order == "tracked" else shuffled(frames)
-    clip = decode_stream(encode_clip(frames, ClipOptions(group_frames=group, order=order))[0]).scene
+    clip = decode_stream(encode_sequence(frames, SequenceOptions(group_frames=group, order=order))[0]).scene
     for frame, shown in zip(frames, decode_frames(clip), strict=True):
         there = drawn(frame)
         assert len(shown.tracks) == there.num_gaussians
@@ -138,4 +138,4 @@ def test_clip_with_empty_frames_round_trips(dark, order, group):
 
 def test_clip_with_empty_first_frames_is_refused():
     with pytest.raises(InvalidValueError, match="no Gaussian that draws anything in the first frames"):
-        encode_clip(darkened(moving_frames(300, 9), range(3)), ClipOptions(group_frames=3))
+        encode_sequence(darkened(moving_frames(300, 9), range(3)), SequenceOptions(group_frames=3))

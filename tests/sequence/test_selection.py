@@ -15,9 +15,9 @@ from splatwire.concealment.temporal.concealers import ConcealedMotion
 from splatwire.concealment.temporal.concealment import conceal_group
 from splatwire.concealment.temporal.selection import select
 from splatwire.errors import InvalidValueError
-from splatwire.evaluation.sequence.evaluation import ClipRow, score_clip
+from splatwire.evaluation.sequence.evaluation import SequenceRow, score_sequence
 from splatwire.render.importance import surrounding_cameras
-from splatwire.sequence import ClipOptions, Frame, encode_clip
+from splatwire.sequence import Frame, SequenceOptions, encode_sequence
 from splatwire.sequence.decoding import covering_gains
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
@@ -34,7 +34,7 @@ def clip():
     scales, opacities = np.full((COUNT, 3), 0.1), np.full(COUNT, 0.9)
     frames = [Splats(means + np.array([0.1 * f, 0, 0]), quats, scales, opacities, colours) for f in range(FRAMES)]
     frames = [Splats(*(np.ascontiguousarray(v, np.float32) for v in vars(s).values())) for s in frames]
-    return decode_stream(encode_clip(map(Frame.of, frames), ClipOptions(group_frames=FRAMES))[0]).scene
+    return decode_stream(encode_sequence(map(Frame.of, frames), SequenceOptions(group_frames=FRAMES))[0]).scene
 
 
 def received(clip, lost):
@@ -125,10 +125,10 @@ def test_mask_of_wrong_shape_is_one_error_sentence(clip):
 @pytest.mark.parametrize("name", list(MADE["CLIPS"]))
 def test_motion_is_no_worse_than_hiding_or_holding_on_generated_clips(name):
     frames = [Frame.of(one) for one in MADE["shuffled_frames"](name, count=800, frames=8)]
-    stream, _ = encode_clip(frames, ClipOptions(group_frames=4))
+    stream, _ = encode_sequence(frames, SequenceOptions(group_frames=4))
     cameras = surrounding_cameras(SplatScene(frames[0].splats), 1, 64)
-    rows = [ClipRow(way, parse_loss("bernoulli:0.2"), 1) for way in ("motion", "drop", "hold")]
-    best, *others = (score.mean for score in score_clip(stream, frames, cameras, rows))
+    rows = [SequenceRow(way, parse_loss("bernoulli:0.2"), 1) for way in ("motion", "drop", "hold")]
+    best, *others = (score.mean for score in score_sequence(stream, frames, cameras, rows))
     assert best >= max(others) - 0.1
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from moving_clips import moving_frames
+from moving_sequences import moving_frames
 from scenes import tiny_cameras, tiny_causal_scene, tiny_scene
 from splatwire.bitstream import (
     Manifest,
@@ -22,7 +22,7 @@ from splatwire.bitstream import (
 from splatwire.bitstream.sections import add_concealment
 from splatwire.codec import encode_scene
 from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError
-from splatwire.sequence import ClipOptions
+from splatwire.sequence import SequenceOptions
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport import Event, Finished, PacketArrived, Receiver, SideInfoArrived, Welcomed, fec
 from splatwire.transport.protocol.events import Resumed
@@ -127,7 +127,7 @@ def test_failure_is_reported_and_ends_the_file() -> None:
 def test_page_gets_the_current_period_of_a_live_clip() -> None:
     """Each group of frames has a new head; a file has one, and memory does not grow from period to period."""
     frames, ids = moving_frames(80, 24), itertools.count(7)
-    clip = LiveEncoder(ClipOptions(group_frames=2), lambda: next(ids), period_groups=3)
+    clip = LiveEncoder(SequenceOptions(group_frames=2), lambda: next(ids), period_groups=3)
     editions = [edition for splats in frames if (edition := clip.push(splats))]
     events: list[Event] = []
     for edition in editions:

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 from codec.gaussians.test_gaussians import some_splats
-from moving_clips import darkened, moving_frames
+from moving_sequences import darkened, moving_frames
 from mutations import HOSTILE, mutated_bytes, mutated_json
 from random_numbers import Numbers
 from reference.page_motion import PageMotion
@@ -48,7 +48,7 @@ from splatwire.errors import BitstreamError, SplatwireError
 from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.lod import Viewpoint, cut_of, encode_levels, tiles_of
 from splatwire.ops.spherical_harmonics import DC
-from splatwire.sequence import ClipOptions, Frame, encode_clip
+from splatwire.sequence import Frame, SequenceOptions, encode_sequence
 from splatwire.sequence.decoding import decode_frames
 from splatwire.types import SplatScene
 from web.node import WEB, lacking
@@ -355,12 +355,12 @@ def test_python_and_typescript_decoders_agree(tmp_path: Path, part: int) -> None
     assert cases / 10 < sum(said) < cases * 0.9, "too few cases of one kind"
     answers = tmp_path / "answers.json"
     pairs = [(base64.b64encode(data).decode(), fine) for data, fine in zip(manifests, said, strict=True)]
-    births = encode_clip(map(Frame.of, moving_frames(3000)), ClipOptions(group_frames=4))[0]
+    births = encode_sequence(map(Frame.of, moving_frames(3000)), SequenceOptions(group_frames=4))[0]
     assert LIFETIMES in sections_of(births)
     scattered = Numbers(part)
     wild = [replace(s, means=s.means + 0.1 * scattered.randn(*s.means.shape)) for s in moving_frames(1000)]
-    confused = encode_clip(map(Frame.of, wild), ClipOptions(group_frames=4, order="tracked"))[0]
-    dark = encode_clip(darkened(moving_frames(300), range(3, 8)), ClipOptions(group_frames=4))[0]
+    confused = encode_sequence(map(Frame.of, wild), SequenceOptions(group_frames=4, order="tracked"))[0]
+    dark = encode_sequence(darkened(moving_frames(300), range(3, 8)), SequenceOptions(group_frames=4))[0]
     clips = {"tiny": streams["tiny_clip"], "births": births, "confused": confused, "dark": dark}
     frames = {str(p): shown for name, clip in clips.items() for p, shown in lossy_clips(clip, tmp_path / name)}
     cuts = {str(tmp_path / "tiny_levels.swz"): some_cuts(streams["tiny_levels"], rng)}

@@ -13,13 +13,13 @@ import pytest
 import splatwire
 from codec.gaussians.test_gaussians import some_splats
 from explicit import encode_splats
-from moving_clips import moving_frames
+from moving_sequences import moving_frames
 from splatwire.bitstream import Packetization, SceneStream, stream_to_bytes
 from splatwire.codec import add_concealment, decode_stream
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.lod import encode_levels
-from splatwire.sequence import ClipOptions, encode_clip
+from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.sequence.decoding import decode_frames
 from splatwire.types import SplatScene
 from splatwire.types.lod_scene import Levels
@@ -165,7 +165,7 @@ def test_node_decoder_gives_the_gaussians_of_python(project: Path, stream: Scene
 def test_node_decoder_gives_levels_and_frames_of_python(project: Path, tmp_path: Path) -> None:
     splats = some_splats(5000)
     levels = encode_levels(SplatScene(splats), Packetization(block_size=400, lanes=2))
-    clip, _ = encode_clip(moving_frames(200, 7), ClipOptions(Fraction(8), 3))
+    clip, _ = encode_sequence(moving_frames(200, 7), SequenceOptions(Fraction(8), 3))
     paths = [str(tmp_path / f"{name}.swz") for name in ("levels", "clip")]
     for path, stream in zip(paths, (levels, clip), strict=True):
         Path(path).write_bytes(stream_to_bytes(stream))

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from moving_clips import moving_frames
-from splatwire.sequence import ClipOptions, encode_clip
+from moving_sequences import moving_frames
+from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.transport.http.pack import pack_stream
 from transport.chromium import Browser, browser, executable
 from web.pictures import ELEMENT
@@ -46,7 +46,7 @@ def cell(name: str) -> str:
 @contextmanager
 def clip_page(folder: Path, num_gaussians: int) -> Iterator[Browser]:
     """A browser that has loaded a whole clip."""
-    stream, _ = encode_clip(moving_frames(num_gaussians, FRAMES), ClipOptions(Fraction(8), 3))
+    stream, _ = encode_sequence(moving_frames(num_gaussians, FRAMES), SequenceOptions(Fraction(8), 3))
     packed = folder / "clip.html"
     packed.write_bytes(pack_stream(stream, "a clip"))
     with browser() as page:

@@ -6,13 +6,13 @@ from collections.abc import Callable
 import pytest
 
 from explicit import encode_splats
-from moving_clips import moving_frames
+from moving_sequences import moving_frames
 from splatwire.bitstream import Packetization, SceneStream, stream_to_bytes
 from splatwire.bitstream.packet import make_packet
 from splatwire.codec import encode_scene
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.lod import encode_levels
-from splatwire.sequence import ClipOptions, encode_clip
+from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.types import SplatScene
 from splatwire.types.metadata import SceneMetadata
 from transport.chromium import Browser, browser, executable
@@ -326,7 +326,7 @@ def test_clips_and_levels_are_loaded_moved_and_removed(kind: str, stream: SceneS
     """The digest is verified after a dropped link, a move within the page and a removed element."""
     small = Packetization(block_size=40, lanes=2)
     made_of = (
-        encode_clip(moving_frames(300, 5), ClipOptions(group_frames=3))[0]
+        encode_sequence(moving_frames(300, 5), SequenceOptions(group_frames=3))[0]
         if kind == "clip"
         else encode_levels(SplatScene(ball()), small)
     )

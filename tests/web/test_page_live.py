@@ -7,8 +7,8 @@ from fractions import Fraction
 
 import pytest
 
-from moving_clips import moving_frames
-from splatwire.sequence import ClipOptions
+from moving_sequences import moving_frames
+from splatwire.sequence import SequenceOptions
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport.http.content import Link, PageContent
 from splatwire.transport.http.server import PageServer
@@ -33,7 +33,7 @@ NUMBER = f"Number(({TOLD} || '0').replace(/\\D/g, ''))"
 def editions(last: int) -> list:
     """Served files after each group of frames, for a clip of unknown length."""
     ids, frames = itertools.count(71), itertools.cycle(moving_frames(300, 9))
-    clip = LiveEncoder(ClipOptions(Fraction(RATE), GROUP), lambda: next(ids), period_groups=CHAPTER)
+    clip = LiveEncoder(SequenceOptions(Fraction(RATE), GROUP), lambda: next(ids), period_groups=CHAPTER)
     found = [clip.push(next(frames)) for _ in range(last * GROUP)]
     return [edition for edition in [*found, *clip.end()] if edition is not None]
 

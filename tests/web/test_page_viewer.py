@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from explicit import encode_splats
-from moving_clips import moving_frames
+from moving_sequences import moving_frames
 from splatwire.bitstream import Packetization
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.lod import encode_levels
-from splatwire.sequence import ClipOptions, encode_clip
+from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.transport.http.pack import pack_stream
 from splatwire.types import SplatScene
 from transport.chromium import Browser, browser, executable
@@ -40,7 +40,7 @@ def still(tmp_path_factory: pytest.TempPathFactory) -> str:
 def clip(tmp_path_factory: pytest.TempPathFactory) -> str:
     if reason := lacking():
         pytest.skip(reason)
-    stream, _ = encode_clip(moving_frames(300, FRAMES), ClipOptions(Fraction(RATE), 3))
+    stream, _ = encode_sequence(moving_frames(300, FRAMES), SequenceOptions(Fraction(RATE), 3))
     packed = tmp_path_factory.mktemp("viewer") / "clip.html"
     packed.write_bytes(pack_stream(stream, "a clip"))
     return packed.as_uri()

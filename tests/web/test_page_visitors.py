@@ -13,12 +13,12 @@ import pytest
 from PIL import Image
 
 from explicit import encode_splats
-from moving_clips import moving_frames
+from moving_sequences import moving_frames
 from splatwire.bitstream import read_stream
 from splatwire.cli._bundled import ASSETS, SPLATS
 from splatwire.cli._run_serve import program_of
 from splatwire.codec.gaussians.quality import Quality
-from splatwire.sequence import ClipOptions, encode_clip
+from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.transport import Protection
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.pack import pack_stream, pack_streams
@@ -57,7 +57,7 @@ def tall(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> str:
-    stream, _ = encode_clip(moving_frames(300, 6), ClipOptions(Fraction(8), 3))
+    stream, _ = encode_sequence(moving_frames(300, 6), SequenceOptions(Fraction(8), 3))
     packed = tmp_path_factory.mktemp("visitors") / "clip.html"
     packed.write_bytes(pack_stream(stream, "a clip"))
     return packed.as_uri()

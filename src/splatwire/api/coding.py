@@ -16,7 +16,7 @@ from splatwire.errors import InvalidValueError, check_progress, shown
 from splatwire.rate_control.encoding import Effort, encode_controlled
 from splatwire.rate_control.targets import Target, parse_size
 from splatwire.rate_control.tuning import Tuning
-from splatwire.sequence import ClipOptions, Frame, encode_clip
+from splatwire.sequence import Frame, SequenceOptions, encode_sequence
 from splatwire.types import AnchorScene, ReceivedScene, SplatScene
 from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
@@ -65,7 +65,7 @@ class AnchorOptions(CheckedFields):
 @checked_except("scene", "progress")
 def encode(
     scene: Scene | ReceivedScene[Any] | Splats | Iterable[Frame | Splats],
-    options: GaussianOptions | AnchorOptions | ClipOptions | None = None,
+    options: GaussianOptions | AnchorOptions | SequenceOptions | None = None,
     *,
     size: int | str | None = None,
     psnr: float | None = None,
@@ -81,9 +81,9 @@ def encode(
     line does, and `classes` and `tiers` of the options must not be given.
 
     Args:
-        scene: A scene, a decoded scene without losses, explicit Gaussians, or, with `ClipOptions`, frames.
-        options: Options of the kind of scene: `GaussianOptions`, `AnchorOptions`, or `ClipOptions` for frames. None for
-            the defaults.
+        scene: A scene, a decoded scene without losses, explicit Gaussians, or, with `SequenceOptions`, frames.
+        options: Options of the kind of scene: `GaussianOptions`, `AnchorOptions`, or `SequenceOptions` for frames. None
+            for the defaults.
         size: Explicit Gaussians: maximum size of the stream as one file, bytes, or a text such as `500kB`. The stream
             is at most 3 % smaller, unless the finest setting takes less.
         psnr: Explicit Gaussians: mean PSNR against pictures of the source, decibels, usually reached to 0.2 dB.
@@ -111,7 +111,7 @@ def encode(
     """
     if tuning is not None and effort != "best":
         raise InvalidValueError("tuning is for the effort best: only then Gaussians are fine-tuned")
-    if isinstance(options, ClipOptions):
+    if isinstance(options, SequenceOptions):
         if (size, psnr, effort) != (None, None, None):
             raise InvalidValueError("size, psnr and effort are for static scenes: frames take a quality")
         chosen = options if quality is None else replace(options, quality=quality)
@@ -169,10 +169,12 @@ def _encode_controlled(
     return found.stream
 
 
-def _encode_frames(frames: Any, options: ClipOptions, threads: int | None, progress: Progress | None) -> SceneStream:
+def _encode_frames(
+    frames: Any, options: SequenceOptions, threads: int | None, progress: Progress | None
+) -> SceneStream:
     if threads is not None or progress is not None:
-        raise InvalidValueError("a sequence has its number of threads in ClipOptions, and no progress")
-    return encode_clip(frames, options)[0]
+        raise InvalidValueError("a sequence has its number of threads in SequenceOptions, and no progress")
+    return encode_sequence(frames, options)[0]
 
 
 @checked_except("stream", "progress")

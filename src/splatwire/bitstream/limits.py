@@ -155,7 +155,7 @@ for _schema in (
     StreamSchema(
         TRACKS, 3, "tracks", ("clip", "bases", "motion"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True, timed=True,
         max_tiers=MAX_SPANS, codec="splatwire.codec.sequence.schema:SCHEMA",
-        scene="splatwire.types.sequence_scene:ClipScene",
+        scene="splatwire.types.sequence_scene:SequenceScene",
     ),
 ):  # fmt: skip
     SCHEMAS.register(_schema.name, _schema, f"{__name__}.{_schema.name}")

@@ -1,7 +1,7 @@
 """Validation of concealer names before any work."""
 
 from splatwire.concealment import create_concealer
-from splatwire.concealment.temporal.concealers import BUILT_IN, clip_concealer
+from splatwire.concealment.temporal.concealers import BUILT_IN, temporal_concealer
 from splatwire.errors import UnknownNameError
 
 
@@ -17,6 +17,6 @@ def check_concealer(name: str) -> None:
         create_concealer(name)
     except UnknownNameError as error:
         try:
-            clip_concealer(name)
+            temporal_concealer(name)
         except UnknownNameError:
             raise error from None

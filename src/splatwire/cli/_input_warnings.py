@@ -16,7 +16,7 @@ DAMAGED = 3
 _DAMAGE = "splatwire.bitstream.stream"
 _TELLING = (
     *("splatwire.types.validity", "splatwire.codec.gaussians.outliers", "splatwire.plugins", _DAMAGE),
-    *("splatwire.io", "splatwire.data", "splatwire.sequence", "splatwire.files", "splatwire.cli._encoded_clips"),
+    *("splatwire.io", "splatwire.data", "splatwire.sequence", "splatwire.files", "splatwire.cli._encoded_sequences"),
 )
 _MAX_FILES = 100_000
 """Maximum number of files of a folder that are counted per warning."""

@@ -30,15 +30,15 @@ from splatwire.io.formats.content import FileContent
 from splatwire.io.formats.kinds import format_named
 from splatwire.lod.sog_levels import write_sog_levels
 from splatwire.lod.tileset import TilesetReport, write_tileset
-from splatwire.sequence.clip_files import (
-    CLIP_FORMATS,
-    ClipFormat,
-    clip_format_for,
-    contents_of_clip,
-    contents_of_sequence,
-)
 from splatwire.sequence.frames import is_sequence, open_sequence
 from splatwire.sequence.options import FRAME_RATE
+from splatwire.sequence.sequence_files import (
+    SEQUENCE_FORMATS,
+    SequenceFormat,
+    contents_of_sequence,
+    contents_of_stream,
+    sequence_format_for,
+)
 from splatwire.sequence.written_frames import write_frame_files
 
 STREAM = FILE_SUFFIX.removeprefix(".")
@@ -99,8 +99,8 @@ def convert(chosen: Conversion, command: Convert) -> None:
             _convert_to_levels(path, chosen, as_json=command.json)
         elif chosen.form == STREAM:
             _run_encode.run(Encode(source, chosen.output, json=command.json))
-        elif _is_timed(path) and (form := clip_format_for(chosen.output)) is not None:
-            _convert_clip(path, chosen, form, as_json=command.json)
+        elif _is_timed(path) and (form := sequence_format_for(chosen.output)) is not None:
+            _convert_sequence(path, chosen, form, as_json=command.json)
         elif _is_timed(path) and Path(chosen.output).suffix:
             raise InvalidValueError(
                 f"{chosen.output}: the frames of a clip are written to a folder, whose name has no suffix, with --to "
@@ -152,13 +152,13 @@ def _convert_to_levels(path: Path, chosen: Conversion, *, as_json: bool) -> None
     print_summary(f"{written.num_gaussians:,} Gaussians in {text}, {size} -> {chosen.output}")
 
 
-def _convert_clip(path: Path, chosen: Conversion, form: ClipFormat, *, as_json: bool) -> None:
+def _convert_sequence(path: Path, chosen: Conversion, form: SequenceFormat, *, as_json: bool) -> None:
     """Writes the frames of a sequence to one file."""
     started = time.perf_counter()
     output = prepared_output(Path(chosen.output))
     with progress_bars() as report:
         if file_kind(path) in STREAMS:
-            frames, count, rate = contents_of_clip(read_stream(path)[0])
+            frames, count, rate = contents_of_stream(read_stream(path)[0])
         else:
             sequence = open_sequence(path)
             frames, count = contents_of_sequence(sequence), sequence.num_frames
@@ -185,14 +185,14 @@ def _checked_form(name: str) -> str:
         UnknownNameError: If nothing of that name can be written.
     """
     name = name.replace("-", ".")
-    if name in (STREAM, TILES, SOG_LEVELS, *(clip.name for clip in CLIP_FORMATS)):
+    if name in (STREAM, TILES, SOG_LEVELS, *(form.name for form in SEQUENCE_FORMATS)):
         return name
     try:
         return format_named(name).name
     except UnknownNameError:
         raise UnknownNameError(
             "format to write", name,
-            [STREAM, TILES, SOG_LEVELS.replace(".", "-"), *(clip.name for clip in CLIP_FORMATS), *_writable()],
+            [STREAM, TILES, SOG_LEVELS.replace(".", "-"), *(form.name for form in SEQUENCE_FORMATS), *_writable()],
         ) from None  # fmt: skip
 
 
@@ -209,8 +209,8 @@ def _form_of_name(output: str) -> str:
     if output.lower().endswith(FILE_SUFFIX):
         return STREAM
     try:
-        clip = clip_format_for(output)
-        return format_for(output).name if clip is None else clip.name
+        form = sequence_format_for(output)
+        return format_for(output).name if form is None else form.name
     except UnknownNameError as error:
         text = f"{output}: its suffix names no format to write: {error}, {STREAM}; or give --to FORMAT"
         raise InvalidValueError(text) from None
@@ -259,14 +259,16 @@ def _convert_inputs(command: Convert, form: str) -> None:
 def _output_name(source: str, form: str) -> str:
     """Returns the name of an output: that of its input with the suffix of the output format, or none for frames."""
     path = Path(source).resolve()
-    clips = (suffix for clip in CLIP_FORMATS for suffix in clip.suffixes)
-    suffixes = sorted((FILE_SUFFIX, *clips, *(known.suffix for known in FORMATS.all().values())), key=len, reverse=True)
+    of_sequences = (suffix for known in SEQUENCE_FORMATS for suffix in known.suffixes)
+    suffixes = sorted(
+        (FILE_SUFFIX, *of_sequences, *(known.suffix for known in FORMATS.all().values())), key=len, reverse=True
+    )
     found = next((suffix for suffix in suffixes if path.name.lower().endswith(suffix)), path.suffix)
     stem = path.name if path.is_dir() else path.name[: len(path.name) - len(found)]
     if form in (STREAM, TILES, SOG_LEVELS):
         return f"{stem}{FILE_SUFFIX}" if form == STREAM else stem
     if path.exists() and _is_timed(path):
-        return stem if clip_format_for(f"x.{form}") is None else f"{stem}.{form}"
+        return stem if sequence_format_for(f"x.{form}") is None else f"{stem}.{form}"
     return f"{stem}{format_named(form).suffix}"
 
 

@@ -26,7 +26,7 @@ def run(options: Decode) -> None:
     with input_path(options.stream) as source:
         stream, report = read_stream(source)
     if stream.manifest.schema.timed:
-        _decode_clip(options, stream, report)
+        _decode_sequence(options, stream, report)
         return
     if (options.frame, options.format, options.max_frames) != (None, None, None):
         raise InvalidValueError(f"--frame, --max-frames and --format are for a clip, which {options.stream} is not")
@@ -62,7 +62,7 @@ def run(options: Decode) -> None:
         print_summary(f"{text}, decoded in {decoded - started:.1f} s -> {options.output}", options.output)
 
 
-def _decode_clip(options: Decode, stream: SceneStream, report: ReadReport) -> None:
+def _decode_sequence(options: Decode, stream: SceneStream, report: ReadReport) -> None:
     """Decodes a clip, to one file per frame or to a single file."""
     folder = options.frame is None or not Path(options.output).suffix
     if not folder and options.format is not None:

@@ -56,9 +56,11 @@ def _run(command: Encode, source: Path) -> None:
         refuse_options(command, _STILL, "is for a still scene, not for a clip")
     _check(command)
     if is_clip:
-        from splatwire.cli._encoded_clips import encode_clip_of  # still scenes are encoded without its libraries
+        from splatwire.cli._encoded_sequences import (
+            encode_sequence_of,  # still scenes are encoded without its libraries
+        )
 
-        encode_clip_of(command, source)
+        encode_sequence_of(command, source)
         return
     if (command.fps, command.group, command.frames) != (None, None, None):
         raise InvalidValueError(

@@ -14,10 +14,10 @@ from splatwire.cli._scenes import chosen_background
 from splatwire.cli._table import print_rows
 from splatwire.cli.evaluate import Evaluate
 from splatwire.concealment import create_concealer
-from splatwire.concealment.temporal.concealers import clip_concealer
+from splatwire.concealment.temporal.concealers import temporal_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.sequence.report import HEADINGS, cells
-from splatwire.evaluation.sequence.run import UNIT, clip_rows, evaluate_clip
+from splatwire.evaluation.sequence.run import UNIT, evaluate_sequence, sequence_rows
 from splatwire.evaluation.study import Loss, SceneEntry, Study, plain_rows, run_plain_study
 from splatwire.evaluation.study.input_files import InputFiles
 from splatwire.evaluation.walkthrough.delivery import Link
@@ -28,7 +28,7 @@ from splatwire.render import create_renderer
 from splatwire.sequence import is_sequence
 
 _FACTORS = {"k": 1e3, "M": 1e6, "G": 1e9}
-_NOT_OF_CLIPS = ("data", "contiguous", "background", "lpips_views")
+_NOT_OF_SEQUENCES = ("data", "contiguous", "background", "lpips_views")
 """Options that apply only to static scenes."""
 _NOT_WITH_PATH = ("data", "cameras", "conceal", "contiguous", "views", "lpips_views")
 """Options that cannot be combined with `--path`."""
@@ -43,7 +43,7 @@ def run(command: Evaluate) -> None:
         if link is not None:
             _evaluate_path(command, files.stream(path), link)
         elif is_stream(path) and (stream := files.stream(path)).manifest.schema.timed:
-            _evaluate_clip(command, stream)
+            _evaluate_sequence(command, stream)
         else:
             _evaluate_scene(command, path, files)
 
@@ -61,22 +61,22 @@ def _evaluate_path(command: Evaluate, stream: SceneStream, link: Link) -> None:
     _print_result(command, content, lambda: print_facts([path_facts(content)], name))
 
 
-def _evaluate_clip(command: Evaluate, stream: SceneStream) -> None:
-    refuse_options(command, _NOT_OF_CLIPS, "is for a still scene, not for a clip")
+def _evaluate_sequence(command: Evaluate, stream: SceneStream) -> None:
+    refuse_options(command, _NOT_OF_SEQUENCES, "is for a still scene, not for a clip")
     if command.reference is None or not is_sequence(command.reference):
         raise InvalidValueError("a clip is compared with its source frames: give --reference FOLDER")
     for concealer in command.conceal:
-        clip_concealer(concealer)
-    name, rows = Path(command.source).name, clip_rows(stream, command.conceal, command.loss, command.seeds)
+        temporal_concealer(concealer)
+    name, rows = Path(command.source).name, sequence_rows(stream, command.conceal, command.loss, command.seeds)
     with progress_bars() as show:
-        content = evaluate_clip(
+        content = evaluate_sequence(
             stream, command.reference, rows, cameras=command.cameras, views=command.views, renderer=command.renderer,
             output=command.output, title=name, progress=lambda share: show("comparing frames", share),
         )  # fmt: skip
-    _print_result(command, content, lambda: _print_clip(content, name))
+    _print_result(command, content, lambda: _print_sequence(content, name))
 
 
-def _print_clip(content: dict[str, Any], title: str) -> None:
+def _print_sequence(content: dict[str, Any], title: str) -> None:
     """Prints one table row per evaluated configuration on standard output."""
     under = "".join(f" under {loss}" for loss in {row["loss"] for row in content["rows"]} - {None, "none"})
     later = ", from the second group on" if content["frames"] > content["group_frames"] else ""

@@ -57,7 +57,7 @@ def _describe_stream(stream: SceneStream, report: ReadReport) -> dict[str, Any]:
         "symbols_digest": manifest.symbols_digest,
         "format_version": manifest.format_version,
         "writer": manifest.writer,
-        **(_describe_clip(stream) if manifest.schema.timed else {}),
+        **(_describe_sequence(stream) if manifest.schema.timed else {}),
         **_describe_levels(stream),
         **_describe_scene_sections(stream),
         **_describe_metadata(read_metadata(sections_of(stream))),
@@ -70,11 +70,11 @@ def _describe_metadata(metadata: SceneMetadata) -> dict[str, Any]:
     return {"metadata": known} if known else {}
 
 
-def _describe_clip(stream: SceneStream) -> dict[str, Any]:
-    from splatwire.sequence.description import count_motions, describe_clip  # decodes, with libraries for that
+def _describe_sequence(stream: SceneStream) -> dict[str, Any]:
+    from splatwire.sequence.description import count_motions, describe_sequence  # decodes, with libraries for that
 
     complete = len(stream.packets) == stream.manifest.num_packets
-    return {"clip": {**describe_clip(stream), **(count_motions(stream) if complete else {})}}
+    return {"clip": {**describe_sequence(stream), **(count_motions(stream) if complete else {})}}
 
 
 def _describe_scene_sections(stream: SceneStream) -> dict[str, Any]:

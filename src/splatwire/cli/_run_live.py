@@ -9,17 +9,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 from splatwire.cli._background import first_of, start_thread
-from splatwire.cli._clip_options import clip_options
 from splatwire.cli._files import STANDARD
 from splatwire.cli._listening import check_listening, open_server, print_ready, stop_on_signals
 from splatwire.cli._live_warnings import Warnings, print_if_read, rate_limited_warnings
 from splatwire.cli._protection import plan_of_file, protection_of
+from splatwire.cli._sequence_options import sequence_options
 from splatwire.cli.live import Live
 from splatwire.errors import InvalidValueError
-from splatwire.sequence import ClipOptions
+from splatwire.sequence import SequenceOptions
 from splatwire.sequence.arriving import FolderSource, FrameSource, PipeSource
 from splatwire.sequence.live_encoder import LiveEncoder
-from splatwire.sequence.live_encoding import LiveEncoding, new_stream_id
+from splatwire.sequence.live_ingest import LiveIngest, new_stream_id
 from splatwire.transport import Protection, ServedStream, ServerLimits
 from splatwire.transport.protocol.live_session import PROTECTION
 from splatwire.transport.running_server import RunningServer
@@ -41,7 +41,9 @@ def run(command: Live) -> None:
             f"{command.frames} is not a folder: give the folder of the frames, or - for file names on standard input"
         )
     protection = _protection(command)
-    if not asyncio.run(_serve(command, clip_options(command.fps, command.group, command.quality, None), protection)):
+    if not asyncio.run(
+        _serve(command, sequence_options(command.fps, command.group, command.quality, None), protection)
+    ):
         os._exit(STUCK)  # the interpreter would wait for threads of the encoder, which may never end
 
 
@@ -57,7 +59,7 @@ def _protection(command: Live) -> Protection:
     return protection
 
 
-async def _serve(command: Live, options: ClipOptions, protection: Protection) -> bool:
+async def _serve(command: Live, options: SequenceOptions, protection: Protection) -> bool:
     """Serves until a signal, or the end of the frames; returns False if the encoder did not end in time."""
     stop, loop, warn = stop_on_signals(), asyncio.get_running_loop(), Warnings()
     async with contextlib.AsyncExitStack() as stack:
@@ -83,16 +85,16 @@ async def _serve(command: Live, options: ClipOptions, protection: Protection) ->
     return encoding.done()
 
 
-def _encoding(command: Live, options: ClipOptions, protection: Protection, publish: Callable[[ServedStream], None],
+def _encoding(command: Live, options: SequenceOptions, protection: Protection, publish: Callable[[ServedStream], None],
     stop: Callable[[], bool], warn: Warnings,
-) -> LiveEncoding:  # fmt: skip
+) -> LiveIngest:  # fmt: skip
     source: FrameSource
     if command.frames == STANDARD:
         source = PipeSource(sys.stdin.fileno(), warn)
     else:
         source = FolderSource(Path(command.frames), warn)
-    clip = LiveEncoder(options, new_stream_id, protection)
-    return LiveEncoding(source, clip, options, publish, stop, warn)
+    encoder = LiveEncoder(options, new_stream_id, protection)
+    return LiveIngest(source, encoder, options, publish, stop, warn)
 
 
 async def _await_last_packets(opened: RunningServer) -> None:

@@ -21,7 +21,7 @@ from splatwire.planning.measure import measured_variant
 from splatwire.planning.plan_file import plan_content
 from splatwire.planning.planner import ScenePlan, plan_protection
 from splatwire.planning.sequence.planner import SequencePlan, plan_sequence
-from splatwire.planning.sequence.variants import clip_variants, common_timeline
+from splatwire.planning.sequence.variants import common_timeline, sequence_variants
 from splatwire.planning.transfer_model import model_transfer
 from splatwire.transport.protocol.protection import Protection
 
@@ -36,7 +36,7 @@ def run(options: PlanCommand) -> None:
     loss = parse_loss(options.loss)
     streams = [_read(path) for path in options.streams]
     if any(stream.manifest.schema.timed for stream in streams):
-        _plan_clips(options, streams, loss)
+        _plan_sequences(options, streams, loss)
         return
     if options.reference is not None:
         raise InvalidValueError("--reference is for clips: a still scene is compared with --data")
@@ -60,13 +60,13 @@ def run(options: PlanCommand) -> None:
     _print_result(options, content, path, lambda how: _print_plan(plan, stream.manifest.elements, how))
 
 
-def _plan_clips(options: PlanCommand, streams: Sequence[SceneStream], loss: LossModel) -> None:
+def _plan_sequences(options: PlanCommand, streams: Sequence[SceneStream], loss: LossModel) -> None:
     if not all(stream.manifest.schema.timed for stream in streams):
         raise InvalidValueError("a plan cannot compare a clip with a still scene: give streams of one kind")
     refuse_options(options, _STILL, "is for a still scene, not for a clip")
     timeline = common_timeline(streams)
     with progress_bars() as report:
-        variants = clip_variants(
+        variants = sequence_variants(
             streams, options.reference, concealer=options.conceal, views=options.views, seed=options.seed,
             progress=lambda share: report("measuring damage", share),
         )  # fmt: skip
@@ -80,7 +80,7 @@ def _plan_clips(options: PlanCommand, streams: Sequence[SceneStream], loss: Loss
     path, stream = options.streams[plan.variant], streams[plan.variant]
     facts = {**asdict(plan), "loss": loss.name, "stream": path}
     content = plan_content(plan.protection, stream.manifest.stream_id, facts)
-    _print_result(options, content, path, lambda how: _print_clip_plan(plan, how))
+    _print_result(options, content, path, lambda how: _print_sequence_plan(plan, how))
 
 
 def _check(options: PlanCommand) -> None:
@@ -167,7 +167,7 @@ def _print_plan(plan: ScenePlan, elements: str, how: str) -> None:
     print(how)
 
 
-def _print_clip_plan(plan: SequencePlan, how: str) -> None:
+def _print_sequence_plan(plan: SequencePlan, how: str) -> None:
     print(f"expected {plan.psnr:.2f} dB, without parity {plan.unprotected:.2f} dB")
     for group, ((share, repair), lost) in enumerate(zip(plan.protection.motion, plan.lost, strict=True)):
         print(f"group {group}: parity {repair:.0%} for {share:.0%} of the motion, of which {lost:.1%} is lost")

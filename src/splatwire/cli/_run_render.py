@@ -12,7 +12,7 @@ from splatwire.concealment import create_concealer
 from splatwire.data import load_cameras, open_dataset, save_cameras
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.pixels import png_bytes, to_pixels
-from splatwire.evaluation.sequence.moving_picture import draw_clip
+from splatwire.evaluation.sequence.moving_picture import draw_sequence
 from splatwire.evaluation.views import views_of
 from splatwire.files.atomic_write import atomic_write
 from splatwire.files.names import distinct_names
@@ -34,12 +34,12 @@ def run(options: Render) -> None:
     background = chosen_background(options.background)
     with input_path(options.scene) as source:
         if is_stream(source) and (stream := read_stream(source)[0]).manifest.schema.timed:
-            _draw_clip(options, stream, cameras)
+            _draw_sequence(options, stream, cameras)
         else:
             _draw_scene(options, source, cameras, background)
 
 
-def _draw_clip(options: Render, stream: SceneStream, cameras: Cameras | None) -> None:
+def _draw_sequence(options: Render, stream: SceneStream, cameras: Cameras | None) -> None:
     if options.output.suffix.lower() != ".webp":
         raise InvalidValueError(f"a clip becomes a moving picture: give a name such as name.webp, not {options.output}")
     prepared_output(options.output, suffix=".webp")
@@ -47,7 +47,7 @@ def _draw_clip(options: Render, stream: SceneStream, cameras: Cameras | None) ->
         raise InvalidValueError("--background is for still scenes; a clip has the background that `encode` stored")
     started = time.perf_counter()
     with progress_bars() as show:
-        facts = draw_clip(stream, options.output, cameras, options.scale, options.conceal, options.renderer, show)
+        facts = draw_sequence(stream, options.output, cameras, options.scale, options.conceal, options.renderer, show)
     seconds = time.perf_counter() - started
     if options.json:
         print_json({"output": str(options.output), **facts, "seconds": seconds})

@@ -61,7 +61,7 @@ def thumbnail(scene: Scene, size: tuple[int, int] = SIZE, viewpoint: Viewpoint |
 
 
 def stream_thumbnail(stream: SceneStream, size: tuple[int, int] = SIZE) -> np.ndarray:
-    """Renders a thumbnail of a stream from its initial view; see `thumbnail`. For a clip, the first frame is rendered.
+    """Renders a thumbnail of a stream from its initial view (`thumbnail`); for a sequence, of its first frame.
 
     Args:
         stream: The stream; elements of lost packets are left out.

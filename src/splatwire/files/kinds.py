@@ -82,8 +82,8 @@ KSPLAT = Kind("ksplat", "a .ksplat file", _EXPLICIT)
 SPLATV = Kind("splatv", "a .splatv file of Gaussians that move", "`encode` makes a clip of it")
 FOURDGS = Kind("4dgs", "a .4dgs file of Gaussians that move", SPLATV.use)
 SPLAT4D = Kind("splat4d", "a .splat4d file of Gaussians that move", SPLATV.use)
-CLIP_FILES = (SPLATV, FOURDGS, SPLAT4D)
-"""Files with all frames of a clip."""
+SEQUENCE_FILES = (SPLATV, FOURDGS, SPLAT4D)
+"""Files with all frames of a sequence."""
 SPZ = Kind("spz", "an SPZ file", _EXPLICIT)
 SOG = Kind("sog", "a SOG file", _EXPLICIT)
 SOG_FOLDER = Kind("sog folder", "a folder of SOG", _EXPLICIT)

@@ -1,4 +1,4 @@
-"""Input frames of a live clip, which arrive while the clip is encoded.
+"""Input frames of a live sequence, which arrive while the sequence is encoded.
 
 Frames are files that appear in a folder, or files whose names are written to a pipe.
 """
@@ -48,7 +48,7 @@ Signature = tuple[int, int, int]
 
 @runtime_checkable
 class FrameSource(Protocol):
-    """Source of the files of a clip's frames, in the order of playback.
+    """Source of the files of a sequence's frames, in the order of playback.
 
     Attributes:
         over: True if no further file will appear.

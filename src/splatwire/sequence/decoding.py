@@ -13,7 +13,7 @@ from splatwire.bitstream import Manifest, Packet
 from splatwire.codec import ProgressiveDecoder
 from splatwire.codec.memory import check_memory
 from splatwire.concealment import conceal
-from splatwire.concealment.temporal.concealers import DEFAULT, TemporalConcealer, clip_concealer
+from splatwire.concealment.temporal.concealers import DEFAULT, TemporalConcealer, temporal_concealer
 from splatwire.concealment.temporal.concealment import conceal_group
 from splatwire.concealment.temporal.neighbors import PLACE
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
@@ -21,7 +21,7 @@ from splatwire.errors import BitstreamError
 from splatwire.ops.threads import share
 from splatwire.sequence import _pose_kernels as kernels
 from splatwire.types import LossMask, ReceivedScene, RenderHints, SplatScene
-from splatwire.types.sequence_scene import ClipScene
+from splatwire.types.sequence_scene import SequenceScene
 from splatwire.types.splats import Splats
 
 AT_ONCE = 1 << 13
@@ -29,7 +29,7 @@ AT_ONCE = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
-class ClipFrame(CheckedFields):
+class SequenceFrame(CheckedFields):
     """Decoded and concealed frame of a sequence.
 
     Attributes:
@@ -47,16 +47,16 @@ class ClipFrame(CheckedFields):
 
 @checked
 def decode_frames(
-    clip: ClipScene,
+    sequence: SequenceScene,
     concealer: TemporalConcealer | str = DEFAULT,
     *,
     first: int = 0,
     available: Callable[[int], np.ndarray] | None = None,
-) -> Iterator[ClipFrame]:
+) -> Iterator[SequenceFrame]:
     """Decodes and yields the frames of a sequence in order.
 
     Args:
-        clip: Received sequence.
+        sequence: Received sequence.
         concealer: Concealer for tracks with lost motion, or the name of a concealer.
         first: Number of the first frame to decode; earlier groups of pictures are not decoded.
         available: Function that returns the mask of keyframe Gaussians available at the start of a group, bool (T),
@@ -66,23 +66,23 @@ def decode_frames(
         InvalidValueError: If the sequence has no such frame.
         UnknownNameError: If the concealer is unknown.
     """
-    method = clip_concealer(concealer) if isinstance(concealer, str) else concealer
-    begin = clip.timeline.group_of(first)
+    method = temporal_concealer(concealer) if isinstance(concealer, str) else concealer
+    begin = sequence.timeline.group_of(first)
     memory: ConcealmentState | None = None
-    for group in range(begin, clip.timeline.num_groups):
-        known = clip.tracks.received if available is None else clip.tracks.received & available(group)
-        frames, after = decode_group(clip, group, known, memory, method)
+    for group in range(begin, sequence.timeline.num_groups):
+        known = sequence.tracks.received if available is None else sequence.tracks.received & available(group)
+        frames, after = decode_group(sequence, group, known, memory, method)
         yield from (frame for frame in frames if frame.number >= first)
         memory = after()
 
 
 def decode_group(
-    clip: ClipScene, group: int, known: np.ndarray, memory: ConcealmentState | None, method: TemporalConcealer
-) -> tuple[Iterator[ClipFrame], Callable[[], ConcealmentState]]:
+    sequence: SequenceScene, group: int, known: np.ndarray, memory: ConcealmentState | None, method: TemporalConcealer
+) -> tuple[Iterator[SequenceFrame], Callable[[], ConcealmentState]]:
     """Decodes one group of pictures of a sequence.
 
     Args:
-        clip: Received sequence.
+        sequence: Received sequence.
         group: Index of the group of pictures.
         known: Mask of available keyframe Gaussians, bool (T).
         memory: Concealment state after the previous group; None if that group was not decoded.
@@ -92,19 +92,19 @@ def decode_group(
         The frames of the group, decoded when they are requested, and a function that returns the concealment state for
         the next group.
     """
-    poses, hidden, after = conceal_group(clip, clip.motion(group, known), group, known, memory, method)
-    hints = covering_gains(clip, known, group, poses, hidden) if method.grow else None
-    numbers = enumerate(clip.timeline.frames_of(group))
-    return (pose_frame(clip, poses, index, number, hints) for index, number in numbers), after
+    poses, hidden, after = conceal_group(sequence, sequence.motion(group, known), group, known, memory, method)
+    hints = covering_gains(sequence, known, group, poses, hidden) if method.grow else None
+    numbers = enumerate(sequence.timeline.frames_of(group))
+    return (pose_frame(sequence, poses, index, number, hints) for index, number in numbers), after
 
 
 @checked
-def decode_frame(clip: ClipScene, number: int, concealer: TemporalConcealer | str = DEFAULT) -> ClipFrame:
+def decode_frame(sequence: SequenceScene, number: int, concealer: TemporalConcealer | str = DEFAULT) -> SequenceFrame:
     """Decodes a single frame; losses are concealed from information in its group of pictures only."""
-    return next(decode_frames(clip, concealer, first=number))
+    return next(decode_frames(sequence, concealer, first=number))
 
 
-class ClipDecoder:
+class SequenceDecoder:
     """Decoder of a sequence that accepts packets in any order and decodes frames at any time.
 
     Args:
@@ -121,7 +121,7 @@ class ClipDecoder:
     def __init__(self, manifest: Manifest, side_info: bytes, concealer: TemporalConcealer | str = DEFAULT) -> None:
         if not manifest.schema.timed:
             raise BitstreamError(f"a stream of {manifest.elements} is a scene, not a clip")
-        self._concealer = clip_concealer(concealer) if isinstance(concealer, str) else concealer
+        self._concealer = temporal_concealer(concealer) if isinstance(concealer, str) else concealer
         self._decoder = ProgressiveDecoder(manifest, side_info)
 
     @property
@@ -137,7 +137,7 @@ class ClipDecoder:
         """
         self._decoder.add([packet])
 
-    def frame(self, number: int) -> ClipFrame:
+    def frame(self, number: int) -> SequenceFrame:
         """Decodes a frame from the packets received so far.
 
         Raises:
@@ -150,11 +150,13 @@ class ClipDecoder:
         return decode_frame(self._decoder.partial.scene, number, self._concealer)
 
 
-def pose_frame(clip: ClipScene, poses: GroupPoses, index: int, number: int, hints: RenderHints | None) -> ClipFrame:
+def pose_frame(
+    sequence: SequenceScene, poses: GroupPoses, index: int, number: int, hints: RenderHints | None
+) -> SequenceFrame:
     """Returns the moved Gaussians of one frame of a group of pictures.
 
     Args:
-        clip: Received sequence.
+        sequence: Received sequence.
         poses: Motion of the tracks in the group.
         index: Frame index within the group.
         number: Frame number within the sequence.
@@ -164,15 +166,19 @@ def pose_frame(clip: ClipScene, poses: GroupPoses, index: int, number: int, hint
     here = np.flatnonzero((poses.begins <= index) & (index < poses.ends))
     tracks = poses.tracks[here]
     offsets = poses.at(index)
-    splats = apply_motion(clip.tracks.splats, tracks, offsets if len(here) == len(offsets) else offsets[here])
+    splats = apply_motion(sequence.tracks.splats, tracks, offsets if len(here) == len(offsets) else offsets[here])
     scene = SplatScene(
-        splats, background=clip.background, antialiased=clip.antialiased, origin=clip.origin, metadata=clip.metadata
+        splats,
+        background=sequence.background,
+        antialiased=sequence.antialiased,
+        origin=sequence.origin,
+        metadata=sequence.metadata,
     )
     if hints is not None:
         opacity = None if hints.opacity_gain is None else hints.opacity_gain[tracks]
         own = RenderHints(hints.size_gain[tracks], np.zeros(len(tracks), np.bool_), opacity)
         scene = replace(scene, splats=SplatScene(splats, own).drawn())
-    return ClipFrame(number, scene, tracks, poses.concealed[here])
+    return SequenceFrame(number, scene, tracks, poses.concealed[here])
 
 
 def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Splats:
@@ -200,14 +206,14 @@ def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
 
 
 def covering_gains(
-    clip: ClipScene, available: np.ndarray, group: int, poses: GroupPoses, hidden: GroupPoses
+    sequence: SequenceScene, available: np.ndarray, group: int, poses: GroupPoses, hidden: GroupPoses
 ) -> RenderHints | None:
     """Returns factors on size and opacity of all tracks, by which drawn Gaussians cover missing ones.
 
     Missing are Gaussians without a received keyframe, and hidden tracks with lost motion.
 
     Args:
-        clip: Received sequence.
+        sequence: Received sequence.
         available: Mask of available keyframe Gaussians, bool (T).
         group: Index of the group of pictures; keyframe Gaussians of later groups do not count as missing.
         poses: Motion of the drawn tracks in the group.
@@ -216,18 +222,18 @@ def covering_gains(
     Returns:
         The factors; None if nothing is missing.
     """
-    splats, born = clip.tracks.splats, np.flatnonzero(clip.tracks.born <= group)
+    splats, born = sequence.tracks.splats, np.flatnonzero(sequence.tracks.born <= group)
     if bool(available[born].all()) and not len(hidden.tracks):
         return None
     size, opacity = _growth_factors(splats, born, available)
     if len(hidden.tracks):
-        means, known = splats.means.copy(), np.ones(clip.num_gaussians, bool)
+        means, known = splats.means.copy(), np.ones(sequence.num_gaussians, bool)
         known[hidden.tracks] = False
         for some in (poses, hidden):
             means[some.tracks] += some.at(0)[:, PLACE]
         around = _growth_factors(replace(splats, means=means), np.union1d(poses.tracks, hidden.tracks), known)
         size, opacity = size * around[0], opacity * around[1]
-    return RenderHints(size, np.zeros(clip.num_gaussians, np.bool_), opacity)
+    return RenderHints(size, np.zeros(sequence.num_gaussians, np.bool_), opacity)
 
 
 def _growth_factors(splats: Splats, index: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Properties of an encoded clip: frames, tracks, and bytes of keyframes and motion."""
+"""Properties of an encoded sequence: frames, tracks, and bytes of keyframes and motion."""
 
 from typing import Any
 
@@ -10,8 +10,8 @@ from splatwire.codec.sequence.side_info import open_side_info
 from splatwire.sequence.tracking import SECTION, TrackingReport
 
 
-def describe_clip(stream: "SceneStream") -> dict[str, Any]:
-    """Returns the properties of a clip: number of frames; numbers of new, ending and static tracks; bytes by content.
+def describe_sequence(stream: "SceneStream") -> dict[str, Any]:
+    """Returns the properties of a sequence: number of frames; numbers of new, ending and static tracks; bytes.
 
     Bytes are counted separately for keyframes and for motion.
     """
@@ -41,16 +41,16 @@ def describe_clip(stream: "SceneStream") -> dict[str, Any]:
 
 def count_motions(stream: "SceneStream") -> dict[str, Any]:
     """Counts the tracks that are static within a group of pictures and the tracks that end; this parses all packets."""
-    clip = decode_stream(stream).scene
-    alive, there, still = np.zeros(clip.num_gaussians, bool), 0, 0
-    for group in range(clip.timeline.num_groups):
-        motion = clip.motion(group, clip.tracks.received)
+    sequence = decode_stream(stream).scene
+    alive, there, still = np.zeros(sequence.num_gaussians, bool), 0, 0
+    for group in range(sequence.timeline.num_groups):
+        motion = sequence.motion(group, sequence.tracks.received)
         if motion.unchanged:
-            alive |= clip.tracks.born == group
+            alive |= sequence.tracks.born == group
             here = standing = int(alive.sum())
         else:
             alive[:] = False
-            alive[motion.tracks[motion.ends == len(clip.timeline.frames_of(group))]] = True
+            alive[motion.tracks[motion.ends == len(sequence.timeline.frames_of(group))]] = True
             here, standing = len(motion.tracks), int((~motion.moving).sum())
         there, still = there + here, still + standing
     return {"died": int((~alive).sum()), "still_share": still / there if there else 1.0}

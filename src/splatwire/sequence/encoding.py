@@ -14,7 +14,7 @@ from splatwire.codec.antialiasing import SECTION as ANTIALIASING
 from splatwire.codec.antialiasing import antialiasing_sections
 from splatwire.codec.gaussians.quality import quality_of
 from splatwire.codec.metadata import metadata_sections
-from splatwire.codec.sequence.encoder import ClipWriter
+from splatwire.codec.sequence.encoder import TracksEncoder
 from splatwire.codec.sequence.track_group import TrackGroup
 from splatwire.codec.viewpoint import EXTENT_SECTION, UP_SECTION, extent_section, up_sections
 from splatwire.codec.viewpoint import SECTION as VIEWPOINT
@@ -26,7 +26,7 @@ from splatwire.render.up import estimate_up_axis
 from splatwire.sequence.extent import BoundingSphere, bounding_sphere
 from splatwire.sequence.frames import Frame
 from splatwire.sequence.group_builder import GroupBuilder, group_of
-from splatwire.sequence.options import USUAL, ClipOptions
+from splatwire.sequence.options import USUAL, SequenceOptions
 from splatwire.sequence.partial_tracks import TrackedFrame
 from splatwire.sequence.tracking import SECTION, Tracker, TrackingReport
 from splatwire.types import SplatScene
@@ -47,7 +47,7 @@ SEEN = 0.02
 """Smallest change of a harmonic coefficient that triggers a warning; 1 is the full range of a colour."""
 
 
-class ClipEncoder:
+class SequenceEncoder:
     """Encoder of sequences that takes one frame at a time and keeps one group of pictures in memory.
 
     Args:
@@ -61,7 +61,7 @@ class ClipEncoder:
 
     @checked
     def __init__(
-        self, options: ClipOptions = USUAL, classes: Callable[[Splats], np.ndarray] | None = None, *,
+        self, options: SequenceOptions = USUAL, classes: Callable[[Splats], np.ndarray] | None = None, *,
         live: bool = False,
     ) -> None:  # fmt: skip
         self._options, self._classes, self._live = options, classes or precision_classes, live
@@ -77,9 +77,9 @@ class ClipEncoder:
         self._newest = -1
         self._writer = self._new_writer()
 
-    def _new_writer(self) -> ClipWriter:
+    def _new_writer(self) -> TracksEncoder:
         options = self._options
-        return ClipWriter(
+        return TracksEncoder(
             options.rate, options.group_frames, quality_of(options.quality), options.background,
             threads=options.threads or allowed_threads(),
         )  # fmt: skip
@@ -89,14 +89,14 @@ class ClipEncoder:
         """Statistics on matching each Gaussian to the same Gaussian in the previous frame, for the frames so far."""
         return self._tracker.report
 
-    def new_period(self) -> "ClipEncoder":
+    def new_period(self) -> "SequenceEncoder":
         """Returns an encoder that continues as a new, independent stream (period); Gaussians keep their tracks.
 
         The new encoder does not share buffers with this one.
         """
         assert not self._frames
         self._finish_deferred_work()
-        other = ClipEncoder(self._options, self._classes, live=self._live)
+        other = SequenceEncoder(self._options, self._classes, live=self._live)
         other._tracker, other._degree, other._warned = self._tracker, self._degree, self._warned
         other._first_frame = other._num_frames = self._num_frames
         number = ByteWriter()
@@ -108,13 +108,13 @@ class ClipEncoder:
             other._known = there, self._known[1][at]
         return other
 
-    def restarted(self, first_frame: int) -> "ClipEncoder":
+    def restarted(self, first_frame: int) -> "SequenceEncoder":
         """Returns a new encoder for an independent stream, with the same options and up axis.
 
         Args:
             first_frame: Number of the first frame of the new encoder.
         """
-        other = ClipEncoder(self._options, self._classes, live=self._live)
+        other = SequenceEncoder(self._options, self._classes, live=self._live)
         other._first_frame = other._num_frames = first_frame
         other._warned = self._warned
         other._sections = {name: data for name, data in self._sections.items() if name != ANTIALIASING}
@@ -306,9 +306,9 @@ def _scene_cuts(group: TrackGroup, frames: Sequence[TrackedFrame], new: np.ndarr
 
 
 @checked
-def encode_clip(
+def encode_sequence(
     frames: Iterable[Frame | Splats],
-    options: ClipOptions = USUAL,
+    options: SequenceOptions = USUAL,
     *,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[SceneStream, TrackingReport]:
@@ -320,9 +320,9 @@ def encode_clip(
         progress: Called with the number of frames done.
 
     Raises:
-        InvalidValueError: If there are no frames, or a frame contradicts earlier frames (see `ClipEncoder.push`).
+        InvalidValueError: If there are no frames, or a frame contradicts earlier frames (see `SequenceEncoder.push`).
     """
-    encoder = ClipEncoder(options)
+    encoder = SequenceEncoder(options)
     for number, frame in enumerate(frames):
         encoder.push(frame)
         if progress:

@@ -15,7 +15,7 @@ import numpy as np
 from splatwire.arguments import checked
 from splatwire.bitstream.limits import MAX_FRAMES
 from splatwire.errors import DatasetError, InvalidValueError
-from splatwire.files.kinds import CLIP_FILES, FOURDGS, SPLAT4D, SPLATV, STREAMS, USD, Kind, file_kind, opened
+from splatwire.files.kinds import FOURDGS, SEQUENCE_FILES, SPLAT4D, SPLATV, STREAMS, USD, Kind, file_kind, opened
 from splatwire.files.names import path_of
 from splatwire.io.formats import format_of, read_all_rows, read_splatv
 from splatwire.io.formats.content import FileContent
@@ -28,7 +28,7 @@ from splatwire.types.validity import ElementValidity, validity_of_splats
 LOG = logging.getLogger(__name__)
 SPLATV_FRAMES = 50
 """Default number of frames of a `.splatv` file, as in the training of SpacetimeGaussians."""
-_CLIP_READERS = {
+_SEQUENCE_READERS = {
     USD: ("usd", "usd_frames"),
     FOURDGS: ("fourdgs_file", "fourdgs_frames"),
     SPLAT4D: ("splat4d_file", "splat4d_frames"),
@@ -71,8 +71,8 @@ def open_sequence(path: str | os.PathLike[str], num_frames: int | None = None) -
     """
     with opened(path_of(path)) as source:
         kind = file_kind(source)
-        if kind in _CLIP_READERS:
-            return _open_clip_file(source, kind, num_frames)
+        if kind in _SEQUENCE_READERS:
+            return _open_sequence_file(source, kind, num_frames)
         if kind != SPLATV:
             files = frame_files(source)
             if num_frames is not None:
@@ -86,16 +86,16 @@ def open_sequence(path: str | os.PathLike[str], num_frames: int | None = None) -
     return Sequence(count, lambda: _frames_at(moving, times), "tracked")
 
 
-def _clip_file(path: Path, kind: Kind) -> Any:
+def _sequence_file(path: Path, kind: Kind) -> Any:
     """Opens a file with all frames; returns an object with `num_frames`, `rate` and `read`, or None for a static scene.
 
     The reader's package is imported here, because it is optional.
     """
-    module, name = _CLIP_READERS[kind]
+    module, name = _SEQUENCE_READERS[kind]
     return getattr(import_module(f"splatwire.io.formats.{module}"), name)(path)
 
 
-def _open_clip_file(path: Path, kind: Kind, num_frames: int | None) -> Sequence:
+def _open_sequence_file(path: Path, kind: Kind, num_frames: int | None) -> Sequence:
     """Opens the frames of a file with all frames of a sequence.
 
     Raises:
@@ -104,7 +104,7 @@ def _open_clip_file(path: Path, kind: Kind, num_frames: int | None) -> Sequence:
     """
     if num_frames is not None:
         raise InvalidValueError(f"{path} has its own frames: a number is for .splatv files")
-    found = _clip_file(path, kind)
+    found = _sequence_file(path, kind)
     if found is None:
         raise DatasetError(f"{path}: has no time samples, so it is a still scene")
     contents = found.read
@@ -177,10 +177,10 @@ def is_sequence(path: str | os.PathLike[str]) -> bool:
     """True for a file with all frames of a sequence, or a folder with frames that is not itself a scene or stream."""
     source = path_of(path)
     kind = file_kind(source)
-    if kind in CLIP_FILES:
+    if kind in SEQUENCE_FILES:
         return True
     if kind == USD:
-        return _clip_file(source, kind) is not None
+        return _sequence_file(source, kind) is not None
     if not source.is_dir():
         return False
     if kind in STREAMS or format_of(kind) is not None:

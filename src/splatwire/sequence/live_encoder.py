@@ -3,9 +3,9 @@
 from collections.abc import Callable
 
 from splatwire.bitstream import Packet
-from splatwire.sequence.encoding import ClipEncoder
+from splatwire.sequence.encoding import SequenceEncoder
 from splatwire.sequence.frames import Frame
-from splatwire.sequence.options import ClipOptions
+from splatwire.sequence.options import SequenceOptions
 from splatwire.transport.protocol.live_session import PROTECTION, LiveSession, StreamUpdate
 from splatwire.transport.protocol.protection import Protection
 from splatwire.types.splats import Splats
@@ -31,19 +31,19 @@ class LiveEncoder:
     """
 
     def __init__(
-        self, options: ClipOptions, new_id: Callable[[], int], protection: Protection = PROTECTION,
+        self, options: SequenceOptions, new_id: Callable[[], int], protection: Protection = PROTECTION,
         period_groups: int = PERIOD_GROUPS,
     ) -> None:  # fmt: skip
         self._options, self._new_id, self._protection = options, new_id, protection
         self._period_groups = period_groups
-        self._begin(ClipEncoder(options, live=True))
+        self._begin(SequenceEncoder(options, live=True))
         self.num_frames = self._num_served = 0
 
     def push(self, frame: Frame | Splats) -> StreamUpdate | None:
         """Adds the next frame; returns an update of the live stream if the frame completes a group, else None.
 
         Raises:
-            InvalidValueError: If the frame contradicts earlier frames (see `ClipEncoder.push`).
+            InvalidValueError: If the frame contradicts earlier frames (see `SequenceEncoder.push`).
         """
         taken = frame if isinstance(frame, Frame) else Frame.of(frame)
         begins = not self.num_frames % self._options.group_frames
@@ -76,7 +76,7 @@ class LiveEncoder:
     def _full(self) -> bool:
         return self._groups >= self._period_groups or self._num_bytes > PERIOD_BYTES
 
-    def _begin(self, encoder: ClipEncoder) -> None:
+    def _begin(self, encoder: SequenceEncoder) -> None:
         self.encoder, self._stream_id = encoder, self._new_id()
         self._session = LiveSession(self._protection, encoder.importance)
         self._groups = self._num_bytes = 0

@@ -1,4 +1,4 @@
-"""Writing of the frames of a live clip in a background thread while the clip is received."""
+"""Writing of the frames of a live sequence in a background thread while the sequence is received."""
 
 import queue
 import threading

@@ -17,7 +17,7 @@ FRAME_RATE = Fraction(30)
 
 
 @dataclass(frozen=True)
-class ClipOptions:
+class SequenceOptions:
     """Encoder options of a sequence.
 
     Attributes:
@@ -52,5 +52,5 @@ class ClipOptions:
             raise InvalidValueError(f"a group has 1 to {MAX_GROUP_FRAMES} frames, not {self.group_frames}")
 
 
-USUAL = ClipOptions()
+USUAL = SequenceOptions()
 """Default encoder options."""

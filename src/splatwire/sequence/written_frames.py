@@ -1,4 +1,4 @@
-"""Files of the frames of a clip: decoded from a complete stream, or written while a live clip is received."""
+"""Files of the frames of a sequence: decoded from a complete stream, or written while a live sequence is received."""
 
 import logging
 import queue
@@ -11,14 +11,14 @@ import numpy as np
 from splatwire.bitstream import SceneStream
 from splatwire.codec import decode_stream
 from splatwire.codec.sequence.side_info import open_side_info
-from splatwire.concealment.temporal.concealers import DEFAULT, clip_concealer
+from splatwire.concealment.temporal.concealers import DEFAULT, temporal_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.io.formats import format_for, write_splats
 from splatwire.io.formats.outliers import Outliers
 from splatwire.ops.spherical_harmonics import num_functions
-from splatwire.sequence.decoding import ClipFrame, decode_frame, decode_frames
+from splatwire.sequence.decoding import SequenceFrame, decode_frame, decode_frames
 from splatwire.sequence.frames import Sequence
-from splatwire.sequence.live import LiveDecoder, frames_of_events
+from splatwire.sequence.live_decoder import LiveDecoder, frames_of_events
 from splatwire.transport import Event
 from splatwire.types.splats import Splats
 
@@ -29,7 +29,7 @@ MOST_FILES = 20_000
 _SIZE = 1e-3
 """Standard deviation of the transparent Gaussian in the file of an empty frame, world units."""
 LIVE_DIGITS = 6
-"""Number of digits of the frame number in file names of a live clip, whose number of frames is unknown."""
+"""Number of digits of the frame number in file names of a live sequence, whose number of frames is unknown."""
 
 
 def check_num_frames(stream: SceneStream, most: int | None, advice: str) -> None:
@@ -38,12 +38,12 @@ def check_num_frames(stream: SceneStream, most: int | None, advice: str) -> None
     A damaged or malicious header can announce 131,072 frames.
 
     Args:
-        stream: The clip.
+        stream: The sequence.
         most: Maximum number of files; None for `MOST_FILES`.
         advice: Advice for the error message.
 
     Raises:
-        InvalidValueError: If the clip has more frames than allowed.
+        InvalidValueError: If the sequence has more frames than allowed.
     """
     count = open_side_info(stream.manifest, stream.side_info).timeline.num_frames
     if count > (MOST_FILES if most is None else most):
@@ -57,10 +57,10 @@ def write_frames(
     stream: SceneStream, folder: Path, suffix: str, concealer: str, only: int | None, report: Report,
     outliers: Outliers = "clamp",
 ) -> dict[str, Any]:  # fmt: skip
-    """Decodes a clip and writes one file per frame, or a file of a single frame; returns counts for a summary.
+    """Decodes a sequence and writes one file per frame, or a file of a single frame; returns counts for a summary.
 
     Args:
-        stream: The clip; packets may be missing.
+        stream: The sequence; packets may be missing.
         folder: Output folder. If only one frame is written and this is not an existing folder, the path of the output
             file.
         suffix: File name suffix of the format, such as `.ply`.
@@ -70,29 +70,29 @@ def write_frames(
         outliers: Treatment of values that the format cannot represent, see `write_splats`.
 
     Raises:
-        InvalidValueError: If the clip has no such frame.
+        InvalidValueError: If the sequence has no such frame.
         UnknownNameError: If there is no such concealer or format.
     """
-    method = clip_concealer(concealer)
+    method = temporal_concealer(concealer)
     format_for(f"x{suffix}")
-    clip = decode_stream(stream, progress=lambda share: report("decoding packets", share)).scene
-    count = clip.timeline.num_frames
-    shown = [decode_frame(clip, only, method)] if only is not None else decode_frames(clip, method)
+    sequence = decode_stream(stream, progress=lambda share: report("decoding packets", share)).scene
+    count = sequence.timeline.num_frames
+    shown = [decode_frame(sequence, only, method)] if only is not None else decode_frames(sequence, method)
     width, written, concealed = len(str(count - 1)), 0, 0
     for frame in shown:
         name = folder / f"frame_{frame.number:0{width}}{suffix}" if folder.is_dir() else folder
         write_splats(
             [_never_empty(frame.scene.drawn(), name)],
             name,
-            antialiased=clip.antialiased,
-            origin=clip.origin,
+            antialiased=sequence.antialiased,
+            origin=sequence.origin,
             outliers=outliers,
-            metadata=clip.metadata,
+            metadata=sequence.metadata,
         )
         written, concealed = written + 1, concealed + int(frame.concealed.sum())
         report("writing frames", written / (1 if only is not None else count))
-    lost = int((~clip.tracks.received).sum())
-    return {"num_frames": written, "num_tracks": clip.num_gaussians, "num_lost": lost, "num_concealed": concealed}
+    lost = int((~sequence.tracks.received).sum())
+    return {"num_frames": written, "num_tracks": sequence.num_gaussians, "num_lost": lost, "num_concealed": concealed}
 
 
 def write_frame_files(sequence: Sequence, folder: Path, suffix: str, report: Report) -> int:
@@ -125,7 +125,7 @@ def write_frame_files(sequence: Sequence, folder: Path, suffix: str, report: Rep
 def write_live_frames(
     waiting: "queue.SimpleQueue[Event | None]", folder: Path, concealer: str | None, written: Callable[[], None]
 ) -> None:
-    """Writes a PLY for each frame of a live clip as soon as it can be decoded.
+    """Writes a PLY for each frame of a live sequence as soon as it can be decoded.
 
     Args:
         waiting: Queue of the events of the receiver; None marks the end of the transfer.
@@ -162,7 +162,7 @@ def _never_empty(splats: Splats, path: Path) -> Splats:
     )
 
 
-def numbered(frames: Iterable[ClipFrame]) -> Iterator[tuple[ClipFrame, int]]:
+def numbered(frames: Iterable[SequenceFrame]) -> Iterator[tuple[SequenceFrame, int]]:
     """Yields each frame with the number for its file name, which increases from frame to frame.
 
     If the server restarts and counts its frames from 0 again, the numbers continue.

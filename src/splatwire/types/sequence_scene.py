@@ -116,7 +116,7 @@ class Tracks:
 
 
 @dataclass(frozen=True, eq=False)
-class ClipScene:
+class SequenceScene:
     """A received sequence of moving Gaussians.
 
     The elements of a sequence are the keyframe Gaussians and, for each group of pictures, the motion of the tracks.
@@ -201,10 +201,10 @@ class ClipScene:
             metadata=self.metadata,
         )
 
-    def select(self, index: np.ndarray) -> "ClipScene":
+    def select(self, index: np.ndarray) -> "SequenceScene":
         """Returns the sequence unchanged; elements cannot be removed, because motion refers to all of them by index."""
         return self
 
-    def with_elements(self, elements: Splats, hints: RenderHints | None = None) -> "ClipScene":
+    def with_elements(self, elements: Splats, hints: RenderHints | None = None) -> "SequenceScene":
         """Returns the sequence with other keyframe Gaussians."""
         return replace(self, tracks=replace(self.tracks, splats=elements), hints=hints)

@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from moving_clips import FRAMES, moving_frames
+from moving_sequences import FRAMES, moving_frames
 from splatwire.bitstream import SceneStream
 from splatwire.codec import decode_stream
 from splatwire.codec.sequence import encoder
@@ -14,7 +14,7 @@ from splatwire.codec.sequence.lifetimes import BYTES_OF_ONE, SECTION, Lifetimes,
 from splatwire.codec.sequence.side_info import open_side_info
 from splatwire.errors import BitstreamError
 from splatwire.files.byte_io import ByteWriter
-from splatwire.sequence import ClipOptions, Frame, decode_frames, encode_clip
+from splatwire.sequence import Frame, SequenceOptions, decode_frames, encode_sequence
 from splatwire.types.sequence_scene import Timeline
 
 GROUP = 4
@@ -75,7 +75,7 @@ def test_impossible_lifetimes_are_refused(content, words):
 
 
 def clip() -> SceneStream:
-    return encode_clip(map(Frame.of, moving_frames(2000)), ClipOptions(group_frames=GROUP))[0]
+    return encode_sequence(map(Frame.of, moving_frames(2000)), SequenceOptions(group_frames=GROUP))[0]
 
 
 def without_motion(stream: SceneStream) -> SceneStream:

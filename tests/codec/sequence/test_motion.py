@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from moving_clips import moving_frames
+from moving_sequences import moving_frames
 from reference.motion_packets import ReferenceMotion, coefficients
 from reference.trajectories import offsets_at
 from reference.trajectories import targets_of as plain_targets
@@ -13,10 +13,10 @@ from splatwire.bitstream import Packet, SceneStream
 from splatwire.codec.sequence.basis import polynomials
 from splatwire.codec.sequence.layout import KIND_OF, NUM_CHANNELS, NUM_KINDS, STATE
 from splatwire.codec.sequence.motion_rows import coefficients_of, decode_motion
-from splatwire.codec.sequence.side_info import ClipInfo, open_side_info
+from splatwire.codec.sequence.side_info import SequenceInfo, open_side_info
 from splatwire.codec.sequence.trajectories import Offsets, PacketMoves, Targets, Trajectories, add_frames
 from splatwire.concealment.temporal.neighbors import Neighbors, smooth_weights
-from splatwire.sequence import ClipOptions, encode_clip
+from splatwire.sequence import SequenceOptions, encode_sequence
 
 FRAMES, GROUP = 10, 5
 
@@ -30,11 +30,11 @@ def targets_of(moves, bases, numbers, unit: int, size_log: int) -> Targets:
 
 @pytest.fixture(scope="module")
 def stream() -> SceneStream:
-    return encode_clip(moving_frames(500, FRAMES), ClipOptions(Fraction(30), GROUP))[0]
+    return encode_sequence(moving_frames(500, FRAMES), SequenceOptions(Fraction(30), GROUP))[0]
 
 
 @pytest.fixture(scope="module")
-def info(stream: SceneStream) -> ClipInfo:
+def info(stream: SceneStream) -> SequenceInfo:
     return open_side_info(stream.manifest, stream.side_info)
 
 

@@ -5,10 +5,10 @@ import csv
 import pytest
 
 from distributions import install_page, run_with
-from moving_clips import moving_frames
+from moving_sequences import moving_frames
 from splatwire.bitstream import write_stream
 from splatwire.io.formats import write_splats
-from splatwire.sequence import ClipOptions, encode_clip
+from splatwire.sequence import SequenceOptions, encode_sequence
 
 PROTOCOL = """
 [protocol]
@@ -47,7 +47,7 @@ def folder(tmp_path_factory):
     frames = moving_frames(150, 8)
     for number, splats in enumerate(frames):
         write_splats([splats], folder / "frames" / f"{number}.ply")
-    write_stream(encode_clip(frames, ClipOptions(group_frames=4))[0], folder / "clip.swz")
+    write_stream(encode_sequence(frames, SequenceOptions(group_frames=4))[0], folder / "clip.swz")
     (folder / "study.toml").write_text(PROTOCOL, encoding="utf-8")
     return folder
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from moving_clips import GAUSSIANS, splatv
+from moving_sequences import GAUSSIANS, splatv
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.kinds import file_kind
 from splatwire.io.formats import read_splatv
-from splatwire.sequence import ClipOptions, encode_clip, is_sequence, open_sequence
+from splatwire.sequence import SequenceOptions, encode_sequence, is_sequence, open_sequence
 
 
 @pytest.mark.parametrize("before", [b"", b"something else"])
@@ -39,7 +39,7 @@ def test_splatv_clip_has_births_and_deaths(tmp_path):
     sequence = open_sequence(path, 9)
     assert [int(frame.drawn.sum()) for frame in sequence.read()] == [20, 20, 20, 40, 40, 40, 20, 20, 20]
     assert open_sequence(path).num_frames == 50
-    _, tracking = encode_clip(sequence.read(), ClipOptions(order=sequence.order))
+    _, tracking = encode_sequence(sequence.read(), SequenceOptions(order=sequence.order))
     assert (tracking.matched, tracking.share) == (0, 1.0)
     with pytest.raises(InvalidValueError, match="frames, not 0"):
         open_sequence(path, 0)

@@ -21,12 +21,12 @@ from splatwire.codec.sequence.bases import placed
 from splatwire.codec.sequence.layout import AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK
 from splatwire.codec.sequence.motion_rows import coefficients_of, decode_motion
 from splatwire.codec.sequence.motion_rows import update_digest as digest_motion
-from splatwire.codec.sequence.side_info import ClipInfo, open_side_info
+from splatwire.codec.sequence.side_info import SequenceInfo, open_side_info
 from splatwire.codec.sequence.steps import motion_shifts
 from splatwire.codec.sequence.trajectories import Offsets, PacketMoves
 from splatwire.codec.threads import ordered_map
 from splatwire.types import LossMask, ReceivedScene
-from splatwire.types.sequence_scene import ClipScene, GroupMotion, Tracks
+from splatwire.types.sequence_scene import GroupMotion, SequenceScene, Tracks
 
 SHOWN_BYTES = 768
 """Memory per track for concealment and rendering of a group of frames, in addition to the keyframe Gaussian and the
@@ -159,17 +159,17 @@ class TracksDecoder:
         """Adds the decoded integers of one block to a hash (see `Decoder.update_digest`)."""
         update_digest(digest, rows)
 
-    def scene(self) -> ReceivedScene[ClipScene]:
+    def scene(self) -> ReceivedScene[SequenceScene]:
         """Returns the sequence decoded so far, with masks of received elements (see `Decoder.scene`)."""
         blocks = self._spans.blocks_of_tracks()
         tracks = Tracks(self._splats, self._spans.born, self._received, blocks, self._rounding, *self._lives)
         background, antialiased = BACKGROUND.read(self.sections), ANTIALIASED in self.sections
-        clip = ClipScene(
+        sequence = SequenceScene(
             self.info.timeline, tracks, self._motion, self._num, background, antialiased,
             origin=ORIGIN.read(self.sections),
             metadata=read_metadata(self.sections),
         )  # fmt: skip
-        return ReceivedScene(clip, self._loss_mask, concealer_sections(self.sections))
+        return ReceivedScene(sequence, self._loss_mask, concealer_sections(self.sections))
 
     def _motion(self, group: int, received: np.ndarray) -> GroupMotion:
         """Decodes all received motion packets of one group of frames.
@@ -285,7 +285,7 @@ class _BlockMap:
     A block contains either keyframe Gaussians or the motion of tracks.
     """
 
-    def __init__(self, info: ClipInfo, manifest: Manifest) -> None:
+    def __init__(self, info: SequenceInfo, manifest: Manifest) -> None:
         plan = manifest.plan
         self._blocks: list[tuple[int, int | None]] = []
         self._tracks: list[tuple[int, int]] = []

@@ -32,7 +32,7 @@ from splatwire.codec.sequence.lifetimes import BYTES_OF_ONE, Lifetimes, lifetime
 from splatwire.codec.sequence.motion_coder import FIRST_COST, MotionCoder, all_stay
 from splatwire.codec.sequence.motion_rows import update_digest as digest_motion
 from splatwire.codec.sequence.sending import by_importance, interleave_blocks
-from splatwire.codec.sequence.side_info import ClipInfo, Group, write_side_info
+from splatwire.codec.sequence.side_info import Group, SequenceInfo, write_side_info
 from splatwire.codec.sequence.steps import motion_shifts
 from splatwire.codec.sequence.track_group import TrackGroup
 from splatwire.codec.sequence.trajectories import Targets, Trajectories
@@ -58,7 +58,7 @@ lifetimes are only in the motion packets.
 """
 
 
-class ClipWriter:
+class TracksEncoder:
     """Encoder of sequences of moving Gaussians, which takes one group of frames at a time.
 
     Args:
@@ -221,7 +221,7 @@ class ClipWriter:
         timeline = Timeline(self._rate, self._num_frames, self._group_frames)
         zero = np.full(NUM_CONTEXTS, 128) if self._zero is None else self._zero
         named = {**self._sections, **sections, **lifetimes_sections(Lifetimes.joined(lifetimes))}
-        info = ClipInfo(timeline, tuple(self._groups), self._bases.info, COARSER, zero, named)
+        info = SequenceInfo(timeline, tuple(self._groups), self._bases.info, COARSER, zero, named)
         tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
         return write_side_info(info), tiers
 

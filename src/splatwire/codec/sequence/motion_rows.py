@@ -7,7 +7,7 @@ import numpy as np
 
 from splatwire.codec.sequence import _packet_kernels, _predict_kernels
 from splatwire.codec.sequence.layout import HEAD, MOVING, NUM_CHANNELS, NUM_KINDS, STATE
-from splatwire.codec.sequence.side_info import ClipInfo
+from splatwire.codec.sequence.side_info import SequenceInfo
 
 
 def empty_rows(count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
@@ -35,7 +35,7 @@ def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
 
 
 def decode_motion(
-    info: ClipInfo, group: int, counts: np.ndarray, payloads: Sequence[bytes], first_new: int
+    info: SequenceInfo, group: int, counts: np.ndarray, payloads: Sequence[bytes], first_new: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Decodes motion packets of one group of frames to integers; any bytes decode without an error.
 

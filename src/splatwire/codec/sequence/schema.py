@@ -7,12 +7,12 @@ from splatwire.bitstream.limits import SCHEMAS, TRACKS
 from splatwire.codec.schema import Options, Prepared, schema_for
 from splatwire.codec.sequence.decoder import TracksDecoder, update_digest
 from splatwire.errors import InvalidValueError
-from splatwire.types.sequence_scene import ClipScene
+from splatwire.types.sequence_scene import SequenceScene
 from splatwire.types.splats import Splats
 
 
 def _prepare(scene: Any, options: Options) -> Prepared:
-    raise InvalidValueError("a clip is encoded frame by frame: see `splatwire.sequence.ClipEncoder`")
+    raise InvalidValueError("a clip is encoded frame by frame: see `splatwire.sequence.SequenceEncoder`")
 
 
 def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: int | None) -> Prepared:
@@ -21,7 +21,7 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 
 SCHEMA = schema_for(
     SCHEMAS[TRACKS],
-    scene_type=ClipScene,
+    scene_type=SequenceScene,
     provides=frozenset((Splats,)),
     prepare=_prepare,
     prepare_repack=_prepare_repack,

@@ -41,7 +41,7 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False)
-class ClipInfo:
+class SequenceInfo:
     """Side information of a sequence: data shared by all packets.
 
     Attributes:
@@ -69,7 +69,7 @@ class ClipInfo:
         return np.repeat(self.bit_zero[:, None] << 8, 2, axis=1)
 
 
-def write_side_info(info: ClipInfo) -> bytes:
+def write_side_info(info: SequenceInfo) -> bytes:
     """Serialises the side information of a sequence."""
     clip, motion, time = ByteWriter(), ByteWriter(), info.timeline
     clip.u8(VERSION)
@@ -87,7 +87,7 @@ def write_side_info(info: ClipInfo) -> bytes:
     return writer.bytes() + write_sections(info.sections)
 
 
-def open_side_info(manifest: Manifest, side_info: bytes) -> ClipInfo:
+def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
     """Reads side information serialised by `write_side_info`.
 
     Args:
@@ -105,7 +105,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> ClipInfo:
         raise BitstreamError("packets of a clip are cut by their size, those of this manifest are not")
     reader = ByteReader(side_info, "side information")
     clip, bases, motion = (reader.blob() for _ in SCHEMAS[TRACKS].sections)
-    timeline, groups = _read_clip(clip), _groups(manifest)
+    timeline, groups = _read_timeline(clip), _groups(manifest)
     if len(groups) != timeline.num_groups:
         raise BitstreamError(
             f"side information: {timeline.num_groups} groups of frames, the manifest has {len(groups)}"
@@ -115,7 +115,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> ClipInfo:
     size = manifest.packetization.block_size
     base = read_bases(bases, sum(-(-group.births // size) for group in groups))
     lifetimes = read_lifetimes(sections, [group.births for group in groups], timeline)
-    return ClipInfo(timeline, groups, base, coarser, bit_zero, sections, lifetimes)
+    return SequenceInfo(timeline, groups, base, coarser, bit_zero, sections, lifetimes)
 
 
 def _groups(manifest: Manifest) -> tuple[Group, ...]:
@@ -129,7 +129,7 @@ def _groups(manifest: Manifest) -> tuple[Group, ...]:
     return groups
 
 
-def _read_clip(data: bytes) -> Timeline:
+def _read_timeline(data: bytes) -> Timeline:
     reader = ByteReader(data, "side information of the clip")
     version = reader.u8()
     if version != VERSION:

@@ -10,7 +10,7 @@ from splatwire.concealment.temporal.extrapolation import MotionPrediction, extra
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
 from splatwire.concealment.temporal.selection import select
 from splatwire.errors import InvalidValueError
-from splatwire.types.sequence_scene import ClipScene
+from splatwire.types.sequence_scene import SequenceScene
 
 DEFAULT = "motion"
 
@@ -20,7 +20,7 @@ class LostMotion:
     """Tracks with lost motion in a group of pictures, and the received information for estimating this motion.
 
     Attributes:
-        clip: The sequence, with the keyframe Gaussians of all tracks.
+        sequence: The sequence, with the keyframe Gaussians of all tracks.
         group: Index of the group of pictures.
         tracks: Indices of the tracks with lost motion, int64 (n).
         arrived: Tracks with received motion, and their offsets from their keyframe Gaussians in each frame of the
@@ -28,7 +28,7 @@ class LostMotion:
         before: State at the end of the previous group: existing tracks with their offsets and velocities.
     """
 
-    clip: ClipScene
+    sequence: SequenceScene
     group: int
     tracks: np.ndarray
     arrived: GroupPoses
@@ -37,7 +37,7 @@ class LostMotion:
     @property
     def num_frames(self) -> int:
         """Number of frames of the group."""
-        return len(self.clip.timeline.frames_of(self.group))
+        return len(self.sequence.timeline.frames_of(self.group))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +68,14 @@ class TemporalConcealer(Protocol):
 
     @property
     def name(self) -> str:
-        """Name of the concealer, as passed to `clip_concealer`."""
+        """Name of the concealer, as passed to `temporal_concealer`."""
 
     def __call__(self, lost: LostMotion, /) -> ConcealedMotion:
         """Returns estimated motion of the lost tracks, without NaN."""
 
 
 @dataclass(frozen=True)
-class ClipConcealer:
+class MotionConcealer:
     """Conceals lost motion: extrapolates the last received motion, or interpolates the motion of neighbouring tracks.
 
     A concealer that interpolates covers each region by the best of interpolated motion, the last position, and enlarged
@@ -111,7 +111,7 @@ class ClipConcealer:
 
         def moved(arrived: GroupPoses, tracks: np.ndarray) -> MotionPrediction:
             return extrapolate(
-                lost.clip, arrived, tracks, lost.before, lost.group,
+                lost.sequence, arrived, tracks, lost.before, lost.group,
                 neighbors=self.neighbors, smooth=self.smooth, momentum=self.momentum,
             )  # fmt: skip
 
@@ -121,7 +121,7 @@ class ClipConcealer:
         moves = moved(lost.arrived, lost.tracks)
         if not (self.shown and self.neighbors):
             return ConcealedMotion(moves, self.shown)
-        best = select(lost.clip, lost.group, lost.arrived, lost.tracks, lost.before, (moved, held))
+        best = select(lost.sequence, lost.group, lost.arrived, lost.tracks, lost.before, (moved, held))
         stays = held(lost.arrived, lost.tracks)
 
         def at(frame: int, offsets: np.ndarray) -> np.ndarray:
@@ -137,12 +137,12 @@ BUILT_IN: dict[str, dict[str, Any]] = {
     "neighbors": {"neighbors": 8},
     "motion": {"neighbors": 40, "smooth": True},
 }
-"""Built-in concealers of sequences: options of `ClipConcealer` by name."""
+"""Built-in concealers of sequences: options of `MotionConcealer` by name."""
 
 
 def _register(preset: str) -> None:
-    def make(**options: Any) -> ClipConcealer:
-        return ClipConcealer(**{"name": preset, **BUILT_IN[preset], **options})
+    def make(**options: Any) -> MotionConcealer:
+        return MotionConcealer(**{"name": preset, **BUILT_IN[preset], **options})
 
     register_concealer(preset, temporal=True)(make)
 
@@ -151,11 +151,11 @@ for _preset in BUILT_IN:
     _register(_preset)
 
 
-def clip_concealer(name: str, **options: Any) -> TemporalConcealer:
+def temporal_concealer(name: str, **options: Any) -> TemporalConcealer:
     """Creates a concealer of sequences.
 
     Args:
-        name: One of `clip_concealer_names()`, or `name:VALUE` for a concealer with a required option.
+        name: One of `temporal_concealer_names()`, or `name:VALUE` for a concealer with a required option.
         options: Options of that concealer; defaults apply to missing ones.
 
     Raises:
@@ -166,6 +166,6 @@ def clip_concealer(name: str, **options: Any) -> TemporalConcealer:
     return made
 
 
-def clip_concealer_names() -> tuple[str, ...]:
+def temporal_concealer_names() -> tuple[str, ...]:
     """Returns the names of all concealers of sequences without required options, built-in ones first."""
     return temporal_names()

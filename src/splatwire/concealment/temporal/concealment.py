@@ -9,17 +9,17 @@ from splatwire.concealment.temporal.concealers import ConcealedMotion, LostMotio
 from splatwire.concealment.temporal.extrapolation import MotionPrediction, no_motion
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses, lifetimes
 from splatwire.errors import InvalidValueError
-from splatwire.types.sequence_scene import ClipScene, GroupMotion
+from splatwire.types.sequence_scene import GroupMotion, SequenceScene
 
 
 def conceal_group(
-    clip: ClipScene, motion: GroupMotion, group: int, received: np.ndarray, state: ConcealmentState | None,
+    sequence: SequenceScene, motion: GroupMotion, group: int, received: np.ndarray, state: ConcealmentState | None,
     concealer: TemporalConcealer,
 ) -> tuple[GroupPoses, GroupPoses, Callable[[], ConcealmentState]]:  # fmt: skip
     """Computes the poses of all tracks in a group of pictures; lost motion is replaced by estimates of the concealer.
 
     Args:
-        clip: The sequence.
+        sequence: The sequence.
         motion: Received motion of the group.
         group: Index of the group of pictures.
         received: Mask of received keyframe Gaussians, bool (T).
@@ -34,19 +34,21 @@ def conceal_group(
     Raises:
         InvalidValueError: If the concealer returns motion of wrong shape or type, or values that are not finite.
     """
-    frames, arrived = len(clip.timeline.frames_of(group)), _arrived(motion)
-    poses, hidden = arrived, np.zeros(clip.num_gaussians, bool)
-    before = _initial_state(clip) if state is None else state.extended_to(clip.num_gaussians)
-    lost_tracks = np.flatnonzero(_lost_tracks(clip, motion, group, received, None if state is None else before.alive))
+    frames, arrived = len(sequence.timeline.frames_of(group)), _arrived(motion)
+    poses, hidden = arrived, np.zeros(sequence.num_gaussians, bool)
+    before = _initial_state(sequence) if state is None else state.extended_to(sequence.num_gaussians)
+    lost_tracks = np.flatnonzero(
+        _lost_tracks(sequence, motion, group, received, None if state is None else before.alive)
+    )
     if len(lost_tracks):
         prediction = no_motion(lost_tracks)
         if not motion.unchanged:
-            proposal = _checked_estimate(concealer, LostMotion(clip, group, lost_tracks, arrived, before))
+            proposal = _checked_estimate(concealer, LostMotion(sequence, group, lost_tracks, arrived, before))
             prediction = proposal.at
             hidden[lost_tracks[~proposal.shown]] = True
         others = GroupPoses(
             lost_tracks,
-            *lifetimes(clip, group, lost_tracks),
+            *lifetimes(sequence, group, lost_tracks),
             np.full(len(lost_tracks), not motion.unchanged),
             arrived.at,
         )
@@ -54,7 +56,7 @@ def conceal_group(
     there, away = received[poses.tracks], hidden[poses.tracks]
 
     def after() -> ConcealmentState:
-        return _next_state(poses, clip.num_gaussians, frames, before)
+        return _next_state(poses, sequence.num_gaussians, frames, before)
 
     return poses.only(there & ~away), poses.only(there & away), after
 
@@ -83,27 +85,27 @@ def _checked_estimate(concealer: TemporalConcealer, lost: LostMotion) -> Conceal
 
 
 def _lost_tracks(
-    clip: ClipScene, motion: GroupMotion, group: int, received: np.ndarray, alive: np.ndarray | None
+    sequence: SequenceScene, motion: GroupMotion, group: int, received: np.ndarray, alive: np.ndarray | None
 ) -> np.ndarray:
     """Returns the mask of tracks without received motion that may exist in a group of pictures, bool (T).
 
     Args:
-        clip: The sequence.
+        sequence: The sequence.
         motion: Received motion of the group.
         group: Index of the group of pictures.
         received: Mask of received keyframe Gaussians, bool (T).
         alive: Mask of tracks that existed at the end of the previous group, bool (T); None after a seek.
     """
-    tracks = clip.tracks
+    tracks = sequence.tracks
     known = tracks.born < group if alive is None else alive
-    lost = received & ((tracks.born == group) | known) & (tracks.ends > clip.timeline.frames_of(group).start)
+    lost = received & ((tracks.born == group) | known) & (tracks.ends > sequence.timeline.frames_of(group).start)
     lost &= ~motion.covered
     lost[motion.tracks] = False
     return lost
 
 
-def _initial_state(clip: ClipScene) -> ConcealmentState:
-    count = clip.num_gaussians
+def _initial_state(sequence: SequenceScene) -> ConcealmentState:
+    count = sequence.num_gaussians
     zero = np.zeros((count, NUM_CHANNELS), np.float32)
     return ConcealmentState(np.zeros(count, bool), zero, zero, np.zeros(count, bool))
 

@@ -7,7 +7,7 @@ import numpy as np
 from splatwire.codec.sequence.layout import NUM_CHANNELS
 from splatwire.concealment.temporal.neighbors import OPACITY, PLACE, POSE, Neighbors
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
-from splatwire.types.sequence_scene import ClipScene
+from splatwire.types.sequence_scene import SequenceScene
 
 UNLIKELY = 1e-3
 """Minimum opacity factor of a track whose first frame was lost, so that it may not exist yet."""
@@ -21,7 +21,7 @@ def no_motion(lost_tracks: np.ndarray) -> MotionPrediction:
 
 
 def extrapolate(
-    clip: ClipScene, arrived: GroupPoses, lost_tracks: np.ndarray, before: ConcealmentState, group: int,
+    sequence: SequenceScene, arrived: GroupPoses, lost_tracks: np.ndarray, before: ConcealmentState, group: int,
     *, neighbors: int, smooth: bool, momentum: float,
 ) -> MotionPrediction:  # fmt: skip
     """Predicts the motion of tracks with lost motion.
@@ -29,7 +29,7 @@ def extrapolate(
     A track moves like the neighbouring tracks with received motion, and keeps its last deviation from these neighbours.
 
     Args:
-        clip: The sequence.
+        sequence: The sequence.
         arrived: Tracks with received motion.
         lost_tracks: Indices of the tracks with lost motion, int64 (n).
         before: Concealment state at the end of the previous group of pictures.
@@ -38,20 +38,20 @@ def extrapolate(
         smooth: True for a quadratic fit of the neighbours' motion, False for a weighted mean.
         momentum: Fraction of the last velocity that a track keeps if no neighbours are used, 0 to 1.
     """
-    start, frames = before.offsets[lost_tracks], len(clip.timeline.frames_of(group))
+    start, frames = before.offsets[lost_tracks], len(sequence.timeline.frames_of(group))
     whole = (arrived.begins == 0) & (arrived.ends == frames)
     if not (neighbors and whole.any()):
         speed = momentum * before.velocity[lost_tracks]
         speed[:, PLACE.stop :] = 0
         return lambda frame, _arrived: start + (frame + 1) * speed if momentum else start
-    observed, fresh = np.flatnonzero(whole), clip.tracks.born == group
-    same = _most_common_birth(clip.tracks.born, arrived.tracks[observed])
+    observed, fresh = np.flatnonzero(whole), sequence.tracks.born == group
+    same = _most_common_birth(sequence.tracks.born, arrived.tracks[observed])
     peers, mine = observed[same[arrived.tracks[observed]]], same[lost_tracks]
     if len(peers) < neighbors:
         peers, mine = observed, np.zeros(len(lost_tracks), bool)
 
     def query(rows: np.ndarray, origins: np.ndarray | None, queries: np.ndarray) -> Neighbors:
-        return _query_neighbors(clip, arrived.tracks, rows, origins, queries, before, neighbors, smooth=smooth)
+        return _query_neighbors(sequence, arrived.tracks, rows, origins, queries, before, neighbors, smooth=smooth)
 
     estimates = [
         (index, query(observed, origins, lost_tracks[index]), origins)
@@ -62,8 +62,8 @@ def extrapolate(
     ]
     same_start = query(peers, None, lost_tracks[mine])
     own = start[mine] - same_start.interpolate(before.offsets[arrived.tracks[peers]])
-    own *= _kept_deviation(own, clip.tracks.rounding[lost_tracks[mine]], before.concealed[lost_tracks[mine]])
-    starts_unknown = fresh & (clip.tracks.begins == 0)
+    own *= _kept_deviation(own, sequence.tracks.rounding[lost_tracks[mine]], before.concealed[lost_tracks[mine]])
+    starts_unknown = fresh & (sequence.tracks.begins == 0)
     begun = np.log(begun_share(arrived.begins[starts_unknown[arrived.tracks]], frames))
 
     def at(frame: int, offsets: np.ndarray) -> np.ndarray:
@@ -78,13 +78,13 @@ def extrapolate(
 
 
 def _query_neighbors(
-    clip: ClipScene, tracks: np.ndarray, observed: np.ndarray, origins: np.ndarray | None, lost_tracks: np.ndarray,
-    before: ConcealmentState, count: int, *, smooth: bool,
+    sequence: SequenceScene, tracks: np.ndarray, observed: np.ndarray, origins: np.ndarray | None,
+    lost_tracks: np.ndarray, before: ConcealmentState, count: int, *, smooth: bool,
 ) -> Neighbors:  # fmt: skip
     """Finds the nearest received tracks of some tracks with lost motion.
 
     Args:
-        clip: The sequence.
+        sequence: The sequence.
         tracks: Track index of each row of the received poses.
         observed: Indices of the received poses (rows) that may serve as neighbours.
         origins: Offsets of the tracks `observed` from their keyframe Gaussians at the time of the search, float32 (m,
@@ -96,11 +96,11 @@ def _query_neighbors(
         count: Maximum number of neighbours per track.
         smooth: True to fit a quadratic function to the neighbours, False to compute their weighted mean.
     """
-    places = clip.tracks.splats.means
+    places = sequence.tracks.splats.means
     if origins is not None:
         places = places + before.offsets[:, PLACE]
-        places[tracks[observed]] = clip.tracks.splats.means[tracks[observed]] + origins[:, PLACE]
-    colours = clip.tracks.splats.sh[:, 0]
+        places[tracks[observed]] = sequence.tracks.splats.means[tracks[observed]] + origins[:, PLACE]
+    colours = sequence.tracks.splats.sh[:, 0]
     return Neighbors.of(places, colours, tracks, observed, lost_tracks, count, smooth=smooth)
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatwire.types.sequence_scene import ClipScene
+from splatwire.types.sequence_scene import SequenceScene
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +62,8 @@ class ConcealmentState:
         })  # fmt: skip
 
 
-def lifetimes(clip: ClipScene, group: int, lost_tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def lifetimes(sequence: SequenceScene, group: int, lost_tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns each track's first frame and the first frame after it, relative to a group, int64 (n) each."""
-    frames, tracks = clip.timeline.frames_of(group), clip.tracks
+    frames, tracks = sequence.timeline.frames_of(group), sequence.tracks
     begins = np.where(tracks.born[lost_tracks] == group, tracks.begins[lost_tracks], 0)
     return np.minimum(begins, len(frames) - 1), np.minimum(tracks.ends[lost_tracks] - frames.start, len(frames))

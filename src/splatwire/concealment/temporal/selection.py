@@ -13,7 +13,7 @@ from splatwire.concealment.temporal.extrapolation import MotionPrediction
 from splatwire.concealment.temporal.neighbors import PLACE
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses, lifetimes
 from splatwire.ops.spherical_harmonics import DC
-from splatwire.types.sequence_scene import ClipScene
+from splatwire.types.sequence_scene import SequenceScene
 from splatwire.types.splats import Splats
 
 MAX_TESTS = 1024
@@ -36,7 +36,7 @@ Candidate = Callable[[GroupPoses, np.ndarray], MotionPrediction]
 
 
 def select(
-    clip: ClipScene, group: int, arrived: GroupPoses, tracks: np.ndarray, before: ConcealmentState,
+    sequence: SequenceScene, group: int, arrived: GroupPoses, tracks: np.ndarray, before: ConcealmentState,
     candidates: Sequence[Candidate],
 ) -> np.ndarray:  # fmt: skip
     """Chooses for each track with lost motion the estimator with the lowest expected error, or hides the track.
@@ -45,7 +45,7 @@ def select(
     and compared with the received motion.
 
     Args:
-        clip: The sequence.
+        sequence: The sequence.
         group: Index of the group of pictures.
         arrived: Tracks with received motion.
         tracks: Indices of the tracks with lost motion, int64 (n).
@@ -61,11 +61,11 @@ def select(
     found, order = np.zeros(len(tracks), np.int64), np.concatenate(folds)
     if len(order) < LEAST_TESTS:
         return found
-    errors = np.concatenate(_errors(clip, group, arrived, folds, candidates))
+    errors = np.concatenate(_errors(sequence, group, arrived, folds, candidates))
     errors[:, 0] *= FIRST
     errors[:, -1] *= HIDE
     tested = arrived.tracks[order]
-    places, fresh = clip.tracks.splats.means + before.offsets[:, PLACE], clip.tracks.born == group
+    places, fresh = sequence.tracks.splats.means + before.offsets[:, PLACE], sequence.tracks.born == group
     for kind in (fresh, ~fresh):  # the first frame of a new track is known, so that its motion is estimated better
         rows, lost = np.flatnonzero(kind[tested]), np.flatnonzero(kind[tracks])
         if len(rows) >= LEAST_TESTS and len(lost):
@@ -75,7 +75,11 @@ def select(
 
 
 def _errors(
-    clip: ClipScene, group: int, arrived: GroupPoses, folds: Sequence[np.ndarray], candidates: Sequence[Candidate]
+    sequence: SequenceScene,
+    group: int,
+    arrived: GroupPoses,
+    folds: Sequence[np.ndarray],
+    candidates: Sequence[Candidate],
 ) -> list[np.ndarray]:
     """Returns the error of each way to cover the t tracks of each fold, float64 (t, candidates + 1).
 
@@ -84,13 +88,13 @@ def _errors(
     added up in any order.
 
     Args:
-        clip: The sequence.
+        sequence: The sequence.
         group: Index of the group of pictures.
         arrived: Tracks with received motion.
         folds: Rows of `arrived` that are treated as lost at the same time.
         candidates: Estimators of lost motion.
     """
-    frames, splats = len(clip.timeline.frames_of(group)), clip.tracks.splats
+    frames, splats = len(sequence.timeline.frames_of(group)), sequence.tracks.splats
     rests = [np.ones(len(arrived.tracks), bool) for _ in folds]
     for rest, tested in zip(rests, folds, strict=True):
         rest[tested] = False
@@ -106,7 +110,7 @@ def _errors(
         field = _Field(splats, arrived.tracks, offsets[:, PLACE], exists)
         for errors, tested, rest, ways in zip(found, folds, rests, estimates, strict=True):
             tracks = arrived.tracks[tested]
-            begins, ends = lifetimes(clip, group, tracks)
+            begins, ends = lifetimes(sequence, group, tracks)
             true = splats.means[tracks] + offsets[tested, PLACE], exists[tested]
             errors[:, -1] += true[1] * field.error(true[0], tested, true, (true[0], np.zeros(len(tested), bool)))
             for number, estimate in enumerate(ways):

@@ -127,8 +127,8 @@ def compare_files(
         progress: Called with the name of the current task and its finished share, 0 to 1.
 
     Raises:
-        InvalidValueError: If there is nothing to compare, or a file is a clip, has no Gaussians, or contains another
-            scene.
+        InvalidValueError: If there is nothing to compare, or a file is a sequence, has no Gaussians, or contains
+            another scene.
         BitstreamError: If a file is damaged or has losses.
         DatasetError: If a file of explicit Gaussians is damaged.
     """

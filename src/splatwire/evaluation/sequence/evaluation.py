@@ -10,11 +10,11 @@ from splatwire.bitstream import SceneStream
 from splatwire.channel import LossModel
 from splatwire.channel.transmit import arrival_groups, draw_mask
 from splatwire.codec import decode_stream
-from splatwire.concealment.temporal.concealers import clip_concealer
+from splatwire.concealment.temporal.concealers import temporal_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.metrics import psnr
 from splatwire.render import iterate_views
-from splatwire.sequence.decoding import ClipFrame, decode_frames
+from splatwire.sequence.decoding import SequenceFrame, decode_frames
 from splatwire.sequence.frames import Frame
 from splatwire.types import Cameras, SplatScene
 
@@ -23,7 +23,7 @@ NUM_VIEWS, VIEW_SIZE = 4, 320
 
 
 @dataclass(frozen=True)
-class ClipRow:
+class SequenceRow:
     """One row of a sequence evaluation: a loss model with its seed, and a concealer.
 
     Attributes:
@@ -40,7 +40,7 @@ class ClipRow:
 
 
 @dataclass(frozen=True, eq=False)
-class ClipScore:
+class SequenceScore:
     """Quality of a sequence in one configuration, that is, for one loss and one concealer.
 
     Attributes:
@@ -53,7 +53,7 @@ class ClipScore:
         num_lost: Number of packets that were lost or late.
     """
 
-    row: ClipRow
+    row: SequenceRow
     psnr: np.ndarray
     change: np.ndarray
     later: int
@@ -69,18 +69,18 @@ class ClipScore:
         """Mean flicker (`change`) from the second group of pictures on."""
         return float(self.change[self.later :].mean()) if len(self.change) > self.later else 0.0
 
-    def worst_below(self, complete: "ClipScore") -> float:
+    def worst_below(self, complete: "SequenceScore") -> float:
         """Largest PSNR deficit of a frame against another configuration, decibels.
 
         The first group of pictures is excluded.
         """
         return float(self._below(complete).max())
 
-    def mean_below(self, complete: "ClipScore") -> float:
+    def mean_below(self, complete: "SequenceScore") -> float:
         """Mean PSNR deficit against another configuration, from the second group of pictures on, decibels."""
         return float(self._below(complete).mean())
 
-    def _below(self, complete: "ClipScore") -> np.ndarray:
+    def _below(self, complete: "SequenceScore") -> np.ndarray:
         """Returns by how many decibels the PSNR of this configuration is below that of another, for each frame.
 
         It is 0 where both are equal or infinite.
@@ -95,10 +95,10 @@ OnPicture = Callable[[int, int, Float[np.ndarray, "H W 3"]], None]
 view."""
 
 
-def score_clip(
-    stream: SceneStream, frames: Iterable[Frame], cameras: Cameras, rows: Sequence[ClipRow], *,
+def score_sequence(
+    stream: SceneStream, frames: Iterable[Frame], cameras: Cameras, rows: Sequence[SequenceRow], *,
     renderer: str = "cpu", on_picture: OnPicture | None = None, progress: Callable[[int], None] | None = None,
-) -> list[ClipScore]:  # fmt: skip
+) -> list[SequenceScore]:  # fmt: skip
     """Evaluates several configurations of a sequence in one pass, frame by frame.
 
     Each configuration needs memory for one group of pictures.
@@ -116,7 +116,7 @@ def score_clip(
         InvalidValueError: If the numbers of frames differ.
         UnknownNameError: If the concealer or renderer does not exist.
     """
-    arrived = [_ReceivedClip(stream, row) for row in rows]
+    arrived = [_ReceivedSequence(stream, row) for row in rows]
     shown = [a.frames() for a in arrived]
     meter = [_Meter() for _ in rows]
     count = arrived[0].timeline.num_frames
@@ -138,7 +138,7 @@ def score_clip(
         raise InvalidValueError(f"the clip has {count} frames, the reference {len(meter[0].psnr)}")
     later = arrived[0].timeline.group_frames
     return [
-        ClipScore(row, np.array(m.psnr), np.array(m.change), later if later < count else 0, a.num_lost)
+        SequenceScore(row, np.array(m.psnr), np.array(m.change), later if later < count else 0, a.num_lost)
         for row, m, a in zip(rows, meter, arrived, strict=True)
     ]
 
@@ -153,11 +153,11 @@ def frame_psnr(pictures: Float[np.ndarray, "V H W 3"], reference: Float[np.ndarr
     return float((unlike if len(unlike) else views).mean())
 
 
-class _ReceivedClip:
+class _ReceivedSequence:
     """Simulates the packet loss of one table row, and decodes and conceals the sequence from the received packets."""
 
-    def __init__(self, stream: SceneStream, row: ClipRow) -> None:
-        self._concealer, self._there = clip_concealer(row.concealer), None
+    def __init__(self, stream: SceneStream, row: SequenceRow) -> None:
+        self._concealer, self._there = temporal_concealer(row.concealer), None
         came = stream
         self.num_lost = stream.manifest.num_packets - len(stream.packets)
         if row.loss is not None:
@@ -166,11 +166,11 @@ class _ReceivedClip:
             came = stream.with_packets(p for p, group in zip(stream.packets, when.tolist(), strict=True) if group >= 0)
             self.num_lost += int((~mask.received).sum())
             self._there = available_by_group(stream, when)
-        self._clip = decode_stream(came).scene
-        self.timeline, self.background = self._clip.timeline, self._clip.background
+        self._encoder = decode_stream(came).scene
+        self.timeline, self.background = self._encoder.timeline, self._encoder.background
 
-    def frames(self) -> Iterator[ClipFrame]:
-        return decode_frames(self._clip, self._concealer, available=self._there)
+    def frames(self) -> Iterator[SequenceFrame]:
+        return decode_frames(self._encoder, self._concealer, available=self._there)
 
 
 def available_by_group(stream: SceneStream, arrival: np.ndarray) -> Callable[[int], np.ndarray]:

@@ -1,4 +1,4 @@
-"""Moving picture of a clip: an animated WebP."""
+"""Moving picture of a sequence: an animated WebP."""
 
 import itertools
 from collections.abc import Callable, Iterator
@@ -12,7 +12,7 @@ from splatwire.bitstream import SceneStream
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec import decode_stream
 from splatwire.codec.viewpoint import read_extent, up_axis
-from splatwire.concealment.temporal.concealers import DEFAULT, clip_concealer
+from splatwire.concealment.temporal.concealers import DEFAULT, temporal_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.pixels import to_pixels
 from splatwire.files.atomic_write import atomic_output
@@ -27,17 +27,17 @@ MOST_PICTURE_BYTES = 4 << 30
 """Maximum size of all pictures before compression, bytes; the writer of WebP keeps them in memory."""
 
 
-def draw_clip(
+def draw_sequence(
     stream: SceneStream, path: Path, cameras: Cameras | None, scale: float, concealer: str | None, renderer: str,
     report: Report,
 ) -> dict[str, Any]:  # fmt: skip
-    """Renders a clip as an animated WebP file; returns the number of frames and their size in pixels.
+    """Renders a sequence as an animated WebP file; returns the number of frames and their size in pixels.
 
     Args:
-        stream: The clip.
+        stream: The sequence.
         path: Path of the output file.
-        cameras: Cameras, which follow each other at equal intervals over the clip; None for a circular path around the
-            scene.
+        cameras: Cameras, which follow each other at equal intervals over the sequence; None for a circular path around
+            the scene.
         scale: Factor on the picture size.
         concealer: Name of the concealer of lost motion; None for the default.
         renderer: Name of the renderer.
@@ -48,14 +48,14 @@ def draw_clip(
         InvalidValueError: If the pictures take more than `MOST_PICTURE_BYTES`: a stream of a few bytes can announce
             131,072 frames.
     """
-    method = clip_concealer(concealer or DEFAULT)
-    clip = decode_stream(stream, progress=lambda share: report("decoding packets", share)).scene
-    count = clip.timeline.num_frames
+    method = temporal_concealer(concealer or DEFAULT)
+    sequence = decode_stream(stream, progress=lambda share: report("decoding packets", share)).scene
+    count = sequence.timeline.num_frames
     if cameras is None:
-        sections, born = sections_of(stream), sphere_around(clip.positions)
+        sections, born = sections_of(stream), sphere_around(sequence.positions)
         middle, radius = read_extent(sections) or (born.middle, born.radius)
         cameras = orbiting_cameras(middle, max(radius, 1e-6), count, up_axis(sections))
-        cameras = replace(cameras, origin=clip.origin)
+        cameras = replace(cameras, origin=sequence.origin)
     cameras = cameras if scale == 1 else cameras.scaled(scale)
     num_bytes = 3 * cameras.width * cameras.height * count
     if num_bytes > MOST_PICTURE_BYTES:
@@ -66,13 +66,13 @@ def draw_clip(
         )
 
     def pictures() -> Iterator[Image.Image]:
-        for frame in decode_frames(clip, method):
+        for frame in decode_frames(sequence, method):
             view = cameras.select([frame.number * cameras.num_views // count])
             image = next(iter(iterate_views(frame.scene, view, renderer=renderer)))
             report("drawing", (frame.number + 1) / count)
             yield Image.fromarray(to_pixels(image))
 
-    drawn, times = pictures(), [round(number * 1000 / clip.timeline.rate) for number in range(count + 1)]
+    drawn, times = pictures(), [round(number * 1000 / sequence.timeline.rate) for number in range(count + 1)]
     durations = [after - before for before, after in itertools.pairwise(times)]
     with atomic_output(path) as target:
         next(drawn).save(

@@ -11,7 +11,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from PIL import Image
 
-from splatwire.evaluation.sequence.evaluation import ClipScore
+from splatwire.evaluation.sequence.evaluation import SequenceScore
 from splatwire.evaluation.study.charts import PALETTE, STYLE, svg
 from splatwire.evaluation.study.page import filled_page
 from splatwire.types.sequence_scene import Timeline
@@ -42,7 +42,7 @@ class Film:
         self.pictures[row + 1].append("data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii"))
 
 
-def score_rows(scores: Sequence[ClipScore]) -> list[dict[str, Any]]:
+def score_rows(scores: Sequence[SequenceScore]) -> list[dict[str, Any]]:
     """Converts the scores of configurations to table rows; the first score must belong to the complete sequence."""
     complete = scores[0]
     return [
@@ -69,7 +69,9 @@ def cells(row: dict[str, Any]) -> list[str]:
     return [row["method"], row["loss"] or "none", *numbers, flicker, f"{row['num_lost_packets']:,}"]
 
 
-def render_clip_report(title: str, subtitle: str, timeline: Timeline, scores: Sequence[ClipScore], film: Film) -> str:
+def render_sequence_report(
+    title: str, subtitle: str, timeline: Timeline, scores: Sequence[SequenceScore], film: Film
+) -> str:
     """Renders the report of a sequence evaluation as HTML.
 
     Args:
@@ -93,7 +95,7 @@ def render_clip_report(title: str, subtitle: str, timeline: Timeline, scores: Se
 
 
 @rc_context(STYLE)
-def _chart(scores: Sequence[ClipScore], labels: Sequence[str]) -> str:
+def _chart(scores: Sequence[SequenceScore], labels: Sequence[str]) -> str:
     """Draws PSNR per frame, one line per configuration; vertical lines separate groups of pictures."""
     figure = Figure(figsize=(8.6, 3.6), layout="constrained")
     axes = figure.add_subplot()

@@ -1,4 +1,4 @@
-"""Evaluation of a clip against its original frames: configurations, views, scores and the report."""
+"""Evaluation of a sequence against its original frames: configurations, views, scores and the report."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -7,12 +7,12 @@ from typing import Any
 from splatwire.bitstream import SceneStream
 from splatwire.channel import parse_loss
 from splatwire.codec.sequence.side_info import open_side_info
-from splatwire.concealment.temporal.concealers import DEFAULT, clip_concealer_names
+from splatwire.concealment.temporal.concealers import DEFAULT, temporal_concealer_names
 from splatwire.data import load_cameras
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.pixels import to_pixels
-from splatwire.evaluation.sequence.evaluation import NUM_VIEWS, VIEW_SIZE, ClipRow, score_clip
-from splatwire.evaluation.sequence.report import Film, render_clip_report, score_rows
+from splatwire.evaluation.sequence.evaluation import NUM_VIEWS, VIEW_SIZE, SequenceRow, score_sequence
+from splatwire.evaluation.sequence.report import Film, render_sequence_report, score_rows
 from splatwire.evaluation.views import spread
 from splatwire.files.atomic_write import atomic_write
 from splatwire.render.importance import surrounding_cameras
@@ -22,16 +22,16 @@ from splatwire.types import Cameras
 UNIT = "datagram"
 
 
-def evaluate_clip(
-    stream: SceneStream, reference: Path, rows: Sequence[ClipRow], *, cameras: Path | None = None,
+def evaluate_sequence(
+    stream: SceneStream, reference: Path, rows: Sequence[SequenceRow], *, cameras: Path | None = None,
     views: int | None = None, renderer: str = "cpu", output: Path | None = None, title: str = "clip",
     progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Evaluates a clip; returns JSON values, and writes a report if requested.
+    """Evaluates a sequence; returns JSON values, and writes a report if requested.
 
     Args:
-        stream: The clip.
-        reference: Original frames of the clip: a folder or file that `open_sequence` reads.
+        stream: The sequence.
+        reference: Original frames of the sequence: a folder or file that `open_sequence` reads.
         rows: Configurations to evaluate.
         cameras: Cameras file; None for views around the first frame.
         views: Maximum number of views; None for all cameras, or the default number of generated views.
@@ -41,14 +41,14 @@ def evaluate_clip(
         progress: Called with the finished share, 0 to 1.
 
     Raises:
-        SplatwireError: If frames or cameras cannot be read, or do not fit the clip.
+        SplatwireError: If frames or cameras cannot be read, or do not fit the sequence.
     """
     timeline = open_side_info(stream.manifest, stream.side_info).timeline
     frames = open_sequence(reference, None if reference.is_dir() else timeline.num_frames)
     if frames.num_frames != timeline.num_frames:
         raise InvalidValueError(f"the clip has {timeline.num_frames} frames, {reference} has {frames.num_frames}")
     film, seen_from = Film(len(rows)), _cameras(cameras, views, next(frames.read()))
-    scores = score_clip(
+    scores = score_sequence(
         stream, frames.read(), seen_from, rows, renderer=renderer,
         on_picture=None if output is None else lambda row, frame, image: film.add(row, frame, to_pixels(image)),
         progress=lambda done: progress(done / timeline.num_frames),
@@ -60,27 +60,29 @@ def evaluate_clip(
     if output is not None:
         text = f"{timeline.num_frames} frames in groups of {timeline.group_frames}, {seen_from.num_views} views"
         atomic_write(
-            output / "report.html", render_clip_report(title, text, timeline, scores, film).encode(), parents=True
+            output / "report.html", render_sequence_report(title, text, timeline, scores, film).encode(), parents=True
         )
         content["report"] = str(output / "report.html")
     return content
 
 
-def clip_rows(stream: SceneStream, concealers: Sequence[str], loss: str | None, seeds: Sequence[int]) -> list[ClipRow]:
+def sequence_rows(
+    stream: SceneStream, concealers: Sequence[str], loss: str | None, seeds: Sequence[int]
+) -> list[SequenceRow]:
     """Returns the configurations to evaluate: without loss, then the loss with each concealer and seed.
 
     Args:
-        stream: The clip.
+        stream: The sequence.
         concealers: Names of concealers; all if empty.
-        loss: Specification of the loss model; None to evaluate the clip as it is.
+        loss: Specification of the loss model; None to evaluate the sequence as it is.
         seeds: Seeds of the losses; 0 if empty.
     """
-    names = concealers or clip_concealer_names()
+    names = concealers or temporal_concealer_names()
     if loss is None:
         complete = len(stream.packets) == stream.manifest.num_packets
-        return [ClipRow(DEFAULT)] if complete else [ClipRow(name) for name in names]
+        return [SequenceRow(DEFAULT)] if complete else [SequenceRow(name) for name in names]
     model = parse_loss(loss, UNIT)
-    return [ClipRow(DEFAULT), *(ClipRow(name, model, seed, loss) for name in names for seed in seeds or (0,))]
+    return [SequenceRow(DEFAULT), *(SequenceRow(name, model, seed, loss) for name in names for seed in seeds or (0,))]
 
 
 def _cameras(path: Path | None, views: int | None, frame: Frame) -> Cameras:

@@ -10,7 +10,7 @@ from typing import Any
 from splatwire.bitstream import PRESETS, SEND_ORDERS, Packetization
 from splatwire.channel import LossModel, parse_loss
 from splatwire.concealment import create_concealer
-from splatwire.concealment.temporal.concealers import clip_concealer
+from splatwire.concealment.temporal.concealers import temporal_concealer
 from splatwire.data.dataset import SPLITS, TEST_VIEWS
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.evaluation.study.records import RECORD_COLUMNS
@@ -320,7 +320,7 @@ def _check_concealer(name: str, options: Mapping[str, Any]) -> None:
         create_concealer(name, **options)
     except UnknownNameError as error:
         try:
-            clip_concealer(name, **options)
+            temporal_concealer(name, **options)
         except UnknownNameError:
             raise error from None
 

@@ -20,7 +20,7 @@ from splatwire.codec.background import BACKGROUND
 from splatwire.codec.registry import schema_named
 from splatwire.concealment import concealer_names, create_concealer
 from splatwire.concealment.registry import why_unfit
-from splatwire.concealment.temporal.concealers import clip_concealer_names
+from splatwire.concealment.temporal.concealers import temporal_concealer_names
 from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.study.decoded import prepare_decoded
@@ -93,9 +93,9 @@ class PreparedScene:
         if self.references.frames:
             if row.erode is not None:
                 return "only anchors lose one attribute alone, and it has tracks"
-            known = name in clip_concealer_names()
+            known = name in temporal_concealer_names()
             return "" if known else f"concealer '{row.conceal}' is for still scenes, and it is a sequence"
-        if name not in concealer_names() and name in clip_concealer_names():
+        if name not in concealer_names() and name in temporal_concealer_names():
             return f"concealer '{row.conceal}' is for sequences, and it is a still scene"
         provides = schema_named(self.codec).provides
         if row.erode is not None and Anchors not in provides:

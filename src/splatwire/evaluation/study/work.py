@@ -20,7 +20,7 @@ from splatwire.anchors.appearance import ReceivedScene, Scene, scene_of
 from splatwire.bitstream import SceneStream
 from splatwire.codec import decode_stream
 from splatwire.concealment import concealed, create_concealer
-from splatwire.concealment.temporal.concealers import clip_concealer
+from splatwire.concealment.temporal.concealers import temporal_concealer
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.evaluation.lossmap import draw_loss_map
 from splatwire.evaluation.pixels import png_bytes, to_pixels
@@ -165,7 +165,7 @@ class UnitRunner:
             return views_of(scene, views.cameras, unit.renderer, views.background)
         stream = self._stream(unit)
         assert stream is not None
-        method = clip_concealer(unit.concealer, **unit.options)
+        method = temporal_concealer(unit.concealer, **unit.options)
         return concealed_pictures(
             stream, unit.mask, unit.loss, unit.seed or 0, method, views.cameras, unit.references.chosen, unit.renderer
         )

@@ -44,7 +44,7 @@ class MovingSplats(CheckedFields):
     records: np.ndarray
 
     def at(self, time: float) -> Splats:
-        """Returns the Gaussians at a time from 0 (start of the clip) to 1 (end).
+        """Returns the Gaussians at a time from 0 (start of the sequence) to 1 (end).
 
         The number of Gaussians is constant: Gaussians that do not exist at that time have opacity 0.
 

@@ -14,7 +14,7 @@ from splatwire.planning.sequence.delivery import SequenceLoad
 from splatwire.render import iterate_views
 from splatwire.sequence.decoding import covering_gains, pose_frame
 from splatwire.types import Cameras
-from splatwire.types.sequence_scene import ClipScene, Timeline
+from splatwire.types.sequence_scene import SequenceScene, Timeline
 
 SHARES = (0.0, 0.1, 0.3, 0.6, 0.9, 1.0)
 """Lost shares of a group's motion at which the distortion is measured. Distortion is moderate up to 0.9 and rises
@@ -62,20 +62,20 @@ def sampled(timeline: Timeline) -> list[list[int]]:
     return [sorted({int((n + 0.5) * count / FRAMES) for n in range(FRAMES)}) for count in counts]
 
 
-def draw(clip: ClipScene, method: TemporalConcealer, cameras: Cameras) -> Pictures:
+def draw(sequence: SequenceScene, method: TemporalConcealer, cameras: Cameras) -> Pictures:
     """Renders the sampled frames of a decoded sequence after concealment.
 
     Args:
-        clip: The decoded sequence, with masks of received elements.
+        sequence: The decoded sequence, with masks of received elements.
         method: Concealer of lost motion.
         cameras: Views to render.
     """
-    found, memory, there = [], None, clip.tracks.received
-    for group, frames in enumerate(sampled(clip.timeline)):
-        poses, hidden, after = conceal_group(clip, clip.motion(group, there), group, there, memory, method)
-        hints = covering_gains(clip, there, group, poses, hidden) if method.grow else None
+    found, memory, there = [], None, sequence.tracks.received
+    for group, frames in enumerate(sampled(sequence.timeline)):
+        poses, hidden, after = conceal_group(sequence, sequence.motion(group, there), group, there, memory, method)
+        hints = covering_gains(sequence, there, group, poses, hidden) if method.grow else None
         for index in frames:
-            scene = pose_frame(clip, poses, index, clip.timeline.frames_of(group)[index], hints).scene
+            scene = pose_frame(sequence, poses, index, sequence.timeline.frames_of(group)[index], hints).scene
             found.append(np.stack(list(iterate_views(scene, cameras))))
         memory = after()
     return found
@@ -110,8 +110,8 @@ def measure_sequence_distortion(
                 load.importance[list(packets.motion)].sum(), 1e-30
             )
         away = {load.ids[packet] for packet in lost}
-        clip = decode_stream(stream.with_packets(p for p in stream.packets if p.id not in away)).scene
-        pairs = zip(draw(clip, method, cameras), references, strict=True)
+        sequence = decode_stream(stream.with_packets(p for p in stream.packets if p.id not in away)).scene
+        pairs = zip(draw(sequence, method, cameras), references, strict=True)
         mse.append(np.array([((a - b).astype(np.float64) ** 2).mean(axis=(1, 2, 3)) for a, b in pairs]))
         if progress:
             progress((number + 1) / len(SHARES))

@@ -1,4 +1,4 @@
-"""Preparation of planning: measures the size and the distortion model of several encodings of a clip."""
+"""Preparation of planning: measures the size and the distortion model of several encodings of a sequence."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -8,7 +8,7 @@ import numpy as np
 from splatwire.bitstream import SceneStream
 from splatwire.codec import decode_stream
 from splatwire.codec.sequence.side_info import Timeline, open_side_info
-from splatwire.concealment.temporal.concealers import DEFAULT, clip_concealer
+from splatwire.concealment.temporal.concealers import DEFAULT, temporal_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.planning.sequence.delivery import SequenceLoad
 from splatwire.planning.sequence.distortion import Pictures, draw, measure_sequence_distortion, pooled, sampled
@@ -28,7 +28,7 @@ def common_timeline(streams: Sequence[SceneStream]) -> Timeline:
     """Returns the common timeline of several encodings of the same frames.
 
     Raises:
-        InvalidValueError: If the clips do not encode the same frames in the same groups.
+        InvalidValueError: If the sequences do not encode the same frames in the same groups.
     """
     times = [open_side_info(stream.manifest, stream.side_info).timeline for stream in streams]
     if any(time != times[0] for time in times):
@@ -36,24 +36,24 @@ def common_timeline(streams: Sequence[SceneStream]) -> Timeline:
     return times[0]
 
 
-def clip_variants(
+def sequence_variants(
     streams: Sequence[SceneStream], reference: Path | None, *, concealer: str | None = None, views: int | None = None,
     seed: int = 0, progress: Callable[[float], None] = lambda share: None,
 ) -> list[SequenceVariant]:  # fmt: skip
     """Returns a variant for each of several encodings of the same frames, with its measured distortion model.
 
     Args:
-        streams: The encoded clips.
-        reference: Folder of the original frames; None to compare with the largest clip.
+        streams: The encoded sequences.
+        reference: Folder of the original frames; None to compare with the largest sequence.
         concealer: Name of the receiver's concealer; None for the default.
         views: Number of views; None for `VIEWS`.
         seed: Seed of the losses.
         progress: Called with the finished share, 0 to 1.
 
     Raises:
-        InvalidValueError: If the number of original frames differs from that of the clips.
+        InvalidValueError: If the number of original frames differs from that of the sequences.
     """
-    method = clip_concealer(concealer or DEFAULT)
+    method = temporal_concealer(concealer or DEFAULT)
     finest = decode_stream(max(streams, key=lambda stream: stream.num_bytes)).scene
     cameras = surrounding_cameras(finest.bases(), VIEWS if views is None else views, VIEW_SIZE)
     if reference is not None:
@@ -75,15 +75,15 @@ def clip_variants(
 
 
 def frames_of(files: list[Path], timeline: Timeline, cameras: Cameras) -> Pictures:
-    """Renders the sampled frames of the original clip (`distortion.sampled`).
+    """Renders the sampled frames of the original sequence (`distortion.sampled`).
 
     Args:
         files: Files of the original frames, in order.
-        timeline: Timeline of the clip.
+        timeline: Timeline of the sequence.
         cameras: Views to render.
 
     Raises:
-        InvalidValueError: If the number of files differs from the number of frames in the clip.
+        InvalidValueError: If the number of files differs from the number of frames in the sequence.
     """
     if len(files) != timeline.num_frames:
         raise InvalidValueError(f"the clip has {timeline.num_frames} frames, its reference has {len(files)}")

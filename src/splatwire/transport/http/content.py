@@ -167,7 +167,7 @@ class PageContent:
         return (name, form, "") if dot and target == download_path(name, form) and single else None
 
     def _download_formats(self, name: str) -> tuple[str, ...]:
-        """Returns the file formats in which a stream can be downloaded; empty for clips and neural anchors."""
+        """Returns the file formats in which a stream can be downloaded; empty for sequences and neural anchors."""
         program = self.programs.get(name)
         if self.downloads is None or not isinstance(program, ServedStream) or program.is_live:
             return ()

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from moving_clips import GAUSSIANS, darkened, moving_frames, shuffled, splatv
+from moving_sequences import GAUSSIANS, darkened, moving_frames, shuffled, splatv
 from splatwire.bitstream import read_stream
 from splatwire.cli import _run_serve
 from splatwire.cli.serve import Serve

@@ -7,35 +7,35 @@ from fractions import Fraction
 from pathlib import Path
 
 from splatwire.bitstream import write_stream
-from splatwire.cli._clip_options import MAX_DENOMINATOR, clip_options
 from splatwire.cli._files import output_path
 from splatwire.cli._output import print_json, print_summary, progress_bars
 from splatwire.cli._scenes import chosen_background
+from splatwire.cli._sequence_options import MAX_DENOMINATOR, sequence_options
 from splatwire.cli.encode import Encode
-from splatwire.sequence import encode_clip, open_sequence
-from splatwire.sequence.description import describe_clip
+from splatwire.sequence import encode_sequence, open_sequence
+from splatwire.sequence.description import describe_sequence
 
 LOG = logging.getLogger(__name__)
 
 
-def encode_clip_of(command: Encode, source: Path) -> None:
+def encode_sequence_of(command: Encode, source: Path) -> None:
     """Encodes frames as a clip, and prints its properties."""
     background = chosen_background(command.background)
-    options = clip_options(command.fps, command.group, command.quality, background, command.up)
+    options = sequence_options(command.fps, command.group, command.quality, background, command.up)
     with progress_bars() as report, output_path(command.output, suffix=".swz", json=command.json) as path:
         sequence, started = open_sequence(source, command.frames), time.perf_counter()
         if sequence.num_frames == 1 and source.is_dir():
             LOG.warning("%s: has one frame, of which a clip is made: name the file in it for a still", command.scene)
         if command.fps is None and sequence.rate is not None:
             options = replace(options, rate=Fraction(sequence.rate).limit_denominator(MAX_DENOMINATOR))
-        stream, tracking = encode_clip(
+        stream, tracking = encode_sequence(
             sequence.read(),
             replace(options, order=sequence.order),
             progress=lambda done: report("encoding frames", done / sequence.num_frames),
         )
         seconds = time.perf_counter() - started
         write_stream(stream, path)
-    facts = describe_clip(stream)
+    facts = describe_sequence(stream)
     if command.json:
         print_json({"output": command.output, "num_bytes": stream.num_bytes, **facts, "encoding_seconds": seconds})
         return

@@ -9,22 +9,23 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from splatwire.errors import MALFORMED, BackendUnavailableError, SplatwireError
-from splatwire.sequence import ClipOptions, read_frames
+from splatwire.sequence import SequenceOptions, read_frames
 from splatwire.sequence.arriving import LOOK_S, Backlog, FrameSource, Patience, Signature, signature_at
 from splatwire.sequence.frames import Frame
 from splatwire.transport.protocol.live_session import StreamUpdate
 from splatwire.types.validity import validity_of_splats
 
 OTHERS = 15
-"""Number of consecutive frames with a different degree of harmonics or antialiasing after which the clip adopts their
-settings."""
+"""Number of consecutive frames with a different degree of harmonics or antialiasing after which the sequence
+adopts their settings.
+"""
 UNUSABLE = (SplatwireError, OSError, MemoryError, EOFError, *MALFORMED)
 """Exceptions that concern a single frame; encoding continues with the next frame."""
 
 
 @runtime_checkable
 class GroupEncoder(Protocol):
-    """Protocol of an encoder of a live clip, which takes one frame at a time; `LiveEncoder` implements it."""
+    """Protocol of an encoder of a live sequence, which takes one frame at a time; `LiveEncoder` implements it."""
 
     @property
     def num_frames(self) -> int:
@@ -40,12 +41,12 @@ class GroupEncoder(Protocol):
         """Encodes the frames that are left; returns the new states of the stream."""
 
 
-class LiveEncoding:
+class LiveIngest:
     """Encodes the frames of a source at the frame rate until the source ends or a stop is requested.
 
     Args:
         source: Source of the frames' files.
-        clip: The live encoder.
+        encoder: The live encoder.
         options: Encoder options.
         publish: Called with the new state of the stream after each group, for the server.
         stop: Returns True if encoding should end.
@@ -59,11 +60,12 @@ class LiveEncoding:
     """
 
     def __init__(
-        self, source: FrameSource, clip: GroupEncoder, options: ClipOptions, publish: Callable[[StreamUpdate], None],
-        stop: Callable[[], bool], warn: Callable[[str], None], *, clock: Callable[[], float] = time.monotonic,
+        self, source: FrameSource, encoder: GroupEncoder, options: SequenceOptions,
+        publish: Callable[[StreamUpdate], None], stop: Callable[[], bool], warn: Callable[[str], None],
+        *, clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:  # fmt: skip
-        self._source, self._clip, self._options, self._publish = source, clip, options, publish
+        self._source, self._encoder, self._options, self._publish = source, encoder, options, publish
         self._stop, self._warn, self._clock, self._sleep = stop, warn, clock, sleep
         self._rate = float(options.rate)
         self._waiting: deque[Path] = deque()
@@ -75,7 +77,7 @@ class LiveEncoding:
     @property
     def num_frames(self) -> int:
         """Number of encoded frames."""
-        return self._clip.num_frames
+        return self._encoder.num_frames
 
     def run(self) -> None:
         """Encodes frames until the source ends or a stop is requested.
@@ -99,7 +101,7 @@ class LiveEncoding:
             if self._push(frame):
                 due += 1 / self._rate
                 self._wait(due - self._clock())
-        for update in self._clip.end():
+        for update in self._encoder.end():
             self._publish(update)
 
     def _queue_new_files(self) -> None:
@@ -160,21 +162,21 @@ class LiveEncoding:
             self._skip(f"{path} has {_described(kind)}, frames before have {_described(self._kind)}")
             return None
         self._warn(f"{path}: {OTHERS} frames have {_described(kind)}: the clip goes on with them")
-        self._clip.restart()
+        self._encoder.restart()
         self._kind, self._others = kind, 0
         return frame
 
     def _push(self, frame: Frame) -> bool:
         """Encodes a frame; returns False if encoding its group of pictures failed and the group is dropped."""
         try:
-            update = self._clip.push(frame)
+            update = self._encoder.push(frame)
         except BackendUnavailableError:
             raise
         except UNUSABLE as error:
             self._skip(f"a group of frames could not be encoded: {_reason(error)}")
-            self._clip.restart()
+            self._encoder.restart()
             return False
-        if self._clip.num_frames == self._options.group_frames:
+        if self._encoder.num_frames == self._options.group_frames:
             gc.freeze()  # scanning the objects of all modules would delay a group by 0.1 s
         if update is not None:
             self._publish(update)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from moving_clips import drawn, moving_frames
+from moving_sequences import drawn, moving_frames
 from splatwire.bitstream import read_stream
 from splatwire.codec import decode_stream
 from splatwire.sequence.decoding import decode_frames

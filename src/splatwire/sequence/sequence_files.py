@@ -20,7 +20,7 @@ from splatwire.sequence.frames import Sequence
 
 
 @dataclass(frozen=True)
-class ClipFormat:
+class SequenceFormat:
     """A file format for sequences.
 
     Attributes:
@@ -44,17 +44,17 @@ class ClipFormat:
         return int(write(frames, path, rate))
 
 
-CLIP_FORMATS = (
-    ClipFormat("usd", (".usd", ".usdc", ".usda", ".usdz"), USD, "usd", "write_usd_frames"),
-    ClipFormat("4dgs", (".4dgs",), FOURDGS, "fourdgs_file", "write_fourdgs"),
-    ClipFormat("splat4d", (".splat4d",), SPLAT4D, "splat4d_file", "write_splat4d"),
+SEQUENCE_FORMATS = (
+    SequenceFormat("usd", (".usd", ".usdc", ".usda", ".usdz"), USD, "usd", "write_usd_frames"),
+    SequenceFormat("4dgs", (".4dgs",), FOURDGS, "fourdgs_file", "write_fourdgs"),
+    SequenceFormat("splat4d", (".splat4d",), SPLAT4D, "splat4d_file", "write_splat4d"),
 )
 """Formats of sequences that can be written, besides streams."""
 
 
-def clip_format_for(path: str) -> ClipFormat | None:
+def sequence_format_for(path: str) -> SequenceFormat | None:
     """Returns the sequence file format that uses the suffix of a file name; None if no format uses it."""
-    return next((form for form in CLIP_FORMATS if path.lower().endswith(form.suffixes)), None)
+    return next((form for form in SEQUENCE_FORMATS if path.lower().endswith(form.suffixes)), None)
 
 
 def contents_of_sequence(sequence: Sequence) -> Iterator[FileContent]:
@@ -64,7 +64,7 @@ def contents_of_sequence(sequence: Sequence) -> Iterator[FileContent]:
         yield FileContent(splats, frame.origin, frame.antialiased, frame.metadata)
 
 
-def contents_of_clip(stream: SceneStream) -> tuple[Iterator[FileContent], int, float]:
+def contents_of_stream(stream: SceneStream) -> tuple[Iterator[FileContent], int, float]:
     """Decodes a stream of a sequence with the default concealer.
 
     Returns:
@@ -75,10 +75,10 @@ def contents_of_clip(stream: SceneStream) -> tuple[Iterator[FileContent], int, f
     """
     if not stream.manifest.schema.timed:
         raise InvalidValueError("the stream has no frames")
-    clip = decode_stream(stream).scene
-    timeline = clip.timeline
+    sequence = decode_stream(stream).scene
+    timeline = sequence.timeline
     frames = (
-        FileContent(frame.scene.drawn(), clip.origin, clip.antialiased, clip.metadata)
-        for frame in decode_frames(clip, DEFAULT)
+        FileContent(frame.scene.drawn(), sequence.origin, sequence.antialiased, sequence.metadata)
+        for frame in decode_frames(sequence, DEFAULT)
     )
     return frames, timeline.num_frames, float(timeline.rate)

@@ -10,12 +10,12 @@ from splatwire.bitstream import Manifest, Packet
 from splatwire.codec.decoding import runs_of
 from splatwire.codec.memory import allocating, check_memory
 from splatwire.codec.sequence.decoder import TracksDecoder
-from splatwire.concealment.temporal.concealers import DEFAULT, clip_concealer
+from splatwire.concealment.temporal.concealers import DEFAULT, temporal_concealer
 from splatwire.concealment.temporal.poses import ConcealmentState
 from splatwire.errors import BitstreamError
 from splatwire.files.byte_io import ByteReader
 from splatwire.ops.threads import allowed_threads
-from splatwire.sequence.decoding import ClipFrame, decode_group
+from splatwire.sequence.decoding import SequenceFrame, decode_group
 from splatwire.sequence.encoding import FIRST_FRAME
 from splatwire.transport.protocol.events import Event, PacketArrived, SideInfoArrived
 
@@ -36,7 +36,7 @@ class LiveDecoder:
     """
 
     def __init__(self, concealer: str = DEFAULT) -> None:
-        self._method, self._threads = clip_concealer(concealer), allowed_threads()
+        self._method, self._threads = temporal_concealer(concealer), allowed_threads()
         self._begin()
 
     def _begin(self) -> None:
@@ -50,7 +50,7 @@ class LiveDecoder:
         self._memory: ConcealmentState | None = None
         self._num_bytes = 0
 
-    def grow(self, manifest: Manifest, side_info: bytes) -> Iterator[ClipFrame]:
+    def grow(self, manifest: Manifest, side_info: bytes) -> Iterator[SequenceFrame]:
         """Updates manifest and side information when the server adds a group; yields frames that can now be output.
 
         Raises:
@@ -72,7 +72,7 @@ class LiveDecoder:
                 self._current_decoder()
         yield from self._complete()
 
-    def add(self, packets: Iterable[Packet]) -> Iterator[ClipFrame]:
+    def add(self, packets: Iterable[Packet]) -> Iterator[SequenceFrame]:
         """Adds packets listed in the manifest; yields the frames of a group that is now complete.
 
         Raises:
@@ -99,19 +99,19 @@ class LiveDecoder:
                 opened.prepare(list(some), self._num_bytes, self._threads)
         yield from self._complete()
 
-    def finish(self) -> Iterator[ClipFrame]:
+    def finish(self) -> Iterator[SequenceFrame]:
         """Ends the stream; yields the frames of received groups that were not output yet."""
         if self._manifest is not None:
             yield from self._frames_before(len(self._manifest.tiers) // 2)
 
-    def _complete(self) -> Iterator[ClipFrame]:
+    def _complete(self) -> Iterator[SequenceFrame]:
         """Yields the frames of the next group if it is complete."""
         assert self._manifest is not None
         tiers = self._manifest.tiers[2 * self._next : 2 * self._next + 2]
         if tiers and self._have.get(self._next, 0) == sum(tier.num_elements for tier in tiers):
             yield from self._frames_before(self._next + 1)
 
-    def _frames_before(self, end: int) -> Iterator[ClipFrame]:
+    def _frames_before(self, end: int) -> Iterator[SequenceFrame]:
         """Yields the frames of all groups of pictures before group `end` that were not yet output."""
         while self._next < end:
             group, self._next = self._next, self._next + 1
@@ -138,13 +138,13 @@ class LiveDecoder:
         self._decoder, self._first_frame = opened, first_frame(opened.sections)
         return opened
 
-    def _group(self, group: int) -> Iterator[ClipFrame]:
+    def _group(self, group: int) -> Iterator[SequenceFrame]:
         assert self._manifest is not None
         opened = self._current_decoder()
         with allocating(f"decoding {self._manifest.num_elements:,} tracks"):
             self._store(opened, self._manifest, group)
-            clip = opened.scene().scene
-            frames, after = decode_group(clip, group, clip.tracks.received, self._memory, self._method)
+            sequence = opened.scene().scene
+            frames, after = decode_group(sequence, group, sequence.tracks.received, self._memory, self._method)
             for frame in frames:
                 yield replace(frame, number=frame.number + self._first_frame)
             self._memory = after()
@@ -175,7 +175,7 @@ class LiveDecoder:
         self._fresh -= bases
 
 
-def frames_of_events(decoder: LiveDecoder, waiting: "queue.SimpleQueue[Event | None]") -> Iterator[ClipFrame]:
+def frames_of_events(decoder: LiveDecoder, waiting: "queue.SimpleQueue[Event | None]") -> Iterator[SequenceFrame]:
     """Decodes the events of a receiver until the queue returns None, and yields frames.
 
     Packets that are queued at the same time are decoded together.

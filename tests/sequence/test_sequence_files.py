@@ -14,8 +14,8 @@ from random_numbers import Numbers
 from splatwire.errors import DatasetError
 from splatwire.files.kinds import FOURDGS, SPLAT4D, file_kind
 from splatwire.io.formats.content import FileContent
-from splatwire.sequence.clip_files import clip_format_for
 from splatwire.sequence.frames import is_sequence, open_sequence
+from splatwire.sequence.sequence_files import sequence_format_for
 from splatwire.types.splats import Splats
 
 PROGRAM = shutil.which("splat4d", path=str(Path(sys.executable).parent)) or shutil.which("splat4d")
@@ -43,7 +43,7 @@ def clip(degree=1, frames=4, count=200):
 
 
 def write(frames, path, rate=24.0):
-    return clip_format_for(str(path)).write(frames, path, rate)
+    return sequence_format_for(str(path)).write(frames, path, rate)
 
 
 def nearest(found, expected):

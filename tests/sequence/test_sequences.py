@@ -7,28 +7,28 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from moving_clips import FRAMES, drawn, moving_frames, shuffled
+from moving_sequences import FRAMES, drawn, moving_frames, shuffled
 from splatwire.bitstream import PRESETS, SceneStream, make_packet, read_stream, write_stream
 from splatwire.channel import parse_loss
 from splatwire.channel.transmit import transmit
 from splatwire.codec import decode_stream, encode_scene, memory
 from splatwire.concealment.temporal.extrapolation import begun_share
 from splatwire.errors import BitstreamError, DatasetError, InvalidValueError, MissingSideInfoError, UnknownNameError
-from splatwire.evaluation.sequence.evaluation import ClipRow, ClipScore
+from splatwire.evaluation.sequence.evaluation import SequenceRow, SequenceScore
 from splatwire.io.formats import write_splats
 from splatwire.sequence import (
-    ClipDecoder,
-    ClipEncoder,
-    ClipOptions,
+    SequenceDecoder,
+    SequenceEncoder,
+    SequenceOptions,
     decode_frame,
     decode_frames,
-    encode_clip,
+    encode_sequence,
     frame_files,
 )
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
 
-OPTIONS = ClipOptions(Fraction(25), group_frames=4, quality="near-lossless")
+OPTIONS = SequenceOptions(Fraction(25), group_frames=4, quality="near-lossless")
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def frames() -> list[Splats]:
 
 @pytest.fixture(scope="module")
 def stream(frames: list[Splats]) -> SceneStream:
-    return encode_clip(frames, OPTIONS)[0]
+    return encode_sequence(frames, OPTIONS)[0]
 
 
 def error(found: Splats, wanted: Splats) -> float:
@@ -68,14 +68,14 @@ def test_clip_round_trips_through_a_file(stream, tmp_path):
 
 
 def test_static_gaussians_have_no_motion_bytes():
-    still, _ = encode_clip(moving_frames(still=True), OPTIONS)
-    one, _ = encode_clip(moving_frames(still=True)[:1], OPTIONS)
+    still, _ = encode_sequence(moving_frames(still=True), OPTIONS)
+    one, _ = encode_sequence(moving_frames(still=True)[:1], OPTIONS)
     assert len(still.packets) == len(one.packets)
     assert still.num_bytes - one.num_bytes < 60
 
 
 def test_encoding_frame_by_frame_gives_the_same_packets(frames, stream):
-    encoder = ClipEncoder(OPTIONS)
+    encoder = SequenceEncoder(OPTIONS)
     pushed = [encoder.push(frame) for frame in frames]
     assert [bool(packets) for packets in pushed] == [(number + 1) % 4 == 0 for number in range(FRAMES)]
     whole = encoder.finish()
@@ -85,10 +85,10 @@ def test_encoding_frame_by_frame_gives_the_same_packets(frames, stream):
 
 def test_decoder_keeps_packets_instead_of_decoded_motion(stream, monkeypatch):
     """The integers of motion take many times their coded bytes, so they are decoded again on demand."""
-    inner = ClipDecoder(stream.manifest, stream.side_info)._decoder._decoder
+    inner = SequenceDecoder(stream.manifest, stream.side_info)._decoder._decoder
     monkeypatch.setattr(memory, "FREE_BYTES", inner.working_bytes(stream.packets))
     monkeypatch.setattr(memory, "BYTES_PER_BYTE", 0)
-    decoder = ClipDecoder(stream.manifest, stream.side_info)
+    decoder = SequenceDecoder(stream.manifest, stream.side_info)
     for packet in stream.packets:
         decoder.push(packet)
     assert decoder.complete
@@ -99,7 +99,7 @@ def test_decoder_keeps_packets_instead_of_decoded_motion(stream, monkeypatch):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_decoding_packet_by_packet_gives_the_same_frames(stream, seed):
-    decoder = ClipDecoder(stream.manifest, stream.side_info)
+    decoder = SequenceDecoder(stream.manifest, stream.side_info)
     order = np.random.default_rng(seed).permutation(len(stream.packets))
     for count, number in enumerate(order.tolist()):
         decoder.push(stream.packets[number])
@@ -115,11 +115,11 @@ def test_decoding_packet_by_packet_gives_the_same_frames(stream, seed):
 def test_still_scene_is_refused_as_a_clip():
     still = encode_scene(SplatScene(moving_frames()[0]), PRESETS["datagram"])
     with pytest.raises(BitstreamError, match="not a clip"):
-        ClipDecoder(still.manifest, still.side_info)
+        SequenceDecoder(still.manifest, still.side_info)
 
 
 def test_stream_does_not_depend_on_the_number_of_threads(frames, stream):
-    assert encode_clip(frames, ClipOptions(Fraction(25), 4, quality="near-lossless", threads=1))[0] == stream
+    assert encode_sequence(frames, SequenceOptions(Fraction(25), 4, quality="near-lossless", threads=1))[0] == stream
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -159,7 +159,7 @@ def test_seek_decodes_one_group(stream):
 
 
 def test_shuffled_frames_are_matched(frames):
-    found, tracking = encode_clip(shuffled(frames), OPTIONS)
+    found, tracking = encode_sequence(shuffled(frames), OPTIONS)
     assert tracking.matched == FRAMES - 1
     assert tracking.share > 0.97
     assert sum(tier.num_elements for tier in found.manifest.tiers[::2]) < 1.05 * frames[0].num_gaussians
@@ -187,7 +187,7 @@ def test_tracks_with_lost_motion_are_still_drawn(frames, stream, method):
 
 @pytest.mark.slow
 def test_motion_concealment_is_better_than_keeping_the_last_position():
-    stream, _ = encode_clip(moving_frames(4000), OPTIONS)
+    stream, _ = encode_sequence(moving_frames(4000), OPTIONS)
     lossy, _ = transmit(stream, parse_loss("bernoulli:0.3", "datagram"), seed=2)
     clip, whole = decode_stream(lossy).scene, decode_stream(stream).scene
 
@@ -209,7 +209,7 @@ def test_unknown_concealer_is_named(stream):
 
 
 def test_inconsistent_frames_are_refused(frames):
-    encoder = ClipEncoder(ClipOptions(order="tracked"))
+    encoder = SequenceEncoder(SequenceOptions(order="tracked"))
     encoder.push(frames[0])
     with pytest.raises(InvalidValueError, match="600"):
         encoder.push(frames[1].select(np.arange(500)))
@@ -217,9 +217,9 @@ def test_inconsistent_frames_are_refused(frames):
     with pytest.raises(InvalidValueError, match="degree 1, those before of 0"):
         encoder.push(wide)
     with pytest.raises(InvalidValueError, match="one frame at least"):
-        ClipEncoder().finish()
+        SequenceEncoder().finish()
     with pytest.raises(InvalidValueError, match="1 to 64 frames"):
-        ClipOptions(group_frames=65)
+        SequenceOptions(group_frames=65)
 
 
 def test_arbitrary_payload_bytes_decode_without_an_error(stream):
@@ -250,11 +250,11 @@ def test_inconsistent_side_information_is_refused(stream):
 
 def test_frames_equal_to_their_reference_have_no_deficit():
     best, some = np.array([np.inf, 40.0, np.inf]), np.array([np.inf, 38.0, 45.0])
-    complete, lossy = (ClipScore(ClipRow("motion"), psnr, np.zeros(2), 0, 0) for psnr in (best, some))
+    complete, lossy = (SequenceScore(SequenceRow("motion"), psnr, np.zeros(2), 0, 0) for psnr in (best, some))
     assert complete.worst_below(complete) == complete.mean_below(complete) == 0
     assert lossy.worst_below(complete) == np.inf
-    assert ClipScore(ClipRow("motion"), some[:2], np.zeros(1), 0, 0).mean_below(
-        ClipScore(ClipRow("motion"), best[:2], np.zeros(1), 0, 0)
+    assert SequenceScore(SequenceRow("motion"), some[:2], np.zeros(1), 0, 0).mean_below(
+        SequenceScore(SequenceRow("motion"), best[:2], np.zeros(1), 0, 0)
     ) == pytest.approx(1.0)
 
 
