@@ -83,7 +83,7 @@ class Variant:
         """Mean PSNR over many transfers with the reported losses, with its parts."""
         outline, load = model_transfer(self.offer.load, protection), self.offer.load
         traces = draw_losses(parse_loss(loss_name), COUNTED, len(outline.kind), REPORTED_SEED)
-        arrival = arrival_within(outline, traces, self.offer.left(budget))
+        arrival = arrival_within(outline, traces, self.offer.budget_after_preview(budget))
         everything = arrival.head & arrival.packets.all(axis=1)
         parts = np.flatnonzero(arrival.head & ~everything)
         ranked = parts[np.argsort((~arrival.packets[parts]) @ load.elements, kind="stable")]

@@ -128,7 +128,7 @@ def main() -> None:
     arguments = parse()
     train = open_dataset(arguments.data / "scenes" / arguments.scene, split="train")
     config = create_config(model="causal", voxel_size=0.001, lmbda=0.004)
-    loop, marks = Loop(train, config, arguments.device), config.marks
+    loop, marks = Loop(train, config, arguments.device), config.milestones
     path = arguments.checkpoint
     if path is not None and path.exists():
         state = move_state(load_checkpoint(path)[0], torch.device(arguments.device))

@@ -155,7 +155,7 @@ def main() -> None:
     train, test = open_dataset(folder, split="train"), open_dataset(folder, split="test")
     marks = Marks()
     options = RunOptions(test_interval=0)
-    stop = arguments.until or config.marks.iterations
+    stop = arguments.until or config.milestones.iterations
     end = time.perf_counter() + 60 * (arguments.minutes or math.inf)
     listener = Listener(
         marks, should_stop=lambda: (bool(marks.rows) and marks.rows[-1]["it"] >= stop) or time.perf_counter() > end
@@ -163,8 +163,8 @@ def main() -> None:
     result = train_scene(train, test, config, options=options, listener=listener, device=check_device(arguments.device))
     summary: dict[str, Any] = {
         "run": arguments.run, "model": arguments.model, "device": arguments.device,
-        "iterations": config.marks.iterations, "until": stop, "threads": arguments.threads, "seconds": result.seconds,
-        **machine(arguments.device),
+        "iterations": config.milestones.iterations, "until": stop, "threads": arguments.threads,
+        "seconds": result.seconds, **machine(arguments.device),
         "official_gpu": official.get("gpu"), "speed": speed(marks.rows, official["marks"]), "marks": marks.rows,
         "official_marks": official["marks"],
     }  # fmt: skip

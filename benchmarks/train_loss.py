@@ -116,7 +116,7 @@ def trained(arguments: argparse.Namespace, train: Dataset, config: TrainConfig) 
         now = [0]
         listener = Listener(
             lambda progress: now.__setitem__(0, progress.iteration),
-            should_stop=lambda: now[0] >= config.marks.growth_end,
+            should_stop=lambda: now[0] >= config.milestones.growth_end,
         )
         options = RunOptions(arguments.checkpoint, test_interval=0)
         state = train_scene(train, None, with_growth, state=state, options=options, listener=listener).state

@@ -267,8 +267,10 @@ class Pool:
         training = importlib.import_module("splatwire.neural.training")
         dataset = importlib.import_module("splatwire.data").open_dataset(self.photo.parent, split="train")
         return {
-            "nonce": 1, "now": 0.0, "programs": lambda: {"a": self._served}, "secret": b"0" * 32, "random": bytes,
-            "program": lambda: self._served, "session": 1, "limits": None, "host": "127.0.0.1",
+            "nonce": 1, "now": 0.0, "secret": b"0" * 32, "random": bytes,
+            **{f"{owner}.streams": lambda: {"a": self._served}
+               for owner in ("Server", "UdpServer", "QuicServer", "PageContent")},
+            "ServerTransfer.stream": lambda: self._served, "session": 1, "limits": None, "host": "127.0.0.1",
             "ServerTransfer.limits": lambda: importlib.import_module("splatwire.transport").ServerLimits(),
             "receive": print, "relay": lambda: self._relay, "page_of_stream.name": "a",
             "page_of_relay.name": "a", "budget_bytes": 100_000, "load": lambda: self._load,

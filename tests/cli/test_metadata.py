@@ -10,7 +10,7 @@ from splatwire.bitstream import read_stream
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec.metadata import read_metadata
 from splatwire.io.formats import write_splats
-from splatwire.io.formats.kinds import read_content
+from splatwire.io.formats.dispatch import read_content
 from splatwire.types.metadata import SceneMetadata, StartView
 
 KNOWN = SceneMetadata("Garden [/b]", "Ana", "CC0")

@@ -87,7 +87,7 @@ def test_stream_variant_with_a_preview_has_its_quality_as_worst_case() -> None:
     assert offer.blank_psnr == pytest.approx(20.0, abs=0.01)
     assert offer.preview_bytes == len(section)
     assert offer.concealment_bytes == 7 + len(section)
-    assert offer.left(1000) == 1000 - len(section)
+    assert offer.budget_after_preview(1000) == 1000 - len(section)
 
 
 def test_stream_variant_has_size_and_distortion_of_its_stream() -> None:

@@ -26,7 +26,7 @@ from splatwire.sequence.importance import stream_importance
 from splatwire.sequence.live_decoder import LiveDecoder
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport import Receiver, ServerLimits
-from splatwire.transport.protocol.frames import TierHead, Welcome
+from splatwire.transport.protocol.datagrams import TierHead, Welcome
 from splatwire.transport.protocol.layout import parity_groups
 from splatwire.transport.protocol.live_session import PROTECTION, LiveSession
 from splatwire.transport.protocol.sender import Server

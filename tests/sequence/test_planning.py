@@ -17,7 +17,7 @@ from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.sequence.importance import packet_importance, stream_importance
 from splatwire.transport import Protection, make_served_stream
 from splatwire.transport.protocol.collect import PacketCollector
-from splatwire.transport.protocol.frames import Data, Parity, Welcome
+from splatwire.transport.protocol.datagrams import Data, Parity, Welcome
 from splatwire.transport.protocol.wire import DATA, SIDE
 
 pytestmark = pytest.mark.slow

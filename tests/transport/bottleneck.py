@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from splatwire.transport.protocol.frames import Feedback, TierHead
+from splatwire.transport.protocol.datagrams import Feedback, TierHead
 from splatwire.transport.protocol.live_session import StreamUpdate
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.receiver import FEEDBACK_S
@@ -136,7 +136,7 @@ class Splatwire:
 
     network: Network
     begin: float = 0.0
-    limits: ServerLimits = field(default_factory=lambda: ServerLimits(passes=1e9))
+    limits: ServerLimits = field(default_factory=lambda: ServerLimits(max_sent_ratio=1e9))
     deaf: tuple[float, float] = (0.0, 0.0)
     late: Callable[[], float] = lambda: 0.0
     arrived: list[int] = field(default_factory=list)

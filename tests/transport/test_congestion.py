@@ -103,7 +103,7 @@ def test_random_loss_does_not_reduce_the_rate(queue, loss, burst):
 
 
 def limited(network, rate):
-    return Splatwire(network, limits=ServerLimits(passes=1e9, rate=rate))
+    return Splatwire(network, limits=ServerLimits(max_sent_ratio=1e9, rate=rate))
 
 
 def test_random_loss_stalls_the_cubic_model():

@@ -7,7 +7,7 @@ import pytest
 
 from splatwire.bitstream import PacketId, make_packet
 from splatwire.transport import Event, PacketArrived, Receiver, Server, ServerLimits, make_served_stream
-from splatwire.transport.protocol.frames import (
+from splatwire.transport.protocol.datagrams import (
     Bye,
     Challenge,
     Data,

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from splatwire.transport import ReceiverOptions
-from splatwire.transport.protocol.frames import Feedback, Request
+from splatwire.transport.protocol.datagrams import Feedback, Request
 from splatwire.transport.protocol.wire import DATA, WELCOME, encode, kind_of
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")

@@ -22,7 +22,7 @@ from splatwire.transport import (
     Welcomed,
     make_served_stream,
 )
-from splatwire.transport.protocol.frames import (
+from splatwire.transport.protocol.datagrams import (
     MAX_PREVIEW,
     Data,
     Feedback,
@@ -468,7 +468,7 @@ def test_packets_held_by_the_client_are_not_sent_but_counted():
         assert any(isinstance(frame, Side) for frame in frames) is not left_out
         key = (f"client {nonce}", nonce)
         most = server._transfers[key]._most_bytes
-        assert most < 0.6 * server._limits.passes * sum(program.sizes().values()) if left_out else most > 0
+        assert most < 0.6 * server._limits.max_sent_ratio * sum(program.sizes().values()) if left_out else most > 0
     server.receive("client 1", encode(Have(1, program.stream_id, 1, 8 << 25, b"\xff")), 1.0, reliable=True)
 
 

@@ -20,7 +20,7 @@ from splatwire.errors import BitstreamError
 from splatwire.lod import Viewpoint, encode_levels
 from splatwire.transport import PacketArrived, Receiver, ReceiverOptions, Server, make_served_stream
 from splatwire.transport.protocol import served_stream
-from splatwire.transport.protocol.frames import Feedback, Request, View
+from splatwire.transport.protocol.datagrams import Feedback, Request, View
 from splatwire.transport.protocol.send_queue import LOOK_S, SendQueue, ViewUpdateBudget
 from splatwire.transport.protocol.transfer import ServerLimits, ServerTransfer
 from splatwire.transport.protocol.wire import DATA, SIDE, decode, encode
@@ -199,7 +199,7 @@ def test_hostile_views_and_feedback_are_survived():
         report = Feedback(session, rng.randrange(1 << 12), rng.randrange(1 << 12), n * 10_000, 0, *lost)
         server.receive("client", encode(report), n / 100)
         sent += sum(len(data) for _, data in server.poll(n / 100))
-    assert sent <= ServerLimits().passes * sum(PROGRAM.sizes().values()) + 200_000
+    assert sent <= ServerLimits().max_sent_ratio * sum(PROGRAM.sizes().values()) + 200_000
 
 
 def test_each_nack_number_is_answered_once():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.transport.protocol import wire
-from splatwire.transport.protocol.frames import (
+from splatwire.transport.protocol.datagrams import (
     MAX_HELD_BYTES,
     MAX_NACKS,
     MAX_PREVIEW,

@@ -11,7 +11,7 @@ from splatwire.codec.gaussians.quality import Quality
 from splatwire.errors import InvalidValueError
 from splatwire.transport import make_served_stream
 from splatwire.transport.http.content import served_stream_file
-from splatwire.transport.protocol.frames import Data, Have
+from splatwire.transport.protocol.datagrams import Data, Have
 from splatwire.transport.protocol.wire import DATA, END, HAVE, decode, kind_of
 from transport.chromium import browser, executable
 from web.host import hosting

@@ -212,7 +212,7 @@ export async function* receive(url: string | URL, options: ReceiveOptions = {}):
 }
 
 class Transfer {
-  readonly held = new PacketStore();
+  readonly store = new PacketStore();
   readonly live = false;
   ended = false;
   error: unknown = null;
@@ -286,9 +286,9 @@ class Transfer {
 
   head(head: Head, file: Uint8Array, _keep: boolean, live = false): void {
     const before = this.#received?.decoder.head.manifest,
-      known = before?.streamId === head.manifest.streamId && (!this.held.hasHead || this.held.isSame(file)),
+      known = before?.streamId === head.manifest.streamId && (!this.store.hasHead || this.store.isSame(file)),
       received = known ? this.#received : new DecodedStream(head);
-    if (!known || !this.held.hasHead) this.held.begin(file, head);
+    if (!known || !this.store.hasHead) this.store.begin(file, head);
     if (known) return;
     try {
       if (live) throw new Error("the stream is a live clip, which only the element `<splat-wire>` plays");
@@ -304,7 +304,7 @@ class Transfer {
   }
 
   packets(packets: readonly ReceivedPacket[]): void {
-    this.#waiting.push(...this.held.add(packets));
+    this.#waiting.push(...this.store.add(packets));
     this.#wake();
   }
 
@@ -394,26 +394,26 @@ const progressOf = ({ decoder }: DecodedStream): Progress => ({
   expected: decoder.head.manifest.numPackets,
   background: decoder.background,
   viewpoint: decoder.viewpoint,
-  clip: clipOf(decoder.schema),
+  clip: sequenceOf(decoder.schema),
 });
 
-function clipOf({ moving }: Schema): Clip | null {
+function sequenceOf({ moving }: Schema): Clip | null {
   return moving && { rate: moving.times.rate, numFrames: moving.times.numFrames };
 }
 
 /** Multiplies sizes and opacities by `gains`, shape (count, 2), and removes Gaussians with a size gain of 0. */
 function gained(all: Gaussians, gains: Float32Array): Gaussians {
-  const kept = Array.from({ length: all.count }, (_, n) => n).filter((n) => gains[2 * n] > 0),
+  const drawn = Array.from({ length: all.count }, (_, n) => n).filter((n) => gains[2 * n] > 0),
     some = (values: Float32Array, change: (value: number, n: number) => number = (value) => value): Float32Array => {
       const width = values.length / Math.max(all.count, 1),
-        found = new Float32Array(width * kept.length);
-      for (const [to, n] of kept.entries())
+        found = new Float32Array(width * drawn.length);
+      for (const [to, n] of drawn.entries())
         for (let a = 0; a < width; a++) found[to * width + a] = change(values[n * width + a], n);
       return found;
     };
   return {
     ...all,
-    count: kept.length,
+    count: drawn.length,
     centres: some(all.centres),
     rotations: some(all.rotations),
     scales: some(all.scales, (value, n) => value * gains[2 * n]),

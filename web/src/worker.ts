@@ -12,7 +12,7 @@ const reception = new WorkerReceiver(),
   helper = new PacketHelper((message, hand) => self.postMessage(message, { transfer: hand }));
 
 async function open({ bytes, ...source }: ToWorker & { kind: "open" }): Promise<string> {
-  if (bytes) return receiveBytes(bytes, reception, reception.held);
+  if (bytes) return receiveBytes(bytes, reception, reception.store);
   void warmUp(() => !reception.begun);
   await reception.resume(source.file);
   return receiveAll(source, reception);

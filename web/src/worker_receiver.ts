@@ -1,6 +1,5 @@
 // State of a stream in the worker: received packets, decoder, concealer, and the messages with Gaussians for the page.
 
-import { ClipFrames } from "./clip_frames.ts";
 import { readPreview } from "./codec/preview.ts";
 import type { Camera } from "./model/camera.ts";
 import { type DecodedBatch, type HelperThread, numHelpers, PacketPool } from "./packet_pool.ts";
@@ -8,6 +7,7 @@ import { ContainerReader, type Head } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
 import { buffersOf, pack } from "./render/packed.ts";
 import { nextTask, periodicPause, SLICE_MS } from "./scheduler.ts";
+import { SequenceFrames } from "./sequence_frames.ts";
 import { DecodedStream } from "./transport/decoded_stream.ts";
 import type { Counts, Fetching, ReceivedPacket } from "./transport/events.ts";
 import type { Receiver } from "./transport/failover.ts";
@@ -43,13 +43,13 @@ interface Batch {
 
 export class WorkerReceiver implements Receiver {
   /** Received packets of the stream. */
-  readonly held = new PacketStore();
+  readonly store = new PacketStore();
   /** Browser cache for the next visit; null if unavailable. */
-  kept: PacketCache | null = null;
+  cache: PacketCache | null = null;
   /** Error that ended decoding; null without one. */
   failed: Error | null = null;
   #received: DecodedStream | null = null;
-  readonly #clipFrames = new ClipFrames(say);
+  readonly #sequenceFrames = new SequenceFrames(say);
   #size = 1;
   #shownAt = 0;
   #ask = 0;
@@ -95,11 +95,11 @@ export class WorkerReceiver implements Receiver {
   head(head: Head, file: Uint8Array, keep: boolean, live = false): void {
     const known = this.#knows(head, file, live),
       received = known ? this.#received : new DecodedStream(head, live ? null : VERIFICATION);
-    if (!keep) this.kept = null;
+    if (!keep) this.cache = null;
     if (live && received?.decoder.schema.moving) return this.#onLiveHead(head, received, known);
-    if (!known || !this.held.hasHead) {
-      this.held.begin(file, head);
-      this.kept?.begin(file);
+    if (!known || !this.store.hasHead) {
+      this.store.begin(file, head);
+      this.cache?.begin(file);
     }
     if (!received || known) return;
     this.#received = received;
@@ -128,7 +128,7 @@ export class WorkerReceiver implements Receiver {
   /** Returns true if the head is that of the current stream. A growing stream keeps only its id. */
   #knows({ manifest }: Head, file: Uint8Array, live: boolean): boolean {
     const before = this.#received?.decoder.head.manifest;
-    return before?.streamId === manifest.streamId && (live || !this.held.hasHead || this.held.isSame(file));
+    return before?.streamId === manifest.streamId && (live || !this.store.hasHead || this.store.isSame(file));
   }
 
   /** Shows the cached packets after successful revalidation. */
@@ -141,8 +141,8 @@ export class WorkerReceiver implements Receiver {
 
   /** Discards all packets, because their file was replaced. */
   changed(): void {
-    this.held.clear();
-    void this.kept?.clear();
+    this.store.clear();
+    void this.cache?.clear();
     this.#received = this.#before = null;
     this.#waiting.length = 0;
     this.#closePool();
@@ -156,14 +156,14 @@ export class WorkerReceiver implements Receiver {
   #onLiveHead(head: Head, received: DecodedStream, known: boolean): void {
     const begins = !this.live;
     this.#received = received;
-    this.#clipFrames.follow(head, received, known);
+    this.#sequenceFrames.follow(head, received, known);
     if (begins) this.#reportFacts(received);
-    this.#clipFrames.reportPlayable();
+    this.#sequenceFrames.reportPlayable();
   }
 
   /** True for live clips. They have no file and no last packet. */
   get live(): boolean {
-    return this.#clipFrames.live;
+    return this.#sequenceFrames.live;
   }
 
   #reportFacts({ decoder }: DecodedStream): void {
@@ -194,8 +194,8 @@ export class WorkerReceiver implements Receiver {
   }
 
   packets(packets: readonly ReceivedPacket[]): void {
-    const fresh = this.live ? packets : this.held.add(packets);
-    this.kept?.add(fresh);
+    const fresh = this.live ? packets : this.store.add(packets);
+    this.cache?.add(fresh);
     this.#enqueue(fresh);
   }
 
@@ -206,8 +206,8 @@ export class WorkerReceiver implements Receiver {
 
   /** Restores the cached packets of an earlier visit. They are shown once the file is revalidated. */
   async resume(file: string): Promise<void> {
-    this.kept = await PacketCache.open(file);
-    const before = (await this.kept?.read()) ?? null;
+    this.cache = await PacketCache.open(file);
+    const before = (await this.cache?.read()) ?? null;
     if (!before) return;
     try {
       const container = new ContainerReader();
@@ -219,20 +219,20 @@ export class WorkerReceiver implements Receiver {
     }
   }
 
-  #resume(head: Head, file: Uint8Array, kept: readonly ReceivedPacket[]): void {
+  #resume(head: Head, file: Uint8Array, cached: readonly ReceivedPacket[]): void {
     const expected = head.manifest.numPackets,
-      intact = kept.filter(({ bytes }) => isIntact(bytes, head));
+      intact = cached.filter(({ bytes }) => isIntact(bytes, head));
     this.#received = new DecodedStream(head, VERIFICATION);
     this.#unconfirmed = true;
     this.#startPool(this.#received, file);
-    this.held.begin(file, head);
-    this.#enqueue(this.held.add(intact));
-    const { count } = this.held;
+    this.store.begin(file, head);
+    this.#enqueue(this.store.add(intact));
+    const { count } = this.store;
     this.#counts = { way: KEPT, bytes: 0, packets: count, expected, lost: 0, rejected: 0, seconds: 0 };
     if (count === expected) this.#before = this.#received;
-    if (intact.length === kept.length) return;
-    this.kept?.begin(file); // removes damaged records from the cache
-    this.kept?.add(this.held.packets);
+    if (intact.length === cached.length) return;
+    this.cache?.begin(file); // removes damaged records from the cache
+    this.cache?.add(this.store.packets);
   }
 
   counts(counts: Counts): void {
@@ -246,8 +246,8 @@ export class WorkerReceiver implements Receiver {
     if (this.#unconfirmed) return;
     this.#countedAt = performance.now();
     const intake = this.#received?.decoder.intake,
-      held = this.live ? counts.packets : this.held.count,
-      packets = Math.max(held, intake?.size ?? 0),
+      arrived = this.live ? counts.packets : this.store.count,
+      packets = Math.max(arrived, intake?.size ?? 0),
       bytes = this.#bytesBefore + counts.bytes,
       seconds = (performance.now() - this.#began) / 1000,
       expected = this.#received?.decoder.head.manifest.numPackets ?? counts.expected,
@@ -264,7 +264,7 @@ export class WorkerReceiver implements Receiver {
   async settled(): Promise<void> {
     while (this.#working) await this.#working;
     await this.#draw();
-    await this.kept?.flush();
+    await this.cache?.flush();
     if (this.#counts) this.#reportCounts(this.#counts);
   }
 
@@ -279,7 +279,7 @@ export class WorkerReceiver implements Receiver {
       } catch (error) {
         this.failed = error as Error;
       }
-      this.#clipFrames.reportPlayable();
+      this.#sequenceFrames.reportPlayable();
       if (performance.now() - this.#shownAt > SHOW_MS) void this.#draw();
       await nextTask();
     }
@@ -408,7 +408,7 @@ export class WorkerReceiver implements Receiver {
 
   /** Sends a frame of a clip. */
   frame(message: ToWorker & { kind: "frame" }): void {
-    this.#clipFrames.frame(message, this.#received, this.#size);
+    this.#sequenceFrames.frame(message, this.#received, this.#size);
   }
 
   async conceal({ choice, ask }: ToWorker & { kind: "conceal" }): Promise<void> {
@@ -450,7 +450,7 @@ export class WorkerReceiver implements Receiver {
       same = await this.#isSameDigest();
     if (received === this.#received) this.#isVerified = same;
     // A complete set of packets with a wrong digest is removed from the cache, so that the next visit starts fresh.
-    if (!same && (this.complete || this.held.complete)) await this.kept?.clear();
+    if (!same && (this.complete || this.store.complete)) await this.cache?.clear();
     say({ kind: "digest", same });
   }
 

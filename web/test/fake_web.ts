@@ -234,6 +234,6 @@ export async function visit(
   await reception.digest();
   const verified = said.some((one) => one.kind === "digest" && one.same),
     lost = said.flatMap((one) => (one.kind === "lost" ? [one.reason] : []));
-  await reception.kept?.flush();
+  await reception.cache?.flush();
   return { text, complete: text === "complete" && reception.complete, verified, said, lost, reception };
 }

@@ -38,7 +38,7 @@ const KINDS = [
 
 function assertWhole({ text, complete, verified, reception }: Visit, file: Uint8Array): void {
   assert.deepEqual({ text, complete, verified }, { text: "complete", complete: true, verified: true });
-  assert.equal(reception.held.isSame(file), true, "another stream");
+  assert.equal(reception.store.isSame(file), true, "another stream");
 }
 
 /** Checks that no cached packet is damaged or of another stream. */
@@ -93,7 +93,7 @@ for (const [kind, file] of KINDS) {
     for (let n = 0; n < 2; n++) {
       const { text, reception } = await visit(caches);
       assert.match(text, /^(complete|\d+ packets? (is|are) damaged or not in the file)$/);
-      assert.equal(reception.held.isSame(file), true);
+      assert.equal(reception.store.isSame(file), true);
     }
     assert.ok(server.asked.length < 160, `${server.asked.length} requests`);
   });
@@ -129,7 +129,7 @@ for (const [kind, file] of KINDS) {
       const caches = new Caches(),
         server = new Server((asked, n) => part(n < last ? file : other, asked));
       const ended = await visit(caches);
-      if (ended.reception.held.isSame(file)) continue; // the first file was complete before the change
+      if (ended.reception.store.isSame(file)) continue; // the first file was complete before the change
       assertWhole(ended, other);
       assert.ok(server.bytes(file.length) < 3.5 * file.length, "more than one new beginning");
       assertIntact(caches, other);
@@ -165,7 +165,7 @@ for (const [kind, file] of KINDS) {
       { text, complete, reception } = await visit(caches);
     assert.match(text, /damaged/);
     assert.equal(complete, false);
-    assert.equal(reception.held.count, offsets.length - 1);
+    assert.equal(reception.store.count, offsets.length - 1);
     assert.ok(server.asked.length < 30);
     assertIntact(caches, file);
     server.answering = (asked) => part(file, asked); // the file is repaired
@@ -456,25 +456,25 @@ test("a file truncated on the server ends early with the available packets", asy
     { text, complete, reception } = await visit();
   assert.match(text, /not in the file/);
   assert.equal(complete, false);
-  assert.ok(reception.held.count > 0);
+  assert.ok(reception.store.count > 0);
   assert.ok(server.asked.length < 12);
 });
 
 test("a listener without a `changed` method receives a replaced file", async () => {
   const server = new Server((asked, n) => part(n < 2 ? STILL : otherStream(STILL), asked)),
-    held = new PacketStore();
+    store = new PacketStore();
   const listener: Listener = {
     preview: () => undefined,
-    head: (head, bytes) => void (held.hasHead || held.begin(bytes, head)),
-    packets: (packets) => void held.add(packets),
+    head: (head, bytes) => void (store.hasHead || store.begin(bytes, head)),
+    packets: (packets) => void store.add(packets),
     counts: () => undefined,
     stopped: () => false,
   };
   for (const answering of [server.answering, () => whole(otherStream(otherStream(STILL)))] satisfies Answering[]) {
     server.answering = answering;
-    assert.equal(await receiveFile(new HttpFile(URL_, LIMITS), listener, held), "complete");
+    assert.equal(await receiveFile(new HttpFile(URL_, LIMITS), listener, store), "complete");
   }
-  assert.equal(held.isSame(otherStream(STILL)), true);
+  assert.equal(store.isSame(otherStream(STILL)), true);
 });
 
 test("all arriving packets are decoded after a reset", async () => {

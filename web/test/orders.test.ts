@@ -45,7 +45,7 @@ function orders(file: Uint8Array): Uint8Array[] {
 
 function assertWhole({ text, complete, verified, reception }: Visit): void {
   assert.deepEqual({ text, complete, verified }, { text: "complete", complete: true, verified: true });
-  assert.equal(reception.held.complete, true);
+  assert.equal(reception.store.complete, true);
 }
 
 /** Gives some bytes of a file, breaks off, and then knows the file no more. */
@@ -215,7 +215,7 @@ for (const [kind, file] of KINDS) {
           again = new Caches(),
           { reception, complete } = await visit(again);
         assert.equal(complete, false);
-        assert.equal(reception.held.count, offsets.length - 1, `bit ${bit} of packet ${n}`);
+        assert.equal(reception.store.count, offsets.length - 1, `bit ${bit} of packet ${n}`);
         stays.answering = (asked) => part(file, asked);
         assertWhole(await visit(again));
       }

@@ -25,58 +25,58 @@ function arrived(file: Uint8Array, source: string, positions: (n: number, offset
 }
 
 function begun(file: Uint8Array): PacketStore {
-  const held = new PacketStore(),
+  const store = new PacketStore(),
     reader = new HeadReader();
   reader.feed(file);
-  held.begin(reader.headBytes, reader.head!);
-  return held;
+  store.begin(reader.headBytes, reader.head!);
+  return store;
 }
 
 test("gaps of a file lie between the packets that were found in it", () => {
-  const held = begun(STREAM),
+  const store = begun(STREAM),
     packets = arrived(STREAM, FILE, (_, offset) => offset),
     [first, , third, fourth] = packets.map(({ position }) => position);
   assert.deepEqual(new PacketStore().gaps, []);
-  assert.deepEqual(held.gaps, [{ offset: first, end: null, before: null }]);
-  assert.equal(held.add(packets.slice(1, 3)).length, 2);
-  assert.deepEqual(held.gaps, [
+  assert.deepEqual(store.gaps, [{ offset: first, end: null, before: null }]);
+  assert.equal(store.add(packets.slice(1, 3)).length, 2);
+  assert.deepEqual(store.gaps, [
     { offset: first, end: packets[1].position, before: null },
     { offset: fourth, end: null, before: third },
   ]);
-  assert.equal(held.add(packets.slice(0, 2)).length, 1);
-  assert.deepEqual(held.gaps, [{ offset: fourth, end: null, before: third }]);
-  held.add(packets);
-  assert.deepEqual([held.gaps, held.complete, held.isReordered], [[], true, false]);
+  assert.equal(store.add(packets.slice(0, 2)).length, 1);
+  assert.deepEqual(store.gaps, [{ offset: fourth, end: null, before: third }]);
+  store.add(packets);
+  assert.deepEqual([store.gaps, store.complete, store.isReordered], [[], true, false]);
 });
 
 test("packets are held once, whatever the order of their source", () => {
-  const held = begun(STREAM),
+  const store = begun(STREAM),
     inFile = arrived(STREAM, FILE, (_, offset) => offset),
     { length } = inFile;
   const inSession = arrived(STREAM, "order", (n) => length - 1 - n);
-  held.add(inSession.slice(0, 3));
-  assert.deepEqual(held.bitsOf("other order"), null);
-  const bits = held.bitsOf("order")!;
+  store.add(inSession.slice(0, 3));
+  assert.deepEqual(store.bitsOf("other order"), null);
+  const bits = store.bitsOf("order")!;
   const positions = Array.from({ length }, (_, n) => n).filter((n) => (bits[n >> 3] >> (n & 7)) & 1);
   assert.deepEqual(positions, [length - 3, length - 2, length - 1]);
-  assert.equal(held.add(inFile).length, length - 3);
-  assert.deepEqual([held.count, held.complete], [length, true]);
+  assert.equal(store.add(inFile).length, length - 3);
+  assert.deepEqual([store.count, store.complete], [length, true]);
 });
 
 test("an order that names a packet twice claims nothing", () => {
-  const held = begun(STREAM),
+  const store = begun(STREAM),
     [packet] = arrived(STREAM, "order", (n) => n);
-  held.add([packet, { ...packet, position: 2 }]);
-  assert.equal(held.bitsOf("order"), null);
+  store.add([packet, { ...packet, position: 2 }]);
+  assert.equal(store.bitsOf("order"), null);
 });
 
 test("damaged packets and those of another stream are not held", () => {
-  const held = begun(STREAM),
+  const store = begun(STREAM),
     [packet] = arrived(STREAM, FILE, (_, offset) => offset);
   const damaged = { ...packet, bytes: flipped(packet.bytes, 20) },
     [foreign] = arrived(otherStream(STREAM), FILE, (_, offset) => offset);
-  assert.deepEqual(held.add([damaged, foreign]), []);
-  assert.equal(held.count, 0);
+  assert.deepEqual(store.add([damaged, foreign]), []);
+  assert.equal(store.count, 0);
 });
 
 test("what is kept is read again, as far as it is whole", () => {
@@ -117,17 +117,17 @@ class Notes implements Listener {
   head_: Head | null = null;
   seen: Counts | null = null;
 
-  constructor(readonly held: PacketStore) {}
+  constructor(readonly store: PacketStore) {}
 
   preview(): void {}
 
   head(head: Head, file: Uint8Array): void {
     this.head_ = head;
-    if (!this.held.hasHead) this.held.begin(file, head);
+    if (!this.store.hasHead) this.store.begin(file, head);
   }
 
   packets(packets: readonly ReceivedPacket[]): void {
-    this.held.add(packets);
+    this.store.add(packets);
   }
 
   counts(counts: Counts): void {
@@ -177,15 +177,15 @@ for (const path of STREAMS.slice(0, 1)) {
   };
 
   test("an interrupted file is requested from the interruption on", async () => {
-    const held = new PacketStore(),
-      notes = new Notes(held);
+    const store = new PacketStore(),
+      notes = new Notes(store);
     const ranges = await served([cut, part], async (url) => {
       const visit = new HttpFile(url);
-      await assert.rejects(receiveFile(visit, notes, held));
-      assert.ok(held.count > 0 && held.count < notes.head_!.manifest.numPackets);
-      const { before } = held.gaps[0];
-      assert.equal(await receiveFile(visit, notes, held), "complete");
-      assert.equal(held.count, notes.head_!.manifest.numPackets);
+      await assert.rejects(receiveFile(visit, notes, store));
+      assert.ok(store.count > 0 && store.count < notes.head_!.manifest.numPackets);
+      const { before } = store.gaps[0];
+      assert.equal(await receiveFile(visit, notes, store), "complete");
+      assert.equal(store.count, notes.head_!.manifest.numPackets);
       assert.equal(notes.seen!.bytes, file.length - before!);
     });
     assert.match(ranges[0]!, /^bytes=0-\d+$/);
@@ -193,14 +193,14 @@ for (const path of STREAMS.slice(0, 1)) {
   });
 
   test("the whole file is read if the range request fails", async () => {
-    const held = new PacketStore(),
-      notes = new Notes(held);
+    const store = new PacketStore(),
+      notes = new Notes(store);
     await served([cut, whole, whole], async (url) => {
       const visit = new HttpFile(url);
-      await assert.rejects(receiveFile(visit, notes, held));
-      assert.equal(await receiveFile(visit, notes, held), "complete");
+      await assert.rejects(receiveFile(visit, notes, store));
+      assert.equal(await receiveFile(visit, notes, store), "complete");
     });
-    assert.equal(held.count, notes.head_!.manifest.numPackets);
+    assert.equal(store.count, notes.head_!.manifest.numPackets);
   });
 }
 
@@ -212,8 +212,8 @@ test("only HTTP errors that a retry cannot resolve are final", async () => {
   ] as const) {
     const refuse: Answer = (_, response) => void response.writeHead(status).end();
     await served([refuse, refuse], async (url) => {
-      const held = new PacketStore();
-      await assert.rejects(receiveFile(new HttpFile(url), new Notes(held), held), (error: unknown) => {
+      const store = new PacketStore();
+      await assert.rejects(receiveFile(new HttpFile(url), new Notes(store), store), (error: unknown) => {
         assert.ok(error instanceof HttpError);
         assert.equal(error.final, final);
         return true;

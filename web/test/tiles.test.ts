@@ -31,16 +31,16 @@ const LOOK: Camera = {
 };
 
 /** A view that stays until its tiles arrived, then selects every tile. */
-function visitor(): { listener: Listener; view: Fetching; held: PacketStore; places: number[] } {
+function visitor(): { listener: Listener; view: Fetching; store: PacketStore; places: number[] } {
   const container = new ContainerReader(),
-    held = new PacketStore(),
+    store = new PacketStore(),
     places: number[] = [];
   container.feed(file);
   const head = container.head!,
     received = new DecodedStream(head),
     { tiling } = received.decoder.schema;
   assert.ok(tiling);
-  held.begin(container.headBytes, head);
+  store.begin(container.headBytes, head);
   tiling.look(LOOK);
   const listener: Listener = {
     preview: () => undefined,
@@ -67,7 +67,7 @@ function visitor(): { listener: Listener; view: Fetching; held: PacketStore; pla
     moved: () => Promise.resolve(void tiling.look(null)),
     taken: () => Promise.resolve(void tiling.look(LOOK)),
   };
-  return { listener, view, held, places };
+  return { listener, view, store, places };
 }
 
 async function served(answer: RequestListener, work: (url: string) => Promise<void>): Promise<void> {
@@ -87,12 +87,12 @@ const ranged: RequestListener = ({ headers }, answer) => {
 };
 
 test("all tiles are received, the view's first", async () => {
-  const { listener, view, held, places } = visitor(),
+  const { listener, view, store, places } = visitor(),
     first = view.wanted[0];
   await served(ranged, async (url) => {
-    assert.equal(await receiveTiles(new HttpFile(url, LIMITS), listener, held, view), "complete");
+    assert.equal(await receiveTiles(new HttpFile(url, LIMITS), listener, store, view), "complete");
   });
-  assert.equal(places[0], held.headBytes + view.tiles.offsets[first]);
+  assert.equal(places[0], store.headBytes + view.tiles.offsets[first]);
   assert.deepEqual(
     [...places].sort((a, b) => a - b),
     packetOffsets(file).map((offset) => offset - SIZE_BYTES),
@@ -100,33 +100,33 @@ test("all tiles are received, the view's first", async () => {
 });
 
 test("no tile is transferred twice after a disconnect", async () => {
-  const { listener, view, held, places } = visitor();
+  const { listener, view, store, places } = visitor();
   let answers = 0;
   const failing: RequestListener = (request, answer) =>
     ++answers > 1 ? void request.socket.destroy() : ranged(request, answer);
   await served(failing, async (url) => {
-    await assert.rejects(receiveTiles(new HttpFile(url, LIMITS), listener, held, view));
+    await assert.rejects(receiveTiles(new HttpFile(url, LIMITS), listener, store, view));
   });
   const before = places.length;
   assert.ok(before > 0 && before < view.head.manifest.numPackets);
   await served(ranged, async (url) => {
-    assert.equal(await receiveTiles(new HttpFile(url, LIMITS), listener, held, view), "complete");
+    assert.equal(await receiveTiles(new HttpFile(url, LIMITS), listener, store, view), "complete");
   });
   assert.equal(new Set(places).size, places.length);
 });
 
 test("a server without ranges and a damaged tile throw different errors", async () => {
-  const { listener, view, held } = visitor();
+  const { listener, view, store } = visitor();
   await served(
     (_, answer) => void answer.writeHead(200).end(file),
     async (url) => {
-      await assert.rejects(receiveTiles(new HttpFile(url, LIMITS), listener, held, view), RangeUnsupported);
+      await assert.rejects(receiveTiles(new HttpFile(url, LIMITS), listener, store, view), RangeUnsupported);
     },
   );
   await served(
     (_, answer) => void answer.writeHead(206).end(new Uint8Array(500)),
     async (url) => {
-      await assert.rejects(receiveTiles(new HttpFile(url, LIMITS), listener, held, view), DamagedTiles);
+      await assert.rejects(receiveTiles(new HttpFile(url, LIMITS), listener, store, view), DamagedTiles);
     },
   );
 });

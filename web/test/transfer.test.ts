@@ -25,7 +25,7 @@ test("message bytes equal Python's", { skip: expected === null && "EXPECTED is n
     packetBytes: 1150,
     bundled: 4,
     viewable: true,
-    open: false,
+    isLive: false,
   });
   assert.equal(Buffer.from(preview).toString(), "preview");
   assert.equal(digest.length, 32);

@@ -27,7 +27,7 @@ from splatwire.files.scene_formats import FORMATS
 from splatwire.io import drawable_scene
 from splatwire.io.formats import format_for
 from splatwire.io.formats.content import FileContent
-from splatwire.io.formats.kinds import format_named
+from splatwire.io.formats.dispatch import format_named
 from splatwire.lod.sog_levels import write_sog_levels
 from splatwire.lod.tileset import TilesetReport, write_tileset
 from splatwire.sequence.frames import is_sequence, open_sequence

@@ -153,16 +153,16 @@ def _access(command: Serve) -> Access | None:
     return Access(frozenset(command.private), frozenset(command.unlisted), problem)
 
 
-async def _serve(command: Serve, programs: dict[str, ServedStream], access: Access | None) -> None:
+async def _serve(command: Serve, streams: dict[str, ServedStream], access: Access | None) -> None:
     stop, reload = stop_on_signals(), reload_on_hangup()
     async with contextlib.AsyncExitStack() as stack:
         private = access.private if access is not None else frozenset()
-        open_to_all = {name: program for name, program in programs.items() if name not in private}
+        open_to_all = {name: stream for name, stream in streams.items() if name not in private}
         opened = await open_server(open_to_all, command, limits(command), stack, origins=allowed_origins(command))
         if access is not None and opened.page is not None and isinstance(opened.page.content, PageContent):
-            opened.page.content = replace(opened.page.content, programs=programs, access=access)
+            opened.page.content = replace(opened.page.content, streams=streams, access=access)
         await _offer_downloads(command, opened, stack)
-        sizes = {name: program.sizes() for name, program in programs.items()}
+        sizes = {name: stream.sizes() for name, stream in streams.items()}
         for name, parts in () if command.json else sizes.items():
             print(f"{name}: {sum(parts.values()):,} bytes, of which protection "
                   f"{parts['side_protection'] + parts['packet_protection']:,}")  # fmt: skip

@@ -72,7 +72,7 @@ def run(command: Train) -> None:
         result = train_scene(train, test, config, state=state, options=options, listener=listener, device=device)
     if result.stopped:
         print(
-            f"stopped after iteration {result.state.iteration:,} of {config.marks.iterations:,}; "
+            f"stopped after iteration {result.state.iteration:,} of {config.milestones.iterations:,}; "
             "the same command with --resume continues from there",
             file=sys.stderr,
         )
@@ -89,8 +89,8 @@ def _initial_training(command: Train, place: str) -> tuple[TrainState, TrainConf
         return _continued_training(command, start, model, f"{chosen}, on the {place}")
     config = _config(command)
     train, test = _datasets(command, config)
-    more = f" and {config.marks.tuning:,} more for losses" if config.marks.tuning else ""
-    summary = f"recipe {config.preset}{chosen}, {config.marks.fine_tuning_start:,} iterations{more} on the {place}"
+    more = f" and {config.milestones.tuning:,} more for losses" if config.milestones.tuning else ""
+    summary = f"recipe {config.preset}{chosen}, {config.milestones.fine_tuning_start:,} iterations{more} on the {place}"
     print(summary, file=sys.stderr)
     if start is not None:
         train = dataclasses.replace(train, points=points_of(start))
@@ -192,7 +192,7 @@ def _report(command: Train, result: TrainResult, config: TrainConfig) -> None:
                 "test_ssim": test.ssim if test else None,
                 **({"stream_bytes": size} if size else {}),
                 "seconds": result.seconds,
-                "recipe": dataclasses.asdict(config),
+                "recipe": {**dataclasses.asdict(config), "marks": dataclasses.asdict(config.milestones)},  # former name
             }
         )
         return

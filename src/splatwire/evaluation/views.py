@@ -56,7 +56,7 @@ class ReferenceViews(CheckedFields):
         return image if mask is None else black_outside(image[None], mask[None])[0]
 
     @property
-    def without(self) -> bool:
+    def has_masks(self) -> bool:
         """True if views can have a mask, which excludes pixels from the comparison."""
         return self.load_mask is not None
 

@@ -28,7 +28,7 @@ from splatwire.files.kinds import (
 from splatwire.files.names import path_of
 from splatwire.files.scene_formats import FORMATS
 from splatwire.io.formats import find_format, read_content, read_note
-from splatwire.io.formats.kinds import read_with
+from splatwire.io.formats.dispatch import read_with
 from splatwire.types import LossMask, SplatCoding, SplatScene
 from splatwire.types.splats import Splats
 

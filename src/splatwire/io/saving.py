@@ -15,7 +15,7 @@ from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.files.names import path_of
 from splatwire.files.scene_formats import FORMATS
 from splatwire.io.formats import PlyNote, write_splats
-from splatwire.io.formats.kinds import format_for, write_with
+from splatwire.io.formats.dispatch import format_for, write_with
 from splatwire.io.formats.outliers import DEFAULT, Outliers
 from splatwire.types import LossMask, Prior, ReceivedScene, SplatCoding
 from splatwire.types.splats import Splats

@@ -109,7 +109,7 @@ class StreamVariant:
         if not abs(self.blank_psnr) < math.inf:
             raise InvalidValueError(f"StreamVariant.blank_psnr must be finite, not {shown(self.blank_psnr)}")
 
-    def left(self, budget_bytes: float | int) -> float:
+    def budget_after_preview(self, budget_bytes: float | int) -> float:
         """Returns the bytes of a budget that remain after the server's first message, the welcome."""
         return float(max(budget_bytes - self.preview_bytes, 0))
 

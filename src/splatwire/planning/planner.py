@@ -127,7 +127,7 @@ def plan_protection(
     plans, plain = list[ScenePlan](), list[ScenePlan]()
     for number, variant in enumerate(variants):
         spent = variant.concealment_bytes + variant.preview_bytes
-        search = Search(variant.left(budget_bytes), max_protection, head_target, spent)
+        search = Search(variant.budget_after_preview(budget_bytes), max_protection, head_target, spent)
         first = [] if traces.all() else list(baseline_candidates(variant.load, traces, search).values())
         tried = candidates(variant.load, traces, search)
         for done, candidate in enumerate([*tried, *first]):
@@ -193,7 +193,7 @@ def _predict_plan(
     variant: StreamVariant, number: int, protection: Protection, traces: np.ndarray, budget_bytes: float | int
 ) -> ScenePlan:
     """Predicts the picture quality of an allocation of redundancy with the distortion model, without rendering."""
-    model, budget = model_transfer(variant.load, protection), variant.left(budget_bytes)
+    model, budget = model_transfer(variant.load, protection), variant.budget_after_preview(budget_bytes)
     arrival = arrival_within(model, traces, budget)
     lost = lost_fractions(variant.load, arrival.packets)
     psnr = np.where(arrival.head, variant.distortion.psnr(lost), variant.blank_psnr)
@@ -248,7 +248,9 @@ def _evaluate_plan(
     variant: StreamVariant, plan: ScenePlan, traces: np.ndarray, budget_bytes: float | int, rendered_trials: int
 ) -> _EvaluatedPlan:
     """Evaluates a plan on simulated transfers that were not used for choosing it."""
-    arrival = arrival_within(model_transfer(variant.load, plan.protection), traces, variant.left(budget_bytes))
+    arrival = arrival_within(
+        model_transfer(variant.load, plan.protection), traces, variant.budget_after_preview(budget_bytes)
+    )
     found = expected(variant, arrival, rendered_trials)
     judged = replace(plan, psnr=found.psnr, head_arrives=float(arrival.head.mean()), lost=found.lost)
     return _EvaluatedPlan(judged, found.partly, found.error)

@@ -60,7 +60,7 @@ class RunningServer:
         private = self._access.private if self._access is not None else ()
         self.server.core.replace({name: stream for name, stream in streams.items() if name not in private})
         if self.page is not None and isinstance(self.page.content, PageContent):
-            self.page.content = replace(self.page.content, programs=streams)
+            self.page.content = replace(self.page.content, streams=streams)
 
     async def drain(self, most_s: float) -> None:
         """Refuses new transfers, and waits until all transfers and HTTP responses have ended.

@@ -55,14 +55,14 @@ class SocketServer(abc.ABC):
         """UDP port that the server listens on."""
         return int(self._socket.getsockname()[1])
 
-    def update(self, name: str, program: ServedStream) -> None:
+    def update(self, name: str, stream: ServedStream) -> None:
         """Adds a stream, or updates a live stream and notifies the clients that receive it.
 
         Args:
             name: Name of the stream.
-            program: Prepared stream, or the new state of a live stream.
+            stream: Prepared stream, or the new state of a live stream.
         """
-        self.core.update(name, program)
+        self.core.update(name, stream)
         self.pump()
 
     @abc.abstractmethod
@@ -91,7 +91,7 @@ class UdpServer(SocketServer):
     """Server of streams on one UDP socket; runs until `close`. Requires a running event loop.
 
     Args:
-        programs: Prepared streams by name; a client that requests no name gets the first.
+        streams: Prepared streams by name; a client that requests no name gets the first.
         host: Address to listen on.
         port: UDP port; 0 selects a free port.
         limits: Limits on the transfers of clients.
@@ -101,9 +101,9 @@ class UdpServer(SocketServer):
     """
 
     def __init__(
-        self, programs: Mapping[str, ServedStream], host: str, port: int, *, limits: ServerLimits | None = None
+        self, streams: Mapping[str, ServedStream], host: str, port: int, *, limits: ServerLimits | None = None
     ) -> None:
-        super().__init__(Server(programs, secret=os.urandom(32), random=os.urandom, limits=limits), host, port)
+        super().__init__(Server(streams, secret=os.urandom(32), random=os.urandom, limits=limits), host, port)
         self._backlog: deque[tuple[Hashable, bytes]] = deque()
         self._blocked = False
         self._loop.add_reader(self._socket, self._readable)

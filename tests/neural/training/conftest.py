@@ -40,7 +40,7 @@ def config() -> TrainConfig:
     )  # fmt: skip
     weights = LossWeights(sample_share=0.3)
     recipe = TrainConfig(
-        model=SMALL_CONFIG, voxel_size=VOXEL_SIZE, hidden=(16, 16, 8), marks=marks, weights=weights,
+        model=SMALL_CONFIG, voxel_size=VOXEL_SIZE, hidden=(16, 16, 8), milestones=marks, weights=weights,
         refine=RefineConfig(steps=5),
     )  # fmt: skip
     return dataclasses.replace(recipe, growth=dataclasses.replace(recipe.growth, gradient_threshold=1e-5))

@@ -48,7 +48,7 @@ def test_run_exports_the_average_of_its_last_iterations(length: int, dataset: Da
 def test_averaging_does_not_start_early(dataset: Dataset, config: TrainConfig) -> None:
     state = initial_state(dataset, config)
     state.iteration = start_of_mean(config)
-    assert start_of_mean(config) >= config.marks.growth_end
+    assert start_of_mean(config) >= config.milestones.growth_end
     gather_mean(state, config)
     assert not state.means
     assert averaged(state) is state

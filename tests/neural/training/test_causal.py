@@ -152,15 +152,20 @@ def test_lambda_is_adjusted_to_a_target_size(exponent: float, wanted: float) -> 
 def test_target_size_run_resumes_with_its_lambda(dataset: Dataset, recipe: TrainConfig, tmp_path: Path) -> None:
     wanted = dataclasses.replace(recipe, weights=dataclasses.replace(recipe.weights, size=20_000))
     state = initial_state(dataset, wanted)
-    times = [i for i in range(1, wanted.marks.iterations + 1) if is_time(wanted.marks, i)]
-    assert times[0] > wanted.marks.context_start
-    assert times[-1] > 0.9 * wanted.marks.iterations
+    times = [i for i in range(1, wanted.milestones.iterations + 1) if is_time(wanted.milestones, i)]
+    assert times[0] > wanted.milestones.context_start
+    assert times[-1] > 0.9 * wanted.milestones.iterations
     for iteration in (times[0] - 1, times[0]):
         state.iteration = iteration
         steer(state, wanted)
         assert (state.steering == Steering()) == (iteration < times[0])
-    assert HEADROOM > headroom(wanted.marks, times[0]) > headroom(wanted.marks, wanted.marks.iterations) == LAST
-    aim = 20_000 * (1 + headroom(wanted.marks, times[0]))
+    assert (
+        HEADROOM
+        > headroom(wanted.milestones, times[0])
+        > headroom(wanted.milestones, wanted.milestones.iterations)
+        == LAST
+    )
+    aim = 20_000 * (1 + headroom(wanted.milestones, times[0]))
     missing = math.log(stream_bytes(export_scene(state, wanted)) / aim)
     assert state.steering == Steering(INTEGRAL * missing, missing)
     assert state.rate(wanted.weights) == wanted.weights.rate * math.exp(INTEGRAL * missing)
@@ -176,12 +181,12 @@ def test_sizes_are_interpolated_between_encoded_ones(
     wanted = dataclasses.replace(recipe, weights=dataclasses.replace(recipe.weights, size=20_000))
     state, sizes = initial_state(dataset, wanted), iter([9000, 9900])
     monkeypatch.setattr("splatwire.neural.training.size.stream_bytes", lambda scene: next(sizes))
-    times = [i for i in range(1, wanted.marks.iterations + 1) if is_time(wanted.marks, i)]
+    times = [i for i in range(1, wanted.milestones.iterations + 1) if is_time(wanted.milestones, i)]
     ratios = []
     for iteration in times[: CODED + 1]:
         state.iteration = iteration
         steer(state, wanted, lambda state: 3000.0)
-        aim = 20_000 * (1 + headroom(wanted.marks, iteration))
+        aim = 20_000 * (1 + headroom(wanted.milestones, iteration))
         assert state.steering.ratio is not None
         assert state.steering.miss == pytest.approx(math.log(3000 * state.steering.ratio / aim))
         ratios.append(state.steering.ratio)

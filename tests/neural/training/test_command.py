@@ -53,7 +53,7 @@ def test_train_command_runs_briefly(folder: Path, tmp_path: Path, capsys: pytest
     result = json.loads(capsys.readouterr().out)
     assert result["iterations"] == 20
     assert result["test_psnr"] > 5
-    assert result["recipe"]["marks"]["iterations"] == 20
+    assert result["recipe"]["milestones"]["iterations"] == 20
     scene = load_scene(output)
     assert scene.anchors.num_anchors == result["num_anchors"]
     assert encode_scene(scene).num_bytes > 0
@@ -81,7 +81,7 @@ def test_the_first_ctrl_c_leaves_a_checkpoint(folder: Path, tmp_path: Path) -> N
     assert "--resume" in errors
     assert not output.exists()
     state, config = load_checkpoint(checkpoint)
-    assert 0 < state.iteration < config.marks.iterations
+    assert 0 < state.iteration < config.milestones.iterations
 
 
 @pytest.mark.parametrize(

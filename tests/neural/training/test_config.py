@@ -15,7 +15,10 @@ from splatwire.neural.training.schedule import learning_rates
 @pytest.mark.parametrize("preset", PRESETS)
 def test_recipe_round_trips_through_json(preset: str) -> None:
     config = create_config(preset, iterations=1234, seed=5)
-    assert config_from_json(json.loads(json.dumps(dataclasses.asdict(config)))) == config
+    plain = json.loads(json.dumps(dataclasses.asdict(config)))
+    assert config_from_json(plain) == config
+    plain["marks"] = plain.pop("milestones")  # as checkpoints of version 0.3 and before have it
+    assert config_from_json(plain) == config
 
 
 def test_presets_hold_the_published_settings() -> None:
@@ -25,12 +28,12 @@ def test_presets_hold_the_published_settings() -> None:
     assert math.isclose(create_config("tanks_and_temples", model="hacpp", lmbda=0.002).rates.mask_logits.final, 0.0002)
     assert create_config("synthetic_nerf").growth.coarsest_cell == 4
     assert create_config("bungeenerf").test_views == "first_31"
-    assert config.marks == Milestones()
+    assert config.milestones == Milestones()
 
 
 @pytest.mark.parametrize("iterations", [20, 100, 2400, 7000, 30_000, 60_000])
 def test_phases_keep_their_proportions(iterations: int) -> None:
-    full, scaled = Milestones(), create_config(iterations=iterations).marks
+    full, scaled = Milestones(), create_config(iterations=iterations).milestones
     for field in dataclasses.fields(Milestones):
         share = getattr(full, field.name) / full.iterations
         if field.name != "growth_interval":
@@ -38,12 +41,12 @@ def test_phases_keep_their_proportions(iterations: int) -> None:
     order = [scaled.noise_start, scaled.growth_pause_end, scaled.context_start, scaled.growth_end, scaled.iterations]
     assert order == sorted(order)
     assert scaled.growth_interval >= 50
-    chosen = create_config(iterations=iterations, growth_interval=100).marks
+    chosen = create_config(iterations=iterations, growth_interval=100).milestones
     assert chosen == dataclasses.replace(scaled, growth_interval=100)
 
 
 def test_schedule_of_2400_iterations_is_pinned() -> None:
-    marks = create_config(iterations=2400).marks
+    marks = create_config(iterations=2400).milestones
     assert (marks.statistics_start, marks.growth_start, marks.growth_end, marks.growth_interval) == (40, 120, 1200, 50)
     assert (marks.noise_start, marks.growth_pause_end, marks.context_start) == (240, 320, 800)
 
@@ -69,7 +72,7 @@ def test_causal_learning_rate_rises_after_growth() -> None:
         assert 1 < late[1] < most
         assert late[2:] == [most, most]
     assert runs[2].rates.mask_logits.late == 1
-    middle = runs[2].marks.growth_end
+    middle = runs[2].milestones.growth_end
     before, after = (learning_rates(runs[2], middle + step, 1.0) for step in (0, 1))
     assert after["offsets"] == pytest.approx(7 * before["offsets"], rel=1e-3)
     assert after["mask_logits"] == before["mask_logits"]
@@ -82,8 +85,13 @@ def test_invalid_settings_are_refused() -> None:
         with pytest.raises(InvalidValueError):
             create_config(**bad)
     with pytest.raises(InvalidValueError, match="recipe"):
-        config_from_json({"marks": {}})
+        config_from_json({"milestones": {}})
     plain = json.loads(json.dumps(dataclasses.asdict(create_config())))
-    for wrong in ({**plain, "pace": 1}, {**plain, "marks": {}}, {**plain, "growth": [1]}, {**plain, "model": None}):
+    for wrong in (
+        {**plain, "pace": 1},
+        {**plain, "milestones": {}},
+        {**plain, "growth": [1]},
+        {**plain, "model": None},
+    ):
         with pytest.raises(InvalidValueError, match="recipe"):
             config_from_json(wrong)

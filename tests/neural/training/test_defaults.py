@@ -53,9 +53,9 @@ def test_training_preset_follows_the_dataset_layout(file: str, preset: str, tmp_
     (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / file).write_text("{}")
     config = _config(Train(str(tmp_path), "scene"))
-    assert (config.preset, config.marks.iterations) == (preset, CPU_ITERATIONS)
+    assert (config.preset, config.milestones.iterations) == (preset, CPU_ITERATIONS)
     chosen = _config(Train(str(tmp_path), "scene", preset="deep_blending", iterations=300))
-    assert (chosen.preset, chosen.marks.iterations) == ("deep_blending", 300)
+    assert (chosen.preset, chosen.milestones.iterations) == ("deep_blending", 300)
 
 
 def _run(words: list[object]) -> int:

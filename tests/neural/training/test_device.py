@@ -54,7 +54,7 @@ def _short(config: TrainConfig) -> TrainConfig:
         iterations=24, noise_start=8, growth_pause_end=10, context_start=15, statistics_start=1, growth_start=2,
         growth_end=20, growth_interval=4,
     )  # fmt: skip
-    return dataclasses.replace(config, marks=marks, growth=dataclasses.replace(config.growth, max_anchors=220))
+    return dataclasses.replace(config, milestones=marks, growth=dataclasses.replace(config.growth, max_anchors=220))
 
 
 def _copy(state: TrainState) -> TrainState:
@@ -188,7 +188,7 @@ def test_empty_view_is_trained_without_error(dataset: Dataset, config: TrainConf
     cameras = dataclasses.replace(dataset.cameras, viewmats=away)
     state = initial_state(dataset, config)
     before = {name: value.detach().clone() for name, value in state.parameters.items()}
-    for _ in range(config.marks.statistics_start + 1):
+    for _ in range(config.milestones.statistics_start + 1):
         photo = prepare_photo(torch.from_numpy(dataset.image(0)))
         assert TrainingStep(config, cameras, plain)(state, 0, photo).num_gaussians == 0
     assert all(torch.equal(before[name], value.detach()) for name, value in state.parameters.items())

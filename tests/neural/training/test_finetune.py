@@ -28,7 +28,7 @@ pytestmark = pytest.mark.slow
 def _finished(dataset: Dataset, config: TrainConfig):
     state, step = initial_state(dataset, config), TrainingStep(config, dataset.cameras)
     photo = prepare_photo(torch.from_numpy(dataset.image(1)))
-    for _ in range(config.marks.iterations):
+    for _ in range(config.milestones.iterations):
         step(state, 1, photo)
     return export_scene(state, config)
 
@@ -36,7 +36,7 @@ def _finished(dataset: Dataset, config: TrainConfig):
 def test_state_of_a_scene_exports_the_same_scene(dataset: Dataset, config: TrainConfig) -> None:
     scene = _finished(dataset, config)
     recipe = fine_tuning(create_config(iterations=30, losses=("bernoulli:0.2",)), scene)
-    assert (recipe.marks.iterations, recipe.losses.models) == (30, ("bernoulli:0.2",))
+    assert (recipe.milestones.iterations, recipe.losses.models) == (30, ("bernoulli:0.2",))
     again = export_scene(state_of_scene(scene, dataset, recipe), recipe)
     for name, value in vars(scene.anchors).items():
         found = getattr(again.anchors, name)

@@ -59,7 +59,7 @@ def test_gpu_run_improves_pictures_and_resumes_on_the_cpu(
     dataset: Dataset, config: TrainConfig, tmp_path: Path
 ) -> None:
     growth = dataclasses.replace(config.growth, gradient_threshold=2e-4)
-    config = dataclasses.replace(config, marks=config.marks.scaled(200), growth=growth)
+    config = dataclasses.replace(config, milestones=config.milestones.scaled(200), growth=growth)
     train, test = dataset.select([0, 1, 2, 4, 5, 6]), dataset.select([3, 7])
     before = assess_scene(export_scene(initial_state(train, config), config), train, 6, 0).psnr
     path = tmp_path / "run.checkpoint"

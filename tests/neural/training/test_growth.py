@@ -32,7 +32,7 @@ def _rules(config: TrainConfig, **changes: float) -> TrainConfig:
 
 
 def _seen(state: TrainState, config: TrainConfig, gradient: float, opacity: float) -> None:
-    often = config.marks.growth_interval + 1.0
+    often = config.milestones.growth_interval + 1.0
     state.statistics.visits += often
     state.statistics.opacity_sum += often * opacity
     state.statistics.gradient_count += often
@@ -148,7 +148,7 @@ def test_no_anchor_is_pruned_before_the_first_pruning(state: TrainState, config:
 
 
 def test_uniformly_transparent_scene_is_kept_until_half_of_the_growth(state: TrainState, config: TrainConfig) -> None:
-    half = config.marks.growth_end // 2
+    half = config.milestones.growth_end // 2
     for iteration in (1, half):
         _seen(state, config, gradient=0.0, opacity=0.0)
         state.iteration, before = iteration, state.num_anchors

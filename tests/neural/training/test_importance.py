@@ -47,9 +47,9 @@ def test_anchors_are_reordered_with_all_their_state(state: TrainState, config: T
 
 def test_first_share_of_anchors_is_received(state: TrainState, dataset: Dataset, config: TrainConfig) -> None:
     losses = LossTraining(first=(0.25,), share=1.0)
-    config = dataclasses.replace(config, losses=losses, marks=dataclasses.replace(config.marks, growth_end=5))
+    config = dataclasses.replace(config, losses=losses, milestones=dataclasses.replace(config.milestones, growth_end=5))
     channel = PacketLosses(config, TrainedContext(config, COMPILED, AnchorCache(config)), AnchorCache(config))
-    assert state.iteration == config.marks.growth_end + 1
+    assert state.iteration == config.milestones.growth_end + 1
     channel.begin(state, dataset.cameras)
     importance = importance_of(state, config, dataset.cameras).share
     assert bool((importance[:-1] >= importance[1:]).all())
@@ -66,9 +66,9 @@ def test_anchors_are_sorted_again_as_importance_changes(
     since: int, again: bool, state: TrainState, dataset: Dataset, config: TrainConfig
 ) -> None:
     losses = LossTraining(first=(0.25,))
-    config = dataclasses.replace(config, losses=losses, marks=dataclasses.replace(config.marks, growth_end=5))
+    config = dataclasses.replace(config, losses=losses, milestones=dataclasses.replace(config.milestones, growth_end=5))
     channel = PacketLosses(config, TrainedContext(config, COMPILED, AnchorCache(config)), AnchorCache(config))
-    state.iteration = config.marks.growth_end + since
+    state.iteration = config.milestones.growth_end + since
     order_anchors(state, Importance.of_footprints(-importance_of(state, config, dataset.cameras).share + 1))
     channel.begin(state, dataset.cameras)
     share = importance_of(state, config, dataset.cameras).share

@@ -55,10 +55,10 @@ def _counted(counter: Launches, dataset: Dataset, config: TrainConfig, start: in
 def _stretched(config: TrainConfig) -> TrainConfig:
     """Phases long enough for counting, without new anchors."""
     marks = dataclasses.replace(
-        config.marks, iterations=400, statistics_start=40, growth_start=380, noise_start=100, growth_pause_end=100,
+        config.milestones, iterations=400, statistics_start=40, growth_start=380, noise_start=100, growth_pause_end=100,
         context_start=200, growth_end=300,
     )  # fmt: skip
-    return dataclasses.replace(config, model=SMALL_CAUSAL, marks=marks, mask_threshold=0.1)
+    return dataclasses.replace(config, model=SMALL_CAUSAL, milestones=marks, mask_threshold=0.1)
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.neural.training.config import LossTraining, TrainConfig
-from splatwire.neural.training.context import AnchorCache, SampleRate, TrainedContext
+from splatwire.neural.training.context import AnchorCache, SampleBits, TrainedContext
 from splatwire.neural.training.export import export_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import COMPILED
@@ -49,7 +49,7 @@ def grown(dataset: Dataset, config: TrainConfig, tmp_path_factory: pytest.TempPa
     """Checkpoint of a run after growth, with a fixed set of anchors."""
     state, step = initial_state(dataset, config), TrainingStep(config, dataset.cameras)
     photos = [prepare_photo(torch.from_numpy(dataset.image(view))) for view in range(4)]
-    for i in range(config.marks.growth_end):
+    for i in range(config.milestones.growth_end):
         step(state, i % 4, photos[i % 4])
     path: Path = tmp_path_factory.mktemp("grown") / "run.checkpoint"
     save_checkpoint(state, config, path)
@@ -135,7 +135,7 @@ def test_losses_start_after_growth_for_their_share_of_iterations(state: TrainSta
     losses = _losses(_lossy(config, "bernoulli:0.4", share=0.3))
     drawn = sum(losses.draw(state, None) is not None for _ in range(400))
     assert 0.3 * 400 - 40 < drawn < 0.3 * 400 + 40
-    state.iteration = config.marks.growth_end
+    state.iteration = config.milestones.growth_end
     assert not any(losses.draw(state, None) for _ in range(40))
 
 
@@ -155,11 +155,11 @@ def test_lost_anchors_get_no_picture_gradient(
     dataset: Dataset, state: TrainState, config: TrainConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Only the picture has gradients here, without a rate."""
-    config = dataclasses.replace(config, marks=dataclasses.replace(config.marks, context_start=100))
+    config = dataclasses.replace(config, milestones=dataclasses.replace(config.milestones, context_start=100))
     config = _lossy(config, "bernoulli:0.5", share=1.0)
     drawn, draw = [], PacketLosses.draw
 
-    def watched(losses: PacketLosses, state: TrainState, rate: SampleRate | None) -> Loss | None:
+    def watched(losses: PacketLosses, state: TrainState, rate: SampleBits | None) -> Loss | None:
         drawn.append(draw(losses, state, rate))
         return drawn[-1]
 

@@ -52,8 +52,12 @@ def test_only_offset_and_mask_rates_scale_with_the_scene() -> None:
 
 def test_resumed_finished_scene_uses_rates_of_the_second_half() -> None:
     plain, longer = create_config(iterations=600), create_config(iterations=600, losses=("bernoulli:0.2",))
-    assert (longer.marks.fine_tuning_start, longer.marks.tuning, longer.marks.iterations) == (600, 180, 780)
-    assert dataclasses.replace(longer.marks, iterations=600, tuning=0) == plain.marks
+    assert (longer.milestones.fine_tuning_start, longer.milestones.tuning, longer.milestones.iterations) == (
+        600,
+        180,
+        780,
+    )
+    assert dataclasses.replace(longer.milestones, iterations=600, tuning=0) == plain.milestones
     for iteration in (1, 301, 600):
         assert learning_rates(longer, iteration, 1.0) == learning_rates(plain, iteration, 1.0)
     after, end = (learning_rates(longer, iteration, 1.0) for iteration in (601, 780))
@@ -61,4 +65,4 @@ def test_resumed_finished_scene_uses_rates_of_the_second_half() -> None:
         if name != "mask_logits":
             assert after[name] == pytest.approx(math.sqrt(rate.initial * rate.final), rel=0.03)
             assert end[name] == pytest.approx(rate.final)
-    assert create_config(model="hacpp", losses=("bernoulli:0.2",)).marks.tuning == 0
+    assert create_config(model="hacpp", losses=("bernoulli:0.2",)).milestones.tuning == 0

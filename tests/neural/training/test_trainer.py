@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 
 def _longer(config: TrainConfig) -> TrainConfig:
     growth = dataclasses.replace(config.growth, gradient_threshold=2e-4)
-    return dataclasses.replace(config, marks=config.marks.scaled(200), growth=growth)
+    return dataclasses.replace(config, milestones=config.milestones.scaled(200), growth=growth)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def test_progress_reports_size_once_the_context_is_trained(
     trained: tuple[float, list[Progress], list[QualityReport], Dataset], config: TrainConfig
 ) -> None:
     _, news, _, _ = trained
-    start = _longer(config).marks.context_start
+    start = _longer(config).milestones.context_start
     sizes = [now.estimated_bytes for now in news]
     assert all(size is None for size in sizes[:start])
     assert all(size is not None and size > 0 for size in sizes[start:])

@@ -22,8 +22,8 @@ pytestmark = pytest.mark.slow
 
 
 def going_on(config: TrainConfig) -> TrainConfig:
-    marks = dataclasses.replace(config.marks, iterations=80, tuning=20)
-    return dataclasses.replace(config, marks=marks, averaged=4, losses=loss_training(("bernoulli:0.3",)))
+    marks = dataclasses.replace(config.milestones, iterations=80, tuning=20)
+    return dataclasses.replace(config, milestones=marks, averaged=4, losses=loss_training(("bernoulli:0.3",)))
 
 
 def test_state_at_the_start_of_fine_tuning_equals_its_exported_scene(dataset: Dataset, config: TrainConfig) -> None:

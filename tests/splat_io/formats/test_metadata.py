@@ -17,7 +17,7 @@ from splatwire.codec.metadata import SECTION, read_metadata
 from splatwire.errors import BitstreamError
 from splatwire.io import open_scene, save_scene
 from splatwire.io.formats import write_splats
-from splatwire.io.formats.kinds import read_content
+from splatwire.io.formats.dispatch import read_content
 from splatwire.io.formats.ply_metadata import stated_metadata
 from splatwire.types import SplatScene
 from splatwire.types.metadata import MAX_TEXT, NO_METADATA, SceneMetadata, StartView, clean_text

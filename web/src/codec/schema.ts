@@ -11,7 +11,7 @@ import type { Copies, Part } from "./part.ts";
 import type { Splats } from "./splats.ts";
 
 /** Frames of a moving scene, as far as their packets were received. */
-export interface ClipDecoder {
+export interface SequenceDecoder {
   /** Frames per second, number of frames, and frames per group of pictures. */
   readonly times: { readonly rate: number; readonly numFrames: number; readonly groupFrames: number };
   /** Names of the concealers for lost motion packets. */
@@ -59,7 +59,7 @@ export interface Schema<P extends Part = Part> {
   readonly middle: readonly number[] | null;
   readonly sections: Map<string, Uint8Array>;
   /** Frames of a moving scene; null for static scenes. */
-  readonly moving: ClipDecoder | null;
+  readonly moving: SequenceDecoder | null;
   /** Tiles of a scene with levels; null for other scenes. */
   readonly tiling: Tiling | null;
   /** Concealers for this kind of elements, by name. */

@@ -12,7 +12,6 @@ import type { Choice } from "../transport/losses.ts";
 import type { Facts, FromWorker, ToWorker } from "../transport/messages.ts";
 import { addressOf, resolveSource, titleOf } from "./address.ts";
 import { AutoRotation } from "./auto_rotation.ts";
-import { ClipPlayback } from "./clip_playback.ts";
 import { Comparison } from "./comparison.ts";
 import { createElement } from "./elements.ts";
 import { type Dispatch, newStatus, type Status } from "./events.ts";
@@ -23,6 +22,7 @@ import { Milestones } from "./milestones.ts";
 import { showMetadata, showPacketStatistics } from "./packet_statistics.ts";
 import { Panel } from "./panel.ts";
 import { screenshot } from "./screenshot.ts";
+import { SequencePlayback } from "./sequence_playback.ts";
 import { SessionStatus } from "./session_status.ts";
 import { type PictureContent, Stage } from "./stage.ts";
 
@@ -53,7 +53,7 @@ export class Controller {
   readonly status: Status = newStatus();
   readonly stage: Stage;
   readonly panel: Panel;
-  readonly #playback = new ClipPlayback(
+  readonly #playback = new SequencePlayback(
     () => this.panel,
     (number) => this.#send({ kind: "frame", number, choice: this.#choice }),
   );
@@ -192,7 +192,7 @@ export class Controller {
     return this.stage.viewpoint;
   }
 
-  get playback(): ClipPlayback {
+  get playback(): SequencePlayback {
     return this.#playback;
   }
 
@@ -507,7 +507,7 @@ export class Controller {
   }
 
   #settingsChanged(): void {
-    if (this.#playback.isClip) return this.#playback.redraw();
+    if (this.#playback.isSequence) return this.#playback.redraw();
     if (this.stage.view) this.#conceal(); // painted pictures have no gains
   }
 
@@ -518,7 +518,7 @@ export class Controller {
   }
 
   #conceal(): void {
-    if (this.#playback.isClip) return this.#playback.redraw();
+    if (this.#playback.isSequence) return this.#playback.redraw();
     clearTimeout(this.#timer);
     this.#timer = 0;
     this.#requestedAt = performance.now();
@@ -554,7 +554,7 @@ export class Controller {
     if (event.key === "f") this.stage.orbit.flip();
     else if (event.key === "h") this.panel.element.hidden = !this.panel.element.hidden;
     else if (event.key === "?") this.panel.showHelp(!this.panel.helpOpen);
-    else if (event.key === " " && this.#playback.isClip && !(origin instanceof HTMLButtonElement))
+    else if (event.key === " " && this.#playback.isSequence && !(origin instanceof HTMLButtonElement))
       this.#playback.play(this.#playback.paused);
     else if (!this.stage.controls.key(event.key, event.shiftKey)) return;
     event.preventDefault();

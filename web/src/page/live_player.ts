@@ -112,8 +112,8 @@ export class LivePlayer extends PlayerBase {
   }
 
   /** Statistics for the panel: late frames, stalled frames, delay in seconds. */
-  get facts(): { late: number; held: number; buffer: number } {
-    return { late: this.skipped, held: Math.round(this.#buffer.stalledFrames), buffer: this.#buffer.seconds };
+  get facts(): { late: number; stalled: number; buffer: number } {
+    return { late: this.skipped, stalled: Math.round(this.#buffer.stalledFrames), buffer: this.#buffer.seconds };
   }
 
   override get over(): boolean {

@@ -6,7 +6,7 @@ import { createElement, iconButton, setIcon } from "./elements.ts";
 export type RequestFrame = (frame: number) => void;
 
 /** Timing of a clip. */
-export interface ClipTiming {
+export interface SequenceTiming {
   readonly rate: number;
   readonly numFrames: number;
 }
@@ -112,7 +112,7 @@ export class Player extends PlayerBase {
   #began = 0;
 
   constructor(
-    readonly times: ClipTiming,
+    readonly times: SequenceTiming,
     ask: RequestFrame,
   ) {
     super(times.rate, ask);

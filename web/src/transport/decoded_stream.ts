@@ -123,14 +123,14 @@ export class DecodedStream {
    * Returns the steps from the drawn units (with their numbers of packets) to those of a camera. Each step shows every
    * part of the scene exactly once. A unit with new packets replaces itself.
    */
-  swaps(camera: Camera, held: ReadonlyMap<number, number>): Swap[] {
+  swaps(camera: Camera, before: ReadonlyMap<number, number>): Swap[] {
     const tiling = this.decoder.schema.tiling!;
     tiling.look(camera);
     this.#drawn = this.#parts.length;
     const drawn = new Set(tiling.drawn),
-      grown = tiling.drawn.filter((piece) => tiling.packetsOf(piece) > (held.get(piece) ?? Infinity));
+      grown = tiling.drawn.filter((piece) => tiling.packetsOf(piece) > (before.get(piece) ?? Infinity));
     return [
-      ...swapsOf(tiling.pieces.parents, new Set(held.keys()), drawn),
+      ...swapsOf(tiling.pieces.parents, new Set(before.keys()), drawn),
       ...grown.map((piece) => ({ gone: [piece], come: [piece] })),
     ];
   }

@@ -24,7 +24,7 @@ export interface Source {
 
 /** Listener with the received packets and the state of the connection. */
 export interface Receiver extends Listener {
-  readonly held: PacketStore;
+  readonly store: PacketStore;
   /** True for live clips, which have no file. */
   readonly live: boolean;
   note(text: string): void;
@@ -54,7 +54,7 @@ export function receiveAll(source: Source, receiver: Receiver, ways = TRANSPORTS
   const attempts = new Failover(source, receiver, ways);
   return withBackoff(() => attempts.attempt(), {
     isRetryable: (error) => !receiver.stopped() && attempts.canRetry(error),
-    progress: () => receiver.held.count,
+    progress: () => receiver.store.count,
     lost: (reason, retryMs) => receiver.lost(reason, retryMs),
     wait: ways.wait,
   });
@@ -89,9 +89,9 @@ class Failover {
    */
   async attempt(): Promise<string> {
     const { receiver } = this,
-      { held } = receiver,
-      { count } = held,
-      begun = this.#session !== null && !held.complete;
+      { store } = receiver,
+      { count } = store,
+      begun = this.#session !== null && !store.complete;
     let broken: unknown = null;
     if (begun) {
       try {
@@ -100,11 +100,11 @@ class Failover {
         broken = error;
       }
       const reason = (broken as Error).message;
-      if (receiver.live || held.count > count) throw broken;
-      receiver.note(`${held.hasHead ? "The rest comes" : "The stream comes"} by HTTP: ${reason}.`);
+      if (receiver.live || store.count > count) throw broken;
+      receiver.note(`${store.hasHead ? "The rest comes" : "The stream comes"} by HTTP: ${reason}.`);
     }
     try {
-      return await receiveFile(this.#file, receiver, held);
+      return await receiveFile(this.#file, receiver, store);
     } catch (error) {
       if (!(error instanceof HttpError && error.final)) throw error;
       return this.#withoutFile(error, begun, broken as Error | null);
@@ -146,16 +146,16 @@ class Failover {
 
   async #begin(session: Session): Promise<string> {
     const { receiver, source } = this,
-      { held } = receiver,
-      before = held.head && {
-        head: held.head,
-        object: held.object,
-        bitsOf: (order: string): Uint8Array | null => held.bitsOf(order),
+      { store } = receiver,
+      before = store.head && {
+        head: store.head,
+        object: store.object,
+        bitsOf: (order: string): Uint8Array | null => store.bitsOf(order),
       },
       opening = { isRetry: this.#numSessions++ > 0, isOnlySource: receiver.live || this.#isWithoutFile },
       ended = await this.ways.receiveDatagrams(session, source.name, receiver, before, opening);
     if (!["complete", "sent", "stopped"].includes(ended)) throw new Error(ended);
-    const isShort = ended === "complete" && !receiver.live && held.hasHead && !held.complete;
+    const isShort = ended === "complete" && !receiver.live && store.hasHead && !store.complete;
     if (isShort && ++this.#incomplete <= MAX_INCOMPLETE) throw new Error("the session ended without all packets");
     return isShort ? "sent" : ended;
   }

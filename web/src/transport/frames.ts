@@ -63,7 +63,7 @@ export interface Welcome {
   /** True if the server sends the tiles of a view first. */
   readonly viewable: boolean;
   /** True if the stream grows and further periods follow. */
-  readonly open: boolean;
+  readonly isLive: boolean;
   readonly preview: Uint8Array;
   /** Digest of everything that determines the packets' positions: the init segment and the layout, hexadecimal. */
   readonly order: string;
@@ -90,7 +90,7 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
     packetBytes: numbers.getUint16(63, true),
     bundled: numbers.getUint32(65, true),
     viewable: (flags & VIEWABLE) > 0,
-    open: (flags & OPEN) > 0,
+    isLive: (flags & OPEN) > 0,
     preview: bytes.slice(at + 2, at + 2 + size),
     order: hex(sha256(bytes.subarray(13, at))).slice(0, 2 * ORDER_BYTES),
   };
@@ -128,22 +128,22 @@ export interface Report {
 
 export function writeFeedback(report: Report): Uint8Array {
   const { session, largest, received, clock, symbolsMissing, lost, lostSequences } = report,
-    asked = [...lost, ...lostSequences];
-  return frame(FEEDBACK, 24 + 4 * asked.length, (numbers) => {
+    nacks = [...lost, ...lostSequences];
+  return frame(FEEDBACK, 24 + 4 * nacks.length, (numbers) => {
     [session, largest, received, clock % 2 ** 32, symbolsMissing].forEach((value, n) =>
       numbers.setUint32(1 + 4 * n, value, true),
     );
     numbers.setUint16(21, lost.length, true);
     numbers.setUint16(23, lostSequences.length, true);
-    asked.forEach((number, n) => numbers.setUint32(25 + 4 * n, number, true));
+    nacks.forEach((number, n) => numbers.setUint32(25 + 4 * n, number, true));
   });
 }
 
-/** Builds messages that announce stored packets of a stream. `held` has one bit per packet. */
-export function writeHave(nonce: bigint, streamId: number, held: Uint8Array): Uint8Array[] {
-  return Array.from({ length: Math.ceil(held.length / MAX_HELD_BYTES) || 1 }, (_, n) => {
+/** Builds messages that announce stored packets of a stream. `received` has one bit per packet. */
+export function writeHave(nonce: bigint, streamId: number, received: Uint8Array): Uint8Array[] {
+  return Array.from({ length: Math.ceil(received.length / MAX_HELD_BYTES) || 1 }, (_, n) => {
     const first = MAX_HELD_BYTES * n,
-      part = held.subarray(first, first + MAX_HELD_BYTES);
+      part = received.subarray(first, first + MAX_HELD_BYTES);
     return frame(HAVE, 17 + part.length, (numbers, bytes) => {
       numbers.setBigUint64(1, nonce, true);
       numbers.setUint32(9, streamId, true);

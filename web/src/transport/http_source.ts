@@ -36,22 +36,22 @@ class Reordered extends Error {}
  * range requests are unsupported or fail repeatedly. Throws if the connection breaks, the server refuses, or the file
  * is not a stream.
  */
-export async function receiveFile(file: HttpFile, listener: Listener, held: PacketStore): Promise<string> {
+export async function receiveFile(file: HttpFile, listener: Listener, store: PacketStore): Promise<string> {
   let fallback = false;
   for (;;) {
-    const { count } = held;
+    const { count } = store;
     try {
-      if ((file.ranges === "unusable" || file.isTryingWhole) && !(held.complete && file.compared))
-        return await receiveWhole(file, listener, held);
-      if (!held.hasHead) return await receiveFresh(file, listener, held);
-      if (!file.compared) await compare(file, listener, held);
-      if (file.ranges === "unusable" && !held.complete) continue;
+      if ((file.ranges === "unusable" || file.isTryingWhole) && !(store.complete && file.compared))
+        return await receiveWhole(file, listener, store);
+      if (!store.hasHead) return await receiveFresh(file, listener, store);
+      if (!file.compared) await compare(file, listener, store);
+      if (file.ranges === "unusable" && !store.complete) continue;
       const { fetching } = listener;
       return fetching && !file.isLinear
-        ? await receiveTiles(file, listener, held, fetching)
-        : await receiveGaps(file, listener, held);
+        ? await receiveTiles(file, listener, store, fetching)
+        : await receiveGaps(file, listener, store);
     } catch (error) {
-      if (held.count > count) file.damages = file.useless = 0;
+      if (store.count > count) file.damages = file.useless = 0;
       if (error instanceof RangeUnsupported && file.ranges !== "unusable") {
         file.ranges = "unusable";
         fallback = true;
@@ -59,11 +59,11 @@ export async function receiveFile(file: HttpFile, listener: Listener, held: Pack
         file.noteChange();
         if (file.changes > MAX_CHANGES)
           throw new BitstreamError(`${file.url} is replaced again and again while it is read`);
-        held.clear();
+        store.clear();
         listener.changed?.();
         file.damagedTiles.clear();
       } else if (error instanceof Reordered) {
-        held.forgetOffsets();
+        store.forgetOffsets();
       } else if (error instanceof OtherOrder) {
         file.isLinear = true;
       } else if (error instanceof DamagedTiles) {
@@ -73,16 +73,16 @@ export async function receiveFile(file: HttpFile, listener: Listener, held: Pack
         const { cause } = error;
         if (++file.damages > MAX_REPEATS) {
           if (cause instanceof BitstreamError) throw cause;
-          if (!held.hasHead) throw new BitstreamError(error.message);
-          return missingIn(held);
+          if (!store.hasHead) throw new BitstreamError(error.message);
+          return missingIn(store);
         }
-        if (!held.hasHead) file.ranges = "unusable"; // a range response may contain other bytes than declared
+        if (!store.hasHead) file.ranges = "unusable"; // a range response may contain other bytes than declared
         file.compared = false;
         await file.wait(file.damages);
       } else {
         // the connection or the file caused the failure
         if (fallback && (error instanceof TypeError || error instanceof HttpError)) file.ranges = "unknown";
-        file.noteFailure(error as Error, held.count > count);
+        file.noteFailure(error as Error, store.count > count);
         throw error;
       }
     }
@@ -90,8 +90,8 @@ export async function receiveFile(file: HttpFile, listener: Listener, held: Pack
 }
 
 /** Revalidates the stored manifest against the file. Throws `Changed` for a different one. */
-async function compare(file: HttpFile, listener: Listener, held: PacketStore): Promise<void> {
-  const known = held.manifestBytes,
+async function compare(file: HttpFile, listener: Listener, store: PacketStore): Promise<void> {
+  const known = store.manifestBytes,
     cache = file.cache === "default" ? "no-cache" : file.cache,
     bytes = await readRange(file, 0, known.length, known.length, cache);
   if (bytes.length < known.length || !isStream(bytes)) {
@@ -99,19 +99,19 @@ async function compare(file: HttpFile, listener: Listener, held: PacketStore): P
     file.noteUseless(reason);
     throw new Damaged(reason, { cause: new BitstreamError(reason) });
   }
-  if (!held.isSame(bytes)) throw new FileReplaced();
+  if (!store.isSame(bytes)) throw new FileReplaced();
   file.compared = true;
   listener.confirmed?.();
 }
 
 /** Reads the file from its beginning: a first range and, unless a view selects tiles, the rest. */
-async function receiveFresh(file: HttpFile, listener: Listener, held: PacketStore): Promise<string> {
+async function receiveFresh(file: HttpFile, listener: Listener, store: PacketStore): Promise<string> {
   const { firstBytes } = file.limits;
   let answer = await file.request(0, firstBytes),
     begin = 0,
     end = 0;
-  const reader = new PacketReader(listener, held, answer.keep),
-    tally = new ProgressReporter(listener, held);
+  const reader = new PacketReader(listener, store, answer.keep),
+    tally = new ProgressReporter(listener, store);
   for (;;) {
     try {
       for (let piece = await answer.read(); piece; piece = await answer.read()) {
@@ -120,14 +120,14 @@ async function receiveFresh(file: HttpFile, listener: Listener, held: PacketStor
         reader.feed(piece);
         if (reader.head) file.compared = true;
         tally.add(piece.length);
-        if (held.complete) return "complete";
+        if (store.complete) return "complete";
       }
     } finally {
       answer.cancel();
     }
     // a server may return a shorter range than requested
     if (answer.whole || end === begin || (answer.total === null && end - begin < firstBytes)) break;
-    if (reader.head && listener.fetching) return receiveTiles(file, listener, held, listener.fetching);
+    if (reader.head && listener.fetching) return receiveTiles(file, listener, store, listener.fetching);
     begin = end;
     try {
       answer = await file.request(end, reader.head ? null : end + firstBytes);
@@ -137,27 +137,27 @@ async function receiveFresh(file: HttpFile, listener: Listener, held: PacketStor
     }
   }
   reader.finish();
-  if (held.complete) return "complete";
+  if (store.complete) return "complete";
   if (!reader.head) throw new Damaged("the file ends before its side information does");
-  throw missing(held);
+  throw missing(store);
 }
 
 /** Reads the missing packets of a file, run by run. Throws `Reordered` if they are not at the expected offsets. */
-async function receiveGaps(file: HttpFile, listener: Listener, held: PacketStore): Promise<string> {
-  const tally = new ProgressReporter(listener, held);
+async function receiveGaps(file: HttpFile, listener: Listener, store: PacketStore): Promise<string> {
+  const tally = new ProgressReporter(listener, store);
   tally.add(0);
-  for (let before = -1; held.count > before; ) {
-    before = held.count; // a server may return a shorter range than requested
-    const { gaps } = held;
-    if (held.isReordered) restart(file); // the cache may have offsets of two orders, which hide missing packets
+  for (let before = -1; store.count > before; ) {
+    before = store.count; // a server may return a shorter range than requested
+    const { gaps } = store;
+    if (store.isReordered) restart(file); // the cache may have offsets of two orders, which hide missing packets
     for (const gap of gaps) {
       if (listener.stopped()) return "stopped";
-      await receiveGap(file, gap, listener, held, tally);
+      await receiveGap(file, gap, listener, store, tally);
     }
   }
-  if (held.complete) return "complete";
-  if (held.isReordered) restart(file);
-  throw missing(held);
+  if (store.complete) return "complete";
+  if (store.isReordered) restart(file);
+  throw missing(store);
 }
 
 /** Restarts without the known offsets. After too many restarts, the whole file is requested. */
@@ -179,16 +179,16 @@ async function receiveGap(
   file: HttpFile,
   gap: Gap,
   listener: Listener,
-  held: PacketStore,
+  store: PacketStore,
   tally: ProgressReporter,
 ): Promise<void> {
   const first = gap.before ?? gap.offset,
-    read = await readPart(file, gap, first, listener, held, tally);
-  if (read.size) checkOrder(file, isAsKnown(gap, held, read.reader));
-  if (held.isReordered && !held.complete) restart(file);
-  const isDone = held.complete || listener.stopped() || gap.before === null || read.reader.intact > 1;
+    read = await readPart(file, gap, first, listener, store, tally);
+  if (read.size) checkOrder(file, isAsKnown(gap, store, read.reader));
+  if (store.isReordered && !store.complete) restart(file);
+  const isDone = store.complete || listener.stopped() || gap.before === null || read.reader.intact > 1;
   if (!isDone && read.size && first + read.size < (gap.end ?? Infinity))
-    await readPart(file, gap, gap.offset, listener, held, tally);
+    await readPart(file, gap, gap.offset, listener, store, tally);
 }
 
 async function readPart(
@@ -196,11 +196,11 @@ async function readPart(
   gap: Gap,
   begin: number,
   listener: Listener,
-  held: PacketStore,
+  store: PacketStore,
   tally: ProgressReporter,
 ): Promise<{ size: number; reader: PacketReader }> {
   const answer = await file.request(begin, gap.end),
-    reader = new PacketReader(listener, held, answer.keep, held.head, begin);
+    reader = new PacketReader(listener, store, answer.keep, store.head, begin);
   let size = 0;
   try {
     for (let piece = await answer.read(); piece; piece = await answer.read()) {
@@ -208,13 +208,13 @@ async function readPart(
       tally.add(piece.length);
       size += piece.length;
       if (reader.intact) file.ranges = "usable";
-      if (held.complete || listener.stopped()) return { size, reader };
+      if (store.complete || listener.stopped()) return { size, reader };
     }
     reader.finish();
   } catch (error) {
     if (!(error instanceof Damaged)) throw error;
     if (gap.end === null && !reader.intact) file.noteUseless(error.message);
-    checkOrder(file, isAsKnown(gap, held, reader) || begin === gap.offset);
+    checkOrder(file, isAsKnown(gap, store, reader) || begin === gap.offset);
     if (gap.end === null) throw error;
   } finally {
     answer.cancel();
@@ -223,37 +223,38 @@ async function readPart(
 }
 
 /** Returns true if the packet before a gap is at the expected offset. */
-function isAsKnown({ before }: Gap, held: PacketStore, { first }: PacketReader): boolean {
-  return before === null || (first !== null && first.position === before && held.isAt(before, first.bytes));
+function isAsKnown({ before }: Gap, store: PacketStore, { first }: PacketReader): boolean {
+  return before === null || (first !== null && first.position === before && store.isAt(before, first.bytes));
 }
 
 /** Reads the whole file with one request and skips the stored packets. */
-async function receiveWhole(file: HttpFile, listener: Listener, held: PacketStore): Promise<string> {
+async function receiveWhole(file: HttpFile, listener: Listener, store: PacketStore): Promise<string> {
   const answer = await file.request(null);
   try {
-    const ended = await readAll(answer, listener, held, new ProgressReporter(listener, held));
+    const ended = await readAll(answer, listener, store, new ProgressReporter(listener, store));
     if (ended) return ended;
   } finally {
     answer.cancel();
   }
-  throw missing(held);
+  throw missing(store);
 }
 
 /** Reads a stream that is embedded in the page. */
 export async function receiveBytes(
   bytes: Uint8Array<ArrayBuffer>,
   listener: Listener,
-  held: PacketStore,
+  store: PacketStore,
 ): Promise<string> {
   const stream = new Response(bytes).body!.getReader(),
     read = async (): Promise<Uint8Array | null> => (await stream.read()).value ?? null,
     answer = { offset: 0, whole: true, total: bytes.length, keep: false, read, cancel: () => undefined };
   try {
     return (
-      (await readAll(answer, listener, held, new ProgressReporter(listener, held, "in this file"))) ?? missingIn(held)
+      (await readAll(answer, listener, store, new ProgressReporter(listener, store, "in this file"))) ??
+      missingIn(store)
     );
   } catch (error) {
-    if (!(error instanceof Damaged) || !held.hasHead) throw (error as Error).cause ?? error;
+    if (!(error instanceof Damaged) || !store.hasHead) throw (error as Error).cause ?? error;
     return error.message;
   }
 }
@@ -262,24 +263,24 @@ export async function receiveBytes(
 async function readAll(
   answer: Answer,
   listener: Listener,
-  held: PacketStore,
+  store: PacketStore,
   tally: ProgressReporter,
 ): Promise<string | null> {
-  const reader = new PacketReader(listener, held, answer.keep);
+  const reader = new PacketReader(listener, store, answer.keep);
   for (let piece = await answer.read(); piece; piece = await answer.read()) {
     if (listener.stopped()) return "stopped";
     reader.feed(piece);
     tally.add(piece.length);
-    if (reader.head && held.complete) return "complete";
+    if (reader.head && store.complete) return "complete";
   }
   if (!reader.head) throw new Damaged("the file ends before its side information does");
   reader.finish();
-  return held.complete ? "complete" : null;
+  return store.complete ? "complete" : null;
 }
 
 /** Returns the error for missing packets. Stored ones may belong to another version of the stream. */
-function missing(held: PacketStore): Error {
-  return held.conflicts ? new FileReplaced() : new Damaged(missingIn(held));
+function missing(store: PacketStore): Error {
+  return store.conflicts ? new FileReplaced() : new Damaged(missingIn(store));
 }
 
 function missingIn({ head, count }: PacketStore): string {
@@ -294,7 +295,7 @@ class ProgressReporter {
 
   constructor(
     readonly listener: Listener,
-    readonly held: PacketStore,
+    readonly store: PacketStore,
     readonly way = WAY,
   ) {}
 
@@ -303,8 +304,8 @@ class ProgressReporter {
     this.listener.counts({
       way: this.way,
       bytes: this.#bytes,
-      packets: this.held.count,
-      expected: this.held.head?.manifest.numPackets ?? 0,
+      packets: this.store.count,
+      expected: this.store.head?.manifest.numPackets ?? 0,
       lost: 0,
       rejected: 0,
       seconds: (performance.now() - this.#began) / 1000,

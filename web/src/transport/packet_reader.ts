@@ -118,7 +118,7 @@ export class PacketReader {
    */
   constructor(
     readonly listener: Listener,
-    readonly held: PacketStore,
+    readonly store: PacketStore,
     readonly keep: boolean,
     head: Head | null = null,
     offset = 0,
@@ -156,14 +156,14 @@ export class PacketReader {
     this.intact += packets.length;
     this.first ??= packets[0] ?? null;
     if (packets.length) this.listener.packets(packets);
-    if (this.held.complete) return; // bytes after the last packet are ignored
+    if (this.store.complete) return; // bytes after the last packet are ignored
     if (this.#scanner!.broken) throw new Damaged("the rest of the file is damaged");
   }
 
   #report(head: Head, file: Uint8Array): void {
-    const { held, listener } = this;
-    if (held.hasHead && !held.isSame(file)) {
-      held.clear();
+    const { store, listener } = this;
+    if (store.hasHead && !store.isSame(file)) {
+      store.clear();
       listener.changed?.();
     }
     listener.head(head, file, this.keep);

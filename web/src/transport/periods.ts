@@ -1,6 +1,6 @@
 // Periods of a live clip: the current one, and the one before until its last frame was shown.
 
-import type { ClipDecoder } from "../codec/schema.ts";
+import type { SequenceDecoder } from "../codec/schema.ts";
 import type { DecodedStream } from "./decoded_stream.ts";
 
 /** Playable frames of a live clip, counted from its first frame. */
@@ -13,7 +13,7 @@ export interface Playable {
 /** Frame of a period. */
 export interface PeriodFrame {
   readonly received: DecodedStream;
-  readonly moving: ClipDecoder;
+  readonly moving: SequenceDecoder;
   readonly number: number;
 }
 
@@ -58,7 +58,7 @@ export class Periods {
     return this.#place(current, moving, Math.max(number, moving.firstFrame));
   }
 
-  #place(received: DecodedStream, moving: ClipDecoder, absolute: number): PeriodFrame {
+  #place(received: DecodedStream, moving: SequenceDecoder, absolute: number): PeriodFrame {
     const number = Math.min(absolute - moving.firstFrame, moving.times.numFrames - 1);
     received.decoder.intake.forget(moving.forget(number));
     return { received, moving, number };

@@ -28,7 +28,7 @@ export class OtherOrder extends Error {}
 export async function receiveTiles(
   file: HttpFile,
   listener: Listener,
-  held: PacketStore,
+  store: PacketStore,
   view: Fetching,
 ): Promise<string> {
   const { head } = view,
@@ -36,7 +36,7 @@ export async function receiveTiles(
     requested = new Set<number>(),
     began = performance.now(),
     expected = head.manifest.numPackets,
-    begin = held.headBytes;
+    begin = store.headBytes;
   let bytes = 0;
   const report = (): void =>
     listener.counts({

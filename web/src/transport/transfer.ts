@@ -205,7 +205,7 @@ export class Transfer {
     const { packets, bundled } = this.welcome!,
       lost: number[] = [];
     const stop = this.ended ? packets : this.#highest + 1 - REORDER;
-    const { open } = this.welcome!;
+    const { isLive } = this.welcome!;
     while (this.#lowest < packets && this.#packetStates[this.#lowest]) this.#lowest++;
     for (
       let place = this.head ? this.#lowest : Math.max(bundled, this.#lowest);
@@ -214,7 +214,7 @@ export class Transfer {
     ) {
       if (this.#packetStates[place] || now - (this.#nackedAt.get(place) ?? -1e9) < NACK_INTERVAL_MS) continue;
       const tries = this.#nackCounts.get(place) ?? 0;
-      if (open && tries === MAX_ATTEMPTS) {
+      if (isLive && tries === MAX_ATTEMPTS) {
         this.#packetStates[place] = 2; // a late motion packet is useless
         continue;
       }
@@ -256,7 +256,7 @@ export class Transfer {
    * it is received again and compared.
    */
   #goOn(before: Before, welcome: Welcome): void {
-    if (welcome.streamId !== before.head.manifest.streamId || welcome.open) return void (this.isSame = false);
+    if (welcome.streamId !== before.head.manifest.streamId || welcome.isLive) return void (this.isSame = false);
     const bits = before.bitsOf(welcome.order);
     if (!bits && (welcome.bundled || hex(sha256(before.object)) !== hex(welcome.digest))) return;
     this.isSame = true;
@@ -272,10 +272,10 @@ export class Transfer {
   #onLaterWelcome(bytes: Uint8Array, now: number): void {
     const before = this.welcome!,
       next = readWelcome(bytes, this.nonce);
-    if (!next || !before.open || next.session !== before.session) return;
+    if (!next || !before.isLive || next.session !== before.session) return;
     const same = next.streamId === before.streamId;
     if (same ? next.packets < before.packets : next.streamId === this.#streamBefore) return;
-    if (same && next.open === before.open && hex(next.digest) === hex(before.digest)) return;
+    if (same && next.isLive === before.isLive && hex(next.digest) === hex(before.digest)) return;
     this.welcome = next;
     this.#object = new InitSegment(next);
     this.head = null;
@@ -329,14 +329,14 @@ export class Transfer {
 
   /** Accepts a packet. In a growing stream it `may` arrive before the message that announces it. */
   #acceptPacket(place: number, bytes: Uint8Array, may = false): void {
-    const { packets, packetBytes, streamId, open, order } = this.welcome!,
+    const { packets, packetBytes, streamId, isLive, order } = this.welcome!,
       packet = readPacket(bytes, streamId);
     if (place >= packets || bytes.length > packetBytes || !packet) {
-      if (open && may && this.#ahead.length < MOST_NEWER) this.#ahead.push({ place, bytes });
+      if (isLive && may && this.#ahead.length < MOST_NEWER) this.#ahead.push({ place, bytes });
       else this.counts.rejected++;
       return;
     }
-    if (!open && this.#contradicts(place, identityOf(packet))) {
+    if (!isLive && this.#contradicts(place, identityOf(packet))) {
       this.fresh.push({ source: NO_SOURCE, position: place, bytes });
       this.counts.rejected++;
       return;
@@ -373,7 +373,7 @@ export class Transfer {
   }
 
   #checkFinished(): void {
-    if (!this.head || this.welcome!.open) return;
+    if (!this.head || this.welcome!.isLive) return;
     if (this.counts.packets === this.welcome!.packets) this.finished = "complete";
     else if (!this.viewing && this.#idleEnds >= MAX_IDLE_ENDS) this.finished = "sent";
   }

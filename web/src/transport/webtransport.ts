@@ -216,7 +216,7 @@ class Progress {
       this.#preview = true;
       if (transfer.welcome.preview.length) listener.preview(transfer.welcome.preview);
     }
-    this.#live ||= transfer.welcome?.open ?? false;
+    this.#live ||= transfer.welcome?.isLive ?? false;
     if (transfer.head && this.#heads !== transfer.heads) {
       this.#heads = transfer.heads;
       listener.head(transfer.head, transfer.fileHead, !this.#live, this.#live);

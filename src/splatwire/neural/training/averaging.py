@@ -19,10 +19,10 @@ def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
         iteration: Current iteration; determines if the result is for the average of the fine-tuning, or for the average
             of the iterations before it.
     """
-    marks = config.marks
-    if marks.is_fine_tuning(iteration):
-        return max(marks.iterations - 2 * config.averaged, marks.fine_tuning_start)
-    return max(marks.fine_tuning_start - 2 * config.averaged, marks.growth_end)
+    milestones = config.milestones
+    if milestones.is_fine_tuning(iteration):
+        return max(milestones.iterations - 2 * config.averaged, milestones.fine_tuning_start)
+    return max(milestones.fine_tuning_start - 2 * config.averaged, milestones.growth_end)
 
 
 @torch.no_grad()

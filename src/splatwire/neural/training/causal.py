@@ -15,7 +15,7 @@ from torch import Tensor
 from splatwire.anchors.causal_prediction import CausalPrediction, place_inputs, predict_causal
 from splatwire.neural.model.tensors import run_network
 from splatwire.neural.training.config import TrainConfig
-from splatwire.neural.training.context import AnchorCache, SampleRate, Seen, straight_through_masks
+from splatwire.neural.training.context import AnchorCache, SampleBits, Seen, straight_through_masks
 from splatwire.neural.training.initial import place_bounds
 from splatwire.neural.training.kernels import Kernels, Uniform
 from splatwire.neural.training.rate import bits
@@ -54,7 +54,7 @@ class TrainedCausal:
 
         In the context phase, the loss includes the rate.
         """
-        if state.iteration == self._config.marks.context_start + 1:
+        if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = place_bounds(state.voxels)
             self._key = None
             calibrate_causal(state, self._config, self.place(state))
@@ -68,7 +68,7 @@ class TrainedCausal:
             self._key, self._inputs = state.voxels, place_of(state)
         return self._inputs
 
-    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleRate | None]:
+    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
         """Returns attributes and masks with which visible anchors are rendered, and the rate of a sample of anchors.
 
         The attributes have noise in place of quantisation. The sample is taken at random from all anchors, visible or
@@ -78,7 +78,7 @@ class TrainedCausal:
             state: State of the training.
             visible: Indices of the visible anchors.
         """
-        config, phase = self._config, phase_of(self._config.marks, state.iteration)
+        config, phase = self._config, phase_of(self._config.milestones, state.iteration)
         masks = straight_through_masks(state, config, visible)[0]
         if phase is Phase.PLAIN:
             return (state.attributes(visible), masks.detach()), None
@@ -104,16 +104,16 @@ class TrainedCausal:
         steps = channel_steps(state.parameters["steps"], self._model)[1]
         return expanded_scalings((predicted.form[0] * steps + state.parameters["centres"]).exp())
 
-    def rate_loss(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
+    def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
         """Returns the rate term of the loss: lambda times the megabytes of the scene, estimated from a sample."""
         share = state.num_anchors / max(rate.num_anchors, 1)
         return state.rate(self._config.weights) * rate.bits * share / RATE_UNIT
 
-    def _rate(self, state: TrainState, sample: Int64[Tensor, "M"], steps: tuple[Tensor, Tensor, Tensor]) -> SampleRate:
+    def _rate(self, state: TrainState, sample: Int64[Tensor, "M"], steps: tuple[Tensor, Tensor, Tensor]) -> SampleBits:
         masks = straight_through_masks(state, self._config, sample)
         values = noisy_numbers(state, sample, steps, self._random.uniform)
         total = anchor_bits(state, self._model, self.place(state)[sample], values, steps, masks)
-        return SampleRate(total.sum(), len(sample))
+        return SampleBits(total.sum(), len(sample))
 
 
 def place_of(state: TrainState) -> Float[Tensor, "N P"]:

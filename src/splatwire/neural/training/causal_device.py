@@ -16,7 +16,7 @@ from torch import Tensor
 
 from splatwire.neural.model.tensors import run_network
 from splatwire.neural.training.causal import POSITION_BITS, RATE_UNIT, SPREADS, TrainedCausal, causal_networks
-from splatwire.neural.training.context import SampleRate, Seen, straight_through
+from splatwire.neural.training.context import SampleBits, Seen, straight_through
 from splatwire.neural.training.packed import pack_networks
 from splatwire.neural.training.rate import MIN_LIKELIHOOD
 from splatwire.neural.training.schedule import Phase, phase_of
@@ -31,7 +31,7 @@ _CHUNK = 1 << 16
 class DeviceCausal(TrainedCausal):
     """The causal context model in training on a GPU; see `TrainedCausal` for the arguments."""
 
-    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleRate | None]:
+    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
         """Returns attributes and masks with which visible anchors are rendered, and the rate of a sample of anchors.
 
         The sample is taken at random from all anchors. The rate is None before the context phase, in which the loss
@@ -41,7 +41,7 @@ class DeviceCausal(TrainedCausal):
             state: State of the training.
             visible: Indices of the visible anchors.
         """
-        config, phase, layout = self._config, phase_of(self._config.marks, state.iteration), self._model.layout
+        config, phase, layout = self._config, phase_of(self._config.milestones, state.iteration), self._model.layout
         widths = (layout.feature_dim, FORM, 3 * layout.num_offsets)
         index = visible
         if phase is Phase.CONTEXT:
@@ -71,7 +71,7 @@ class DeviceCausal(TrainedCausal):
         (feature, own), (log, logs), (offset, offsets) = (number.split(counts) for number in numbers)
         (drawn_masks, masks), (_, any_mask) = masks.split(counts), any_mask.split(counts)
         total = self._bits(state, sample, (own, logs, offsets), steps, (masks, any_mask))
-        return ((feature, expanded_scalings(log.exp()), offset), drawn_masks), SampleRate(total, len(sample))
+        return ((feature, expanded_scalings(log.exp()), offset), drawn_masks), SampleBits(total, len(sample))
 
     def _bits(
         self,
@@ -105,7 +105,7 @@ class DeviceCausal(TrainedCausal):
             total.append(self._bits(state, index, numbers, steps, masks))
         return float(torch.stack(total).sum()) / 8
 
-    def rate_loss(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
+    def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
         """Returns the rate term of the loss: lambda times the megabytes of the scene, estimated from a sample."""
         share = state.num_anchors / max(rate.num_anchors, 1)
         return rate.bits * (state.rate(self._config.weights) * share / RATE_UNIT)

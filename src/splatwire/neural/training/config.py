@@ -239,7 +239,7 @@ class TrainConfig(CheckedFields):
         voxel_size: Spacing of anchor positions in world units; 0 to derive it from the points.
         hidden: Hidden units of the rendering networks, the prior network and the channel networks. The networks of the
             causal model are as wide as the channel networks.
-        marks: Schedule of the training.
+        milestones: Schedule of the training.
         rates: Learning rates.
         growth: Rules for adding and removing anchors.
         weights: Weights of the terms of the loss.
@@ -258,7 +258,7 @@ class TrainConfig(CheckedFields):
     model: ModelConfig | CausalConfig = field(default_factory=ModelConfig)
     voxel_size: float = 0.001
     hidden: tuple[int, int, int] = (50, 100, 40)
-    marks: Milestones = Milestones()
+    milestones: Milestones = Milestones()
     rates: LearningRates = LearningRates()
     growth: GrowthRules = GrowthRules()
     weights: LossWeights = LossWeights()

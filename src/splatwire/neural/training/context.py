@@ -28,7 +28,7 @@ Steps = Sequence[Tensor | float]
 
 
 @dataclass(frozen=True, eq=False)
-class SampleRate:
+class SampleBits:
     """Estimated bits of a random sample of anchors.
 
     Attributes:
@@ -98,11 +98,11 @@ class TrainedContext:
 
         In the context phase, the loss includes the rate.
         """
-        if state.iteration == self._config.marks.context_start + 1:
+        if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = grid_bounds(self._cache.positions(state))
             calibrate_prior(state, self._config)
 
-    def quantise(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Steps | None, SampleRate | None]:
+    def quantise(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Steps | None, SampleBits | None]:
         """Returns the quantisation steps of the visible anchors, and the estimated rate of a sample of all anchors.
 
         The steps are None in the first phase of the training, in which attributes get no noise. The rate is None before
@@ -112,7 +112,7 @@ class TrainedContext:
             state: State of the training.
             visible: Indices of the visible anchors.
         """
-        config, phase = self._config, phase_of(self._config.marks, state.iteration)
+        config, phase = self._config, phase_of(self._config.milestones, state.iteration)
         if phase is Phase.PLAIN:
             return None, None
         if phase is Phase.NOISE:
@@ -125,7 +125,7 @@ class TrainedContext:
         rate = sample_rate(state, config, features[len(visible) :], sample, masks, self._kernels.random.uniform)
         return adaptive_steps(logits, config.hacpp).split(1, dim=1), rate
 
-    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleRate | None]:
+    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
         """Returns attributes and masks with which visible anchors are rendered, and the rate of a sample of anchors.
 
         The sample is taken at random from all anchors. The rate is None before the context phase, in which the loss
@@ -143,7 +143,7 @@ class TrainedContext:
         )
         return (drawn, straight_through_masks(state, self._config, visible)[0]), rate
 
-    def rate_loss(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
+    def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
         """Returns lambda times the mean bits per parameter of the scene."""
         return state.rate(self._config.weights) * self.bits_per_parameter(state, rate)
 
@@ -156,7 +156,7 @@ class TrainedContext:
         )
         return run_network(means, grid_features(state, self._cache, index, self._kernels))
 
-    def bits_per_parameter(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
+    def bits_per_parameter(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
         """Returns the mean bits per parameter (attribute value) of the scene.
 
         It is the mean over the sampled anchors, plus the bits of the hash grid's signs divided by the number of
@@ -227,7 +227,7 @@ def sample_rate(
     index: Int64[Tensor, "M"],
     mask: tuple[Float[Tensor, "M K"], Float[Tensor, "M"]],
     uniform: Uniform = uniform_from_host,
-) -> SampleRate:
+) -> SampleBits:
     """Estimates the bits of a sample of anchors, with uniform noise in place of rounding.
 
     Args:
@@ -246,7 +246,7 @@ def sample_rate(
     offset_mask, anchor_mask = mask
     offset_bits = (found.offsets.view(-1, layout.num_offsets, 3).sum(dim=2) * offset_mask).sum(dim=1)
     total = ((found.features.sum(dim=1) + found.scalings.sum(dim=1) + offset_bits) * anchor_mask).sum()
-    return SampleRate(total, len(index))
+    return SampleBits(total, len(index))
 
 
 def attribute_bits(

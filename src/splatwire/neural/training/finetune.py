@@ -42,8 +42,8 @@ def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
         config: Configuration for a new scene; its length, loss weights and packet losses are kept.
         scene: The scene; sets shapes and voxel size.
     """
-    iterations, widths = config.marks.fine_tuning_start, _widths(scene)
-    marks = Milestones(
+    iterations, widths = config.milestones.fine_tuning_start, _widths(scene)
+    milestones = Milestones(
         iterations, noise_start=-1, growth_pause_end=-1, context_start=-1, statistics_start=0, growth_start=0,
         growth_end=0, growth_interval=1,
     )  # fmt: skip
@@ -52,7 +52,7 @@ def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
         model=scene.coding.config,
         voxel_size=scene.coding.voxel_size,
         hidden=widths,
-        marks=marks,
+        milestones=milestones,
         rates=second_half(config.rates),
         averaged=config.averaged if isinstance(scene.coding, CausalCoding) else 0,
     )

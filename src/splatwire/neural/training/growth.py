@@ -82,7 +82,7 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
             scene cannot recover.
     """
     statistics, rules = state.statistics, config.growth
-    wanted = config.marks.growth_interval * rules.seen_share
+    wanted = config.milestones.growth_interval * rules.seen_share
     judged = statistics.gradient_count > wanted * 0.5
     gradients = statistics.gradient_sum / statistics.gradient_count.clamp(min=1)
     before = state.num_anchors
@@ -94,7 +94,7 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
     visited = statistics.visits > wanted
     transparent = visited & (statistics.opacity_sum < rules.min_opacity * statistics.visits)
     mostly_transparent = int(transparent.sum()) > _MOSTLY_TRANSPARENT * int(visited.sum())
-    if mostly_transparent and 2 * state.iteration > config.marks.growth_end:
+    if mostly_transparent and 2 * state.iteration > config.milestones.growth_end:
         raise DivergedError(state.iteration, "every anchor has become transparent")
     keep = ~transparent
     if mostly_transparent or state.iteration < rules.first_pruning:

@@ -8,7 +8,7 @@ from torch import Tensor
 from splatwire.neural.training.causal import TrainedCausal
 from splatwire.neural.training.causal_device import DeviceCausal
 from splatwire.neural.training.config import TrainConfig
-from splatwire.neural.training.context import AnchorCache, SampleRate, Seen, TrainedContext
+from splatwire.neural.training.context import AnchorCache, SampleBits, Seen, TrainedContext
 from splatwire.neural.training.kernels import Kernels
 from splatwire.neural.training.state import TrainState
 from splatwire.types.causal_coding import CausalConfig
@@ -24,7 +24,7 @@ class TrainedModel(Protocol):
         In the context phase, the loss includes the rate.
         """
 
-    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleRate | None]:
+    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
         """Returns attributes and masks with which visible anchors are rendered, and the rate of a sample of anchors.
 
         The sample is taken at random from all anchors. The rate is None before the context phase, in which the loss
@@ -38,7 +38,7 @@ class TrainedModel(Protocol):
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
         """Predicts the scalings of anchors from their positions alone, world units."""
 
-    def rate_loss(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
+    def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
         """Returns the rate term of the loss, given the estimated rate of a sample of anchors."""
 
 

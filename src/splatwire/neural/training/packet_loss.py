@@ -19,7 +19,7 @@ from splatwire.codec.tier_sizes import relative_sizes
 from splatwire.concealment import Grow
 from splatwire.concealment.grow import lost_share_among
 from splatwire.neural.training.config import TrainConfig
-from splatwire.neural.training.context import AnchorCache, SampleRate, Seen
+from splatwire.neural.training.context import AnchorCache, SampleBits, Seen
 from splatwire.neural.training.importance import importance_of, order_anchors
 from splatwire.neural.training.models import TrainedModel
 from splatwire.neural.training.state import TrainState, keep_anchors
@@ -93,8 +93,12 @@ class PacketLosses:
         of short trainings, measured with and without packet loss (lego, 600 iterations). With `LossTraining.first`, it
         always starts at the end of the growth phase, because the order of anchors by importance still changes after it.
         """
-        marks = self._config.marks
-        return marks.fine_tuning_start if marks.tuning and not self._config.losses.first else marks.growth_end
+        milestones = self._config.milestones
+        return (
+            milestones.fine_tuning_start
+            if milestones.tuning and not self._config.losses.first
+            else milestones.growth_end
+        )
 
     @property
     def _choices(self) -> tuple[LossModel | float, ...]:
@@ -120,7 +124,7 @@ class PacketLosses:
             order_anchors(state, importance_of(state, self._config, cameras))
 
     @torch.no_grad()
-    def draw(self, state: TrainState, rate: SampleRate | None) -> Loss | None:
+    def draw(self, state: TrainState, rate: SampleBits | None) -> Loss | None:
         """Draws the packet loss of an iteration; returns None if no anchor is lost.
 
         Args:
@@ -242,7 +246,7 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
     return np.unique(key, return_inverse=True)[1]
 
 
-def _anchors_per_packet(packetization: Packetization, rate: SampleRate | None) -> int:
+def _anchors_per_packet(packetization: Packetization, rate: SampleBits | None) -> int:
     """Estimates how many anchors a packet contains with hashed grouping, from the current bits per anchor.
 
     Returns 1 if the rate is None, or if the packetization has another grouping, which does not use this number.

@@ -137,13 +137,13 @@ def create_config(
     rate = (chosen.rate if model == HACPP else CAUSAL_RATE) if lmbda is None else lmbda
     voxel = chosen.voxel_size if voxel_size is None else voxel_size
     _check(rate, voxel, iterations)
-    marks = _marks(iterations, growth_interval)
+    milestones = _milestones(iterations, growth_interval)
     steps = min(RefineConfig().steps, iterations // 4) if refine_steps is None else refine_steps
     mask_rate = max(min(chosen.mask_rate_per_lambda * rate, chosen.mask_rate_cap), 1e-6)
     config = TrainConfig(
         preset=preset,
         voxel_size=voxel,
-        marks=marks,
+        milestones=milestones,
         rates=for_length(LearningRates(mask_logits=LearningRate(0.01, mask_rate)), iterations),
         growth=GrowthRules(coarsest_cell=chosen.coarsest_cell, first_pruning=chosen.first_pruning),
         weights=LossWeights(rate=rate, size=size),
@@ -195,7 +195,7 @@ def _causal(config: TrainConfig) -> TrainConfig:
         model=CausalConfig(),
         hidden=CAUSAL_HIDDEN,
         rates=_with_late_factors(
-            dataclasses.replace(config.rates, mask_logits=CAUSAL_MASK_RATE), config.marks.iterations
+            dataclasses.replace(config.rates, mask_logits=CAUSAL_MASK_RATE), config.milestones.iterations
         ),
         weights=dataclasses.replace(config.weights, sample_share=CAUSAL_SAMPLE_SHARE),
         growth=dataclasses.replace(config.growth, gradient_threshold=CAUSAL_GRADIENT),
@@ -207,9 +207,9 @@ def _with_fine_tuning(config: TrainConfig) -> TrainConfig:
     """Appends fine-tuning iterations to a configuration that simulates packet loss; returns others unchanged."""
     if not (config.losses.models or config.losses.first):
         return config
-    marks, more = config.marks, round(TUNING_SHARE * config.marks.iterations)
+    milestones, more = config.milestones, round(TUNING_SHARE * config.milestones.iterations)
     return dataclasses.replace(
-        config, marks=dataclasses.replace(marks, iterations=marks.iterations + more, tuning=more)
+        config, milestones=dataclasses.replace(milestones, iterations=milestones.iterations + more, tuning=more)
     )
 
 
@@ -222,13 +222,13 @@ def _check(rate: float, voxel: float, iterations: int) -> None:
         raise InvalidValueError(f"a run has at least {MIN_ITERATIONS} iterations, not {iterations}")
 
 
-def _marks(iterations: int, growth_interval: int | None) -> Milestones:
-    marks = Milestones().scaled(iterations)
+def _milestones(iterations: int, growth_interval: int | None) -> Milestones:
+    milestones = Milestones().scaled(iterations)
     if growth_interval is None:
-        return marks
+        return milestones
     if growth_interval < 1:
         raise InvalidValueError(f"there is at least 1 iteration between changes of the anchors, not {growth_interval}")
-    return dataclasses.replace(marks, growth_interval=growth_interval)
+    return dataclasses.replace(milestones, growth_interval=growth_interval)
 
 
 def loss_training(losses: tuple[str, ...], share: float = LossTraining.share) -> LossTraining:

@@ -101,14 +101,18 @@ class RunningMeans:
             seconds: Duration of all iterations since the training was started or resumed, seconds.
         """
         self.unread.append(report)
-        if not self.means or state.iteration % self.interval == 0 or state.iteration == self.config.marks.iterations:
+        if (
+            not self.means
+            or state.iteration % self.interval == 0
+            or state.iteration == self.config.milestones.iterations
+        ):
             self._read_reports(state)
         means = self.means
         self.recent.append(elapsed)
         enough = len(self.recent) >= _FEWEST
         return Progress(
             iteration=state.iteration,
-            iterations=self.config.marks.iterations,
+            iterations=self.config.milestones.iterations,
             loss=means["loss"],
             l1=means["l1"],
             num_anchors=state.num_anchors,

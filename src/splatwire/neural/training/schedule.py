@@ -22,22 +22,22 @@ class Phase(enum.Enum):
     CONTEXT = "context"
 
 
-def phase_of(marks: Milestones, iteration: int) -> Phase:
+def phase_of(milestones: Milestones, iteration: int) -> Phase:
     """Returns the phase of `iteration`, counted from 1."""
-    if iteration > marks.context_start:
+    if iteration > milestones.context_start:
         return Phase.CONTEXT
-    return Phase.NOISE if iteration > marks.noise_start else Phase.PLAIN
+    return Phase.NOISE if iteration > milestones.noise_start else Phase.PLAIN
 
 
-def gathers_statistics(marks: Milestones, iteration: int) -> bool:
+def gathers_statistics(milestones: Milestones, iteration: int) -> bool:
     """True if gradients and opacities of an iteration are gathered for adding and removing anchors."""
-    return marks.statistics_start < iteration < marks.growth_end
+    return milestones.statistics_start < iteration < milestones.growth_end
 
 
-def changes_anchors(marks: Milestones, iteration: int) -> bool:
+def changes_anchors(milestones: Milestones, iteration: int) -> bool:
     """True if anchors are added and removed after an iteration."""
-    paused = marks.noise_start <= iteration < marks.growth_pause_end
-    due = marks.growth_start < iteration < marks.growth_end and iteration % marks.growth_interval == 0
+    paused = milestones.noise_start <= iteration < milestones.growth_pause_end
+    due = milestones.growth_start < iteration < milestones.growth_end and iteration % milestones.growth_interval == 0
     return due and not paused
 
 
@@ -70,13 +70,13 @@ def learning_rates(config: TrainConfig, iteration: int, camera_extent: float) ->
         iteration: Iteration, counted from 1.
         camera_extent: 1.1 times the largest distance of a training camera from the mean camera centre, world units.
     """
-    marks = config.marks
-    if marks.is_fine_tuning(iteration):
-        share, plan = (iteration - marks.fine_tuning_start) / marks.tuning, second_half(config.rates)
+    milestones = config.milestones
+    if milestones.is_fine_tuning(iteration):
+        share, plan = (iteration - milestones.fine_tuning_start) / milestones.tuning, second_half(config.rates)
     else:
-        share, plan = iteration / marks.fine_tuning_start, config.rates
+        share, plan = iteration / milestones.fine_tuning_start, config.rates
     rates = {name: learning_rate_at(rate, share) for name, rate in vars(plan).items()}
-    if iteration > marks.growth_end:
+    if iteration > milestones.growth_end:
         rates = {name: rate * getattr(plan, name).late for name, rate in rates.items()}
     for name in SCALED_BY_EXTENT:
         rates[name] *= camera_extent

@@ -44,8 +44,8 @@ def steer(state: TrainState, config: TrainConfig, estimate: Callable[[TrainState
     Raises:
         InvalidValueError: If no anchor is left.
     """
-    if config.weights.size and is_time(config.marks, state.iteration):
-        aim = config.weights.size * (1 + headroom(config.marks, state.iteration))
+    if config.weights.size and is_time(config.milestones, state.iteration):
+        aim = config.weights.size * (1 + headroom(config.milestones, state.iteration))
         size, ratio = _measure_size(state, config, estimate)
         state.steering = replace(steered(state.steering, math.log(size / aim)), ratio=ratio)
 
@@ -64,37 +64,37 @@ def _measure_size(
     if estimate is None:
         return float(stream_bytes(export_scene(state, config))), None
     estimated, ratio = estimate(state), state.steering.ratio
-    if ratio is None or measurements(config.marks, state.iteration) % CODED == 0:
+    if ratio is None or measurements(config.milestones, state.iteration) % CODED == 0:
         ratio = stream_bytes(export_scene(state, config)) / estimated
     return estimated * ratio, ratio
 
 
-def first_measured(marks: Milestones) -> int:
+def first_measured(milestones: Milestones) -> int:
     """Returns the iteration from which the intervals between size measurements are counted.
 
     It is the middle between the start of the context phase and the end of growth.
     """
-    return (marks.context_start + max(marks.growth_end, marks.context_start)) // 2
+    return (milestones.context_start + max(milestones.growth_end, milestones.context_start)) // 2
 
 
-def is_time(marks: Milestones, iteration: int) -> bool:
+def is_time(milestones: Milestones, iteration: int) -> bool:
     """True if the size of the stream is measured after an iteration."""
-    since = iteration - first_measured(marks)
-    return since > 0 and since % _interval(marks) == 0
+    since = iteration - first_measured(milestones)
+    return since > 0 and since % _interval(milestones) == 0
 
 
-def measurements(marks: Milestones, iteration: int) -> int:
+def measurements(milestones: Milestones, iteration: int) -> int:
     """Returns the number of measurements up to and including `iteration`."""
-    return max(iteration - first_measured(marks), 0) // _interval(marks)
+    return max(iteration - first_measured(milestones), 0) // _interval(milestones)
 
 
-def _interval(marks: Milestones) -> int:
-    return max((marks.iterations - first_measured(marks)) // TIMES, 1)
+def _interval(milestones: Milestones) -> int:
+    return max((milestones.iterations - first_measured(milestones)) // TIMES, 1)
 
 
-def headroom(marks: Milestones, iteration: int) -> float:
+def headroom(milestones: Milestones, iteration: int) -> float:
     """Returns the allowed excess of the measured size after `iteration`, as a share of the target size."""
-    left = (marks.iterations - iteration) / max(marks.iterations - first_measured(marks), 1)
+    left = (milestones.iterations - iteration) / max(milestones.iterations - first_measured(milestones), 1)
     return LAST + (HEADROOM - LAST) * left
 
 

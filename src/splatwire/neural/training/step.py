@@ -16,7 +16,7 @@ from splatwire.neural.training import device_view
 from splatwire.neural.training.averaging import gather_mean
 from splatwire.neural.training.causal_device import DeviceCausal
 from splatwire.neural.training.config import TrainConfig
-from splatwire.neural.training.context import AnchorCache, Attributes, SampleRate
+from splatwire.neural.training.context import AnchorCache, Attributes, SampleBits
 from splatwire.neural.training.device_view import AllGaussians
 from splatwire.neural.training.growth import adjust_anchors, gather_statistics
 from splatwire.neural.training.kernels import COMPILED, Kernels
@@ -103,7 +103,7 @@ class TrainingStep:
         """
         config = self._config
         state.iteration += 1
-        if config.marks.tuning and state.iteration == config.marks.fine_tuning_start + 1:
+        if config.milestones.tuning and state.iteration == config.milestones.fine_tuning_start + 1:
             start_fine_tuning(state, config)
         self._model.begin(state)
         self._losses.begin(state, self._cameras)
@@ -113,7 +113,7 @@ class TrainingStep:
         if (lost := self._losses.draw(state, rate)) is not None:
             visible, (attributes, weight), size_gain = lost.drawn(visible, (attributes, weight))
         anchors = self._drawn_anchors(state, visible, attributes, weight)
-        watched = gathers_statistics(config.marks, state.iteration)
+        watched = gathers_statistics(config.milestones, state.iteration)
         spawned = self._spawn(state, anchors, weight, view, size_gain)
         drawing = self._draw(spawned.gaussians, view, watched)
         loss, l1 = self._kernels.photometric_loss(drawing.image, photo, config.weights.dssim)
@@ -127,7 +127,7 @@ class TrainingStep:
             loss.backward()
         if watched and (d_centers := drawing.d_centers) is not None:
             self._gather(state, visible, spawned, d_centers, view)
-        if changes_anchors(config.marks, state.iteration):
+        if changes_anchors(config.milestones, state.iteration):
             adjust_anchors(state, config, self._kernels.random.uniform)
         self._update(state)
         gather_mean(state, config)
@@ -143,7 +143,7 @@ class TrainingStep:
         return self._model.estimate_bytes if isinstance(self._model, DeviceCausal) else None
 
     def _check(self, state: TrainState, loss: Float[Tensor, ""]) -> None:
-        last = state.iteration == self._config.marks.iterations
+        last = state.iteration == self._config.milestones.iterations
         if (last or state.iteration % self._kernels.report_interval == 0) and not math.isfinite(float(loss.detach())):
             raise DivergedError(state.iteration)
 
@@ -193,7 +193,7 @@ class TrainingStep:
         state: TrainState,
         spawned: SpawnedGaussians | AllGaussians,
         drawn: Int64[Tensor, ""],
-        rate: SampleRate | None,
+        rate: SampleBits | None,
     ) -> Float[Tensor, ""]:
         """Returns the total loss: photometric loss, volume of the Gaussians, and rate (HAC++, training)."""
         weights, scales, loss = self._config.weights, spawned.gaussians.scales, picture

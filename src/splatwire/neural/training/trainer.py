@@ -145,7 +145,7 @@ class _TrainingLoop:
             TrainingStep(self.config, self._cameras(), self.kernels),
             RunningMeans(self.config, self.kernels.report_interval),
         )
-        while state.iteration < self.config.marks.iterations:
+        while state.iteration < self.config.milestones.iterations:
             started = time.perf_counter()
             if not state.queue:
                 state.queue = torch.randperm(self.train.num_views, generator=state.generator).tolist()
@@ -156,7 +156,7 @@ class _TrainingLoop:
             self.seconds += elapsed
             self.listener.progress(means.after(state, report, elapsed, self.seconds))
             if self.listener.should_stop():
-                return state.iteration < self.config.marks.iterations
+                return state.iteration < self.config.milestones.iterations
             self._keep(state)
         return False
 
@@ -176,7 +176,7 @@ class _TrainingLoop:
         return to_tensors(cameras, self.device)
 
     def _keep(self, state: TrainState) -> None:
-        last = state.iteration == self.config.marks.iterations
+        last = state.iteration == self.config.milestones.iterations
         if last:
             return
         if self.options.checkpoint is not None and state.iteration % self.options.checkpoint_interval == 0:

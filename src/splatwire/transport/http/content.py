@@ -75,7 +75,7 @@ class PageContent:
     """Content that the HTTP server for the browser page offers: page, scripts and streams.
 
     Attributes:
-        programs: Streams by name: a prepared stream, the bytes of a `.swz` file, or a file that still grows. None for a
+        streams: Streams by name: a prepared stream, the bytes of a `.swz` file, or a file that still grows. None for a
             live sequence, which browsers receive over WebTransport only. The page shows the first stream, or the
             stream named in the query parameter `stream` of its URL.
         link: WebTransport endpoint, or a function that returns the current endpoint (its certificate is renewed
@@ -92,7 +92,7 @@ class PageContent:
         downloads: Files of other formats, made from the streams at their first request; None for no such files.
     """
 
-    programs: Mapping[str, ServedStream | bytes | GrowingFile | None]
+    streams: Mapping[str, ServedStream | bytes | GrowingFile | None]
     link: Link | Callable[[], Link] | None = None
     host: str = "127.0.0.1"
     origins: tuple[str, ...] | None = None
@@ -168,10 +168,10 @@ class PageContent:
 
     def _download_formats(self, name: str) -> tuple[str, ...]:
         """Returns the file formats in which a stream can be downloaded; empty for sequences and neural anchors."""
-        program = self.programs.get(name)
-        if self.downloads is None or not isinstance(program, ServedStream) or program.is_live:
+        stream = self.streams.get(name)
+        if self.downloads is None or not isinstance(stream, ServedStream) or stream.is_live:
             return ()
-        schema = _head(program)[0].schema
+        schema = _head(stream)[0].schema
         private = self._is_private(name)  # addresses inside the files of a folder have no token
         offered = tuple(form for form in self.downloads.formats if not (private and form in FOLDERS))
         return offered if schema.explicit and not schema.timed else ()
@@ -234,7 +234,7 @@ class PageContent:
         """
         if self.access is None or not name:
             return None
-        reason = self.access.refusal(name, token_of(request), exists=name in self.programs)
+        reason = self.access.refusal(name, token_of(request), exists=name in self.streams)
         if reason is None:
             return None
         headers = f"WWW-Authenticate: Bearer\r\n{self._cors_headers(request.headers.get('origin'))}"
@@ -245,7 +245,7 @@ class PageContent:
 
     def _listed(self) -> list[str]:
         """Returns the names of the scenes in lists of scenes, that is, without private and unlisted scenes."""
-        return [name for name in self.programs if self.access is None or self.access.is_listed(name)]
+        return [name for name in self.streams if self.access is None or self.access.is_listed(name)]
 
     def _shown_name(self, query: str) -> str:
         """Returns the name of the scene to show on the page: that in the query string, else the first listed scene."""
@@ -323,10 +323,10 @@ class PageContent:
             # Relative, because behind a proxy the request's host may differ from the one in the visitor's address bar.
             attributes["session"] = f":{link.port}{link.path}"
             attributes["fingerprint"] = link.fingerprint or ""
-        program = self.programs.get(name)
-        if isinstance(program, ServedStream) and program.preview:
-            attributes["preview"] = base64.b64encode(program.preview).decode()
-            attributes |= start_attributes(*_side_info_of(program))  # shows the preview before the stream arrives
+        stream = self.streams.get(name)
+        if isinstance(stream, ServedStream) and stream.preview:
+            attributes["preview"] = base64.b64encode(stream.preview).decode()
+            attributes |= start_attributes(*_side_info_of(stream))  # shows the preview before the stream arrives
         words = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
         scenes = {one: self._scene_attributes(one) for one in self._listed()}
         listed = scene_list(scenes, name, lambda one: f"/?stream={quote(one, safe='')}")
@@ -335,8 +335,8 @@ class PageContent:
 
     def _scene_attributes(self, name: str) -> dict[str, str]:
         """Returns the HTML attributes with which the page's list of scenes shows a stream, such as its preview."""
-        program = self.programs[name]
-        return preview_attributes(*_side_info_of(program), program.preview) if isinstance(program, ServedStream) else {}
+        stream = self.streams[name]
+        return preview_attributes(*_side_info_of(stream), stream.preview) if isinstance(stream, ServedStream) else {}
 
     def _stream_url(self, name: str) -> str:
         """Returns the URL of a stream's file on this server.
@@ -380,11 +380,11 @@ class PageContent:
         )
 
     def _file(self, name: str) -> bytes | GrowingFile | None:
-        program = self.programs.get(name)
-        if not isinstance(program, ServedStream):
-            return program
+        stream = self.streams.get(name)
+        if not isinstance(stream, ServedStream):
+            return stream
         if name not in self._files:
-            self._files[name] = served_stream_file(program)
+            self._files[name] = served_stream_file(stream)
         return self._files[name]
 
     def _is_own_host(self, name: str) -> bool:
@@ -430,24 +430,24 @@ def download_path(name: str, form: str) -> str:
     return f"/{quote(name, safe='')}.{form}"
 
 
-def served_stream_file(program: ServedStream) -> bytes:
+def served_stream_file(stream: ServedStream) -> bytes:
     """Returns the bytes of a prepared stream as one `.swz` file (docs/format.md), with packets in sending order."""
-    manifest, side_info = _head(program)
-    return b"".join([file_head(manifest, side_info), *map(file_record, program.packets)])
+    manifest, side_info = _head(stream)
+    return b"".join([file_head(manifest, side_info), *map(file_record, stream.packets)])
 
 
-def _head(program: ServedStream) -> tuple[Manifest, bytes]:
+def _head(stream: ServedStream) -> tuple[Manifest, bytes]:
     """Returns the manifest and the side information of a prepared stream.
 
     Both are parsed from its init segment.
     """
-    segments = Segments(program.head_bytes, program.symbol_bytes)
-    symbols = (symbol for number, segment in enumerate(program.head) for symbol in segment[: segments.size(number)])
-    manifest, side_info, _ = split_init_segment(b"".join(symbols)[: program.head_bytes])
+    segments = Segments(stream.head_bytes, stream.symbol_bytes)
+    symbols = (symbol for number, segment in enumerate(stream.head) for symbol in segment[: segments.size(number)])
+    manifest, side_info, _ = split_init_segment(b"".join(symbols)[: stream.head_bytes])
     return manifest, side_info
 
 
-def _side_info_of(program: ServedStream) -> tuple[bytes, str]:
+def _side_info_of(stream: ServedStream) -> tuple[bytes, str]:
     """Returns the side information of a prepared stream and the name of its codec schema."""
-    manifest, side_info = _head(program)
+    manifest, side_info = _head(stream)
     return side_info, manifest.codec

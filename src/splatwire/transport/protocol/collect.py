@@ -11,7 +11,7 @@ from splatwire.bitstream import Manifest, Packet, PacketIntake, packet_from_byte
 from splatwire.bitstream.container import check_side_info
 from splatwire.errors import BitstreamError
 from splatwire.transport import fec
-from splatwire.transport.protocol.frames import MAX_HELD_BYTES, Data, Parity, Side, Welcome
+from splatwire.transport.protocol.datagrams import MAX_HELD_BYTES, Data, Parity, Side, Welcome
 from splatwire.transport.protocol.layout import GroupFinder, Segments, split_init_segment
 from splatwire.transport.protocol.protection import MIN_SYMBOL_BYTES
 from splatwire.transport.protocol.served_stream import MAX_PACKET_BYTES

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from splatwire.bitstream import Manifest, Packet, PacketIntake, SceneStream
-from splatwire.transport.protocol.frames import Welcome
+from splatwire.transport.protocol.datagrams import Welcome
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from collections import deque
 from typing import NamedTuple
 
-from splatwire.transport.protocol.frames import Feedback
+from splatwire.transport.protocol.datagrams import Feedback
 
 RECENT = 8192
 """Number of latest datagrams whose sending times are stored."""

@@ -1,6 +1,6 @@
 """Packets that a client already has when it resumes a transfer; the server skips these in its schedule."""
 
-from splatwire.transport.protocol.frames import Have
+from splatwire.transport.protocol.datagrams import Have
 from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.protocol.wire import DATA, DATA_OVERHEAD, WELCOME
 
@@ -12,19 +12,19 @@ class KnownPackets:
         self._packets = bytearray()
         self._head = False
 
-    def take(self, frame: Have, program: ServedStream) -> int:
+    def take(self, frame: Have, stream: ServedStream) -> int:
         """Adds packets that a client lists as received; returns the total size of the newly listed packets in bytes.
 
         Lists about another stream, or about a live stream, are ignored.
 
         Args:
             frame: List of received packets.
-            program: Stream that the server sends to the client.
+            stream: Stream that the server sends to the client.
         """
-        count, at = len(program.packets), frame.first // 8
-        if frame.stream_id != program.stream_id or program.is_live or frame.first >= count:
+        count, at = len(stream.packets), frame.first // 8
+        if frame.stream_id != stream.stream_id or stream.is_live or frame.first >= count:
             return 0
-        size = program.head_bytes if frame.head and not self._head else 0
+        size = stream.head_bytes if frame.head and not self._head else 0
         self._head = self._head or bool(frame.head)
         end = min(at + len(frame.held), -(-count // 8))
         self._packets.extend(bytes(max(end - len(self._packets), 0)))
@@ -32,7 +32,7 @@ class KnownPackets:
             if new := frame.held[place - at] & ~self._packets[place]:
                 self._packets[place] |= new
                 new_packets = (8 * place + n for n in range(8) if new >> n & 1)
-                size += sum(DATA_OVERHEAD + len(packet) for n in new_packets for packet in program.packets[n : n + 1])
+                size += sum(DATA_OVERHEAD + len(packet) for n in new_packets for packet in stream.packets[n : n + 1])
         return size
 
     def has(self, kind: int, symbol: int) -> bool:

@@ -8,7 +8,7 @@ from splatwire.bitstream.limits import MAX_MANIFEST_BYTES
 from splatwire.bitstream.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
 from splatwire.errors import BitstreamError
 from splatwire.transport.fec import MAX_SYMBOLS, num_symbols
-from splatwire.transport.protocol.frames import TierHead
+from splatwire.transport.protocol.datagrams import TierHead
 
 _HEAD = struct.Struct("<I")
 _CARRIED = struct.Struct("<H")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from splatwire.bitstream import Manifest, Packet, make_packet
 from splatwire.errors import InvalidValueError
 from splatwire.transport.fec import MAX_SYMBOLS, symbol_bytes_for
-from splatwire.transport.protocol.frames import TierHead
+from splatwire.transport.protocol.datagrams import TierHead
 from splatwire.transport.protocol.layout import init_segment
 from splatwire.transport.protocol.motion_parity import Arranged, GroupPackets, arrange
 from splatwire.transport.protocol.protection import Protection

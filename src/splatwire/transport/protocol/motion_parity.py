@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from splatwire.bitstream import Packet, PacketPlan
 from splatwire.transport.fec import MAX_REPAIR, MAX_SYMBOLS
-from splatwire.transport.protocol.frames import MAX_TIERS, TierHead
+from splatwire.transport.protocol.datagrams import MAX_TIERS, TierHead
 from splatwire.transport.protocol.protection import Protection
 
 MOST_CODES = (MAX_TIERS - 2) // 2

@@ -5,7 +5,7 @@ Limits of a receiver:
 * interval between NACKs for a packet: `NACK_INTERVAL_S`;
 * number of NACKs per packet of a live stream: `MAX_ATTEMPTS`; of a view-dependent stream, whose receivers request
   sequence numbers instead of packets: `gap_tracker.MAX_ATTEMPTS`;
-* number of NACKs per feedback datagram: `frames.MAX_NACKS`;
+* number of NACKs per feedback datagram: `datagrams.MAX_NACKS`;
 * number of later packets after which a packet counts as missing: `receiver.REORDER`;
 * ends of a transfer without a new packet after which the receiver gives up: `receiver.MAX_FRUITLESS_ENDS`.
 
@@ -13,7 +13,7 @@ Limits of a server:
 
 * interval between retransmissions of a packet: `transfer.RESEND_S`;
 * packets that are retransmitted at all: `Protection.resend` and `Protection.resend_until`;
-* bytes sent to a client: `ServerLimits.passes`.
+* bytes sent to a client: `ServerLimits.max_sent_ratio`.
 
 The counterpart in browsers is `web/src/transport/transfer.ts`.
 """
@@ -21,7 +21,7 @@ The counterpart in browsers is `web/src/transport/transfer.ts`.
 import sys
 from collections.abc import Iterable
 
-from splatwire.transport.protocol.frames import MAX_NACKS
+from splatwire.transport.protocol.datagrams import MAX_NACKS
 
 NACK_INTERVAL_S = 0.12
 """Minimum interval between NACKs for the same packet, seconds."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from splatwire.arguments import check_fields
 from splatwire.errors import InvalidValueError
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, MAX_SYMBOLS, num_symbols
-from splatwire.transport.protocol.frames import TierHead
+from splatwire.transport.protocol.datagrams import TierHead
 from splatwire.transport.protocol.wire import MAX_DATAGRAM, SIDE_OVERHEAD
 
 SIDE_SYMBOL_BYTES = (MAX_DATAGRAM - SIDE_OVERHEAD) // ALIGNMENT * ALIGNMENT - 32

@@ -2,8 +2,8 @@
 
 from splatwire.bitstream import Manifest, ReadReport, SceneStream
 from splatwire.transport.protocol.collect import InitSegmentCollector, PacketCollector
+from splatwire.transport.protocol.datagrams import Data, Welcome
 from splatwire.transport.protocol.events import Finished
-from splatwire.transport.protocol.frames import Data, Welcome
 
 MAX_WAITING_PACKETS = 512
 """Maximum number of packets kept until the server's updated declaration (welcome) of a live stream arrives. Over QUIC,

@@ -10,17 +10,7 @@ from splatwire.bitstream.origin import AT_ZERO, ORIGIN
 from splatwire.bitstream.view import BUDGET, Viewpoint
 from splatwire.errors import BitstreamError
 from splatwire.transport.protocol.collect import check_welcome, read_init_segment
-from splatwire.transport.protocol.events import (
-    Event,
-    Finished,
-    Interrupted,
-    PacketArrived,
-    Resumed,
-    SideInfoArrived,
-    StreamReplaced,
-    Welcomed,
-)
-from splatwire.transport.protocol.frames import (
+from splatwire.transport.protocol.datagrams import (
     NOT_YET,
     OTHER_VERSION,
     REFUSALS,
@@ -36,6 +26,16 @@ from splatwire.transport.protocol.frames import (
     Side,
     View,
     Welcome,
+)
+from splatwire.transport.protocol.events import (
+    Event,
+    Finished,
+    Interrupted,
+    PacketArrived,
+    Resumed,
+    SideInfoArrived,
+    StreamReplaced,
+    Welcomed,
 )
 from splatwire.transport.protocol.gap_tracker import GapTracker
 from splatwire.transport.protocol.handshake import RETRY_S, HandshakeAttempt
@@ -57,7 +57,7 @@ HAVE_TIMES, HAVE_S = 3, 0.3
 transfer. Repetition covers losses.
 """
 MISSING_STREAM = 1
-"""Index in `frames.REFUSALS` of the refusal that the requested stream does not exist, the only permanent refusal."""
+"""Index in `datagrams.REFUSALS` of the refusal that the requested stream does not exist, the only permanent refusal."""
 ATTEMPT_S = 4.0
 """Time after which a connection attempt gets a new nonce, seconds: a server starts only one transfer per nonce."""
 SMALL_PATH = f"the path carries no datagrams of {MAX_DATAGRAM:,} bytes (its MTU is below {MAX_DATAGRAM + 28:,})"
@@ -263,7 +263,7 @@ class Receiver(ReceiveState):
 
         Args:
             greeting: Connection attempt that was refused.
-            reason: Index into `frames.REFUSALS`.
+            reason: Index into `datagrams.REFUSALS`.
             now: Time, seconds.
 
         Returns:

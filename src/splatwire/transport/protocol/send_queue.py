@@ -6,7 +6,7 @@ from collections import deque
 import numpy as np
 
 from splatwire.bitstream.view import Viewpoint, cut_of
-from splatwire.transport.protocol.frames import View
+from splatwire.transport.protocol.datagrams import View
 from splatwire.transport.protocol.served_stream import ServedStream
 from splatwire.transport.protocol.wire import DATA, PARITY, SIDE
 
@@ -97,7 +97,7 @@ class SendQueue:
     """Queue of the datagrams that are still to be sent to one client, without retransmissions.
 
     Args:
-        program: Prepared stream to send.
+        stream: Prepared stream to send.
         reliable: True if the init segment is sent at once on a reliable (QUIC) stream.
 
     Attributes:
@@ -105,10 +105,10 @@ class SendQueue:
         viewed_at: Time at which the client's last viewpoint was processed, seconds; None before the first.
     """
 
-    def __init__(self, program: ServedStream, reliable: bool) -> None:
-        self._program = program
-        self._schedule = program.reliable_schedule if reliable else program.send_schedule
-        self._next, self._passed = 0, program.bundled
+    def __init__(self, stream: ServedStream, reliable: bool) -> None:
+        self._stream = stream
+        self._schedule = stream.reliable_schedule if reliable else stream.send_schedule
+        self._next, self._passed = 0, stream.bundled
         self.head_left = False
         self._gone: np.ndarray | None = None
         self._wanted: deque[int] = deque()
@@ -163,10 +163,10 @@ class SendQueue:
             budget: Maximum number of Gaussians that the client renders.
             now: Time, seconds.
         """
-        tiles = self._program.tiles
+        tiles = self._stream.tiles
         assert tiles is not None
         if self._gone is None:
-            self._passed = max(self._passed, self._program.opening_packets)
+            self._passed = max(self._passed, self._stream.opening_packets)
             self._gone = (tiles.first_packets[1:] <= self._passed) | (tiles.packets == 0)
             if not self._gone.all():  # finish the tile that the schedule has started
                 self._begin(int(np.argmin(self._gone)), if_begun=True)
@@ -180,7 +180,7 @@ class SendQueue:
             tile: Index of the tile.
             if_begun: True to queue the packets only if some packets of the tile have already been sent.
         """
-        tiles = self._program.tiles
+        tiles = self._stream.tiles
         assert tiles is not None
         assert self._gone is not None
         first, end = tiles.first_packets[tile : tile + 2].tolist()
@@ -189,23 +189,23 @@ class SendQueue:
         self._gone[tile] = True
         self._run.extend(range(max(first, self._passed) if if_begun else first, end))
 
-    def update(self, program: ServedStream, reliable: bool, welcome: Item, known: int) -> None:
+    def update(self, stream: ServedStream, reliable: bool, welcome: Item, known: int) -> None:
         """Continues with the new state of a live stream.
 
         The queue then has the new init segment, the unsent packets of the earlier state, and the new packets.
 
         Args:
-            program: New state of the prepared stream.
+            stream: New state of the prepared stream.
             reliable: True if the init segment is sent on a reliable (QUIC) stream.
             welcome: Queue item of the datagram (welcome) that declares the new state. The item is queued before and
                 after the init segment and before the new packets, because datagrams can be lost.
             known: Number of packets in the earlier state.
         """
-        self._program = program
-        source = (program.reliable_schedule if reliable else program.send_schedule).items
+        self._stream = stream
+        source = (stream.reliable_schedule if reliable else stream.send_schedule).items
         head = [item for item in source if item[0] == SIDE]
-        left = [item for item in self._schedule.items[self._next :] if known and program.wants(*item)]
-        new = [] if known == len(program.packets) else [
+        left = [item for item in self._schedule.items[self._next :] if known and stream.wants(*item)]
+        new = [] if known == len(stream.packets) else [
             item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= known)
         ]  # fmt: skip
-        self._schedule, self._next = program.schedule_of((welcome, *head, welcome, *left, welcome, *new)), 0
+        self._schedule, self._next = stream.schedule_of((welcome, *head, welcome, *left, welcome, *new)), 0

@@ -5,7 +5,7 @@ Packets keep the order in which they are given: the most important tier first (`
 
 from collections.abc import Sequence
 
-from splatwire.transport.protocol.frames import TierHead
+from splatwire.transport.protocol.datagrams import TierHead
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.wire import DATA, PARITY, SIDE
 

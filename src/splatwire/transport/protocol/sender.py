@@ -21,7 +21,7 @@ from splatwire.transport.protocol.admission import (
     network_of,
     network_text,
 )
-from splatwire.transport.protocol.frames import (
+from splatwire.transport.protocol.datagrams import (
     NOT_YET,
     REFUSALS,
     Bye,
@@ -62,7 +62,7 @@ class Server:
     An internal error ends the transfer of one client and is logged in one line; other transfers continue.
 
     Args:
-        programs: Prepared streams by name; a client that requests no name gets the first.
+        streams: Prepared streams by name; a client that requests no name gets the first.
         secret: Secret key of the tokens, at least 16 random bytes.
         random: Function that returns a given number of random bytes, for the ids of transfers.
         limits: Limits on the transfers of clients.
@@ -79,14 +79,14 @@ class Server:
     @checked
     def __init__(
         self,
-        programs: Mapping[str, ServedStream],
+        streams: Mapping[str, ServedStream],
         *,
         secret: bytes,
         random: Callable[[int], bytes],
         limits: ServerLimits | None = None,
         on_failure: Callable[[Hashable], None] | None = None,
     ) -> None:
-        self._programs = dict(programs)
+        self._streams = dict(streams)
         self._mint = TokenMint(secret)
         self._random = random
         self._limits = limits or ServerLimits()
@@ -116,7 +116,7 @@ class Server:
     @property
     def num_streams(self) -> int:
         """Number of streams that clients can request."""
-        return len(self._programs)
+        return len(self._streams)
 
     def receive(
         self, address: Hashable, data: bytes, now: float, *, reliable: bool = False, network: Network | None = None
@@ -205,28 +205,28 @@ class Server:
             return None
         return self._due[0][0] if self.total_pacer is None else max(self._due[0][0], self.total_pacer.next_at())
 
-    def replace(self, programs: Mapping[str, ServedStream]) -> None:
+    def replace(self, streams: Mapping[str, ServedStream]) -> None:
         """Replaces all streams for new transfers; running transfers continue with their streams until they end.
 
         Args:
-            programs: Prepared streams by name; a client that requests no name gets the first.
+            streams: Prepared streams by name; a client that requests no name gets the first.
         """
-        self._programs = dict(programs)
+        self._streams = dict(streams)
 
-    def update(self, name: str, program: ServedStream) -> None:
+    def update(self, name: str, stream: ServedStream) -> None:
         """Adds a stream, or updates a live stream and notifies the clients that receive it.
 
         Args:
             name: Name of the stream.
-            program: Prepared stream, or the new state of a live stream.
+            stream: Prepared stream, or the new state of a live stream.
         """
-        old = self._programs.get(name)
-        self._programs[name] = program
-        for key in [key for key, transfer in self._transfers.items() if transfer.program is old]:
+        old = self._streams.get(name)
+        self._streams[name] = stream
+        for key in [key for key, transfer in self._transfers.items() if transfer.stream is old]:
             if key not in self._transfers:  # it failed together with another transfer of the same address
                 continue
             try:
-                self._transfers[key].update(program)
+                self._transfers[key].update(stream)
                 self._schedule(key)
             except Exception as error:  # a defect of the server must not end other clients' transfers
                 self.fail(key[0], error)
@@ -295,7 +295,7 @@ class Server:
             network: Network of the client, for limits per network.
 
         Returns:
-            None if the transfer has started; otherwise the index of the refusal in `frames.REFUSALS`, where 0 stands
+            None if the transfer has started; otherwise the index of the refusal in `datagrams.REFUSALS`, where 0 stands
             for a refusal without response.
         """
         if self._starts.seen(network, key[1]):
@@ -303,10 +303,10 @@ class Server:
             return 0
         if self.draining:
             return STOPPED
-        if not self._programs:  # a live stream before its first group
+        if not self._streams:  # a live stream before its first group
             return NOT_YET
-        name = name or next(iter(self._programs))
-        if name not in self._programs:
+        name = name or next(iter(self._streams))
+        if name not in self._streams:
             return UNKNOWN_STREAM
         held = Counter(self._networks.values())
         if held[network] >= self._limits.per_network or not self._starts.allowed(network, now):
@@ -321,7 +321,7 @@ class Server:
             )
         session = self._new_session(key[0])
         self._transfers[key] = ServerTransfer(
-            self._programs[name], session, self._limits, now, reliable_head=reliable, nonce=key[1]
+            self._streams[name], session, self._limits, now, reliable_head=reliable, nonce=key[1]
         )
         self._sessions[(key[0], session)], self._networks[key] = key, network
         self._starts.note(network, key[1], now)

@@ -15,7 +15,7 @@ from splatwire.bitstream import Packet, PacketId, SceneStream, send_sequence
 from splatwire.bitstream.tiles import Tiles, read_tiles
 from splatwire.errors import InvalidValueError
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, repair_symbols, source_symbols, symbol_bytes_for
-from splatwire.transport.protocol.frames import MAX_PREVIEW, TierHead
+from splatwire.transport.protocol.datagrams import MAX_PREVIEW, TierHead
 from splatwire.transport.protocol.layout import Group, Segments, init_segment, parity_groups
 from splatwire.transport.protocol.motion_parity import arrange, group_packets
 from splatwire.transport.protocol.protection import (
@@ -154,7 +154,7 @@ class ServedStream:
         return parity_groups(self.tiers)
 
     @functools.cached_property
-    def head_reserve(self) -> int:
+    def proactive_symbols(self) -> int:
         """Number of symbols per segment of the init segment that are sent without waiting for NACKs.
 
         Symbols with this index or a larger one are a reserve: they are sent only if the client reports missing symbols.
@@ -264,25 +264,25 @@ def make_served_stream(
     parity = parity_symbols(packets, tiers, symbol_bytes_for(largest))
     per_tier = packets_in_tiers(members, protection)
     schedule = build_send_schedule(scheduled, tiers, [*map(len, parity)], timing, per_tier)
-    program = ServedStream(
+    stream = ServedStream(
         manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, packets, largest, bundled,
         tiers, parity, schedule,
         preview, protection.resend, round(protection.resend_until * len(packets)),
     )  # fmt: skip
-    return program if tiles is None else _with_view_order(program, tiles)
+    return stream if tiles is None else _with_view_order(stream, tiles)
 
 
-def _with_view_order(program: ServedStream, tiles: Tiles) -> ServedStream:
+def _with_view_order(stream: ServedStream, tiles: Tiles) -> ServedStream:
     """Prepares a stream with levels of detail for a sending order that depends on the client's viewpoint.
 
     The coarsest tiles (up to `OPENING_BYTES`, at least one tile) are sent first for every viewpoint.
     """
     count = max(1, int(np.searchsorted(np.cumsum(tiles.sizes), OPENING_BYTES, "right")))
-    last = max(int(tiles.first_packets[count]), program.bundled)
-    program = replace(program, opening_packets=last)
-    first = tuple(filter(program.in_opening, program.schedule))
-    rest = tuple(item for item in program.schedule if not program.in_opening(item))
-    return replace(program, schedule=first + rest, tiles=tiles)
+    last = max(int(tiles.first_packets[count]), stream.bundled)
+    stream = replace(stream, opening_packets=last)
+    first = tuple(filter(stream.in_opening, stream.schedule))
+    rest = tuple(item for item in stream.schedule if not stream.in_opening(item))
+    return replace(stream, schedule=first + rest, tiles=tiles)
 
 
 def _packets_in_order(

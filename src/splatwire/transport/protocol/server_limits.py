@@ -21,7 +21,7 @@ class ServerLimits(CheckedFields):
         fixed_rate: Constant sending rate per client regardless of feedback, bytes per second; None for rate control.
         total_rate: Maximum sending rate to all clients together, bytes per second; None for no maximum. It counts
             datagrams without the headers of UDP and QUIC, and bytes of HTTP responses.
-        passes: Maximum bytes sent to a client, as a multiple of the bytes of the complete stream.
+        max_sent_ratio: Maximum bytes sent to a client, divided by the bytes of the complete stream.
     """
 
     sessions: int = 256
@@ -31,4 +31,4 @@ class ServerLimits(CheckedFields):
     start_rate: float = START_RATE
     fixed_rate: float | None = None
     total_rate: float | None = None
-    passes: float = 4.0
+    max_sent_ratio: float = 4.0

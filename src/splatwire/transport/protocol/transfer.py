@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from splatwire.arguments import checked
 from splatwire.transport.congestion.cubic import INITIAL_WINDOW
 from splatwire.transport.congestion.pacing import Pacer, RateControl
+from splatwire.transport.protocol.datagrams import End, Feedback, Have, View, Welcome
 from splatwire.transport.protocol.feedback import FeedbackTracker
-from splatwire.transport.protocol.frames import End, Feedback, Have, View, Welcome
 from splatwire.transport.protocol.known_packets import KnownPackets
 from splatwire.transport.protocol.send_queue import SendQueue, SentLog, ViewUpdateBudget, viewpoint_of
 from splatwire.transport.protocol.served_stream import ServedStream
@@ -40,7 +40,7 @@ RESEND_S = 0.05
 RESERVE_FACTOR = 1.3
 """Factor on the bytes reserved to retransmit missing init segment symbols: some retransmissions are lost too."""
 SPARE_BYTES = 100_000
-"""Number of bytes that may be sent to a client beyond `ServerLimits.passes`."""
+"""Number of bytes that may be sent to a client beyond `ServerLimits.max_sent_ratio`."""
 MAX_SEQUENCE = (1 << 32) - 1
 """Maximum sequence number of a datagram (32 bits): enough for 23 days of a live sequence at 20 Mbit/s."""
 FRESH_S = 1.0
@@ -55,7 +55,7 @@ class ServerTransfer:
     A state machine without socket and clock.
 
     Args:
-        program: Prepared stream to send.
+        stream: Prepared stream to send.
         session: Id of the transfer.
         limits: Limits on the transfer, such as the maximum rate.
         now: Time, seconds.
@@ -66,20 +66,20 @@ class ServerTransfer:
 
     @checked
     def __init__(
-        self, program: ServedStream, session: int, limits: ServerLimits, now: float, *, reliable_head: bool = False,
+        self, stream: ServedStream, session: int, limits: ServerLimits, now: float, *, reliable_head: bool = False,
         nonce: int = 0,
     ) -> None:  # fmt: skip
-        self.program = program
+        self.stream = stream
         self.session, self.nonce = session, nonce
         self.began_at = self.heard_at = now
         self.bytes_sent = 0
         self.control = RateControl(limits.start_rate, limits.rate, bounded=reliable_head)
         self._limits = limits
         self._reliable_head = reliable_head
-        self._order = SendQueue(program, reliable_head)
+        self._order = SendQueue(stream, reliable_head)
         self._pacer = Pacer(limits.fixed_rate or self.control.rate)
         self._feedback_tracker = FeedbackTracker()
-        self._left = SentLog(program.tiles is not None)
+        self._left = SentLog(stream.tiles is not None)
         self._view: View | None = None
         self._look_at: float | None = None
         self._heard, self._reported, self._opening = reliable_head, False, False
@@ -88,7 +88,7 @@ class ServerTransfer:
         self._waiting: set[tuple[int, int, int]] = set()
         self._held = KnownPackets()
         self._head_waiting = self._again_bytes = 0
-        self._head_cursor = program.head_reserve
+        self._head_cursor = stream.proactive_symbols
         self._head_left_at: float | None = None
         self._end_at, self._ends = 0.0, 0
         self._welcomed_at, self._welcomes = -WELCOME_S, 0
@@ -97,13 +97,13 @@ class ServerTransfer:
 
     def welcome(self) -> bytes:
         """Returns the datagram that accepts the client's request and declares the sizes of the stream (welcome)."""
-        p = self.program
+        p = self.stream
         head = (self.nonce, self.session, p.stream_id, p.head_bytes, p.head_digest, p.symbol_bytes)
         return encode(
             Welcome(*head, len(p.packets), p.packet_bytes, p.bundled, p.tiers, p.preview, p.is_live, p.viewable)
         )
 
-    def update(self, program: ServedStream) -> None:
+    def update(self, stream: ServedStream) -> None:
         """Continues with the new state of a live stream, or with a different stream.
 
         Sends the new init segment first, then the remaining packets of the earlier state, then the new packets. Drops
@@ -111,18 +111,18 @@ class ServerTransfer:
         whole queue is dropped.
 
         Args:
-            program: New state of the prepared live stream, or another prepared stream.
+            stream: New state of the prepared live stream, or another prepared stream.
         """
-        old, self.program = self.program, program
+        old, self.stream = self.stream, stream
         known, again = len(old.packets), self._again
-        if program.stream_id != old.stream_id:
-            self._order, known, again = SendQueue(program, self._reliable_head), 0, deque()
+        if stream.stream_id != old.stream_id:
+            self._order, known, again = SendQueue(stream, self._reliable_head), 0, deque()
             self._held, self._sent_again = KnownPackets(), {}
             self._most_bytes = self.bytes_sent + SPARE_BYTES
-        self._order.update(program, self._reliable_head, (WELCOME, 0, 0), known)
-        self._again = deque(item for item in again if item[0] == DATA and program.may_retransmit(item[2]))
+        self._order.update(stream, self._reliable_head, (WELCOME, 0, 0), known)
+        self._again = deque(item for item in again if item[0] == DATA and stream.may_retransmit(item[2]))
         self._waiting = set(self._again)
-        self._head_waiting, self._head_left_at, self._head_cursor = 0, None, program.head_reserve
+        self._head_waiting, self._head_left_at, self._head_cursor = 0, None, stream.proactive_symbols
         self._allow(known)
 
     def _allow(self, known: int) -> None:
@@ -133,15 +133,15 @@ class ServerTransfer:
         Args:
             known: Number of packets before the update of the live stream.
         """
-        known_bytes = sum(DATA_OVERHEAD + len(packet) for packet in self.program.packets[self.program.bundled : known])
-        self._most_bytes += int(self._limits.passes * (sum(self.program.sizes().values()) - known_bytes))
+        known_bytes = sum(DATA_OVERHEAD + len(packet) for packet in self.stream.packets[self.stream.bundled : known])
+        self._most_bytes += int(self._limits.max_sent_ratio * (sum(self.stream.sizes().values()) - known_bytes))
 
     def exclude_known(self, frame: Have) -> None:
         """Removes packets that the client already has from the queue.
 
         Lowers the limit on bytes sent to the client accordingly.
         """
-        self._most_bytes -= int(self._limits.passes * self._held.take(frame, self.program))
+        self._most_bytes -= int(self._limits.max_sent_ratio * self._held.take(frame, self.stream))
 
     def _take_next(self, now: float) -> tuple[int, int, int] | None:
         """Removes the next datagram that the client needs from the queue, and returns it; None if none is left.
@@ -166,7 +166,7 @@ class ServerTransfer:
         Args:
             round_trip: Time from sending the token to its return, seconds; None if unknown.
         """
-        if round_trip is not None and round_trip <= FRESH_S and self.program.tiles is None:  # wait for a view
+        if round_trip is not None and round_trip <= FRESH_S and self.stream.tiles is None:  # wait for a view
             self.control.on_handshake_rtt(round_trip)
             self._pacer.rate, self._opening = self._limits.fixed_rate or self.control.rate, True
 
@@ -220,7 +220,7 @@ class ServerTransfer:
             waits = self._order.viewed and self._ends > OFTEN
             self._end_at, self._ends = now + (WAITING_S if waits else END_INTERVAL_S), self._ends + 1
             self._left.note(self._feedback_tracker.sequence, -1)
-            if self._ends % 2 or not self.program.is_live:
+            if self._ends % 2 or not self.stream.is_live:
                 return self._leave(encode(End(self.session, self._feedback_tracker.sequence)), now)
             item = (WELCOME, 0, 0)
         if item[0] == WELCOME:
@@ -235,7 +235,7 @@ class ServerTransfer:
             turns: Processing time shared by the viewpoints of all clients.
             now: Time, seconds.
         """
-        tiles = self.program.tiles
+        tiles = self.stream.tiles
         if tiles is None or (self._view is not None and view.number <= self._view.number):
             return
         self._view = view
@@ -280,8 +280,8 @@ class ServerTransfer:
     def _datagram(self, kind: int, group: int, symbol: int) -> bytes:
         self._left.note(self._feedback_tracker.sequence, symbol if kind == DATA else -1)
         if kind == DATA:
-            return encode_data(self.session, self._feedback_tracker.sequence, symbol, self.program.packets[symbol])
-        source = self.program.head if kind == SIDE else self.program.parity
+            return encode_data(self.session, self._feedback_tracker.sequence, symbol, self.stream.packets[symbol])
+        source = self.stream.head if kind == SIDE else self.stream.parity
         return encode_symbol(kind, self.session, self._feedback_tracker.sequence, group, symbol, source[group][symbol])
 
     def _leave(self, data: bytes, now: float, *, counted: bool = True) -> bytes:
@@ -304,24 +304,24 @@ class ServerTransfer:
             now: Time, seconds.
         """
         wait = max(RESEND_S, 1.25 * (self.control.round_trip or 0.0))
-        symbol_bytes = self.program.symbol_bytes + SIDE_OVERHEAD
-        missing = 0 if self._reliable_head else min(frame.side_missing, sum(map(len, self.program.head)))
+        symbol_bytes = self.stream.symbol_bytes + SIDE_OVERHEAD
+        missing = 0 if self._reliable_head else min(frame.side_missing, sum(map(len, self.stream.head)))
         if missing and self._head_left_at is not None and now - self._head_left_at >= wait:
             items = self._further_head_symbols(missing)
             self._head_left_at, self._head_waiting = None, len(items)
             self._again_bytes += len(items) * symbol_bytes
             self._again.extendleft(items)
-        left = self.program.resend_bytes - self._again_bytes - RESERVE_FACTOR * missing * symbol_bytes
+        left = self.stream.resend_bytes - self._again_bytes - RESERVE_FACTOR * missing * symbol_bytes
         for index, number in self._requested(frame):
             item = (DATA, 0, index)
-            if index < 0 or not self.program.may_retransmit(index):
+            if index < 0 or not self.stream.may_retransmit(index):
                 continue
             if item in self._waiting:
                 self._left.answered(number)
                 continue
             if now - self._sent_again.get(item, -1e9) < wait:
                 continue
-            size = len(self.program.packets[index]) + DATA_OVERHEAD
+            size = len(self.stream.packets[index]) + DATA_OVERHEAD
             if size > left:
                 break
             left -= size
@@ -354,9 +354,9 @@ class ServerTransfer:
             Three integers for each symbol, as in `SendSchedule.items`: the kind `SIDE`, the index of the segment, and
             the index of the symbol in the segment.
         """
-        head = self.program.head
+        head = self.stream.head
         longest = max(map(len, head))
-        count = min(missing + 1 if self.program.counts_bytes else missing + missing // 2 + 2, 512)
+        count = min(missing + 1 if self.stream.counts_bytes else missing + missing // 2 + 2, 512)
         items: list[tuple[int, int, int]] = []
         while len(items) < count:
             symbol = self._head_cursor % longest

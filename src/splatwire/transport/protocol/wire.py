@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.errors import BitstreamError, UnsupportedVersionError
-from splatwire.transport.protocol.frames import (
+from splatwire.transport.protocol.datagrams import (
     DIGEST_BYTES,
     MAX_DECLARED,
     MAX_HELD_BYTES,

@@ -54,7 +54,7 @@ class QuicServer(SocketServer):
     unvalidated client gets at most three times the bytes that it sent (RFC 9000, 8.1).
 
     Args:
-        programs: Prepared streams by name; a client that requests no name gets the first.
+        streams: Prepared streams by name; a client that requests no name gets the first.
         host: Address to listen on.
         port: UDP port; 0 selects a free port.
         identity: Certificate and key, or a function that is called for each new connection and returns the current
@@ -67,12 +67,12 @@ class QuicServer(SocketServer):
     """
 
     def __init__(
-        self, programs: Mapping[str, ServedStream], host: str, port: int, *,
+        self, streams: Mapping[str, ServedStream], host: str, port: int, *,
         identity: Identity | Callable[[], Identity], limits: ServerLimits | None = None,
         quic_limits: QuicLimits | None = None,
     ) -> None:  # fmt: skip
         limits = limits or ServerLimits()
-        core = Server(programs, secret=os.urandom(32), random=os.urandom, limits=limits, on_failure=self._end_failed)
+        core = Server(streams, secret=os.urandom(32), random=os.urandom, limits=limits, on_failure=self._end_failed)
         super().__init__(core, host, port)
         self.limits = quic_limits or QuicLimits()
         self.num_refused = 0

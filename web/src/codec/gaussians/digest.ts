@@ -24,7 +24,7 @@ export type Verification = {
 export class SymbolsDigest {
   #hash = newSha256();
   /** Packets that are not hashed yet, and the bytes of their integers. */
-  #kept: { readonly packet: Packet; readonly decoded: Decoded }[] = [];
+  #pending: { readonly packet: Packet; readonly decoded: Decoded }[] = [];
   #bytes = 0;
   /** True as long as packets were added in order. */
   #inOrder = true;
@@ -38,16 +38,16 @@ export class SymbolsDigest {
   /** Adds a decoded packet. The integers may change afterwards only if `keptBytes` is 0. */
   add(packet: Packet, decoded: Decoded): void {
     if (!this.#inOrder) return;
-    this.#kept.push({ packet, decoded });
+    this.#pending.push({ packet, decoded });
     this.#bytes += decoded.rows.byteLength + decoded.harmonics.byteLength;
     if (this.#bytes > this.keptBytes) this.#hashKept();
   }
 
-  /** Hashes the kept packets in the order of the plan. */
+  /** Hashes the pending packets in the order of the plan. */
   #hashKept(): void {
-    this.#kept.sort(({ packet: a }, { packet: b }) => a.block - b.block || a.lane - b.lane);
-    for (const { packet, decoded } of this.#kept) this.#hashNext(packet, decoded);
-    this.#kept = [];
+    this.#pending.sort(({ packet: a }, { packet: b }) => a.block - b.block || a.lane - b.lane);
+    for (const { packet, decoded } of this.#pending) this.#hashNext(packet, decoded);
+    this.#pending = [];
     this.#bytes = 0;
   }
 

@@ -7,7 +7,7 @@ export interface Swap {
 }
 
 /** Returns the steps from one cut of a tile tree to another, in the order of the added tiles. */
-export function swapsOf(parents: Int32Array, held: ReadonlySet<number>, drawn: ReadonlySet<number>): Swap[] {
+export function swapsOf(parents: Int32Array, before: ReadonlySet<number>, drawn: ReadonlySet<number>): Swap[] {
   const swaps = new Map<number, { gone: number[]; come: number[] }>();
   const swapAt = (tile: number): { gone: number[]; come: number[] } => {
     const found = swaps.get(tile) ?? { gone: [], come: [] };
@@ -19,7 +19,8 @@ export function swapsOf(parents: Int32Array, held: ReadonlySet<number>, drawn: R
     for (let above = parents[tile]; above >= 0; above = parents[above]) if (others.has(above)) return above;
     return tile;
   };
-  for (const tile of [...drawn].sort((a, b) => a - b)) if (!held.has(tile)) swapAt(place(tile, held)).come.push(tile);
-  for (const tile of held) if (!drawn.has(tile)) swapAt(place(tile, drawn)).gone.push(tile);
+  for (const tile of [...drawn].sort((a, b) => a - b))
+    if (!before.has(tile)) swapAt(place(tile, before)).come.push(tile);
+  for (const tile of before) if (!drawn.has(tile)) swapAt(place(tile, drawn)).gone.push(tile);
   return [...swaps.values()];
 }

@@ -5,7 +5,7 @@ import { BitstreamError } from "../../bytes.ts";
 import { COLUMNS, LATTICE } from "../gaussians/layout.ts";
 import { emptySplats, type Splats } from "../splats.ts";
 import { NUM_CHANNELS } from "./layout.ts";
-import type { ClipInfo } from "./side_info.ts";
+import type { SequenceInfo } from "./side_info.ts";
 import { MotionSteps } from "./steps.ts";
 
 /** Largest number of tracks. Each announced track takes four bytes. */
@@ -29,14 +29,14 @@ export class KeyframeGaussians {
   count = 0;
   readonly #steps: MotionSteps;
 
-  constructor(public info: ClipInfo) {
+  constructor(public info: SequenceInfo) {
     this.slots = slotsOf(info);
     this.splats = emptySplats(MIN_CAPACITY, info.bases.degree);
     this.#steps = new MotionSteps(info.bases, info.coarser);
   }
 
   /** Continues with a longer clip, which has more tracks. */
-  grow(info: ClipInfo): void {
+  grow(info: SequenceInfo): void {
     const slots = slotsOf(info);
     slots.set(this.slots);
     this.slots = slots;
@@ -87,7 +87,7 @@ function copyInto<T extends Int32Array | Float64Array>(old: T, larger: T): T {
   return larger;
 }
 
-function slotsOf({ numTracks }: ClipInfo): Int32Array {
+function slotsOf({ numTracks }: SequenceInfo): Int32Array {
   if (numTracks > MAX_TRACKS) throw new BitstreamError(`${numTracks} tracks exceed the limit of ${MAX_TRACKS}`);
   return new Int32Array(numTracks).fill(-1);
 }

@@ -40,10 +40,10 @@ export function extrapolate(
       repeatLastOffset(past.lastOffsets, slot, out, n * frames, frames);
   });
   for (const way of ["alike", "fresh", "old"]) {
-    const asked = way === "alike" ? peers : observedRows,
+    const sources = way === "alike" ? peers : observedRows,
       at = Int32Array.from(queryTracks.keys()).filter((n) => caseOf(queryTracks[n]) === way);
-    if (!at.length || !asked.length) continue;
-    const field = new MotionField(arrived, asked, motionOrigins(way, arrived, asked, past, frames), past, frames);
+    if (!at.length || !sources.length) continue;
+    const field = new MotionField(arrived, sources, motionOrigins(way, arrived, sources, past, frames), past, frames);
     for (const n of at) {
       const own = out.subarray(n * frames * NUM_CHANNELS, (n + 1) * frames * NUM_CHANNELS);
       if (way === "alike") field.predict(queryTracks[n], own);

@@ -14,10 +14,10 @@ import { CONCEALMENT_BYTES } from "../memory.ts";
 import type { Copies } from "../part.ts";
 import type { DecodedPacket, Schema } from "../schema.ts";
 import { emptySplats, splatBytes } from "../splats.ts";
-import { Clip } from "./clip.ts";
 import { TRACK_BYTES } from "./keyframe_gaussians.ts";
 import { decodeMotion } from "./motion.ts";
-import { type ClipInfo, readClipInfo } from "./side_info.ts";
+import { Clip } from "./sequence.ts";
+import { readSequenceInfo, type SequenceInfo } from "./side_info.ts";
 
 /** First block of a group's bases, among all bases and in the plan, and its first track. */
 interface First {
@@ -26,7 +26,7 @@ interface First {
   readonly track: number;
 }
 
-function firstsOf({ groups }: ClipInfo, plan: Plan): First[] {
+function firstsOf({ groups }: SequenceInfo, plan: Plan): First[] {
   const size = plan.manifest.packetization.blockSize;
   let own = 0,
     first = 0;
@@ -43,7 +43,7 @@ export class TrackSchema implements Schema<GaussianPart> {
   readonly tiling = null;
   readonly viewDependent = false;
   readonly middle = null;
-  info: ClipInfo;
+  info: SequenceInfo;
   readonly concealers = {};
   /** Received packets and frames of the clip. */
   readonly moving: Clip;
@@ -54,14 +54,14 @@ export class TrackSchema implements Schema<GaussianPart> {
     sideInfo: Uint8Array,
     public plan: Plan,
   ) {
-    this.info = readClipInfo(sideInfo, plan.manifest);
+    this.info = readSequenceInfo(sideInfo, plan.manifest);
     this.moving = new Clip(this.info, sideInfo.length);
     this.#bases = new FastPackets(this.info.bases);
     this.#firsts = firstsOf(this.info, plan);
   }
 
   grow(sideInfo: Uint8Array, plan: Plan): void {
-    this.info = readClipInfo(sideInfo, plan.manifest);
+    this.info = readSequenceInfo(sideInfo, plan.manifest);
     this.plan = plan;
     this.moving.grow(this.info);
     this.#bases.grow(this.info.bases);

@@ -12,7 +12,7 @@ import type { Group, Timeline } from "./timeline.ts";
 const VERSION = 1,
   MAX_OFFSET = 16;
 
-export interface ClipInfo {
+export interface SequenceInfo {
   readonly timeline: Timeline;
   readonly groups: readonly Group[];
   readonly numTracks: number;
@@ -25,7 +25,7 @@ export interface ClipInfo {
   readonly lifetimes: Lifetimes;
 }
 
-export function readClipInfo(bytes: Uint8Array, manifest: Manifest): ClipInfo {
+export function readSequenceInfo(bytes: Uint8Array, manifest: Manifest): SequenceInfo {
   if (manifest.packetization.grouping !== "hashed")
     throw new BitstreamError("a clip needs hashed grouping, but the manifest has another one");
   const reader = new ByteReader(bytes, "side information"),
@@ -84,7 +84,7 @@ function groupsOf({ tiers }: Manifest): Group[] {
   return groups;
 }
 
-function readMotion(bytes: Uint8Array): Pick<ClipInfo, "coarser" | "models"> {
+function readMotion(bytes: Uint8Array): Pick<SequenceInfo, "coarser" | "models"> {
   const reader = new ByteReader(bytes, "side information of motion"),
     coarser = Array.from({ length: NUM_KINDS }, () => reader.signed());
   if (coarser.some((octaves) => Math.abs(octaves) > MAX_OFFSET))

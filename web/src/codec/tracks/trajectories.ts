@@ -3,7 +3,7 @@
 import { BITS, DIRECTION_BITS } from "../gaussians/layout.ts";
 import type { Splats } from "../splats.ts";
 import { KIND_OF, NUM_CHANNELS } from "./layout.ts";
-import type { ClipInfo } from "./side_info.ts";
+import type { SequenceInfo } from "./side_info.ts";
 
 const TABLES = new Map<number, Float64Array>();
 const MAX_OPACITY = 1 - 1e-6;
@@ -36,7 +36,7 @@ export function polynomials(frames: number): Float64Array {
 }
 
 /** Returns the unit of each channel: world units, tangents, natural logarithms, colours. */
-export function unitsOf({ bases }: ClipInfo): Float64Array {
+export function unitsOf({ bases }: SequenceInfo): Float64Array {
   const place = 2 ** (bases.sizeLog - bases.unit - 1),
     rotate = 2 ** -DIRECTION_BITS,
     log = Math.LN2 / 2 ** BITS,

@@ -14,7 +14,7 @@ const PREFETCH_MS = 40;
 
 type PostMessage = (message: FromWorker, hand?: ArrayBuffer[]) => void;
 
-export class ClipFrames {
+export class SequenceFrames {
   /** Periods of a live clip; null for other clips. */
   #periods: Periods | null = null;
   #reportedEnd = -1;
@@ -78,8 +78,8 @@ export class ClipFrames {
     const last = packets.at(-1),
       key = JSON.stringify([packets.length, last?.block, last?.lane, { ...choice, concealer: "" }]);
     if (this.#shown?.key !== key) {
-      const kept = shownPackets(packets, choice),
-        some = new Set(packets.filter((_, n) => kept[n]));
+      const isShown = shownPackets(packets, choice),
+        some = new Set(packets.filter((_, n) => isShown[n]));
       this.#shown = { key, count: some.size, shown: (packet) => some.has(packet) };
     }
     return this.#shown;

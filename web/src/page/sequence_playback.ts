@@ -5,7 +5,7 @@ import { LivePlayer } from "./live_player.ts";
 import type { Panel } from "./panel.ts";
 import { Player, type RequestFrame } from "./player.ts";
 
-export class ClipPlayback {
+export class SequencePlayback {
   #player: Player | LivePlayer | null = null;
 
   /** `panel` returns the panel, `requestFrame` requests a frame. */
@@ -29,7 +29,7 @@ export class ClipPlayback {
   }
 
   /** True if the stream is a clip. */
-  get isClip(): boolean {
+  get isSequence(): boolean {
     return this.#player !== null;
   }
 
@@ -90,8 +90,8 @@ export class ClipPlayback {
     panel.setRow("motion concealed", concealed ? `${concealed.toLocaleString()} tracks` : "none");
     panel.setRow("motion shown", `${shownPackets.toLocaleString()} packets`);
     if (this.#player instanceof LivePlayer) {
-      const { held, buffer } = this.#player.facts;
-      panel.setRow("stalled", held ? `${held} frames` : "none");
+      const { stalled, buffer } = this.#player.facts;
+      panel.setRow("stalled", stalled ? `${stalled} frames` : "none");
       panel.setRow("buffer", `${(1000 * buffer).toFixed(0)} ms`);
     } else panel.setRow("late", `${this.#player?.skipped ?? 0} frames`);
     panel.setRow("frame time", `${drawMs.toFixed(0)} ms`);

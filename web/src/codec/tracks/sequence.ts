@@ -4,7 +4,7 @@ import { ByteReader } from "../../bytes.ts";
 import type { Packet } from "../../packets/packet.ts";
 import { FIRST_FRAME } from "../../packets/section_names.ts";
 import { checkMemory } from "../memory.ts";
-import type { ClipDecoder, DecodedFrame } from "../schema.ts";
+import type { DecodedFrame, SequenceDecoder } from "../schema.ts";
 import { emptySplats, type Splats } from "../splats.ts";
 import { KeyframeGaussians } from "./keyframe_gaussians.ts";
 import { AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK } from "./layout.ts";
@@ -12,12 +12,12 @@ import { decodeMotion } from "./motion.ts";
 import { extrapolate, isLocallyCoherent } from "./motion_prediction.ts";
 import type { TrackOffsets } from "./poses.ts";
 import { coefficients, coefficientsOf } from "./predict.ts";
-import type { ClipInfo } from "./side_info.ts";
+import type { SequenceInfo } from "./side_info.ts";
 import type { Timeline } from "./timeline.ts";
 import { applyOffsets, offsetsOf, unitsOf } from "./trajectories.ts";
 
 /** A decoded frame. */
-export interface ClipFrame extends DecodedFrame {
+export interface SequenceFrame extends DecodedFrame {
   /** Track of each Gaussian. */
   readonly tracks: Int32Array;
 }
@@ -56,7 +56,7 @@ interface DecodedGroup extends TrackOffsets, ConcealedTracks {
   readonly memory: ConcealmentState;
 }
 
-export class Clip implements ClipDecoder {
+export class Clip implements SequenceDecoder {
   readonly concealers = CONCEALERS;
   packets: Packet[] = [];
   late = 0;
@@ -74,7 +74,7 @@ export class Clip implements ClipDecoder {
 
   /** `numBytes` is the number of received bytes of the stream. */
   constructor(
-    public info: ClipInfo,
+    public info: SequenceInfo,
     public numBytes: number,
   ) {
     this.bases = new KeyframeGaussians(info);
@@ -84,7 +84,7 @@ export class Clip implements ClipDecoder {
   }
 
   /** Continues with a longer clip, which has more groups. */
-  grow(info: ClipInfo): void {
+  grow(info: SequenceInfo): void {
     this.info = info;
     this.bases.grow(info);
     for (let group = this.#motion.length; group < info.groups.length; group++) {
@@ -148,7 +148,7 @@ export class Clip implements ClipDecoder {
   }
 
   /** Returns a frame. Conceals the motion of packets that are lost or rejected by `shown`. */
-  frame(number: number, shown: (packet: Packet) => boolean, concealer = "motion"): ClipFrame {
+  frame(number: number, shown: (packet: Packet) => boolean, concealer = "motion"): SequenceFrame {
     const group = Math.floor(number / this.info.timeline.groupFrames),
       { slots, begins, ends, offsets, concealed, areLostHidden } = this.#decodeGroup(group, shown, concealer),
       frames = this.framesOf(group),
