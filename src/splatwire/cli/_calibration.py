@@ -25,7 +25,7 @@ from splatwire.types.background import Background
 
 
 def check_look(look: LookFrom) -> None:
-    """Checks that the options do not contradict each other, before any work.
+    """Raises an error if options of the comparison views contradict each other; called before files are read.
 
     Raises:
         InvalidValueError: If both photos and cameras are given, one of these paths does not exist, or the

@@ -1,4 +1,4 @@
-"""Validation of concealer names before any work."""
+"""Validation of the concealer names that options contain."""
 
 from splatwire.concealment import create_concealer
 from splatwire.concealment.temporal.concealers import BUILT_IN, temporal_concealer

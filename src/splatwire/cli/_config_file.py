@@ -70,7 +70,7 @@ def without_flags(options: Any) -> Any:
 
 
 def with_flags(options: Any, configured: Any) -> Any:
-    """Combines options: a flag is on if it is on in one of the two instances."""
+    """Merges two sets of options of a verb: a flag is on if at least one of the sets has it on."""
     on = {field.name: True for field in dataclasses.fields(options) if getattr(configured, field.name) is True}
     nested = {
         field.name: with_flags(getattr(options, field.name), getattr(configured, field.name))

@@ -81,9 +81,10 @@ class MadeDownloads:
         return self._formats
 
     async def file(self, stream: bytes, tag: str, form: str, part: str = "") -> DownloadedFile | None:
-        """Returns the file of a stream; all requests wait for the same process.
+        """Returns the file of a stream in another format; makes it in a separate process if it does not exist yet.
 
-        A stream that cannot be converted is not tried again for some time.
+        Requests for the same file wait for one process. A stream that could not be converted is not tried again for some
+        time.
 
         Args:
             stream: Content of the stream's `.swz` file.
@@ -146,7 +147,7 @@ class MadeDownloads:
         return found
 
     async def _run(self, *words: str) -> None:
-        """Runs a verb of splatwire in a process of its own.
+        """Runs a verb of splatwire in a separate process, and waits for its end.
 
         Raises:
             SplatwireError: If it fails, or takes longer than the maximum duration.

@@ -22,9 +22,9 @@ _CONFIG = (
 
 
 def _skip_typeguard_import() -> None:
-    """Replaces tyro's type check of defaults by one without the package typeguard, whose import takes longer.
+    """Replaces tyro's type check of option defaults by our own, because importing typeguard takes long.
 
-    The new check omits the items of tuples. A type checker has checked our defaults.
+    Our check does not look into tuples. A type checker has already checked these defaults.
     """
     resolver: Any = getattr(tyro, "_resolver", None)  # private: a release without it checks as before
     checked: Any = getattr(resolver, "is_instance", None)

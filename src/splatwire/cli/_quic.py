@@ -36,7 +36,7 @@ async def open_server(
 
 
 def identity(listening: Listening) -> "Callable[[], Identity]":
-    """Returns the source of the certificate and key of a QUIC server; self-signed certificates are renewed.
+    """Returns the function that gives the certificate and key of a QUIC server; self-signed certificates are renewed.
 
     Raises:
         InvalidValueError: If only one of certificate and key is given, or their files are invalid.

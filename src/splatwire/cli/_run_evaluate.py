@@ -111,7 +111,7 @@ def _print_result(command: Evaluate, content: Mapping[str, Any], show: Callable[
 
 
 def _check(command: Evaluate) -> Link | None:
-    """Checks the options before any work.
+    """Raises an error if two options contradict each other; called before any file is read.
 
     Returns the simulated network link if a camera path is evaluated, else None.
 

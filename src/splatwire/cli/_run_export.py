@@ -74,7 +74,7 @@ def run(options: Export) -> None:
 
 
 def _check(options: Export) -> None:
-    """Checks that the options do not contradict each other, before any work."""
+    """Raises an error if two options contradict each other; called before any file is read."""
     if str(options.output) == "-":
         raise InvalidValueError("an export is read back to be measured: give -o a file")
     prepared_output(options.output, suffix=Path(f"x{_format(options).suffix}").suffix)

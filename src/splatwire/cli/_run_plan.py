@@ -84,7 +84,7 @@ def _plan_sequences(options: PlanCommand, streams: Sequence[SceneStream], loss: 
 
 
 def _check(options: PlanCommand) -> None:
-    """Checks that the options do not contradict each other, before any work."""
+    """Raises an error if two options contradict each other; called before any file is read."""
     if not options.streams:
         raise InvalidValueError("name at least one stream to plan for")
     if options.output is not None:

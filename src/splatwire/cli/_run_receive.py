@@ -90,7 +90,7 @@ def _decoding_module() -> ModuleType:
 def _transfer(
     command: Receive, address: Address, options: ReceiverOptions, note: Callable[[Event], None]
 ) -> tuple[Receiver, bool]:
-    """Receives the stream, with a packet capture if requested; also returns True if the user stopped it."""
+    """Receives the stream, with a packet capture if requested; also returns True if the user stopped the transfer."""
     transfer = transfer_of(command.trust, address)
     with contextlib.ExitStack() as stack:
         tap = None
@@ -169,7 +169,7 @@ class TransferTimes:
         return time.perf_counter() - self._began if self.end is None else self.end
 
     def note(self, event: Event, show: Reporter) -> None:
-        """Records the time of an event of the receiver."""
+        """Stores the time of an event of the receiver, if it is the first event of its kind."""
         match event:
             case Welcomed():
                 self._expected = max(event.num_packets, 1)

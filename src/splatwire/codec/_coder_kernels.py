@@ -252,10 +252,11 @@ def _decode_outside(words, state, half):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_between(coder, scale, place, start, after, target, eighths):
-    """Decodes a symbol of a mixture with many symbols, whose table contains every `1 << shift`-th bound.
+    """Decodes a symbol of a mixture that has too many symbols to tabulate every bound between them.
 
-    The search begins at the symbol that interpolates two tabulated bounds, because the density between them is nearly
-    constant.
+    A bound is the start of a symbol's probability interval; the table contains every `1 << shift`-th of them, with
+    `shift` from the mixture's window. The search begins at the symbol found by linear interpolation between two
+    tabulated bounds, because the density between these is nearly constant.
 
     Args:
         coder: Entropy coder.

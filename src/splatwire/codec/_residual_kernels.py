@@ -45,9 +45,9 @@ def residual_windows(scales, inverses, widths, normal):
         normal: Table of the normal cumulative distribution function.
 
     Returns:
-        Scales of the contexts, uint16; windows, int64 (scales, 6), with the columns named above; bounds of probability
-        intervals, out of 2**`TOTAL_BITS`, int32; and for each mixture the indices of bounds at which a decoder starts
-        its search, by the highest bits of the position of the code, uint16.
+        Scales of the contexts, uint16; windows, int64 (scales, 6), with the columns `HALF` to `GUESS_BITS` of this
+        module; bounds of probability intervals, out of 2**`TOTAL_BITS`, int32; and for each mixture the indices of
+        bounds at which a decoder starts its search, by the highest bits of the position of the code, uint16.
     """
     windows = np.zeros((NUM_SCALES, 6), np.int64)
     num_bounds = num_guesses = np.int64(0)

@@ -8,5 +8,5 @@ SECTION = "antialiased"
 
 
 def antialiasing_sections(antialiased: bool) -> dict[str, bytes]:
-    """Serialises the flag; returns a dict from section name to bytes, empty without antialiasing."""
+    """Returns the antialiasing flag as named sections of the side information: one empty section if set, else none."""
     return {SECTION: b""} if antialiased else {}

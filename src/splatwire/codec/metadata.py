@@ -15,7 +15,7 @@ _MAX_BYTES = 1 << 16
 
 
 def metadata_sections(metadata: SceneMetadata) -> dict[str, bytes]:
-    """Serialises metadata; returns a dict from section name to bytes, without sections for fields without a value."""
+    """Returns metadata as named sections of the side information: one section for each field that has a value."""
     content = metadata_to_json(metadata)
     sections = {}
     up, view = content.pop("up", None), content.pop("view", None)

@@ -128,7 +128,10 @@ class PreviewFrame:
         return Gaussians(places, upright, self.spread * np.exp(values[:, 3:6]), values[:, 9], values[:, 6:9])
 
     def scale(self) -> tuple[Float[np.ndarray, "10"], Float[np.ndarray, "10"]]:
-        """Returns the values at level 0, and the quantisation steps, of the ten numbers that describe a Gaussian."""
+        """Returns offset and quantisation step of each of the ten numbers that describe a Gaussian.
+
+        A number is the offset plus its quantisation level times the step.
+        """
         half = 0.5 / (1 << BITS[9])
         low = [*self.low[:3], *self.low[3:] * 3, 0.0, 0.0, 0.0, half]
         high = [*self.high[:3], *self.high[3:] * 3, 1.0, 1.0, 1.0, 1 - half]

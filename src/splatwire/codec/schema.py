@@ -123,9 +123,9 @@ class Decoder(Protocol):
         """
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
-        """Adds the integers of a complete run to a hashlib object.
+        """Adds the decoded integers of a complete run to a hash.
 
-        The result does not depend on the division into runs.
+        The hash of all runs is compared with that in the manifest. The division into runs does not change the hash.
         """
 
     def scene(self) -> ReceivedScene:

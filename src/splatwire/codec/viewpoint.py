@@ -39,7 +39,7 @@ class Viewpoint(NamedTuple):
 
 
 def up_sections(axis: str) -> dict[str, bytes]:
-    """Serialises the upward axis; returns a dict from section name to bytes, empty for `-y`."""
+    """Returns the upward axis as named sections of the side information: one section, or none for the default `-y`."""
     return {} if axis == "-y" else {UP_SECTION: axis.encode()}
 
 

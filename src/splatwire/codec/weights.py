@@ -266,7 +266,10 @@ def _activation(pre: np.ndarray, leaky: bool) -> np.ndarray:
 def _refitted(
     output: tuple[np.ndarray, np.ndarray], inputs: np.ndarray, rounded: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Refits the second layer by least squares, so that it compensates for the quantisation of the first layer."""
+    """Refits the second layer of a network by least squares, after its first layer was quantised.
+
+    The refitted layer compensates for the quantisation errors of the first layer.
+    """
     weight, bias = output
     centred = rounded - rounded.mean(axis=0)
     lacking = (inputs - inputs.mean(axis=0) - centred) @ weight.T

@@ -19,19 +19,19 @@ _MOST_OPAQUE, _LEAST_OPAQUE = 0.999, 1e-6
 @register_concealer("grow")
 @dataclass(frozen=True)
 class Grow:
-    """Hides lost elements and enlarges received elements by the factor `(1 - rho) ** -exponent` (the gain).
+    """Hides lost elements, and enlarges received elements to cover the gaps.
 
-    `rho` is the share of an element's nearest neighbours that was lost. With exponent 1/2 the covered area of a surface
-    is preserved: of `n` discs `(1 - rho) n` are left, and the area of each is multiplied by `1 / (1 - rho)`.
+    A received element is enlarged by the factor `(1 - rho) ** -exponent` (the gain), where `rho` is the lost share of
+    its nearest neighbours. With exponent 1/2, a surface keeps its covered area: `(1 - rho) n` of `n` discs remain, and
+    the area of each is multiplied by `1 / (1 - rho)`.
 
-    Neighbours are weighted by expected size: the size predicted by the prior, or the typical size of their importance
-    tier in the side information (`ReceivedScene.sizes`). This matters if important elements are protected and only
-    small elements are lost, because large elements must not grow then. For two scenes with the least important third to
-    half of the packets lost, weighting by predicted size gained 0.4 and 0.5 dB over equal weights. With uniform losses,
-    weighting gained 0.01 to 0.05 dB.
+    In `rho`, a neighbour counts by its expected size. This is the size that the prior predicts, or the typical size of
+    the neighbour's importance tier (`ReceivedScene.sizes`). If only small elements were lost, large elements are thus
+    hardly enlarged. For two scenes in which the least important third to half of the packets was lost, this weighting
+    gained 0.4 and 0.5 dB over equal weights; with uniform losses, 0.01 to 0.05 dB.
 
     The type of scene (`Coverage`) determines how much of the gain is applied to size and how much to opacity. The sizes
-    of explicit Gaussians are increased much less, and the opacity `o` becomes `1 - (1 - o) ** (1 - rho) ** -0.8`. This
+    of explicit Gaussians are increased much less, and the opacity `o` becomes `1 - (1 - o) ** (1 - rho) ** -0.8`, which
     preserves the transmittance of overlapping layers.
 
     Attributes:

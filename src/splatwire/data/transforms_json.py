@@ -173,7 +173,7 @@ def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], imag
 
 
 def _name(file_path: str, images: str | None) -> str:
-    """Returns the name of a view: the path of its image as listed in the file.
+    """Returns the name of a view: the path of its image in the transforms file, without suffix.
 
     Args:
         file_path: Path of the image in the transforms file.
@@ -306,7 +306,7 @@ def _matrix_terms(path: Path, name: str, key: str, value: object) -> dict[str, f
 
 
 def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
-    """Parses the lens of a frame.
+    """Returns the lens of a frame: its distortion model with the coefficients that the transforms file has.
 
     Raises:
         DatasetError: If the lens model is not supported, e.g. that of a panorama, or a parameter is invalid.

@@ -56,7 +56,7 @@ def advance(words, state, start, size, total_bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def flag(words, state):
-    """Decodes a bit with equal probabilities; see `decode_raw`."""
+    """Decodes a bit with equal probabilities for 0 and 1; see `decode_raw`."""
     bit = ONE if state[0] >= state[1] >> ONE else ZERO
     advance(words, state, bit, ONE, ONE)
     return bit
@@ -106,7 +106,7 @@ def number_below(words, state, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def escaped(words, state):
-    """Decodes the distance of a number outside the directly coded ones; see `decode_escape`."""
+    """Decodes the escape code of a number outside the window of directly coded numbers; see `decode_escape`."""
     length = 0
     while length < 32 and flag(words, state):
         length += 1

@@ -94,10 +94,10 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
 
 
 def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Distributes the Gaussians of each coarser tile over the finer tiles that it replaces.
+    """Distributes the Gaussians of each coarser tile over the finer tiles that the coarser tile replaces.
 
-    Each item has the index of the coarser tile, the index of the finer tile, the number of coarser Gaussians that
-    replace the finer tile, and the `footprints` of the finer tile's Gaussians.
+    Yields one item for each finer tile: the index of the coarser tile, the index of the finer tile, the number of
+    coarser Gaussians that replace the finer tile, and the `footprints` of the finer tile's Gaussians.
     """
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):

@@ -102,7 +102,7 @@ def candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> list[Pro
 
 @checked
 def largest_head(load: StreamLoad) -> int:
-    """Returns the maximum size of the init segment over all candidate allocations of redundancy, bytes."""
+    """Returns the size in bytes of the largest init segment that any candidate allocation of redundancy has."""
     return load.head_bytes + int(MOST_IN_HEAD * load.packet_bytes.sum()) + FINE_SYMBOL_BYTES
 
 

@@ -25,10 +25,10 @@ class DistortionModel:
     The model predicts the mean squared error from the lost share of each importance tier. More important tiers are
     better protected, so the lost share does not decrease from tier to tier.
 
-    `mse[t]` is the error added if tier t and all less important tiers lose the same share. If tiers lose different
-    shares, differences between these curves are added. This is exact if the tiers have only two different lost shares,
-    one of which is 0. Adding the errors of single tiers would overestimate the total: a concealer enlarges received
-    elements of all sizes, even if only small elements were lost.
+    Curve `mse[t]` is the error added if tier t and all less important tiers lose the same share. If tiers lose
+    different shares, the prediction adds up the differences between consecutive curves. The prediction is exact for two
+    different shares, one of which is 0. The sum of the errors of single tiers would be too large, because a concealer
+    enlarges received elements of all sizes even if only small ones were lost.
 
     Attributes:
         shares: Lost shares at which the error was measured, ascending from 0, float64 (S).

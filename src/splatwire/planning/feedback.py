@@ -116,6 +116,6 @@ def _plan(
 
 
 def _lost_per_received(received: np.ndarray) -> float:
-    """Estimates the lost datagrams per received datagram, p / (1 - p), from simulated losses with loss rate p."""
+    """Estimates how many datagrams are lost for each received one: p / (1 - p) at loss rate p."""
     rate = 1 - float(received.mean())
     return rate / max(1 - rate, 0.05)

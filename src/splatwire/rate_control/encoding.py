@@ -186,7 +186,9 @@ def _prune_and_tune(
 
 
 def _slope(pairs: Sequence[tuple[float, float]]) -> float:
-    """Returns the change of the PSNR in the held-out views per decibel in the views of the search, from 0.5 to 2.
+    """Estimates how much the PSNR in the held-out views rises when that in the search views rises by one decibel.
+
+    The estimate is limited to 0.5 to 2.
 
     Args:
         pairs: PSNR in the views of the search and in the held-out views of each stream found, decibels.

@@ -237,7 +237,7 @@ def covering_gains(
 
 
 def _growth_factors(splats: Splats, index: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns factors that enlarge known Gaussians to cover missing ones: on size and on opacity, float32 (T) each.
+    """Returns the factors on size and on opacity that enlarge known Gaussians to cover missing ones, float32 (T) each.
 
     Args:
         splats: All T Gaussians.

@@ -33,7 +33,7 @@ class LiveFrames:
         return self._thread is not None
 
     def note(self, event: Event) -> None:
-        """Handles an event of the receiver.
+        """Passes an event of the receiver to the background thread; the first event of a live stream starts the thread.
 
         Raises:
             SplatwireError: If writing an earlier frame failed.

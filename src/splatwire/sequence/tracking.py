@@ -86,7 +86,7 @@ class Tracker:
         return named
 
     def rename(self) -> np.ndarray:
-        """Renumbers the tracks of the last frame from 0, so that keys stay small.
+        """Renumbers the tracks of the last frame from 0, so that keys do not grow without bound in an endless sequence.
 
         Returns:
             Previous keys in ascending order, int64: the n-th of these keys is replaced by the new key n.

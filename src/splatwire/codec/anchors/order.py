@@ -193,7 +193,11 @@ def chunks(sizes: np.ndarray, most: int = CHUNK) -> Iterator[slice]:
 
 
 def update_digest(digest: Any, rows: SymbolRows) -> None:
-    """Adds the decoded integers of anchors to a hashlib object, anchor by anchor."""
+    """Adds the decoded integers of anchors to a hash, anchor by anchor.
+
+    The encoder stores this hash of all integers in the manifest, and a receiver compares it with that of its own
+    integers.
+    """
     digest.update(np.ascontiguousarray(rows[0].astype("<i4")).data)
 
 
@@ -247,5 +251,5 @@ class AnchorDecoder:
         raise NotImplementedError
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
-        """Adds the decoded integers of anchors to a hashlib object, anchor by anchor."""
+        """Adds the decoded integers of anchors to a hash, anchor by anchor (see `Decoder.update_digest`)."""
         update_digest(digest, rows)

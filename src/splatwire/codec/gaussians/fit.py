@@ -98,5 +98,5 @@ def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
 
 
 def first_scales() -> np.ndarray:
-    """Returns initial scales of residuals, the same for all contexts, used before statistics are available."""
+    """Returns the scales of residual distributions before statistics are available: the same scale in all contexts."""
     return np.full((len(STREAMS), SPREADS, SECONDS), 24, dtype=np.int64)

@@ -35,7 +35,10 @@ def _can_repack(stream: SceneStream) -> bool:
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Updates the section of redundant copies after repacketization, because copies refer to Gaussians by index."""
+    """Renumbers the redundant copies after repacketization: a copy refers to its Gaussian by index.
+
+    Repacketization changes the order of the Gaussians, and thus their indices.
+    """
     sections = sections_of(stream)
     if SKETCH not in sections:
         return packed

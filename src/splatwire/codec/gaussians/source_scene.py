@@ -302,9 +302,9 @@ def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
 def _levels_of_flat(splats: Splats, levels: np.ndarray, most: int, bases: np.ndarray, size_log: int) -> np.ndarray:
     """Assigns a finer precision class to flat Gaussians that rounding would make much thicker.
 
-    The smallest scale is coded as its ratio to the second scale. A coarse quantisation step of this ratio cannot
-    represent the flattest shape of the format. With a step of `1 << _FLAT_SHIFT`, the decoded smallest scale of a flat
-    Gaussian is at most 0.4 % of the second scale; with a step of `1 << 11` it is up to 31 %.
+    The smallest scale is coded as its ratio to the second scale. If the quantisation step of this ratio is coarse, a
+    flat Gaussian cannot be represented. With a step of `1 << _FLAT_SHIFT`, its decoded smallest scale is at most 0.4 %
+    of the second scale; with a step of `1 << 11`, it is up to 31 %.
 
     Args:
         splats: The N Gaussians.

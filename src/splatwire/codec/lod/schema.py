@@ -68,7 +68,7 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Recomputes the index of tiles after repacketization, because the sizes of the tiles have changed."""
+    """Recomputes the index of tiles (a named section) after repacketization, which changes the sizes of tiles."""
     return with_tile_index(packed, read_tile_index(stream.manifest, sections_of(stream)).errors)
 
 

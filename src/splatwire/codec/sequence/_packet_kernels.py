@@ -127,9 +127,9 @@ def _encode_packet(models, counts, frames, first_new, dead, heads, places, shift
 @njit(error_model="numpy")
 @no_type_check
 def _candidates(heads, begin, n):
-    """Returns the number of tracks, from the first track of a packet on, whose track numbers fit into one packet.
+    """Returns how many consecutive tracks can share one packet.
 
-    A packet can represent a limited range of track numbers.
+    A packet can represent a limited range of track numbers only; tracks beyond this range need another packet.
 
     Args:
         heads: Headers of the tracks, int64 (tracks, HEAD).

@@ -229,7 +229,7 @@ class TracksDecoder:
     def _moved(self, packets: Sequence[Packet], received: np.ndarray) -> list["_Moved | None"]:
         """Decodes some motion packets of one group of frames.
 
-        A packet with a track whose keyframe Gaussian was not received is skipped.
+        A packet is skipped if the keyframe Gaussian of any of its tracks was not received.
 
         Args:
             packets: The packets, at least one.
@@ -340,6 +340,8 @@ class _BlockMap:
 
 def update_digest(digest: Any, rows: SymbolRows) -> None:
     """Adds the decoded integers of one block, of keyframe Gaussians or of motion, to a hash.
+
+    A receiver compares the hash of all blocks with that of the encoder.
 
     Args:
         digest: hashlib object that is updated.

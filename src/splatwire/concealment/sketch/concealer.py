@@ -208,7 +208,7 @@ def sketched_attributes(
 
 
 def sizes_of(partial: ReceivedScene[AnchorScene]) -> SketchSizes:
-    """Returns the array dimensions of a scene that `read_sketch` needs."""
+    """Returns the numbers of anchors, feature channels and offsets of a received scene, for `read_sketch`."""
     return SketchSizes(partial.scene.num_elements, partial[AnchorLayout].feature_dim, partial[AnchorLayout].num_offsets)
 
 

@@ -1,24 +1,26 @@
 """The section `sketch` of the side information: coarse copies of the most important anchors.
 
-An anchor with a copy ("sketched") has a precision level, from 1 (coarsest). The channels of the copy are the features,
-and the logarithms of scalings relative to the prior. Channels are decoded as `mean + basis @ integers`. The columns of
-the basis are the basis vectors of a decorrelating transform, scaled so that equal errors of any integer change the
-rendered images equally. The offsets are `offset_step * integers`; the offset mask is coded explicitly. Basis and offset
-step halve from level to level.
+**Content.** A copy has a precision level, from 1 (coarsest). Its D channels are the features, and the logarithms of the
+scalings relative to the prior. They are decoded as `mean + basis @ integers` from C integers per copy. The columns of
+`basis` are the vectors of a decorrelating transform, scaled so that an error of 1 in any integer changes the rendered
+pictures equally. Offsets are `offset_step * integers`, for those offsets that the mask of the copy contains. `basis`
+and `offset_step` halve from level to level.
 
-Layout of the section: version, number of levels, columns C and offsets per anchor, `u8`; anchors and sketched anchors,
-`u32`; offset step, exponent and maximum excess of the size gain, factor on the correction by the scene-free network
-(trust), `f32`; as `f16` the mean of the D channels and a scale for each column; the scale index of each column, and the
-columns of the basis, integers of at most 7 bits, entropy-coded with a zero-mean normal distribution of that scale. The
-rest of the section is the output of the range coder.
+**Head.** Version, number of levels, C, and offsets per anchor, `u8`; number of anchors and of copies, `u32`;
+`offset_step`, exponent and maximum excess of the enlargement of received anchors, and strength of its correction by the
+network of `scene_free` (trust), `f32`; the mean of the D channels, `f16`; a scale for each column of the basis, `f16`;
+the index of each column's coding scale; the columns, integers of at most 7 bits, entropy-coded with a zero-mean normal
+distribution of that scale.
 
-For each anchor in coding order: a bit "sketched" (has a copy), and the precision level in unary. The context is the
-bucket of the prior's size and the number of sketched anchors among the previous four, at most 3. For each sketched
-anchor: its mask bits (context: offset and number of previous 1 bits, at most 3); C integers, and three per existing
-offset. An integer is a bit "not 0", the sign, and the magnitude less one, in unary up to 14 and in Elias gamma beyond.
-"Not 0" and the first four bits of the magnitude have probability models per level and column (or axis), other bits per
-level. Anchors are divided into size classes (buckets) by the product of the last three scalings predicted by the prior:
-the largest 1 %, then up to 3, 10, 25, 50 %, and the rest.
+**Body** (output of the range coder). First, for each anchor in coding order: a bit that is 1 if the anchor has a copy,
+then the level in unary. The context is the size class of the anchor and the number of copies among the four anchors
+before, at most 3. Size classes follow from the product of the last three scalings that the prior predicts: the largest
+1 %, then up to 3, 10, 25, 50 %, and the rest.
+
+Then, for each copy: the bits of its mask (context: offset, and number of 1 bits before, at most 3), its C integers, and
+three integers per existing offset. An integer consists of a bit that is 0 for the integer 0, the sign, and the
+magnitude less one, in unary up to 14 and in Elias gamma code beyond. The first bit and the first four bits of the
+magnitude have probability models per level and column (or axis), other bits per level.
 """
 
 import struct

@@ -67,7 +67,7 @@ def frame_of(path: Path, extensions: dict[int, bytes]) -> str:
 
 
 def split_records(path: Path, data: bytes | memoryview) -> list[tuple[int, bytes]]:
-    """Returns type and content of each record.
+    """Splits the extension part of an SPZ file into records; returns the type and the content of each.
 
     Raises:
         DatasetError: If a record exceeds the data.

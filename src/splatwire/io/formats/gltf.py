@@ -231,7 +231,7 @@ class _Gltf:
         return count
 
     def _locate(self, accessor: dict[str, Any]) -> None:
-        """Opens the buffers of an accessor."""
+        """Opens the buffers that contain an accessor, that is, one array of a glTF document."""
         sparse = accessor.get("sparse", {})
         for place in (accessor, sparse.get("indices", {}), sparse.get("values", {})):
             if "bufferView" in place:

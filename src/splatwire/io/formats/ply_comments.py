@@ -82,7 +82,7 @@ def antialiasing_comments(antialiased: bool) -> list[str]:
 
 
 def origin_comments(keyword: str, origin: Origin) -> list[str]:
-    """Returns a list with the comment that stores the origin; empty for the origin (0, 0, 0).
+    """Returns the PLY header comments that state the origin: one comment, or none for the origin (0, 0, 0).
 
     Args:
         keyword: `ORIGIN` or `OFFSET`.

@@ -67,7 +67,7 @@ class _Header:
 
     @property
     def columns(self) -> dict[str, int]:
-        """Bytes of each column, in the order of the file."""
+        """Number of bytes of each column (array of one attribute), in the order of the file."""
         rest = 3 * ((self.degree + 1) ** 2 - 1)
         widths = {"positions": 6 if self.version == 1 else 9, "alphas": 1, "colors": 3, "scales": 3}
         widths["rotations"] = 3 if self.version < 3 else 4

@@ -171,7 +171,7 @@ class _Tensors:
         self._storages: dict[str, np.ndarray] = {}
 
     def storage(self, reference: tuple[Any, ...]) -> np.ndarray:
-        """Reads a tensor storage, float32.
+        """Returns the numbers of a storage, the flat array that tensors of an archive are views of, as float32.
 
         Raises:
             ValueError: If the storage is not float32, has another size than stated, or has non-finite numbers.
@@ -190,7 +190,9 @@ class _Tensors:
         return self._storages[key]
 
     def tensor(self, function: str, arguments: tuple[Any, ...]) -> Tensor:
-        """Returns the tensor that a call of `_rebuild_tensor_v2` in the pickle describes.
+        """Returns the tensor that a call of `_rebuild_tensor_v2` describes; the call is part of the pickle.
+
+        The function is not called. Its arguments name the storage, the shape and the strides of the tensor.
 
         Raises:
             ValueError: If the called function is not `_rebuild_tensor_v2`, or the tensor is not a contiguous part of

@@ -162,10 +162,7 @@ def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K
 
 
 def _keys(cells: Int64[Tensor, "M 3"]) -> Int64[Tensor, "M"]:
-    """Encodes the three indices of each grid cell as one 64-bit integer.
-
-    Different cells have different integers.
-    """
+    """Combines the three indices of each grid cell in one 64-bit integer, different for different cells."""
     shifted = cells + (1 << (_KEY_BITS - 1))
     return (shifted[:, 0] << (2 * _KEY_BITS)) | (shifted[:, 1] << _KEY_BITS) | shifted[:, 2]
 

@@ -75,10 +75,12 @@ def _copy_indices(
 ) -> tuple[Int64[Tensor, "packed"], Int64[Tensor, "numbers"], Float[Tensor, "1"]]:
     """Computes the indices with which the weights of several networks are copied into one array, and back.
 
+    The numbers of all networks are concatenated, and a zero is appended. A weight of the combined network that belongs
+    to none of the networks is a copy of this zero.
+
     Returns:
-        For each packed weight, its index in the concatenated weights of all networks. For each concatenated weight, its
-        index in the packed weights. A tensor with one zero, which the caller appends to the concatenated weights;
-        packed weights that belong to no network have its index.
+        For each packed weight, its index in the concatenated numbers. For each concatenated number, its index in the
+        packed weights. The zero to append, a tensor of length 1.
     """
     numbers = sum(hidden * (inputs + 1 + outputs) + outputs for inputs, hidden, outputs in shapes)
     num_hidden, num_outputs = sum(shape[1] for shape in shapes), sum(shape[2] for shape in shapes)

@@ -56,7 +56,7 @@ class PhotoStore:
         self._room = room // (3 * pixels * 3 * 4)
 
     def photo(self, view: int) -> Photo:
-        """Returns the photo of a view with the precomputed terms of the loss."""
+        """Returns the photo of a view, with those terms of the loss that depend on the photo only."""
         if view in self._prepared:
             return self._prepared[view]
         mask = self._masks[view]

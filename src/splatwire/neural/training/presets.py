@@ -189,7 +189,7 @@ def _with_late_factors(rates: LearningRates, iterations: int) -> LearningRates:
 
 
 def _causal(config: TrainConfig) -> TrainConfig:
-    """Converts a configuration to the causal model."""
+    """Returns a configuration with the causal context model in place of that of HAC++, and learning rates for it."""
     return dataclasses.replace(
         config,
         model=CausalConfig(),

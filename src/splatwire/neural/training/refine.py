@@ -231,6 +231,6 @@ def _typical_outputs(outputs: PriorOutputs, config: ModelConfig) -> list[Float[T
 
 
 def _level_of_row(config: HashGridConfig) -> Int64[Tensor, "rows"]:
-    """Returns the level of each row of the concatenated hash-grid tables: 3D table, then planes xy, xz, yz."""
+    """Returns the grid level of each row of the concatenated hash-grid tables: the 3D table, then planes xy, xz, yz."""
     sizes = [*config.rows(3), *(rows for _ in range(3) for rows in config.rows(2))]
     return torch.arange(len(sizes)).repeat_interleave(torch.tensor(sizes))

@@ -70,7 +70,7 @@ def _measure_size(
 
 
 def first_measured(milestones: Milestones) -> int:
-    """Returns the iteration from which the intervals between size measurements are counted.
+    """Returns the iteration from which measurements of the stream's size are counted at equal intervals.
 
     It is the middle between the start of the context phase and the end of growth.
     """
@@ -84,7 +84,7 @@ def is_time(milestones: Milestones, iteration: int) -> bool:
 
 
 def measurements(milestones: Milestones, iteration: int) -> int:
-    """Returns the number of measurements up to and including `iteration`."""
+    """Returns how many times the size of the stream is measured from the start up to `iteration`, inclusive."""
     return max(iteration - first_measured(milestones), 0) // _interval(milestones)
 
 

@@ -155,7 +155,7 @@ class TrainState:
         self.networks = Networks.of(self.parameters)
 
     def rate(self, weights: LossWeights) -> float:
-        """Returns the current lambda."""
+        """Returns lambda, the current weight of the rate in the loss."""
         return weights.rate * math.exp(self.steering.log_rate)
 
     @property

@@ -128,7 +128,7 @@ def train_scene(
 
 @dataclass
 class _TrainingLoop:
-    """The training loop, with the objects that every iteration uses."""
+    """The training loop, with everything that is constant during it: configuration, datasets, device and listener."""
 
     config: TrainConfig
     options: RunOptions

@@ -57,7 +57,7 @@ class SequenceDistortion:
 
 
 def sampled(timeline: Timeline) -> list[list[int]]:
-    """Returns, for each group of pictures, the indices in the group of the frames that are rendered."""
+    """Returns the frames of each group of pictures that are rendered to measure distortion, as indices in the group."""
     counts = [len(timeline.frames_of(group)) for group in range(timeline.num_groups)]
     return [sorted({int((n + 0.5) * count / FRAMES) for n in range(FRAMES)}) for count in counts]
 

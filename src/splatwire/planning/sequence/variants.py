@@ -75,7 +75,7 @@ def sequence_variants(
 
 
 def frames_of(files: list[Path], timeline: Timeline, cameras: Cameras) -> Pictures:
-    """Renders the sampled frames of the original sequence (`distortion.sampled`).
+    """Renders those frames of the original sequence in which distortion is measured (`distortion.sampled`).
 
     Args:
         files: Files of the original frames, in order.

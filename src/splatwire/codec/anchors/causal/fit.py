@@ -97,9 +97,10 @@ def _sampled(
 
 
 def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarray:
-    """Returns the tolerated error of each network output, so that errors of all outputs cost about as many bits.
+    """Returns the tolerated error of each network output.
 
-    The tolerance of a mean is its typical standard deviation.
+    An error of this size costs about the same number of bits in every output. The tolerance of a mean is its typical
+    standard deviation.
     """
     if name == "position":
         return PLACE_SHARE * np.maximum(outputs.std(axis=0, dtype=np.float64, ddof=1), 1e-3)

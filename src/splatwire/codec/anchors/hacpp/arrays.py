@@ -97,7 +97,7 @@ def store_symbols(
 
 
 def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[AnchorScene]:
-    """Builds a scene from arrays; its anchors share their memory.
+    """Builds a scene from decoded attributes without copying the arrays.
 
     Args:
         info: The stream's side information.
@@ -127,7 +127,7 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[Ancho
 
 
 def _float_prior(info: SideInfo, arrays: DecodedArrays) -> Prior:
-    """Converts the predicted distributions from integers to floats, without changing their values."""
+    """Returns the predicted distributions of all anchors as floats; each float equals its fixed-point number."""
     columns, layout = prior_columns(info.config), info.config.layout
     factors = factor_table()[step_indices(arrays.outputs, info.config)]
     spans = (

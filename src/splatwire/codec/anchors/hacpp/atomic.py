@@ -47,7 +47,7 @@ class Symbols:
 
     @staticmethod
     def of_rows(rows: np.ndarray, layout: AnchorLayout) -> "Symbols":
-        """Splits the rows returned by `rows` into the attributes."""
+        """Splits rows of symbols, as returned by the method `rows`, into one array per attribute."""
         return Symbols(*np.split(rows, np.cumsum([layout.num_offsets, layout.feature_dim, 6]), axis=1))
 
 

@@ -51,10 +51,11 @@ def hacpp_encoder(
 def hacpp_repack_encoder(
     scene: AnchorScene, packetization: Packetization, side_info: bytes
 ) -> tuple["HacppEncoder", bytes]:
-    """Returns the encoder of a decoded scene's anchors, with the side information of its stream.
+    """Creates the encoder that divides the anchors of a decoded stream into other packets.
 
     Returns:
-        The encoder, and the side information, with the section of masks added or removed as the packaging requires.
+        The encoder, and the side information of the new stream. The section with the offset masks is added for
+        separated packaging, and removed for atomic packaging.
 
     Raises:
         BitstreamError: If the side information is damaged.
