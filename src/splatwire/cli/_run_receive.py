@@ -169,7 +169,7 @@ class TransferTimes:
         return time.perf_counter() - self._began if self.end is None else self.end
 
     def note(self, event: Event, show: Reporter) -> None:
-        """Stores the time of an event of the receiver, if it is the first event of its kind."""
+        """Processes an event of the receiver: records first times, prints interruptions, updates the progress."""
         match event:
             case Welcomed():
                 self._expected = max(event.num_packets, 1)
