@@ -264,12 +264,12 @@ def make_served_stream(
     parity = parity_symbols(packets, tiers, symbol_bytes_for(largest))
     per_tier = packets_in_tiers(members, protection)
     schedule = build_send_schedule(scheduled, tiers, [*map(len, parity)], timing, per_tier)
-    stream = ServedStream(
+    served = ServedStream(
         manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, packets, largest, bundled,
         tiers, parity, schedule,
         preview, protection.resend, round(protection.resend_until * len(packets)),
     )  # fmt: skip
-    return stream if tiles is None else _with_view_order(stream, tiles)
+    return served if tiles is None else _with_view_order(served, tiles)
 
 
 def _with_view_order(stream: ServedStream, tiles: Tiles) -> ServedStream:
