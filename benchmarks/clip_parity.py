@@ -67,7 +67,7 @@ class Clip:
         files = frame_files(folder)[: arguments.frames]
         self.streams = encoded(files, arguments.levels)
         finest = decode_stream(self.streams[max(self.streams)]).scene
-        self._cameras = surrounding_cameras(finest.bases(), arguments.views, 256)
+        self._cameras = surrounding_cameras(finest.keyframes(), arguments.views, 256)
         self._references = frames_of(files, finest.timeline, self._cameras)
         self.loads, self.offers = {}, {}
         for level, stream in self.streams.items():

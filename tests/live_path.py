@@ -90,7 +90,7 @@ class LivePath:
                 self._receiver = Receiver(5, self._now, ReceiverOptions(nack=self._asks))
             for _, data in self._server.poll(self._now):
                 if keep and kind_of(data) == DATA:
-                    self.watched.sent.append((decode(data).place, self._groups - 1))
+                    self.watched.sent.append((decode(data).packet_index, self._groups - 1))
                 self._arrive(data)
             if self._receiver:
                 self._answer(*self._receiver.poll(self._now))

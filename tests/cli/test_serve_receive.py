@@ -373,7 +373,7 @@ def relay_losing_one(server_port: int) -> Iterator[int]:
         def down() -> None:
             data = back.recv(2048)
             if kind_of(data) == DATA:
-                place = decode(data).place
+                place = decode(data).packet_index
                 lost[:] = lost or [place]
                 if place == lost[0]:
                     return

@@ -17,7 +17,7 @@ from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, sce
 from splatwire.codec.anchors.causal.context import CodingContext, exponential
 from splatwire.codec.anchors.causal.encoder import HEAD_SHARE, _split_position_bits
 from splatwire.codec.anchors.causal.packet_coder import cut_packets, decode_packets, encode_packets, quantise
-from splatwire.codec.anchors.causal.places import Places, read_places, share_places
+from splatwire.codec.anchors.causal.positions import AnchorPositions, read_positions, share_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
 from splatwire.concealment import conceal
 from splatwire.errors import DesyncError, InvalidValueError, MissingSideInfoError, SplatwireError
@@ -40,9 +40,9 @@ def info(stream: SceneStream) -> SideInfo:
     return read_side_info(stream.side_info, stream.manifest.num_elements)
 
 
-def exact_places(scene: AnchorScene, info: SideInfo) -> Places:
+def exact_places(scene: AnchorScene, info: SideInfo) -> AnchorPositions:
     voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
-    known = info.places.known
+    known = info.positions.known
     return replace(known, codes=morton_encode(voxels - known.origin))
 
 
@@ -123,14 +123,14 @@ def test_concealment_works_with_positions_from_packets(scene: AnchorScene, name:
 
 def test_plain_reference_decodes_the_same_integers(scene: AnchorScene, info: SideInfo):
     context, rows = CodingContext.of(info), np.arange(9)
-    places = exact_places(scene, info).select(rows)
+    positions = exact_places(scene, info).select(rows)
     masks = scene.anchors.mask[rows].astype(np.uint8)
     values = np.random.default_rng(0).normal(0, 6, (9, context.stages[-1].first + context.stages[-1].size))
     values[0, 3] = 9000.0  # far outside the window of its distribution
-    found = quantise(context, places, masks, values, 0.4)
+    found = quantise(context, positions, masks, values, 0.4)
     (payload,) = encode_packets(context, found, np.array([9]))
-    codes, masks_back, numbers = decode_reference(context, info.places.known.select(rows), payload)
-    assert codes == places.codes.tolist()
+    codes, masks_back, numbers = decode_reference(context, info.positions.known.select(rows), payload)
+    assert codes == positions.codes.tolist()
     assert masks_back == masks.tolist()
     assert numbers == found.numbers.tolist()
 
@@ -139,7 +139,7 @@ def test_plain_reference_decodes_the_same_integers(scene: AnchorScene, info: Sid
 def test_decoded_integers_do_not_depend_on_the_batch_size(stream: SceneStream, info: SideInfo, batch: int):
     context, packet = CodingContext.of(info), stream.packets[0]
     ranks = stream.manifest.plan.members(packet.id, packet.num_elements)
-    known, voxels = info.places.known, info.places.known.voxels
+    known, voxels = info.positions.known, info.positions.known.voxels
     together = decode_packets(context, known.select(ranks), np.array([len(ranks)]), [packet.payload])
     place = context.start(voxels).place
     parts = [context.start(voxels[i : i + batch]).place for i in range(0, len(voxels), batch)]
@@ -150,9 +150,9 @@ def test_decoded_integers_do_not_depend_on_the_batch_size(stream: SceneStream, i
 
 
 def test_side_information_round_trips(info: SideInfo, stream: SceneStream):
-    again = read_side_info(write_side_info(info), len(info.places.known.codes))
+    again = read_side_info(write_side_info(info), len(info.positions.known.codes))
     assert again.config == info.config
-    assert np.array_equal(again.places.known.voxels, info.places.known.voxels)
+    assert np.array_equal(again.positions.known.voxels, info.positions.known.voxels)
     for name in ("middle", "spread", "steps", "log_steps", "centres"):
         assert np.array_equal(getattr(again, name), getattr(info, name)), name
     assert write_side_info(again) == stream.side_info
@@ -174,7 +174,7 @@ def test_damaged_side_information_is_refused(stream: SceneStream, info: SideInfo
         for place in rng.integers(len(data), size=3) if len(data) else ():
             data[place] = rng.integers(256)
         try:
-            read_side_info(bytes(data), len(info.places.known.codes))
+            read_side_info(bytes(data), len(info.positions.known.codes))
         except SplatwireError:
             continue
 
@@ -182,9 +182,9 @@ def test_damaged_side_information_is_refused(stream: SceneStream, info: SideInfo
 def test_arbitrary_payload_decodes_without_an_error(info: SideInfo):
     context, rng = CodingContext.of(info), np.random.default_rng(5)
     for size in (0, 1, 30, 400):
-        places = info.places.known.select(np.arange(20))
-        codes, masks, numbers = decode_packets(context, places, np.array([20]), [rng.bytes(size)])
-        assert np.array_equal(codes >> places.unknown, places.codes >> places.unknown)
+        positions = info.positions.known.select(np.arange(20))
+        codes, masks, numbers = decode_packets(context, positions, np.array([20]), [rng.bytes(size)])
+        assert np.array_equal(codes >> positions.unknown, positions.codes >> positions.unknown)
         assert masks.shape == (20, 4)
         assert np.abs(numbers.astype(np.int64)).max() < 1 << 31
 
@@ -203,7 +203,7 @@ def test_positions_split_between_side_information_and_packets_round_trip(info: S
     rng, context = np.random.default_rng(leaf), CodingContext.of(info)
     coarse = rng.integers(-40, 900, (80, 3)) // rng.choice([1, 4, 16], (80, 1)) * 16
     voxels = np.concatenate([coarse, coarse[:9], coarse[:9] + 1])
-    shared = share_places(voxels, leaf)
+    shared = share_positions(voxels, leaf)
     context, codes = replace(context, chances=shared.chances), np.sort(morton_encode(voxels - shared.known.origin))
     known = shared.known
     assert np.array_equal(known.codes >> known.unknown, codes >> known.unknown)
@@ -223,9 +223,9 @@ def test_positions_split_between_side_information_and_packets_round_trip(info: S
 
 def test_side_information_is_small(scene: AnchorScene, info: SideInfo):
     voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
-    everything = replace(info, places=share_places(voxels, 1))
+    everything = replace(info, positions=share_positions(voxels, 1))
     head = len(write_side_info(everything))
-    sizes = [len(share_places(voxels, leaf).section) for leaf in range(1, 9)]
+    sizes = [len(share_positions(voxels, leaf).section) for leaf in range(1, 9)]
     assert sizes == sorted(sizes, reverse=True)
     for size in sizes:
         enough = (head - sizes[0] + size) / HEAD_SHARE - head
@@ -234,13 +234,13 @@ def test_side_information_is_small(scene: AnchorScene, info: SideInfo):
 
 
 def test_positions_without_probabilities_are_refused(info: SideInfo):
-    section = bytearray(info.places.section)
+    section = bytearray(info.positions.section)
     assert section[1] > 1
     for place, value in ((0, 0), (0, 65), (1, 22), (1, section[1] - 1), (2, 0)):
         wrong = section.copy()
         wrong[place] = value
         with pytest.raises(SplatwireError, match="positions"):
-            read_places(bytes(wrong), len(info.places.known.codes))
+            read_positions(bytes(wrong), len(info.positions.known.codes))
 
 
 def test_unusable_scenes_are_refused(scene: AnchorScene):

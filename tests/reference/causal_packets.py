@@ -7,7 +7,7 @@ import numpy as np
 
 from reference.range_coder import ReferenceDecoder, ReferenceMixture, decode_mixture
 from splatwire.codec.anchors.causal.context import CodingContext
-from splatwire.codec.anchors.causal.places import Places
+from splatwire.codec.anchors.causal.positions import AnchorPositions
 from splatwire.codec.fixed_point import ACTIVATION_BITS, ACTIVATION_LIMIT, OUTPUT_BITS, OUTPUT_LIMIT, WEIGHT_EXPONENT
 from splatwire.codec.integer_network import IntegerLinear, IntegerMlp
 from splatwire.entropy.tables import weight_table
@@ -82,19 +82,19 @@ def code_reference(coder: ReferenceDecoder, code: int, unknown: int, chances: li
 
 
 def decode_reference(
-    context: CodingContext, places: Places, payload: bytes
+    context: CodingContext, positions: AnchorPositions, payload: bytes
 ) -> tuple[list[int], list[list[int]], list[list[int]]]:
     """Position codes, masks and integers of a packet's anchors.
 
     Args:
         context: Coding context from the side information.
-        places: Known bits of its anchors' positions.
+        positions: Known bits of its anchors' positions.
         payload: Payload of the packet.
     """
     layout, coder, chances = context.config.layout, ReferenceDecoder(payload), context.chances.tolist()
-    pairs = zip(places.codes.tolist(), places.unknown.tolist(), strict=True)
+    pairs = zip(positions.codes.tolist(), positions.unknown.tolist(), strict=True)
     codes = [code_reference(coder, code, unknown, chances) for code, unknown in pairs]
-    voxels = [[_axis(code, axis) + int(places.origin[axis]) for axis in range(3)] for code in codes]
+    voxels = [[_axis(code, axis) + int(positions.origin[axis]) for axis in range(3)] for code in codes]
     known = [network_reference(context.networks["position"], place_inputs_reference(v, context)) for v in voxels]
     known = [[value >> (OUTPUT_BITS - ACTIVATION_BITS) for value in place] for place in known]
     numbers: list[list[int]] = [[] for _ in voxels]

@@ -27,7 +27,7 @@ class ReferenceMotion(ReferenceBits):
 
     def decode(self) -> tuple[list[list[int]], list[list[list[int]]]]:
         """Heads (track, state, first frame, frame after, gone before and after) and residuals by channel and order."""
-        heads = self.heads()
+        heads = self.headers()
         orders = [self.below(self.frames + 1) for _ in range(5)]
         residuals = [[[0] * self.frames for _ in KINDS] for _ in heads]
         before: list[list[int]] | None = None

@@ -206,7 +206,7 @@ class LiveSplatwire(Splatwire):
     Attributes:
         bases: Packets of bases of a group.
         motion: Packets of its motion.
-        left: Places of packets that left.
+        left: AnchorPositions of packets that left.
         firsts: The first packet of each group.
     """
 
@@ -239,7 +239,7 @@ class LiveSplatwire(Splatwire):
 
     def _left(self, data: bytes) -> None:
         if kind_of(data) == DATA:
-            self.left.add(decode(data).place)
+            self.left.add(decode(data).packet_index)
 
 
 GROUP_S = 0.5

@@ -462,7 +462,7 @@ def test_packets_held_by_the_client_are_not_sent_but_counted():
     for nonce, stream_id, left_out in ((1, program.stream_id, True), (2, program.stream_id ^ 1, False)):
         haves = [Have(nonce, stream_id, 1, 0, bits[:cut]), Have(nonce, stream_id, 1, 8 * cut, bits[cut:] + bytes(9))]
         frames = told(server, nonce, haves * 3, f"client {nonce}")
-        places = {frame.place for frame in frames if isinstance(frame, Data)}
+        places = {frame.packet_index for frame in frames if isinstance(frame, Data)}
         scheduled = set(range(program.bundled, count))
         assert places == ({place for place in scheduled if not held[place]} if left_out else scheduled)
         assert any(isinstance(frame, Side) for frame in frames) is not left_out

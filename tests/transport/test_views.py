@@ -206,11 +206,11 @@ def test_each_nack_number_is_answered_once():
     transfer = ServerTransfer(PROGRAM, 1, ServerLimits(), 0.0, reliable_head=True)
     transfer.welcome()
     times = [n / 200 for n in range(200)]
-    places = [decode(data).place for data in map(transfer.poll, times[:100]) if data and data[0] & 15 == DATA]
+    places = [decode(data).packet_index for data in map(transfer.poll, times[:100]) if data and data[0] & 15 == DATA]
     for now in times[100:]:
         transfer.feedback(Feedback(1, 0, 0, 0, 0, (), (3,)), now)
         data = transfer.poll(now)
-        places += [decode(data).place] if data and data[0] & 15 == DATA else []
+        places += [decode(data).packet_index] if data and data[0] & 15 == DATA else []
     assert places.count(3) == 2
 
 

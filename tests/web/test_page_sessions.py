@@ -37,7 +37,7 @@ class HalfServer(QuicServer):
         def poll(now: float, most: int = 64) -> list[Any]:
             sent = []
             for session, data in plain(now, most):
-                place = decode(data).place if kind_of(data) == DATA else None
+                place = decode(data).packet_index if kind_of(data) == DATA else None
                 if place is not None and (place in places or len(places) < half):
                     places.add(place)
                     last[session] = data
@@ -76,9 +76,9 @@ class RestServer(QuicServer):
                 if isinstance(frame, Data):
                     if not self.held:
                         continue
-                    self.places.add(frame.place)
-                    if frame.place in self.held:
-                        self.repeated.add(frame.place)
+                    self.places.add(frame.packet_index)
+                    if frame.packet_index in self.held:
+                        self.repeated.add(frame.packet_index)
                 sent.append((session, data))
             return sent
 

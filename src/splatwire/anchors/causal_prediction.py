@@ -31,7 +31,7 @@ class CausalPrediction:
     __repr__ = summary_repr
 
 
-def place_inputs(
+def position_inputs(
     coordinates: Float[Any, "M 3"], join: Callable[[list[Any], int], Any] = np.concatenate
 ) -> Float[Any, "M P"]:
     """Computes the inputs of the position network: contracted coordinates and a positional encoding (triangle waves).
@@ -62,7 +62,7 @@ def predict_causal(
     Args:
         networks: The networks by name.
         config: Configuration of the context model.
-        inputs: Result of `place_inputs`.
+        inputs: Result of `position_inputs`.
         feature: Features in units of their quantisation steps.
         form: Logarithms of offset scale and base size, minus `CausalCoding.centres`, in units of their quantisation
             steps.

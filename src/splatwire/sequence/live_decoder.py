@@ -94,7 +94,7 @@ class LiveDecoder:
                 motion.append(packet)
         if motion and self._decoder is not None:
             opened = self._current_decoder()
-            self._store_bases(opened, self._manifest, whole=True)
+            self._store_keyframes(opened, self._manifest, whole=True)
             for _, some in itertools.groupby(motion, lambda packet: plan.tier_of(packet.id.block)):
                 opened.prepare(list(some), self._num_bytes, self._threads)
         yield from self._complete()
@@ -151,7 +151,7 @@ class LiveDecoder:
 
     def _store(self, decoder: TracksDecoder, manifest: Manifest, group: int) -> None:
         """Decodes new keyframe packets and stores the motion packets of a group; drops the motion of earlier groups."""
-        self._store_bases(decoder, manifest, whole=False)
+        self._store_keyframes(decoder, manifest, whole=False)
         plan, motion = manifest.plan, 2 * group + 1
         for block in [block for block in self._blocks if not plan.persistent(block) and plan.tier_of(block) < motion]:
             del self._blocks[block]
@@ -159,7 +159,7 @@ class LiveDecoder:
             decoder.hold(block, tuple(sorted(self._blocks[block], key=lambda packet: packet.id)))
         self._have = {number: count for number, count in self._have.items() if number > group}
 
-    def _store_bases(self, decoder: TracksDecoder, manifest: Manifest, *, whole: bool) -> None:
+    def _store_keyframes(self, decoder: TracksDecoder, manifest: Manifest, *, whole: bool) -> None:
         """Decodes new keyframe packets.
 
         Args:
@@ -168,11 +168,13 @@ class LiveDecoder:
             whole: True to decode only completely received blocks (groups of packets that are decoded together).
         """
         there = {block: sum(packet.num_elements for packet in self._blocks[block]) for block in self._fresh}
-        bases = {block for block, count in there.items() if not whole or count == manifest.plan.block_elements(block)}
-        packets = itertools.chain.from_iterable(self._blocks[block] for block in sorted(bases))
+        keyframes = {
+            block for block, count in there.items() if not whole or count == manifest.plan.block_elements(block)
+        }
+        packets = itertools.chain.from_iterable(self._blocks[block] for block in sorted(keyframes))
         for run in runs_of(decoder, manifest, packets):
             decoder.store(run, decoder.decode(run))
-        self._fresh -= bases
+        self._fresh -= keyframes
 
 
 def frames_of_events(decoder: LiveDecoder, waiting: "queue.SimpleQueue[Event | None]") -> Iterator[SequenceFrame]:

@@ -70,7 +70,7 @@ def tracked(previous: Splats, current: Splats) -> bool:
     other = np.median(np.abs(appearance[0] - np.roll(appearance[1], len(some) // 2, axis=0)).sum(axis=1))
     if other > 0.1 and own < 0.1 * other:
         return True
-    before, moved = _places(previous), _places(current) - _places(previous)
+    before, moved = _positions(previous), _positions(current) - _positions(previous)
     finite = np.isfinite(before).all(axis=1) & np.isfinite(moved).all(axis=1)
     tree = cKDTree(before[finite])
     some = some[finite[some]]
@@ -96,10 +96,10 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
         raise InvalidValueError(
             f"frames have harmonics of degree {previous.degree} and {current.degree}: they must have the same"
         )
-    places, now = _places(previous), _places(current)
-    if not len(places) or not len(now):
+    positions, now = _positions(previous), _positions(current)
+    if not len(positions) or not len(now):
         return Match(np.full(len(now), -1, np.int64), np.zeros_like(now))
-    guess = places + (before.velocity if before is not None else 0.0)
+    guess = positions + (before.velocity if before is not None else 0.0)
     expected = _fit_affine(guess, now)
     appearance = [_appearance(splats) for splats in (previous, current)]
     spread = np.maximum(np.median(np.abs(appearance[0] - np.median(appearance[0], axis=0)), axis=0), 1e-3)
@@ -109,12 +109,12 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
     partner = np.full(len(now), -1, np.int64)
     for candidates, weight in ROUNDS:
         partner, sure = _match_one_to_one(expected, now, appearance[0], appearance[1], candidates, weight)
-        expected = _smooth(places, now, partner, sure, expected)
+        expected = _smooth(positions, now, partner, sure, expected)
     partner, _ = _match_one_to_one(expected, now, appearance[0], appearance[1], ROUNDS[-1][0], 1.0)
     partner[_implausible_matches(expected, now, appearance[0], appearance[1], partner)] = -1
-    if (partner >= 0).sum() < FEWEST * min(len(places), len(now)):
+    if (partner >= 0).sum() < FEWEST * min(len(positions), len(now)):
         return Match(np.full(len(now), -1, np.int64), np.zeros_like(now))
-    return Match(partner, _velocity(places, now, partner, expected))
+    return Match(partner, _velocity(positions, now, partner, expected))
 
 
 def aligned(previous: Splats, current: Splats, partner: np.ndarray) -> Splats:
@@ -131,7 +131,7 @@ def aligned(previous: Splats, current: Splats, partner: np.ndarray) -> Splats:
     return Splats(current.means, quats, scales, current.opacities, current.sh)
 
 
-def _places(splats: Splats) -> np.ndarray:
+def _positions(splats: Splats) -> np.ndarray:
     return splats.means.astype(np.float64)
 
 
@@ -143,12 +143,12 @@ def _appearance(splats: Splats) -> np.ndarray:
     return np.concatenate([logs, logits[:, None] / 2, splats.sh[:, 0].astype(np.float64) * 2], axis=1)
 
 
-def _fit_affine(places: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Fits an affine motion between two frames by trimmed iterative closest points; returns `places` moved by it."""
-    some = places[np.unique(np.linspace(0, len(places) - 1, min(len(places), SAMPLE)).astype(np.int64))]
+def _fit_affine(positions: np.ndarray, now: np.ndarray) -> np.ndarray:
+    """Fits an affine motion between two frames by trimmed iterative closest points; returns `positions` moved by it."""
+    some = positions[np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE)).astype(np.int64))]
     tree, matrix = cKDTree(now), np.concatenate([np.eye(3), np.zeros((1, 3))])
     if len(some) < 8:
-        return places
+        return positions
     best, last = matrix, np.inf
     padded = np.concatenate([some, np.ones((len(some), 1))], axis=1)
     for _ in range(_AFFINE_STEPS):
@@ -159,7 +159,7 @@ def _fit_affine(places: np.ndarray, now: np.ndarray) -> np.ndarray:
         best, last = matrix, error
         kept = distance <= np.quantile(distance, _TRIMMED)
         matrix = np.linalg.lstsq(padded[kept], now[near[kept]], rcond=None)[0]
-    return np.concatenate([places, np.ones((len(places), 1))], axis=1) @ best
+    return np.concatenate([positions, np.ones((len(positions), 1))], axis=1) @ best
 
 
 def _match_one_to_one(
@@ -266,12 +266,12 @@ def _one_to_one(score: np.ndarray, near: np.ndarray, count: int) -> np.ndarray:
 
 
 def _smooth(
-    places: np.ndarray, now: np.ndarray, partner: np.ndarray, sure: np.ndarray, expected: np.ndarray
+    positions: np.ndarray, now: np.ndarray, partner: np.ndarray, sure: np.ndarray, expected: np.ndarray
 ) -> np.ndarray:
     """Predicts the positions of Gaussians from the median motion of their confidently matched neighbours.
 
     Args:
-        places: Positions in the previous frame, (N, 3).
+        positions: Positions in the previous frame, (N, 3).
         now: Positions in the current frame, (M, 3).
         partner: Index of the match of each current Gaussian in the previous frame, (M).
         sure: Mask of confident matches, (M).
@@ -285,25 +285,25 @@ def _smooth(
         return expected
     rows = partner[some]
     rest = now[some] - expected[rows]
-    _, near = cKDTree(places[rows]).query(places, k=SMOOTHED, workers=-1)
+    _, near = cKDTree(positions[rows]).query(positions, k=SMOOTHED, workers=-1)
     return expected + np.median(rest[near], axis=1)
 
 
-def _velocity(places: np.ndarray, now: np.ndarray, partner: np.ndarray, expected: np.ndarray) -> np.ndarray:
+def _velocity(positions: np.ndarray, now: np.ndarray, partner: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Returns the motion of each Gaussian since the previous frame, (M, 3).
 
     A Gaussian without a match gets the predicted motion of the nearest Gaussian.
 
     Args:
-        places: Positions in the previous frame, (N, 3).
+        positions: Positions in the previous frame, (N, 3).
         now: Positions in the current frame, (M, 3).
         partner: Index of the match of each current Gaussian in the previous frame, (M); -1 for none.
         expected: Predicted positions in the current frame of the previous frame's Gaussians, (N, 3).
     """
     found = partner >= 0
     velocity = np.zeros_like(now)
-    velocity[found] = now[found] - places[partner[found]]
+    velocity[found] = now[found] - positions[partner[found]]
     if not found.all():
         _, near = cKDTree(expected).query(now[~found])
-        velocity[~found] = (expected - places)[near]
+        velocity[~found] = (expected - positions)[near]
     return velocity

@@ -178,7 +178,7 @@ class SequenceScene:
 
     def rows(self) -> ElementValidity:
         """Classifies the keyframe Gaussians as drawable, invisible or invalid."""
-        return self.bases().rows()
+        return self.keyframes().rows()
 
     @property
     def facts(self) -> dict[str, int | float]:
@@ -191,7 +191,7 @@ class SequenceScene:
             "frame_rate": float(time.rate),
         }
 
-    def bases(self) -> SplatScene:
+    def keyframes(self) -> SplatScene:
         """Returns the keyframe Gaussians as a static scene."""
         return SplatScene(
             self.tracks.splats,

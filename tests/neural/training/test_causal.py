@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from splatwire.codec.anchors.causal._position_kernels import position_bits
 
 from scenes import SMALL_CAUSAL
 from splatwire.anchors.voxels import voxel_indices
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.codec.anchors.causal._place_kernels import place_bits
 from splatwire.codec.anchors.causal.side_info import read_side_info
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError, UnknownNameError
@@ -22,7 +22,7 @@ from splatwire.neural.training.causal import (
     calibrate_causal,
     channel_steps,
     noisy_numbers,
-    place_of,
+    position_inputs_of,
 )
 from splatwire.neural.training.causal_device import DeviceCausal
 from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
@@ -77,14 +77,14 @@ def _estimate(state: TrainState, config: TrainConfig) -> float:
     steps = channel_steps(state.parameters["steps"], config.causal)
     values = noisy_numbers(state, torch.arange(state.num_anchors), steps, uniform_from_host)
     mask = state.masks(config.mask_threshold).float()
-    found = anchor_bits(state, config.causal, place_of(state), values, steps, (mask, mask.amax(dim=1)))
+    found = anchor_bits(state, config.causal, position_inputs_of(state), values, steps, (mask, mask.amax(dim=1)))
     return float(found.sum()) - 16 * state.num_anchors  # without the estimated bytes of positions
 
 
 def test_estimated_rate_equals_the_encoded_size(dataset: Dataset, recipe: TrainConfig) -> None:
     state = _scattered(dataset, recipe)
     before = _estimate(state, recipe)
-    calibrate_causal(state, recipe, place_of(state))
+    calibrate_causal(state, recipe, position_inputs_of(state))
     estimate = _estimate(state, recipe)
     assert estimate < 0.8 * before
     stream = encode_scene(export_scene(state, recipe), noise=0.005)
@@ -92,13 +92,13 @@ def test_estimated_rate_equals_the_encoded_size(dataset: Dataset, recipe: TrainC
     voxels = voxel_indices(decode_stream(stream).scene.positions, recipe.voxel_size)
     codes = morton_encode(voxels - places.known.origin)
     pairs = zip(codes, places.known.unknown, strict=True)
-    real = stream.parts()["packet_payloads"] - sum(place_bits(*pair, places.chances) for pair in pairs) / 8
+    real = stream.parts()["packet_payloads"] - sum(position_bits(*pair, places.chances) for pair in pairs) / 8
     assert abs(estimate / 8 + 2.1 * len(stream.packets) - real) < 0.012 * real
 
 
 def test_refitting_saves_bytes_and_keeps_the_scene(dataset: Dataset, recipe: TrainConfig) -> None:
     state = _scattered(dataset, recipe)
-    calibrate_causal(state, recipe, place_of(state))
+    calibrate_causal(state, recipe, position_inputs_of(state))
     scene = export_scene(state, recipe)
     again = refine_context(scene, RefineConfig(steps=60, batch=1000))
     assert again.anchors is scene.anchors
@@ -197,7 +197,7 @@ def test_sizes_are_interpolated_between_encoded_ones(
 
 def test_device_size_estimate_equals_the_rate(dataset: Dataset, recipe: TrainConfig) -> None:
     state = _scattered(dataset, recipe)
-    calibrate_causal(state, recipe, place_of(state))
+    calibrate_causal(state, recipe, position_inputs_of(state))
     model = DeviceCausal(recipe, dataclasses.replace(COMPILED, asynchronous=True), AnchorCache(recipe))
     expected = (_estimate(state, recipe) + 16 * state.num_anchors) / 8
     assert model.estimate_bytes(state) == pytest.approx(expected, rel=0.005)

@@ -47,12 +47,12 @@ from splatwire.ops.compiled import njit
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _code_heads(coder, heads, n, frames, first_new):
+def _code_headers(coder, headers, n, frames, first_new):
     """Encodes or decodes the headers of a packet's tracks: track numbers, states and lifetimes.
 
     Args:
         coder: Entropy coder.
-        heads: Headers, int64 (n, HEAD), ascending by track number; filled by a decoder.
+        headers: Headers, int64 (n, HEAD), ascending by track number; filled by a decoder.
         n: Number of tracks in the packet.
         frames: Number of frames in the group.
         first_new: Number of the first track that is born in the group.
@@ -60,31 +60,31 @@ def _code_heads(coder, heads, n, frames, first_new):
     Returns:
         Number of headers found, less than n only in malformed packets.
     """
-    first = code_raw(coder, heads[0, TRACK], TRACK_BITS)
-    lead = code_escape(coder, heads[0, BEFORE])
-    count = code_raw(coder, heads[n - 1, TRACK] + 1 - first, CANDIDATE_BITS)
-    tail = code_escape(coder, heads[n - 1, AFTER])
+    first = code_raw(coder, headers[0, TRACK], TRACK_BITS)
+    lead = code_escape(coder, headers[0, BEFORE])
+    count = code_raw(coder, headers[n - 1, TRACK] + 1 - first, CANDIDATE_BITS)
+    tail = code_escape(coder, headers[n - 1, AFTER])
     at, gone_before, moved, before = 0, 0, 0, first - lead
     for track in range(first, first + min(count, MAX_CANDIDATES)):
-        here = not coder.decoding and heads[at, TRACK] == track
+        here = not coder.decoding and headers[at, TRACK] == track
         gone_before = code_bit(coder, C_GONE + gone_before, 0 if here else 1)
         if gone_before:
             continue
         if at == n:
             break
-        state = code_bit(coder, C_MOVING + moved, heads[at, STATE])
+        state = code_bit(coder, C_MOVING + moved, headers[at, STATE])
         moved = ((moved << 1) | state) & 3
         begins, ends = np.int64(0), frames
-        if track >= first_new and code_bit(coder, np.int64(C_BEGINS), 1 if heads[at, BEGINS] else 0):
-            begins = code_below(coder, heads[at, BEGINS], frames)
-        if code_bit(coder, np.int64(C_ENDS), 1 if heads[at, ENDS] < frames else 0):
-            ends = code_below(coder, heads[at, ENDS], frames)
-        heads[at, TRACK], heads[at, STATE], heads[at, BEGINS], heads[at, ENDS] = track, state, begins, ends
-        heads[at, BEFORE], heads[at, AFTER] = track - before, 0
+        if track >= first_new and code_bit(coder, np.int64(C_BEGINS), 1 if headers[at, BEGINS] else 0):
+            begins = code_below(coder, headers[at, BEGINS], frames)
+        if code_bit(coder, np.int64(C_ENDS), 1 if headers[at, ENDS] < frames else 0):
+            ends = code_below(coder, headers[at, ENDS], frames)
+        headers[at, TRACK], headers[at, STATE], headers[at, BEGINS], headers[at, ENDS] = track, state, begins, ends
+        headers[at, BEFORE], headers[at, AFTER] = track - before, 0
         before = track + 1
         at += 1
     if at:
-        heads[at - 1, AFTER] = tail
+        headers[at - 1, AFTER] = tail
     return at
 
 
@@ -221,12 +221,12 @@ def _code_coefficient(coder, low, span, at, kind, order, level, value):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def code_motion(coder, heads, n, orders, quantised, frames, first_new):
+def code_motion(coder, headers, n, orders, quantised, frames, first_new):
     """Encodes or decodes the motion of a packet's tracks.
 
     Args:
         coder: Entropy coder of the packet.
-        heads: Headers of the tracks, int64 (n, HEAD), ascending by track number; filled by a decoder. In malformed
+        headers: Headers of the tracks, int64 (n, HEAD), ascending by track number; filled by a decoder. In malformed
             packets, headers that were not found have track number -1.
         n: Number of tracks in the packet.
         orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds); filled by a decoder.
@@ -236,13 +236,13 @@ def code_motion(coder, heads, n, orders, quantised, frames, first_new):
         first_new: Number of the first track that is born in the group.
     """
     if coder.decoding:
-        heads[:] = -1
-    found = _code_heads(coder, heads, n, frames, first_new)
+        headers[:] = -1
+    found = _code_headers(coder, headers, n, frames, first_new)
     for kind in range(NUM_KINDS):
         orders[kind] = code_below(coder, orders[kind], frames + 1)
     before, low, span, place = -1, coder.state[0], coder.state[1], coder.state[2]
     for i in range(found):
-        if heads[i, STATE] != MOVING:
+        if headers[i, STATE] != MOVING:
             continue
         largest = np.int64(0)
         for c in range(NUM_CHANNELS):

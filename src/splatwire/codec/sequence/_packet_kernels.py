@@ -100,14 +100,14 @@ def _trim(quantised, orders):
 
 @njit(error_model="numpy")
 @no_type_check
-def _encode_packet(models, counts, frames, first_new, dead, heads, places, shifts, targets, rows, buffer, out):
+def _encode_packet(models, counts, frames, first_new, dead, headers, places, shifts, targets, rows, buffer, out):
     """Encodes the motion of some tracks as one packet; returns its size in bytes.
 
     The residuals of the coefficients are written to `out`. See `encode_cut` for the arguments. Here, arrays with one
     entry per track contain only the tracks of the packet.
     """
-    n, used = len(heads), 0
-    orders, states = np.zeros(NUM_KINDS, np.int64), heads[:, STATE].copy()
+    n, used = len(headers), 0
+    orders, states = np.zeros(NUM_KINDS, np.int64), headers[:, STATE].copy()
     _needed_orders(targets, rows, states, shifts, frames, orders)
     for c in range(NUM_CHANNELS):
         used += orders[KIND_OF[c]]
@@ -120,23 +120,23 @@ def _encode_packet(models, counts, frames, first_new, dead, heads, places, shift
         ENCODING, buffer, np.empty(0, np.int64), models.copy(), (counts, np.zeros((1, 1, 1, 2), np.int64)), _no_tables()
     )  # fmt: skip
     encoder_start(coder.state)
-    code_motion(coder, heads.copy(), n, orders, out, frames, first_new)
+    code_motion(coder, headers.copy(), n, orders, out, frames, first_new)
     return encoder_finish(buffer, coder.state)
 
 
 @njit(error_model="numpy")
 @no_type_check
-def _candidates(heads, begin, n):
+def _candidates(headers, begin, n):
     """Returns how many consecutive tracks can share one packet.
 
     A packet can represent a limited range of track numbers only; tracks beyond this range need another packet.
 
     Args:
-        heads: Headers of the tracks, int64 (tracks, HEAD).
+        headers: Headers of the tracks, int64 (tracks, HEAD).
         begin: Index of the first track of the packet.
         n: Maximum number to return.
     """
-    while n > 1 and heads[begin + n - 1, TRACK] - heads[begin, TRACK] >= MAX_CANDIDATES:
+    while n > 1 and headers[begin + n - 1, TRACK] - headers[begin, TRACK] >= MAX_CANDIDATES:
         n -= 1
     return n
 
@@ -163,7 +163,22 @@ def _expected_tracks(costs, begin, end, scale, aim):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_cut(
-    models, counts, frames, first_new, dead, heads, places, shifts, targets, rows, most, costs, buffer, out, sizes, ends
+    models,
+    counts,
+    frames,
+    first_new,
+    dead,
+    headers,
+    places,
+    shifts,
+    targets,
+    rows,
+    most,
+    costs,
+    buffer,
+    out,
+    sizes,
+    ends,
 ):
     """Encodes a block of motion in packets of limited size, each with as many tracks as fit.
 
@@ -173,7 +188,7 @@ def encode_cut(
         frames: Number of frames in the group, F.
         first_new: Number of the first track that is born in the group.
         dead: Widening of the quantiser's dead zone, in 64ths of a step, see `predict_from_neighbours`.
-        heads: Headers of the tracks, int64 (n, HEAD), ascending by track number.
+        headers: Headers of the tracks, int64 (n, HEAD), ascending by track number.
         places: Positions of the tracks' keyframe Gaussians, in half lattice units, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, frames).
@@ -188,11 +203,11 @@ def encode_cut(
     Returns:
         Number of packets.
     """
-    total, begin, at, packets = len(heads), 0, 0, 0
+    total, begin, at, packets = len(headers), 0, 0, 0
     aim, scale = most - (most >> AIM), 1.0
     kept = np.zeros((NUM_CONTEXTS, 2), np.int64)
     while begin < total:
-        left = _candidates(heads, begin, total - begin)
+        left = _candidates(headers, begin, total - begin)
         low, high, tries, last, length = 0, left + 1, 0, 0, 0
         n = _expected_tracks(costs, begin, begin + left, scale, aim)
         while high - low > 1 or last != low:
@@ -200,7 +215,7 @@ def encode_cut(
             kept[:] = 0
             some = slice(begin, begin + n)
             length = _encode_packet(
-                models, kept, frames, first_new, dead, heads[some], places[some], shifts[some], targets, rows[some],
+                models, kept, frames, first_new, dead, headers[some], places[some], shifts[some], targets, rows[some],
                 buffer[at:], out[some],
             )  # fmt: skip
             tries, last = tries + 1, n
@@ -222,7 +237,7 @@ def encode_cut(
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def decode_packets(models, frames, first_new, data, ends, starts, heads, orders, quantised):
+def decode_packets(models, frames, first_new, data, ends, starts, headers, orders, quantised):
     """Decodes packets of motion.
 
     Args:
@@ -232,7 +247,7 @@ def decode_packets(models, frames, first_new, data, ends, starts, heads, orders,
         data: Payloads of P packets, one after another, uint8.
         ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
         starts: int64 (P + 1); packet p has the tracks `starts[p]` to `starts[p + 1]` (exclusive).
-        heads: Output: headers of the tracks, int64 (n, HEAD), zero before.
+        headers: Output: headers of the tracks, int64 (n, HEAD), zero before.
         orders: Output: number of coefficients per channel, by kind of channel, int64 (P, kinds), zero before.
         quantised: Output: residuals of coefficients, int32 (n, channels, frames), zero before.
     """
@@ -243,5 +258,5 @@ def decode_packets(models, frames, first_new, data, ends, starts, heads, orders,
         decoder_start(payload, ZERO, len(payload), coder.state)
         rows = slice(starts[p], starts[p + 1])
         code_motion(
-            coder, heads[rows], starts[p + 1] - starts[p], orders[p], quantised[rows], frames, first_new
+            coder, headers[rows], starts[p + 1] - starts[p], orders[p], quantised[rows], frames, first_new
         )  # fmt: skip

@@ -126,13 +126,13 @@ def _project(values, table, begin, end, own):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def fit_targets(moves, bases, numbers, unit, luma, table, begin, end, targets, largest, turns, last):
+def fit_targets(moves, keyframes, numbers, unit, luma, table, begin, end, targets, largest, turns, last):
     """Fits motion coefficients to trajectories, frame by frame, so that early frames can be processed early.
 
     Args:
         moves: Means, quaternions, scales, opacities and colours of n tracks, float32 (n, F, ...).
-        bases: Means, quaternions, scales, opacities and colours of T keyframe Gaussians, float32 (T, 1, ...).
-        numbers: Index in `bases` of each track's keyframe Gaussian, int64 (n); tracks with a negative index are
+        keyframes: Means, quaternions, scales, opacities and colours of T keyframe Gaussians, float32 (T, 1, ...).
+        numbers: Index in `keyframes` of each track's keyframe Gaussian, int64 (n); tracks with a negative index are
             skipped.
         unit: Units of the position channels per scene unit (half lattice units).
         luma: Matrix from colours to Y Co Cg, float64 (3, 3).
@@ -147,7 +147,7 @@ def fit_targets(moves, bases, numbers, unit, luma, table, begin, end, targets, l
             updated.
     """
     means, quats, scales, opacities, colours = moves
-    m, q, s, o, c = bases
+    m, q, s, o, c = keyframes
     values = np.empty((NUM_CHANNELS, len(table)))
     for i in range(len(numbers)):
         j = numbers[i]

@@ -9,7 +9,7 @@ from splatwire.bitstream import Manifest, Packet, PacketId
 from splatwire.bitstream.origin import ORIGIN
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import BACKGROUND
-from splatwire.codec.gaussians.attributes import empty_rows as empty_bases
+from splatwire.codec.gaussians.attributes import empty_rows as empty_keyframes
 from splatwire.codec.gaussians.attributes import update_digest as digest_bases
 from splatwire.codec.gaussians.decoder import blank_splats, decode_packets, store_block
 from splatwire.codec.gaussians.layout import COLUMNS
@@ -17,7 +17,7 @@ from splatwire.codec.memory import check_memory, words_bytes
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import Run, SymbolRows
-from splatwire.codec.sequence.bases import placed
+from splatwire.codec.sequence.keyframes import placed
 from splatwire.codec.sequence.layout import AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK
 from splatwire.codec.sequence.motion_rows import coefficients_of, decode_motion
 from splatwire.codec.sequence.motion_rows import update_digest as digest_motion
@@ -66,10 +66,10 @@ class TracksDecoder:
         self.sections = info.sections
         self._spans = _BlockMap(info, manifest)
         self._num_tracks = sum(group.births for group in info.groups)
-        self._num_bytes, side = num_bytes, 3 * (info.bases.degree + 1) ** 2
+        self._num_bytes, side = num_bytes, 3 * (info.keyframes.degree + 1) ** 2
         self.scene_bytes = self._num_tracks * (4 * (12 + side) + 8 * int(COLUMNS) + 24 + SHOWN_BYTES) + self._num
         frames = info.timeline.group_frames
-        self.row_bytes = max(8 * int(COLUMNS) + 4 * info.bases.num_harmonics, 8 * HEAD + 4 * NUM_CHANNELS * frames)
+        self.row_bytes = max(8 * int(COLUMNS) + 4 * info.keyframes.num_harmonics, 8 * HEAD + 4 * NUM_CHANNELS * frames)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         """Returns the working memory for the integers of pending blocks and for the words of the largest packet, bytes.
@@ -82,7 +82,7 @@ class TracksDecoder:
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates the keyframe Gaussians of all tracks before packets are decoded (see `Decoder.expect`)."""
         self._lives = self.info.lifetimes.by_track(self._num_tracks, self.info.timeline.num_frames)
-        self._splats = blank_splats(self._num_tracks, self.info.bases.degree)
+        self._splats = blank_splats(self._num_tracks, self.info.keyframes.degree)
         self._rows = np.zeros((self._num_tracks, int(COLUMNS)), np.int64)
         self._rounding = np.zeros(self._num_tracks, np.float32)
         self._received = np.zeros(self._num_tracks, dtype=np.bool_)
@@ -112,7 +112,7 @@ class TracksDecoder:
         """
         group, base = self._spans.of(run.block)
         if base is not None:
-            return decode_packets(self.info.bases, base, run.counts, run.payloads)
+            return decode_packets(self.info.keyframes, base, run.counts, run.payloads)
         return decode_motion(self.info, group, run.counts, run.payloads, self._spans.first_new[group])[:2]
 
     def store(self, run: Run, rows: SymbolRows) -> None:
@@ -129,18 +129,18 @@ class TracksDecoder:
         self._sizes[run.block] = sum(packet.num_bytes for packet in run.packets)
         first, count = self._spans.track_range(base)
         received = np.zeros(count, dtype=bool)
-        whole, harmonics = empty_bases(count, self.info.bases.num_harmonics)
+        whole, harmonics = empty_keyframes(count, self.info.keyframes.num_harmonics)
         begin = 0
         for packet in run.packets:
             own, end = slice(packet.id.lane, packet.id.lane + packet.num_elements), begin + packet.num_elements
             received[own], whole[own], harmonics[own] = True, rows[0][begin:end], rows[1][begin:end]
             begin = end
         here = np.arange(first, first + count)
-        store_block(self._splats, here, whole, harmonics, received, self.info.bases, base)
-        self._rows[here] = placed(whole, self.info.bases, base)
+        store_block(self._splats, here, whole, harmonics, received, self.info.keyframes, base)
+        self._rows[here] = placed(whole, self.info.keyframes, base)
         self._received[here] = received
-        steps = motion_shifts(self._rows[here], self.info.bases, self.info.coarser)[:, 0]
-        exponents = steps + self.info.bases.size_log - self.info.bases.unit - 1
+        steps = motion_shifts(self._rows[here], self.info.keyframes, self.info.coarser)[:, 0]
+        exponents = steps + self.info.keyframes.size_log - self.info.keyframes.unit - 1
         self._rounding[here] = np.ldexp(received.astype(np.float32), exponents)
 
     def hold(self, block: int, packets: tuple[Packet, ...]) -> None:
@@ -183,8 +183,8 @@ class TracksDecoder:
         Raises:
             BitstreamError: If the decoded motion exceeds the stream's memory limit.
         """
-        blocks, bases, time = self._spans.motion_blocks(group), self.info.bases, self.info.timeline
-        heads, moves, held = list[np.ndarray](), list[PacketMoves](), self.scene_bytes
+        blocks, keyframes, time = self._spans.motion_blocks(group), self.info.keyframes, self.info.timeline
+        headers, moves, held = list[np.ndarray](), list[PacketMoves](), self.scene_bytes
         covered, num = np.zeros(self._num_tracks, bool), 0
         num_bytes = max(self._num_bytes, sum(self._sizes.values()))
         for packet in (packet for block in blocks for packet in self._packets.get(block, ())):
@@ -194,13 +194,15 @@ class TracksDecoder:
                 continue
             rows, does = moved
             covered[max(rows[0, TRACK] - rows[0, BEFORE], 0) : rows[-1, TRACK] + rows[-1, AFTER] + 1] = True
-            heads.append(rows)
+            headers.append(rows)
             moves.append(does)
             held += rows.nbytes + 2 * does.nbytes
             check_memory(held, num_bytes, f"the motion of {num:,} tracks")
         frames, complete = len(time.frames_of(group)), num == self.info.groups[group].motions
-        offsets = Offsets(moves, frames, bases.unit, bases.size_log)
-        return _sorted(np.concatenate([np.zeros((0, HEAD), np.int64), *heads]), offsets, covered, complete, not blocks)
+        offsets = Offsets(moves, frames, keyframes.unit, keyframes.size_log)
+        return _sorted(
+            np.concatenate([np.zeros((0, HEAD), np.int64), *headers]), offsets, covered, complete, not blocks
+        )
 
     def prepare(self, packets: Sequence[Packet], num_bytes: int, threads: int) -> None:
         """Decodes motion packets ahead of time, to reduce the latency when their frames are requested.
@@ -242,38 +244,38 @@ class TracksDecoder:
         group, _ = self._spans.of(packets[0].id.block)
         counts = np.array([packet.num_elements for packet in packets])
         payloads, first_new = [packet.payload for packet in packets], self._spans.first_new[group]
-        heads, residuals, orders = decode_motion(self.info, group, counts, payloads, first_new)
-        tracks = heads[:, TRACK]
+        headers, residuals, orders = decode_motion(self.info, group, counts, payloads, first_new)
+        tracks = headers[:, TRACK]
         good = (tracks >= 0) & (tracks < self._num_tracks)  # malformed packets may contain other numbers
         own = self._rows[np.where(good, tracks, 0)]
-        places, shifts = own[:, :3], motion_shifts(own, self.info.bases, self.info.coarser)
+        places, shifts = own[:, :3], motion_shifts(own, self.info.keyframes, self.info.coarser)
         found, end = list["_Moved | None"](), 0
         for count, order in zip(counts.tolist(), orders, strict=True):
             begin, end = end, end + count
             some = slice(begin, end) if good[begin:end].all() else begin + np.flatnonzero(good[begin:end])
             known = good[begin:end].any() and received[tracks[some]].all()
-            does = coefficients_of(heads[some], residuals[some], order, places[some], shifts[some]) if known else None
-            found.append(None if does is None else (heads[some], PacketMoves(does, order)))
+            does = coefficients_of(headers[some], residuals[some], order, places[some], shifts[some]) if known else None
+            found.append(None if does is None else (headers[some], PacketMoves(does, order)))
         return found
 
 
-def _sorted(heads: np.ndarray, offsets: Offsets, covered: np.ndarray, complete: bool, unchanged: bool) -> GroupMotion:
+def _sorted(headers: np.ndarray, offsets: Offsets, covered: np.ndarray, complete: bool, unchanged: bool) -> GroupMotion:
     """Merges the tracks of all packets of a group in ascending order of track number; of duplicates, the first is kept.
 
     Args:
-        heads: Headers of the tracks of all packets, int64 (n, HEAD).
+        headers: Headers of the tracks of all packets, int64 (n, HEAD).
         offsets: Motion of the moving tracks of all packets.
         covered: Mask of tracks whose number is in the range of track numbers of a received packet, bool (T). Of these,
             tracks without a header have ended.
         complete: True if all motion packets of the group were received.
         unchanged: True if the group contains no motion packets because nothing changes.
     """
-    tracks = heads[:, TRACK]
+    tracks = headers[:, TRACK]
     first = np.arange(len(tracks))
     if (tracks[1:] <= tracks[:-1]).any():  # packets of an encoder are in order
         tracks, first = np.unique(tracks, return_index=True)
-    moving = heads[:, STATE] == MOVING
-    rows, some = np.where(moving, np.cumsum(moving) - 1, -1)[first], heads[first]
+    moving = headers[:, STATE] == MOVING
+    rows, some = np.where(moving, np.cumsum(moving) - 1, -1)[first], headers[first]
     begins = np.clip(some[:, BEGINS], 0, offsets.frames - 1)
     ends = np.clip(some[:, ENDS], begins, offsets.frames)
     return GroupMotion(tracks, moving[first], begins, ends, offsets.of(rows), covered, complete, unchanged)
@@ -295,13 +297,13 @@ class _BlockMap:
         self.born = np.repeat(np.arange(len(births)), births)
         track = 0
         for tier, span in enumerate(plan.spans):
-            group, bases = tier // 2, tier % 2 == 0
+            group, keyframes = tier // 2, tier % 2 == 0
             blocks = range(span.first_block, span.first_block + span.num_blocks)
-            if not bases:
+            if not keyframes:
                 self._motion[group] = blocks
             for block in blocks:
-                self._blocks.append((group, len(self._tracks) if bases else None))
-                if bases:
+                self._blocks.append((group, len(self._tracks) if keyframes else None))
+                if keyframes:
                     self._tracks.append((track, span.block_elements(block)))
                     track += span.block_elements(block)
 

@@ -24,8 +24,8 @@ from splatwire.bitstream.tiers import TierShape
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.gaussians.attributes import update_digest as digest_bases
 from splatwire.codec.gaussians.quality import Quality
-from splatwire.codec.sequence.bases import BaseEncoder, span_size
 from splatwire.codec.sequence.fitting import Fitting, fit, motion_masks
+from splatwire.codec.sequence.keyframes import KeyframeEncoder, span_size
 from splatwire.codec.sequence.known_tracks import KnownTracks
 from splatwire.codec.sequence.layout import AFTER, BEFORE, BEGINS, ENDS, MOVING, NUM_CONTEXTS, STATE, TRACK
 from splatwire.codec.sequence.lifetimes import BYTES_OF_ONE, Lifetimes, lifetimes_sections
@@ -85,7 +85,7 @@ class TracksEncoder:
         self._rate, self._group_frames = rate, group_frames
         self._packetization, self._threads = packetization, threads
         self._sections: Mapping[str, bytes] = BACKGROUND.sections(background)
-        self._bases = BaseEncoder(quality, packetization, threads)
+        self._keyframes = KeyframeEncoder(quality, packetization, threads)
         self._zero: np.ndarray | None = None
         self._groups: list[Group] = []
         self._lifetimes: list[Lifetimes] = []
@@ -106,7 +106,7 @@ class TracksEncoder:
             splats: The Gaussians to fit to.
             classes: Precision class of each Gaussian, 0 for the finest and negative for coarser; None for the finest.
         """
-        self._bases.fit(splats, classes)
+        self._keyframes.fit(splats, classes)
 
     def add_frames(self, keys: np.ndarray, moves: Trajectories, end: int) -> None:
         """Starts to fit the motion of the next group before all of its frames are available, to reduce latency.
@@ -157,7 +157,7 @@ class TracksEncoder:
             """
             packets = self._encode_keyframes(group, classes, born, numbers)
             threads, who = 1 if len(old) else self._threads, np.where(new, numbers, -1)
-            fit(targets, group.moves, self._known, self._bases.info, who, (0, group.moves.num_frames), threads)
+            fit(targets, group.moves, self._known, self._keyframes.info, who, (0, group.moves.num_frames), threads)
             own = targets.largest[born], targets.turns[born]
             _, moving[born] = motion_masks(*own, self._known.shifts, numbers[born])
             by[len(old) :] = born[np.argsort(numbers[born])]
@@ -221,7 +221,7 @@ class TracksEncoder:
         timeline = Timeline(self._rate, self._num_frames, self._group_frames)
         zero = np.full(NUM_CONTEXTS, 128) if self._zero is None else self._zero
         named = {**self._sections, **sections, **lifetimes_sections(Lifetimes.joined(lifetimes))}
-        info = SequenceInfo(timeline, tuple(self._groups), self._bases.info, COARSER, zero, named)
+        info = SequenceInfo(timeline, tuple(self._groups), self._keyframes.info, COARSER, zero, named)
         tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
         return write_side_info(info), tiers
 
@@ -253,7 +253,7 @@ class TracksEncoder:
         return fitting.numbers, new | far, moving, targets
 
     def _fit(self, keys: np.ndarray, moves: Trajectories) -> Fitting:
-        return Fitting(keys, self._known, self._bases.info, moves.num_frames, self._threads)
+        return Fitting(keys, self._known, self._keyframes.info, moves.num_frames, self._threads)
 
     def _encode_keyframes(
         self, group: TrackGroup, classes: np.ndarray | None, where: np.ndarray, numbers: np.ndarray
@@ -271,12 +271,12 @@ class TracksEncoder:
         """
         if not len(where):
             return []
-        coded = self._bases.encode(group.first(where), None if classes is None else classes[where])
+        coded = self._keyframes.encode(group.first(where), None if classes is None else classes[where])
         born = where[coded.order]
-        bases = group.moves.at(born, np.zeros_like(born))
-        shifts = motion_shifts(coded.rows, self._bases.info, COARSER)
+        keyframes = group.moves.at(born, np.zeros_like(born))
+        shifts = motion_shifts(coded.rows, self._keyframes.info, COARSER)
         first_new = len(self._known.keys)
-        self._known = self._known.with_births(bases, group.keys[born], coded.rows, shifts)
+        self._known = self._known.with_births(keyframes, group.keys[born], coded.rows, shifts)
         for rows in coded.digested:
             digest_bases(self._digest, rows)
         numbers[born] = np.arange(first_new, len(self._known.keys))
@@ -297,13 +297,13 @@ class TracksEncoder:
             moving: Mask of moving tracks of the group.
         """
         rows, known, tracks = by[some], self._known, numbers[by[some]]
-        heads = coder.heads[some]
-        before = coder.heads[some.start - 1, TRACK] if some.start else -1
-        heads[:, TRACK], heads[:, BEGINS], heads[:, ENDS] = tracks, group.begins[rows], group.ends[rows]
-        heads[:, BEFORE] = np.diff(tracks, prepend=before) - 1
-        heads[:, STATE] = np.where(moving[rows], MOVING, 0)
+        headers = coder.headers[some]
+        before = coder.headers[some.start - 1, TRACK] if some.start else -1
+        headers[:, TRACK], headers[:, BEGINS], headers[:, ENDS] = tracks, group.begins[rows], group.ends[rows]
+        headers[:, BEFORE] = np.diff(tracks, prepend=before) - 1
+        headers[:, STATE] = np.where(moving[rows], MOVING, 0)
         if len(rows) and len(rows) + (some.start or 0) == len(by):
-            heads[-1, AFTER] = self._num_tracks - 1 - tracks[-1]
+            headers[-1, AFTER] = self._num_tracks - 1 - tracks[-1]
         coder.rows[some], coder.costs[some] = rows, self._costs[tracks]
         coder.places[some], coder.shifts[some] = known.rows[tracks, :3], known.shifts[tracks]
 
@@ -322,13 +322,13 @@ class TracksEncoder:
         Returns:
             Number of tracks with coded motion, and their packets; (0, []) if nothing changes in the group.
         """
-        heads, frames = coder.heads, group.moves.num_frames
-        if all_stay(heads[:known], frames) and np.array_equal(self._known.alive, heads[:known, TRACK]):
+        headers, frames = coder.headers, group.moves.num_frames
+        if all_stay(headers[:known], frames) and np.array_equal(self._known.alive, headers[:known, TRACK]):
             births()
-            if all_stay(heads, frames):
+            if all_stay(headers, frames):
                 return 0, []
-        packets, self._costs[heads[:, TRACK]] = self._encode_motion_blocks(coder, known, births)
-        return len(heads), packets
+        packets, self._costs[headers[:, TRACK]] = self._encode_motion_blocks(coder, known, births)
+        return len(headers), packets
 
     def _encode_motion_blocks(
         self, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]
@@ -343,9 +343,9 @@ class TracksEncoder:
         Returns:
             Packets of all tracks, block by block; and the number of bytes used for each track, float64.
         """
-        heads = coder.heads
-        size = span_size(len(heads), self._packetization.block_size)
-        parts = list(itertools.pairwise([*range(0, len(heads), size), len(heads)]))
+        headers = coder.headers
+        size = span_size(len(headers), self._packetization.block_size)
+        parts = list(itertools.pairwise([*range(0, len(headers), size), len(headers)]))
         if self._zero is None:
             births()
             self._zero = coder.fitted(parts, self._threads)
@@ -361,9 +361,9 @@ class TracksEncoder:
         for block, ((begin, end), part) in enumerate(zip(parts, coded, strict=True)):
             births()  # keyframe Gaussians first: this is the order of the digest
             packets += part.packets(block)
-            digest_motion(self._digest, (heads[begin:end], part.residuals))
+            digest_motion(self._digest, (headers[begin:end], part.residuals))
             costs.append(part.costs)
-        seen = self._known.weights[heads[:, TRACK]] * (heads[:, STATE] == MOVING)
+        seen = self._known.weights[headers[:, TRACK]] * (headers[:, STATE] == MOVING)
         return self._renumbered(packets, len(parts), seen), np.concatenate(costs)
 
     def _renumbered(self, packets: list[Packet], num_blocks: int, seen: np.ndarray) -> list[Packet]:

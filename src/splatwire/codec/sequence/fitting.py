@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatwire.codec.gaussians.side_info import SideInfo as BaseInfo
+from splatwire.codec.gaussians.side_info import SideInfo as KeyframeInfo
 from splatwire.codec.sequence import _target_kernels as kernels
 from splatwire.codec.sequence.known_tracks import KnownTracks
 from splatwire.codec.sequence.layout import MAX_COEFFICIENT, MAX_QUANTISED
@@ -36,7 +36,7 @@ class Fitting:
     """
 
     def __init__(
-        self, keys: np.ndarray, known: KnownTracks, info: BaseInfo, frames: int, threads: int | None
+        self, keys: np.ndarray, known: KnownTracks, info: KeyframeInfo, frames: int, threads: int | None
     ) -> None:  # fmt: skip
         self._keys, self._known, self._info, self._threads = keys.copy(), known, info, threads
         self.numbers, self._end = known.numbers_of(keys), 0
@@ -87,7 +87,7 @@ class Fitting:
 
 
 def fit(
-    found: Targets, moves: Trajectories, known: KnownTracks, info: BaseInfo, numbers: np.ndarray,
+    found: Targets, moves: Trajectories, known: KnownTracks, info: KeyframeInfo, numbers: np.ndarray,
     frames: tuple[int, int], threads: int | None,
 ) -> None:  # fmt: skip
     """Adds a range of frames to the motion coefficients of tracks.
@@ -101,7 +101,7 @@ def fit(
         frames: First frame to add, and end of the range (exclusive).
         threads: Number of threads, which does not affect the result; None for one per processor.
     """
-    add_frames(found, moves, known.bases, numbers, *frames, info.unit, info.size_log, threads)
+    add_frames(found, moves, known.keyframes, numbers, *frames, info.unit, info.size_log, threads)
 
 
 def motion_masks(

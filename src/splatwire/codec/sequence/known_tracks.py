@@ -18,7 +18,7 @@ class KnownTracks:
     Attributes:
         keys: Key of each track, chosen by the application, int64 (T).
         by_key: Track numbers sorted by key, int64 (T); tracks with equal keys are in order of appearance.
-        bases: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
+        keyframes: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
         rows: Decoded integers of each keyframe Gaussian, int64 (T, COLUMNS).
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
         weights: Visible weight of each track, from `weights_of`, float64 (T).
@@ -27,7 +27,7 @@ class KnownTracks:
 
     keys: np.ndarray
     by_key: np.ndarray
-    bases: Trajectories
+    keyframes: Trajectories
     rows: np.ndarray
     shifts: np.ndarray
     weights: np.ndarray
@@ -62,19 +62,21 @@ class KnownTracks:
             frames: Number of frames in the group.
         """
         one, none = self.alive[-1:], np.zeros(1, np.int64)
-        poses = {name: np.repeat(values[one], frames, axis=1) for name, values in vars(self.bases).items()}
+        poses = {name: np.repeat(values[one], frames, axis=1) for name, values in vars(self.keyframes).items()}
         return TrackGroup(self.keys[one], none, none, Trajectories(**poses), _no_births)
 
-    def with_births(self, bases: Trajectories, keys: np.ndarray, rows: np.ndarray, shifts: np.ndarray) -> "KnownTracks":
+    def with_births(
+        self, keyframes: Trajectories, keys: np.ndarray, rows: np.ndarray, shifts: np.ndarray
+    ) -> "KnownTracks":
         """Returns the state with new tracks appended, in the order of their numbers.
 
         Args:
-            bases: Keyframe Gaussians of the n new tracks, as trajectories of one frame.
+            keyframes: Keyframe Gaussians of the n new tracks, as trajectories of one frame.
             keys: Keys of the new tracks, int64 (n).
             rows: Decoded integers of the keyframe Gaussians, int64 (n, COLUMNS).
             shifts: log2 of the quantisation steps of the new tracks' motion, int64 (n, channels).
         """
-        joined = {name: np.concatenate([old, getattr(bases, name)]) for name, old in vars(self.bases).items()}
+        joined = {name: np.concatenate([old, getattr(keyframes, name)]) for name, old in vars(self.keyframes).items()}
         names = np.concatenate([self.keys, keys])
         return KnownTracks(
             names,
@@ -82,7 +84,7 @@ class KnownTracks:
             Trajectories(**joined),
             np.concatenate([self.rows, rows]),
             np.concatenate([self.shifts, shifts]),
-            np.concatenate([self.weights, weights_of(bases.scales[:, 0], bases.opacities[:, 0])]),
+            np.concatenate([self.weights, weights_of(keyframes.scales[:, 0], keyframes.opacities[:, 0])]),
             self.alive,
         )
 

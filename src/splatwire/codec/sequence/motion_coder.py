@@ -49,14 +49,14 @@ class CodedMotion:
         return np.repeat((np.array([len(payload) for payload in self.payloads]) + 1.0) / self.sizes, self.sizes)
 
 
-def all_stay(heads: np.ndarray, frames: int) -> bool:
+def all_stay(headers: np.ndarray, frames: int) -> bool:
     """True if no track of a group moves, begins or ends.
 
     Args:
-        heads: Headers of the tracks, int64 (n, HEAD).
+        headers: Headers of the tracks, int64 (n, HEAD).
         frames: Number of frames in the group.
     """
-    return bool(((heads[:, STATE] == STILL) & (heads[:, BEGINS] == 0) & (heads[:, ENDS] == frames)).all())
+    return bool(((headers[:, STATE] == STILL) & (headers[:, BEGINS] == 0) & (headers[:, ENDS] == frames)).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class MotionCoder:
     """Encodes the motion of the n tracks present in a group of F frames, block by block, in packets of limited size.
 
     Attributes:
-        heads: Headers of the tracks, int64 (n, HEAD), ascending by track number.
+        headers: Headers of the tracks, int64 (n, HEAD), ascending by track number.
         places: Positions of the tracks' keyframe Gaussians, in half lattice units, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, frames), in any order.
@@ -74,7 +74,7 @@ class MotionCoder:
         costs: Expected number of bytes for each track, float64 (n). Good estimates save encoding attempts.
     """
 
-    heads: np.ndarray
+    headers: np.ndarray
     places: np.ndarray
     shifts: np.ndarray
     targets: np.ndarray
@@ -93,9 +93,9 @@ class MotionCoder:
             first_new: Number of the first track that is born in the group.
             most: Maximum size of a packet's payload, bytes.
         """
-        heads, rows = np.zeros((count, HEAD), np.int64), np.zeros(count, np.int64)
+        headers, rows = np.zeros((count, HEAD), np.int64), np.zeros(count, np.int64)
         places, shifts = np.zeros((count, 3), np.int64), np.zeros((count, NUM_CHANNELS), np.int64)
-        return MotionCoder(heads, places, shifts, targets, rows, first_new, most, np.zeros(count))
+        return MotionCoder(headers, places, shifts, targets, rows, first_new, most, np.zeros(count))
 
     def fitted(self, blocks: list[tuple[int, int]], threads: int | None) -> np.ndarray:
         """Fits the initial probability of a zero of each adaptive bit model to some of the blocks.
@@ -134,7 +134,7 @@ class MotionCoder:
         room = kernels.SLACK + kernels.TRACK_BYTES * count + BYTES_PER_COEFFICIENT * residuals.size
         buffer, sizes, stops = np.zeros(room, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
         used = kernels.encode_cut(
-            models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD), self.heads[some],
+            models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD), self.headers[some],
             self.places[some], self.shifts[some], self.targets, self.rows[some], np.int64(self.most),
             self.costs[some], buffer, residuals, sizes, stops,
         )  # fmt: skip

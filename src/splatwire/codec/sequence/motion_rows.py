@@ -57,22 +57,22 @@ def decode_motion(
     data = np.frombuffer(b"".join(payloads) + b"\0", dtype=np.uint8).copy()
     ends = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    heads, residuals = empty_rows(int(starts[-1]), frames)
+    headers, residuals = empty_rows(int(starts[-1]), frames)
     orders = np.zeros((len(payloads), NUM_KINDS), np.int64)
     _packet_kernels.decode_packets(
-        info.models(), np.int64(frames), np.int64(first_new), data, ends, starts, heads,
-        orders, residuals.reshape(len(heads), NUM_CHANNELS, frames),
+        info.models(), np.int64(frames), np.int64(first_new), data, ends, starts, headers,
+        orders, residuals.reshape(len(headers), NUM_CHANNELS, frames),
     )  # fmt: skip
-    return heads, residuals, orders
+    return headers, residuals, orders
 
 
 def coefficients_of(
-    heads: np.ndarray, residuals: np.ndarray, orders: np.ndarray, places: np.ndarray, shifts: np.ndarray
+    headers: np.ndarray, residuals: np.ndarray, orders: np.ndarray, places: np.ndarray, shifts: np.ndarray
 ) -> np.ndarray:
     """Reconstructs the motion coefficients of the moving tracks of one packet from prediction residuals.
 
     Args:
-        heads: Headers of the n tracks of the packet, int64 (n, HEAD).
+        headers: Headers of the n tracks of the packet, int64 (n, HEAD).
         residuals: Prediction residuals of the tracks, int32 (n, channels * frames).
         orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
         places: Positions of the tracks' keyframe Gaussians, in half lattice units, int64 (n, 3).
@@ -81,10 +81,10 @@ def coefficients_of(
     Returns:
         float32 (m, channels, K) for the m moving tracks, where K is the largest entry of `orders`.
     """
-    quantised = np.ascontiguousarray(residuals.reshape(len(heads), NUM_CHANNELS, -1))
-    coefficients = np.zeros((len(heads), NUM_CHANNELS, orders.max()), np.float32)
+    quantised = np.ascontiguousarray(residuals.reshape(len(headers), NUM_CHANNELS, -1))
+    coefficients = np.zeros((len(headers), NUM_CHANNELS, orders.max()), np.float32)
     _predict_kernels.predict_from_neighbours(
-        np.ascontiguousarray(places), np.ascontiguousarray(heads[:, STATE]), shifts, orders, quantised,
+        np.ascontiguousarray(places), np.ascontiguousarray(headers[:, STATE]), shifts, orders, quantised,
         np.zeros((0, 1)), np.int64(0), coefficients,
     )  # fmt: skip
-    return coefficients[heads[:, STATE] == MOVING]
+    return coefficients[headers[:, STATE] == MOVING]

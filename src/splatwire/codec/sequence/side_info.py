@@ -14,9 +14,9 @@ import numpy as np
 from splatwire.bitstream import Manifest
 from splatwire.bitstream.limits import MAX_FRAME_RATE, MAX_FRAMES, MAX_GROUP_FRAMES, SCHEMAS, TRACKS
 from splatwire.bitstream.sections import read_sections, write_sections
-from splatwire.codec.gaussians.side_info import SideInfo as BaseInfo
-from splatwire.codec.gaussians.side_info import read_side_info as read_bases
-from splatwire.codec.gaussians.side_info import write_side_info as write_bases
+from splatwire.codec.gaussians.side_info import SideInfo as KeyframeInfo
+from splatwire.codec.gaussians.side_info import read_side_info as read_keyframes
+from splatwire.codec.gaussians.side_info import write_side_info as write_keyframes
 from splatwire.codec.sequence.layout import NUM_CONTEXTS, NUM_KINDS
 from splatwire.codec.sequence.lifetimes import Lifetimes, read_lifetimes
 from splatwire.errors import BitstreamError, MissingSideInfoError, UnsupportedVersionError
@@ -47,8 +47,8 @@ class SequenceInfo:
     Attributes:
         timeline: Frame rate, number of frames, and number of frames per group.
         groups: Number of elements in each group of frames.
-        bases: Side information of the keyframe Gaussians, with one bounding box for each block of keyframe Gaussians of
-            the packet plan.
+        keyframes: Side information of the keyframe Gaussians, with one bounding box for each block of keyframe
+            Gaussians of the packet plan.
         coarser: log2 of the ratio of a track's quantisation steps of motion to the steps of its keyframe Gaussian, by
             kind of channel (`layout.KINDS`), int64 (kinds).
         bit_zero: Initial probability of a zero for each adaptive bit model of motion, out of 2**8, int64 (contexts).
@@ -58,7 +58,7 @@ class SequenceInfo:
 
     timeline: Timeline
     groups: tuple[Group, ...]
-    bases: BaseInfo
+    keyframes: KeyframeInfo
     coarser: np.ndarray
     bit_zero: np.ndarray
     sections: Mapping[str, bytes] = field(default_factory=dict)
@@ -80,7 +80,7 @@ def write_side_info(info: SequenceInfo) -> bytes:
     writer = ByteWriter()
     for part in (
         clip.bytes(),
-        write_bases(info.bases),
+        write_keyframes(info.keyframes),
         motion.bytes() + bytes(info.bit_zero.astype(np.uint8)),
     ):
         writer.blob(part)
@@ -104,7 +104,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
     if not manifest.packetization.hashed:
         raise BitstreamError("packets of a clip are cut by their size, those of this manifest are not")
     reader = ByteReader(side_info, "side information")
-    clip, bases, motion = (reader.blob() for _ in SCHEMAS[TRACKS].sections)
+    clip, keyframes, motion = (reader.blob() for _ in SCHEMAS[TRACKS].sections)
     timeline, groups = _read_timeline(clip), _groups(manifest)
     if len(groups) != timeline.num_groups:
         raise BitstreamError(
@@ -113,7 +113,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
     coarser, bit_zero = _read_motion(motion)
     sections = read_sections(reader.rest())
     size = manifest.packetization.block_size
-    base = read_bases(bases, sum(-(-group.births // size) for group in groups))
+    base = read_keyframes(keyframes, sum(-(-group.births // size) for group in groups))
     lifetimes = read_lifetimes(sections, [group.births for group in groups], timeline)
     return SequenceInfo(timeline, groups, base, coarser, bit_zero, sections, lifetimes)
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from splatwire.codec.gaussians.layout import CLASS, DIRECTION_BITS, OPACITY, SCALE0, SCALE1, SCALE2
-from splatwire.codec.gaussians.side_info import SideInfo as BaseInfo
+from splatwire.codec.gaussians.side_info import SideInfo as KeyframeInfo
 from splatwire.codec.gaussians.tables import thinness_table
 from splatwire.codec.sequence import _step_kernels as kernels
 from splatwire.codec.sequence.layout import KIND_OF, NUM_CHANNELS
@@ -11,7 +11,7 @@ from splatwire.codec.sequence.layout import KIND_OF, NUM_CHANNELS
 LARGEST_SHIFT = 30
 
 
-def motion_shifts(rows: np.ndarray, info: BaseInfo, coarser: np.ndarray) -> np.ndarray:
+def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray) -> np.ndarray:
     """Returns the quantisation steps of the motion of tracks.
 
     Args:

@@ -106,7 +106,7 @@ class Targets:
 
 
 def add_frames(
-    found: Targets, moves: Trajectories, bases: Trajectories, numbers: np.ndarray, begin: int, end: int,
+    found: Targets, moves: Trajectories, keyframes: Trajectories, numbers: np.ndarray, begin: int, end: int,
     unit: int, size_log: int, threads: int | None = None,
 ) -> None:  # fmt: skip
     """Adds frames to motion coefficients fitted to earlier frames.
@@ -116,9 +116,9 @@ def add_frames(
     Args:
         found: Coefficients of n tracks, changed in place; the attribute `largest` is set with the last frame.
         moves: Trajectories of the n tracks over all F frames of the group; frames from `end` on are ignored.
-        bases: Keyframe Gaussians, as trajectories of one frame.
-        numbers: Index in `bases` of the keyframe Gaussian of each track, int64 (n); tracks with a negative index are
-            skipped.
+        keyframes: Keyframe Gaussians, as trajectories of one frame.
+        numbers: Index in `keyframes` of the keyframe Gaussian of each track, int64 (n); tracks with a negative index
+            are skipped.
         begin: First frame to add.
         end: End of the frames to add (exclusive).
         unit: `-log2` of the lattice spacing, relative to the scene's size.
@@ -126,7 +126,7 @@ def add_frames(
         threads: Number of threads, which does not affect the result; None for one per processor.
     """
     luma, table = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED)), polynomials(moves.num_frames).copy()
-    known, scale = tuple(vars(bases).values()), float(np.ldexp(1.0, unit + 1 - size_log))
+    known, scale = tuple(vars(keyframes).values()), float(np.ldexp(1.0, unit + 1 - size_log))
 
     def fit(some: slice) -> None:
         _target_kernels.fit_targets(

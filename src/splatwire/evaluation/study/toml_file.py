@@ -73,17 +73,17 @@ def load_study(path: Path, *, replaced: SceneEntry | None = None) -> Study:
         scenes = (
             (replaced,)
             if replaced
-            else tuple(_scene(place, table, expand) for place, table in _tables(content, "scene"))
+            else tuple(_scene(location, table, expand) for location, table in _tables(content, "scene"))
         )
         return Study(
             name=header.pop("name", path.stem),
             title=header.pop("title", path.stem),
             scenes=scenes,
-            rows=tuple(_row(place, table, expand) for place, table in _tables(content, "row")),
-            losses=tuple(_loss(place, table) for place, table in _tables(content, "loss")),
+            rows=tuple(_row(location, table, expand) for location, table in _tables(content, "row")),
+            losses=tuple(_loss(location, table) for location, table in _tables(content, "loss")),
             published=tuple(
-                _parse_published(place, table, header.get("metrics", ()))
-                for place, table in _tables(content, "published")
+                _parse_published(location, table, header.get("metrics", ()))
+                for location, table in _tables(content, "published")
             ),
             **_header(header),
         )
@@ -112,23 +112,23 @@ def _read(path: Path) -> dict[str, Any]:
     return content
 
 
-def _check_plain(place: str, value: Any) -> None:
+def _check_plain(location: str, value: Any) -> None:
     """Rejects TOML values that protocol files do not use: dates, non-finite numbers, and integers beyond 64 bits.
 
     Args:
-        place: Location of the value in the file, for the message.
+        location: Location of the value in the file, for the message.
         value: The value.
     """
     if isinstance(value, (dict, list)):
         for key, item in value.items() if isinstance(value, dict) else enumerate(value, 1):
-            _check_plain(f"{place} {key}".strip()[:80], item)
+            _check_plain(f"{location} {key}".strip()[:80], item)
     elif isinstance(value, float) and not math.isfinite(value):
-        raise InvalidValueError(f"{place} must be a finite number, not {value}")
+        raise InvalidValueError(f"{location} must be a finite number, not {value}")
     elif isinstance(value, int) and not -(1 << 63) <= value < 1 << 63:
-        raise InvalidValueError(f"{place} is beyond the range of integers in TOML, 64 bits")
+        raise InvalidValueError(f"{location} is beyond the range of integers in TOML, 64 bits")
     elif not isinstance(value, (str, int, float)):
         kind = type(value).__name__
-        raise InvalidValueError(f"{place} must be text, a number, true or false, not the {kind} {value}")
+        raise InvalidValueError(f"{location} must be text, a number, true or false, not the {kind} {value}")
 
 
 def _tables(content: Mapping[str, Any], name: str) -> list[tuple[str, dict[str, Any]]]:
@@ -140,17 +140,19 @@ def _tables(content: Mapping[str, Any], name: str) -> list[tuple[str, dict[str, 
     return [(f"[[{name}]] {number}", dict(table)) for number, table in enumerate(tables, 1)]
 
 
-def _check_keys(place: str, table: Mapping[str, Any], types: Mapping[str, type], needed: tuple[str, ...] = ()) -> None:
+def _check_keys(
+    location: str, table: Mapping[str, Any], types: Mapping[str, type], needed: tuple[str, ...] = ()
+) -> None:
     for key, value in table.items():
         if key not in types:
-            raise InvalidValueError(f"{place} has an unknown key '{key}'{_hint(key, types)}")
+            raise InvalidValueError(f"{location} has an unknown key '{key}'{_hint(key, types)}")
         wanted = types[key]
         number = wanted is float and type(value) is int
         if type(value) is not wanted and not number:
-            raise InvalidValueError(f"{place}: {key} must be {_TYPES[wanted]}, not {value!r:.60}")
+            raise InvalidValueError(f"{location}: {key} must be {_TYPES[wanted]}, not {value!r:.60}")
     for key in needed:
         if key not in table:
-            raise InvalidValueError(f"{place} lacks '{key}'")
+            raise InvalidValueError(f"{location} lacks '{key}'")
 
 
 def _hint(name: str, known: Iterable[str]) -> str:
@@ -174,11 +176,11 @@ class _Expander:
 
     folder: Path
 
-    def __call__(self, place: str, text: str) -> Path:
+    def __call__(self, location: str, text: str) -> Path:
         def value(match: re.Match[str]) -> str:
             name = match[1] or match[2]
             if name not in os.environ:
-                raise InvalidValueError(f"{place}: the environment variable {name} in '{text}' is not set")
+                raise InvalidValueError(f"{location}: the environment variable {name} in '{text}' is not set")
             return os.environ[name]
 
         meant = _VARIABLE.sub(value, text)
@@ -187,64 +189,66 @@ class _Expander:
             there = path.exists()
         except (OSError, RuntimeError, ValueError) as error:  # too long; no such user; a null character
             reason = getattr(error, "strerror", None) or error
-            raise InvalidValueError(f"{place}: '{text:.60}' is no path: {reason}") from error
+            raise InvalidValueError(f"{location}: '{text:.60}' is no path: {reason}") from error
         if not there:
-            raise DatasetError(f"{place}: {path} does not exist")
+            raise DatasetError(f"{location}: {path} does not exist")
         return path.resolve()
 
 
-def _scene(place: str, table: dict[str, Any], expand: _Expander) -> SceneEntry:
-    _check_keys(place, table, _SCENE, ("name",))
-    place = f"{place} ({table['name']})"
+def _scene(location: str, table: dict[str, Any], expand: _Expander) -> SceneEntry:
+    _check_keys(location, table, _SCENE, ("name",))
+    location = f"{location} ({table['name']})"
     kinds = [kind for kind in _SOURCES if kind in table]
     if len(kinds) != 1:
-        raise InvalidValueError(f"{place} needs one of {', '.join(_SOURCES)}; it has {' and '.join(kinds) or 'none'}")
-    source = expand(place, table.pop(kinds[0]))
+        raise InvalidValueError(
+            f"{location} needs one of {', '.join(_SOURCES)}; it has {' and '.join(kinds) or 'none'}"
+        )
+    source = expand(location, table.pop(kinds[0]))
     for key in ("photos", "cameras", "weights", "sections", "reference"):
         if key in table:
-            table[key] = expand(place, table[key])
+            table[key] = expand(location, table[key])
     if "background" in table:
-        table["background"] = _background(place, table["background"])
+        table["background"] = _background(location, table["background"])
     return SceneEntry(source=source, kind=kinds[0], **table)
 
 
-def _background(place: str, values: list[Any]) -> Background:
+def _background(location: str, values: list[Any]) -> Background:
     try:
         return check_background(values)
     except InvalidValueError as error:
-        raise InvalidValueError(f"{place}: {error}") from error
+        raise InvalidValueError(f"{location}: {error}") from error
 
 
-def _row(place: str, table: dict[str, Any], expand: "_Expander") -> Row:
+def _row(location: str, table: dict[str, Any], expand: "_Expander") -> Row:
     if "decoded" in table:
-        return _decoded_row(place, table, expand)
-    _check_keys(place, table, {**_ROW, "preset": str, **_PACKETIZATION}, ("key", "label"))
-    place = f"{place} ({table['key']})"
+        return _decoded_row(location, table, expand)
+    _check_keys(location, table, {**_ROW, "preset": str, **_PACKETIZATION}, ("key", "label"))
+    location = f"{location} ({table['key']})"
     try:
         preset = table.pop("preset", "paper")
         if preset not in PRESETS:
             raise InvalidValueError(f"unknown preset '{preset}'{_hint(preset, PRESETS)}")
         changes = {key: table.pop(key) for key in list(table) if key in _PACKETIZATION}
         packetization = dataclasses.replace(PRESETS[preset], **changes)
-        table["sections"] = tuple(_texts(place, "sections", table.pop("sections", [])))
+        table["sections"] = tuple(_texts(location, "sections", table.pop("sections", [])))
         return Row(packetization=packetization, **table)
     except SplatwireError as error:
-        raise InvalidValueError(f"{place}: {error}") from error
+        raise InvalidValueError(f"{location}: {error}") from error
 
 
-def _decoded_row(place: str, table: dict[str, Any], expand: "_Expander") -> Row:
+def _decoded_row(location: str, table: dict[str, Any], expand: "_Expander") -> Row:
     """Parses a table row of another codec; the row names decoded results instead of a packetization.
 
     Args:
-        place: Location of the row in the file, for error messages.
+        location: Location of the row in the file, for error messages.
         table: Content of the row.
         expand: Expands environment variables in paths.
     """
-    _check_keys(place, table, _DECODED_ROW, ("key", "label"))
-    place, found = f"{place} ({table['key']})", []
+    _check_keys(location, table, _DECODED_ROW, ("key", "label"))
+    location, found = f"{location} ({table['key']})", []
     try:
         for inner, values in _tables(table, "decoded"):
-            inner = f"{place} {inner}"
+            inner = f"{location} {inner}"
             _check_keys(inner, values, _DECODED, ("scene", "source"))
             found.append(Decoded(values["scene"], expand(inner, values["source"]), values.get("num_bytes")))
         if not found:
@@ -254,34 +258,34 @@ def _decoded_row(place: str, table: dict[str, Any], expand: "_Expander") -> Row:
     except DatasetError:
         raise
     except SplatwireError as error:
-        raise InvalidValueError(f"{place}: {error}") from error
+        raise InvalidValueError(f"{location}: {error}") from error
 
 
-def _texts(place: str, key: str, values: list[Any]) -> list[str]:
+def _texts(location: str, key: str, values: list[Any]) -> list[str]:
     for value in values:
         if type(value) is not str:
-            raise InvalidValueError(f"{place}: {key} must hold text only, not {value!r:.60}")
+            raise InvalidValueError(f"{location}: {key} must hold text only, not {value!r:.60}")
     return values
 
 
-def _loss(place: str, table: dict[str, Any]) -> Loss:
-    _check_keys(place, table, _LOSS, ("model",))
+def _loss(location: str, table: dict[str, Any]) -> Loss:
+    _check_keys(location, table, _LOSS, ("model",))
     try:
         return Loss(**table)
     except SplatwireError as error:
-        raise InvalidValueError(f"{place}: {error}") from error
+        raise InvalidValueError(f"{location}: {error}") from error
 
 
-def _parse_published(place: str, table: dict[str, Any], metrics: Iterable[Any]) -> Published:
+def _parse_published(location: str, table: dict[str, Any], metrics: Iterable[Any]) -> Published:
     """Parses one table `[[published]]` of a protocol file: the figures that a paper gives for a row and a dataset.
 
     Allowed are the metrics of the protocol, the default metrics, and sizes.
     """
     figures = tuple(dict.fromkeys((*DEFAULT_METRICS, *SIZE_METRICS, *filter(_is_text, metrics))))
-    _check_keys(place, table, {"row": str, "dataset": str, **dict.fromkeys(figures, float)}, ("row", "dataset"))
+    _check_keys(location, table, {"row": str, "dataset": str, **dict.fromkeys(figures, float)}, ("row", "dataset"))
     values = {metric: float(table[metric]) for metric in figures if metric in table}
     if not values:
-        raise InvalidValueError(f"{place} has no figure: give {', '.join(figures)}")
+        raise InvalidValueError(f"{location} has no figure: give {', '.join(figures)}")
     return Published(table["row"], table["dataset"], values)
 
 

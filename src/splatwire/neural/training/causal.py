@@ -12,11 +12,11 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from splatwire.anchors.causal_prediction import CausalPrediction, place_inputs, predict_causal
+from splatwire.anchors.causal_prediction import CausalPrediction, position_inputs, predict_causal
 from splatwire.neural.model.tensors import run_network
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.context import AnchorCache, SampleBits, Seen, straight_through_masks
-from splatwire.neural.training.initial import place_bounds
+from splatwire.neural.training.initial import position_bounds
 from splatwire.neural.training.kernels import Kernels, Uniform
 from splatwire.neural.training.rate import bits
 from splatwire.neural.training.schedule import Phase, phase_of
@@ -55,7 +55,7 @@ class TrainedCausal:
         In the context phase, the loss includes the rate.
         """
         if state.iteration == self._config.milestones.context_start + 1:
-            state.bounds_min, state.bounds_max = place_bounds(state.voxels)
+            state.bounds_min, state.bounds_max = position_bounds(state.voxels)
             self._key = None
             calibrate_causal(state, self._config, self.place(state))
 
@@ -65,7 +65,7 @@ class TrainedCausal:
         They depend on the anchors' positions only, so they are cached until anchors are added or removed.
         """
         if self._inputs is None or self._key is not state.voxels:
-            self._key, self._inputs = state.voxels, place_of(state)
+            self._key, self._inputs = state.voxels, position_inputs_of(state)
         return self._inputs
 
     def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
@@ -116,13 +116,13 @@ class TrainedCausal:
         return SampleBits(total.sum(), len(sample))
 
 
-def place_of(state: TrainState) -> Float[Tensor, "N P"]:
+def position_inputs_of(state: TrainState) -> Float[Tensor, "N P"]:
     """Computes the inputs of the position network for all anchors: positions and their positional encoding.
 
     The position network is the first network of the causal model and predicts from an anchor's position.
     """
     middle, spread = (state.bounds_max + state.bounds_min) / 2, (state.bounds_max - state.bounds_min) / 2
-    return place_inputs((state.voxels - middle) / spread, torch.cat)
+    return position_inputs((state.voxels - middle) / spread, torch.cat)
 
 
 def channel_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tensor, Tensor, Tensor]:

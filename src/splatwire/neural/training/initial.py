@@ -65,7 +65,7 @@ def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
     _check_visible(dataset, positions)
     parameters = {**anchor_parameters(voxels, voxel_size, config), **_networks(config, generator)}
     causal = isinstance(config.model, CausalConfig)
-    bounds_min, bounds_max = place_bounds(voxels) if causal else grid_bounds(positions)
+    bounds_min, bounds_max = position_bounds(voxels) if causal else grid_bounds(positions)
     return TrainState(
         iteration=0,
         voxels=voxels,
@@ -116,7 +116,7 @@ def grid_bounds(positions: Float[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Fl
     return torch.where(flat, low - 0.5, low), torch.where(flat, high + 0.5, high)
 
 
-def place_bounds(voxels: Int64[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
+def position_bounds(voxels: Int64[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
     """Returns the range of anchor positions, in voxels, by which inputs of the causal model are normalised.
 
     The range is the median position minus and plus twice the median absolute deviation, rounded up to whole voxels.

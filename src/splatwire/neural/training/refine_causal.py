@@ -6,7 +6,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from splatwire.anchors.causal_prediction import place_inputs
+from splatwire.anchors.causal_prediction import position_inputs
 from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.causal import channel_steps, number_bits_of
 from splatwire.neural.training.config import RefineConfig
@@ -66,7 +66,7 @@ def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> t
     voxels = torch.round(anchors.positions.double() / coding.voxel_size)
     logs = anchors.scalings[:, [0, 3, 4, 5]].log() - coding.centres
     values = [anchors.features / feature, logs / form, anchors.offsets.flatten(1) / offset]
-    return place_inputs(((voxels - coding.middle) / coding.spread).float(), torch.cat), values, anchors.mask.float()
+    return position_inputs(((voxels - coding.middle) / coding.spread).float(), torch.cat), values, anchors.mask.float()
 
 
 def _trained(mlp: Mlp) -> Mlp:

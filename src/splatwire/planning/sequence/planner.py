@@ -145,7 +145,7 @@ def _efficient_choices(
     if most is not None and plain > most:
         return []
     pairs = [(0.0, 0.0), *(itertools.product(PARTS, REPAIRS) if motion else ())]
-    longest = len(motion) + len(load.groups[group].bases) + int(2.0 * len(motion)) + 1
+    longest = len(motion) + len(load.groups[group].keyframes) + int(2.0 * len(motion)) + 1
     rngs = (np.random.Generator(np.random.PCG64([seed, group, trial])) for trial in range(trials))
     traces = np.stack([loss.received(longest, rng) for rng in rngs])
     found = dict[int, _Choice]()

@@ -55,7 +55,7 @@ def sequence_variants(
     """
     method = temporal_concealer(concealer or DEFAULT)
     finest = decode_stream(max(streams, key=lambda stream: stream.num_bytes)).scene
-    cameras = surrounding_cameras(finest.bases(), VIEWS if views is None else views, VIEW_SIZE)
+    cameras = surrounding_cameras(finest.keyframes(), VIEWS if views is None else views, VIEW_SIZE)
     if reference is not None:
         references, floor = frames_of(frame_files(reference), finest.timeline, cameras), 0.0
     else:

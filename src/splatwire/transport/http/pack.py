@@ -77,7 +77,7 @@ def pack_streams(streams: Mapping[str, SceneStream]) -> bytes:
         title=html.escape(title),
         style=style,
         scenes=scene_list(previews, title, lambda name: f"#stream={quote(name, safe='')}"),
-        streams="\n".join(_element(place, stream) for place, stream in enumerate(streams.values())),
+        streams="\n".join(_element(number, stream) for number, stream in enumerate(streams.values())),
         scripts="\n".join(f'<script type="module">{script}</script>' for script in scripts),
     ).encode()
 
@@ -104,15 +104,15 @@ def stream_attributes(stream: SceneStream) -> dict[str, str]:
     return preview_attributes(stream.side_info, codec, stream_preview(stream.side_info, codec))
 
 
-def _element(place: int, stream: SceneStream) -> str:
+def _element(number: int, stream: SceneStream) -> str:
     """Returns the HTML element that contains a stream's bytes.
 
     Args:
-        place: Index of the stream on the page, from 0; used in the id of the element.
+        number: Index of the stream on the page, from 0; used in the id of the element.
         stream: Stream to contain.
     """
     data = base64.b64encode(stream_to_bytes(stream)).decode()
-    return f'<script type="application/octet-stream" id="stream{place or ""}">{data}</script>'
+    return f'<script type="application/octet-stream" id="stream{number or ""}">{data}</script>'
 
 
 def _source_hash(text: str) -> str:

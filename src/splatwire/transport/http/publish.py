@@ -97,7 +97,7 @@ def published_files(scenes: Mapping[str, PublishedScene], url: str | None = None
     files["_headers"] = _netlify_headers(engine).encode()
     files["vercel.json"] = _vercel_headers(engine).encode()
     files["streams.json"] = json.dumps({"streams": [f"/{quote(path)}" for path in paths.values()]}).encode()
-    pages = {name: f"{name}.html" if place else "index.html" for place, name in enumerate(scenes)}
+    pages = {name: f"{name}.html" if number else "index.html" for number, name in enumerate(scenes)}
     previews = {name: stream_attributes(scene.stream) for name, scene in scenes.items()}
     for name in reversed(list(scenes)):
         base = None if url is None else url.rstrip("/")

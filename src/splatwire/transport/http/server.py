@@ -39,7 +39,7 @@ class PageLimits:
     """Limits of the page server on its clients. A network is an IPv4 address or a /64 prefix of IPv6.
 
     Attributes:
-        places: Maximum number of concurrent responses. When it is reached, a new request aborts the oldest response to
+        slots: Maximum number of concurrent responses. When it is reached, a new request aborts the oldest response to
             the network that has most responses, provided that the requesting network has fewer; otherwise the request
             is refused.
         per_network: Maximum number of concurrent responses to one network.
@@ -53,7 +53,7 @@ class PageLimits:
             `slowest_bytes_s`.
     """
 
-    places: int = 256
+    slots: int = 256
     per_network: int = 32
     waiting: int = 256
     request_s: float = 5.0
@@ -122,7 +122,7 @@ class PageServer:
         self._server: asyncio.Server | None = None
         self._clients: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
         self._waiting = ConnectionSlots(self._limits.waiting)
-        self._places = ConnectionSlots(self._limits.places, self._limits.per_network)
+        self._slots = ConnectionSlots(self._limits.slots, self._limits.per_network)
         self.statuses: Counter[int] = Counter()
         self.num_answers = self.bytes_sent = 0
 
@@ -159,7 +159,7 @@ class PageServer:
     @property
     def num_active(self) -> int:
         """Number of responses that are being sent."""
-        return len(self._places)
+        return len(self._slots)
 
     def _begin(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Starts the task that serves a new connection.
@@ -193,7 +193,7 @@ class PageServer:
                 self._waiting.leave(network, writer.transport)
             if self._proxies:
                 network = network_of(client_address(peer, head, self._proxies))
-            if not self._places.take(network, writer.transport):
+            if not self._slots.take(network, writer.transport):
                 await self._respond(head, self.content.busy(head), network, writer)
                 return
             try:
@@ -205,7 +205,7 @@ class PageServer:
                 if refused:
                     await _linger(reader, writer)
             finally:
-                self._places.leave(network, writer.transport)
+                self._slots.leave(network, writer.transport)
         except (asyncio.IncompleteReadError, TimeoutError, OSError):
             pass  # the client disconnected, or sent no valid request
 

@@ -191,4 +191,4 @@ def _frames_of(name: str, head: bytes, parts: list[range], packets: list[bytes])
     kind, _, number = name.partition("/")
     if kind != "part" or not (number.isascii() and number.isdecimal()) or len(number) > 9 or int(number) >= len(parts):
         return None
-    return [b"".join(file_record(packets[place]) for place in parts[int(number)])]
+    return [b"".join(file_record(packets[index]) for index in parts[int(number)])]

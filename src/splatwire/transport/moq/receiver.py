@@ -166,8 +166,8 @@ class RelayReceiver:
         waiting = iter([(number, parts[number], rank) for rank, number in wanted])
 
         async def work() -> None:
-            for number, places, rank in waiting:
-                await self._part(broadcast, number, places, max(1, FOREMOST - 1 - rank * FOREMOST // len(order)))
+            for number, indices, rank in waiting:
+                await self._part(broadcast, number, indices, max(1, FOREMOST - 1 - rank * FOREMOST // len(order)))
 
         tasks = [asyncio.ensure_future(work()) for _ in range(AT_ONCE)]
         try:
@@ -191,12 +191,12 @@ class RelayReceiver:
         viewpoint = self.options.viewpoint.relative_to(ORIGIN.of_side_info(self._side_info, manifest.codec))
         return list(cut_of(tiles, np.zeros(tiles.num_tiles, dtype=bool), viewpoint).wanted)
 
-    async def _part(self, broadcast: Any, number: int, places: range, priority: int) -> None:
+    async def _part(self, broadcast: Any, number: int, indices: range, priority: int) -> None:
         assert self._manifest is not None
         assert self._intake is not None
-        most = min(len(places) * (RECORD_PREFIX.size + MAX_PACKET_BYTES), self.options.limits.stream_bytes)
+        most = min(len(indices) * (RECORD_PREFIX.size + MAX_PACKET_BYTES), self.options.limits.stream_bytes)
         data = b"".join(
-            [frame async for frame in self._frames(broadcast, f"part/{number}", priority, most, len(places))]
+            [frame async for frame in self._frames(broadcast, f"part/{number}", priority, most, len(indices))]
         )
         num_taken = 0
         for record in _records(data):
@@ -209,7 +209,7 @@ class RelayReceiver:
             else:
                 num_taken += 1
                 self._tell(PacketArrived(packet, False))
-        if num_taken == len(places):
+        if num_taken == len(indices):
             self._whole.add(number)
 
     async def _frames(

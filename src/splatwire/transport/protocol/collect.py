@@ -238,19 +238,19 @@ class PacketCollector:
 
     def add(self, frame: Data) -> list[Packet]:
         """Adds a received packet; returns this packet and all lost packets that can be recovered with it."""
-        if frame.place >= self._welcome.num_packets or len(frame.packet) > self._welcome.packet_bytes:
+        if frame.packet_index >= self._welcome.num_packets or len(frame.packet) > self._welcome.packet_bytes:
             self.num_bad += 1
             return []
-        if self._have[frame.place]:
+        if self._have[frame.packet_index]:
             self.num_duplicate += 1
             return []
-        new = self._take(frame.place, frame.packet)
+        new = self._take(frame.packet_index, frame.packet)
         if new is None:
             return []
-        self.highest = max(self.highest, frame.place)
-        place = self._finder.find(frame.place)
-        out = [new] if self._intake and frame.place < self._known else []
-        return out + self._solve(place[0]) if place else out
+        self.highest = max(self.highest, frame.packet_index)
+        member = self._finder.find(frame.packet_index)
+        out = [new] if self._intake and frame.packet_index < self._known else []
+        return out + self._solve(member[0]) if member else out
 
     def add_parity(self, frame: Parity) -> list[Packet]:
         """Adds a received repair symbol and returns the lost packets that could be recovered with it."""
@@ -307,9 +307,9 @@ class PacketCollector:
             return None
         self._have[index] = 1
         self.num_packets += 1
-        place = self._finder.find(index)
-        if place:
-            self._members.setdefault(place[0], {})[place[1]] = packet
+        member = self._finder.find(index)
+        if member:
+            self._members.setdefault(member[0], {})[member[1]] = packet
         return packet
 
     def _offer(self, packet: Packet) -> bool:
@@ -322,9 +322,9 @@ class PacketCollector:
     def _release(self, index: int) -> None:
         self._have[index] = 0
         self.num_packets -= 1
-        place = self._finder.find(index)
-        if place:
-            self._members.get(place[0], {}).pop(place[1], None)
+        member = self._finder.find(index)
+        if member:
+            self._members.get(member[0], {}).pop(member[1], None)
 
     def _solve(self, number: int) -> list[Packet]:
         """Recovers the lost packets of a parity group from its repair symbols, if these suffice; returns the packets.
@@ -343,10 +343,10 @@ class PacketCollector:
         out = []
         for n, symbol in enumerate(found):
             if n not in members:
-                place = group.packet_of(n)
-                packet = self._take(place, fec.unframed(symbol))
+                index = group.packet_of(n)
+                packet = self._take(index, fec.unframed(symbol))
                 self.num_repaired += packet is not None
-                if packet is not None and self._intake and place < self._known:
+                if packet is not None and self._intake and index < self._known:
                     out.append(packet)
         del self._repair[number]
         return out

@@ -145,13 +145,13 @@ class Data(NamedTuple):
     Attributes:
         session: Id of the transfer.
         sequence: Sequence number of the datagram.
-        place: Index of the packet in sending order.
+        packet_index: Index of the packet in sending order.
         packet: Bytes of the packet.
     """
 
     session: int
     sequence: int
-    place: int
+    packet_index: int
     packet: bytes
 
 

@@ -28,10 +28,10 @@ class KnownPackets:
         self._head = self._head or bool(frame.head)
         end = min(at + len(frame.held), -(-count // 8))
         self._packets.extend(bytes(max(end - len(self._packets), 0)))
-        for place in range(at, end):
-            if new := frame.held[place - at] & ~self._packets[place]:
-                self._packets[place] |= new
-                new_packets = (8 * place + n for n in range(8) if new >> n & 1)
+        for byte in range(at, end):
+            if new := frame.held[byte - at] & ~self._packets[byte]:
+                self._packets[byte] |= new
+                new_packets = (8 * byte + n for n in range(8) if new >> n & 1)
                 size += sum(DATA_OVERHEAD + len(packet) for n in new_packets for packet in stream.packets[n : n + 1])
         return size
 

@@ -144,9 +144,9 @@ class LiveSession:
         symbol_bytes = side_symbol_bytes(len(data))
         head, scheduled = head_symbols(data, symbol_bytes, self._protection)
         side = [(SIDE, segment, symbol) for segment, count in enumerate(scheduled) for symbol in range(count)]
-        bases = ((DATA, 0, n) for n in range(self._newest) if self._persistent[n])
+        keyframes = ((DATA, 0, n) for n in range(self._newest) if self._persistent[n])
         return StreamUpdate(
             manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, tuple(self._packets),
             MAX_PACKET_BYTES, 0, self._runs or (TierHead(0, 0, 0),), self._parity,
-            (*side, *bases, *self._fresh), is_live=more, persistent=bytes(self._persistent), newest=self._newest,
+            (*side, *keyframes, *self._fresh), is_live=more, persistent=bytes(self._persistent), newest=self._newest,
         )  # fmt: skip

@@ -30,11 +30,11 @@ class GroupPackets(NamedTuple):
     """Packets of one group of pictures, given by their indices in sending order.
 
     Attributes:
-        bases: Indices of the packets of keyframe Gaussians, which later groups also need.
+        keyframes: Indices of the packets of keyframe Gaussians, which later groups also need.
         motion: Indices of the packets of motion, which only this group needs.
     """
 
-    bases: tuple[int, ...]
+    keyframes: tuple[int, ...]
     motion: tuple[int, ...]
 
 
@@ -50,7 +50,7 @@ def group_packets(packets: Sequence[Packet], plan: PacketPlan) -> list[GroupPack
     for number, packet in enumerate(packets):
         tier = plan.tier_of(packet.id.block)
         found[tier // 2][tier % 2].append(number)
-    return [GroupPackets(tuple(bases), tuple(motion)) for bases, motion in found]
+    return [GroupPackets(tuple(keyframes), tuple(motion)) for keyframes, motion in found]
 
 
 def arrange(
@@ -73,18 +73,18 @@ def arrange(
     together = max(-(-len(groups) // MOST_CODES), 1)
     order, tiers = list[int](), list[TierHead]()
     for begin in range(0, len(groups), together):
-        bases, coded, others, repair = list[int](), list[int](), list[int](), 0.0
+        keyframes, coded, others, repair = list[int](), list[int](), list[int](), 0.0
         for number, group in enumerate(groups[begin : begin + together], first + begin):
             share, most = protection.motion_of(number)
             chosen = _most_important(group.motion, importance, _round_up(share * len(group.motion)) if most else 0)
-            bases += group.bases
+            keyframes += group.keyframes
             coded += [packet for packet in group.motion if packet in chosen]
             others += [packet for packet in group.motion if packet not in chosen]
             repair += most * len(chosen)
         codes = -(-len(coded) // MAX_SYMBOLS)
         symbols = min(_round_up(repair / codes), MAX_REPAIR) if codes else 0
-        order += [*bases, *coded, *others]
-        tiers += [TierHead(len(bases), 0, 0), TierHead(len(coded), codes if symbols else 0, symbols)]
+        order += [*keyframes, *coded, *others]
+        tiers += [TierHead(len(keyframes), 0, 0), TierHead(len(coded), codes if symbols else 0, symbols)]
         tiers.append(TierHead(len(others), 0, 0))
     return Arranged(tuple(order), _joined(tiers))
 

@@ -82,7 +82,9 @@ class ReceiveState:
         welcome = self._welcome
         if welcome is None or not welcome.is_live:
             return False
-        is_declared = frame.place < welcome.num_packets and frame.packet[1:5] == welcome.stream_id.to_bytes(4, "little")
+        is_declared = frame.packet_index < welcome.num_packets and frame.packet[1:5] == welcome.stream_id.to_bytes(
+            4, "little"
+        )
         if not is_declared and len(self._newer) < MAX_WAITING_PACKETS:
             self._newer.append(frame)
         return not is_declared

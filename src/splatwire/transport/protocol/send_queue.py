@@ -61,27 +61,27 @@ class SentLog:
     """
 
     def __init__(self, noted: bool) -> None:
-        self._places = array("I", bytes(4 * RECENT)) if noted else None
+        self._indices = array("I", bytes(4 * RECENT)) if noted else None
 
-    def note(self, sequence: int, place: int) -> None:
+    def note(self, sequence: int, packet_index: int) -> None:
         """Records a sent datagram.
 
         Args:
             sequence: Sequence number of the datagram.
-            place: Index of its packet in sending order; -1 if the datagram contains no packet.
+            packet_index: Index of its packet in sending order; -1 if the datagram contains no packet.
         """
-        if self._places is not None:
-            self._places[sequence % RECENT] = place + 1
+        if self._indices is not None:
+            self._indices[sequence % RECENT] = packet_index + 1
 
-    def place(self, number: int, sequence: int) -> int:
+    def packet_index(self, number: int, sequence: int) -> int:
         """Returns the index in sending order of the packet in a lost datagram; -1 if it is not in the log.
 
         Args:
             number: Sequence number of the lost datagram.
             sequence: Sequence number of the next datagram to send; only the latest `RECENT` datagrams are in the log.
         """
-        known = self._places is not None and sequence - RECENT <= number < sequence
-        return self._places[number % RECENT] - 1 if known and self._places is not None else -1
+        known = self._indices is not None and sequence - RECENT <= number < sequence
+        return self._indices[number % RECENT] - 1 if known and self._indices is not None else -1
 
     def answered(self, number: int | None) -> None:
         """Removes a lost datagram from the log, because its packet is retransmitted in another datagram.

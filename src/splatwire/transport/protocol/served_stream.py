@@ -130,11 +130,11 @@ class ServedStream:
             items: Kind and numbers of each datagram in sending order, as in `SendSchedule.items`.
         """
         last_of_head = last_of_opening = -1
-        for place, item in enumerate(items):
+        for number, item in enumerate(items):
             if item[0] == SIDE:
-                last_of_head = place
+                last_of_head = number
             if self.tiles is not None and self.in_opening(item):
-                last_of_opening = place
+                last_of_opening = number
         return SendSchedule(items, last_of_head + 1, last_of_opening + 1)
 
     def in_opening(self, item: tuple[int, int, int]) -> bool:

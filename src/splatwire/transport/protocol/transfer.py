@@ -338,7 +338,7 @@ class ServerTransfer:
         """
         yield from ((index, None) for index in frame.nacks)
         for number in frame.lost_sequences:
-            yield self._left.place(number, self._feedback_tracker.sequence), number
+            yield self._left.packet_index(number, self._feedback_tracker.sequence), number
 
     def _further_head_symbols(self, missing: int) -> list[tuple[int, int, int]]:
         """Returns init segment symbols to send because the client reports missing symbols.

@@ -83,16 +83,16 @@ DATA_OVERHEAD = _DATA.size
 PARITY_OVERHEAD = _PARITY.size + _CRC.size
 
 
-def encode_data(session: int, sequence: int, place: int, packet: bytes) -> bytes:
+def encode_data(session: int, sequence: int, packet_index: int, packet: bytes) -> bytes:
     """Encodes a datagram with a packet of the stream.
 
     Args:
         session: Id of the transfer.
         sequence: Sequence number of the datagram.
-        place: Index of the packet in sending order.
+        packet_index: Index of the packet in sending order.
         packet: Bytes of the packet.
     """
-    return _DATA.pack(VERSION << 4 | DATA, session, sequence, place) + packet
+    return _DATA.pack(VERSION << 4 | DATA, session, sequence, packet_index) + packet
 
 
 def encode_symbol(kind: int, session: int, sequence: int, group: int, symbol: int, payload: bytes) -> bytes:
@@ -191,8 +191,8 @@ def decode(data: bytes) -> Frame:
     if kind == DATA:
         if len(data) <= _DATA.size:
             raise BitstreamError("a data datagram without a packet")
-        _, session, sequence, place = _DATA.unpack_from(data)
-        return Data(session, sequence, place, data[_DATA.size :])
+        _, session, sequence, packet_index = _DATA.unpack_from(data)
+        return Data(session, sequence, packet_index, data[_DATA.size :])
     if len(data) < _CRC.size + 1 or not _is_intact(data):
         raise BitstreamError(f"a {KINDS[kind]} datagram whose checksum does not match")
     try:

@@ -10,7 +10,7 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.codec.anchors.causal._place_kernels import encode_place, place_bits
+from splatwire.codec.anchors.causal._position_kernels import encode_position, position_bits
 from splatwire.codec.fixed_point import ACTIVATION_LIMIT
 from splatwire.entropy.normal_kernels import ESCAPE, NORMAL, cumulative, decode_symbol, encode_symbol, window
 from splatwire.entropy.range_kernels import (
@@ -112,7 +112,7 @@ def _encode_packet(
     last = len(firsts) - 2
     encoder_start(state)
     for n in range(begin, end):
-        encode_place(out, state, codes[n], unknown[n], chances)
+        encode_position(out, state, codes[n], unknown[n], chances)
     for s in range(len(firsts) - 1):
         if s == form:
             for n in range(begin, end):
@@ -142,9 +142,9 @@ def encode_packets(
 
     Args:
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
-        codes: Morton codes of the anchors' positions (`places.Places`).
-        unknown: Number of low bits of each Morton code that the packet contains (`places.Places`).
-        chances: Probabilities of these bits (`places.SharedPlaces`).
+        codes: Morton codes of the anchors' positions (`positions.AnchorPositions`).
+        unknown: Number of low bits of each Morton code that the packet contains (`positions.AnchorPositions`).
+        chances: Probabilities of these bits (`positions.SharedPositions`).
         masks: 1 for offsets that exist (`packet_coder.Quantised`).
         logits: Predicted logits of the masks (`packet_coder.Quantised`).
         symbols: Quantised attributes, relative to the predicted means (`packet_coder.Quantised`).
@@ -178,7 +178,7 @@ def anchor_bits(
     arguments.
     """
     for n in range(masks.shape[0]):
-        total = place_bits(codes[n], unknown[n], chances)
+        total = position_bits(codes[n], unknown[n], chances)
         for k in range(masks.shape[1]):
             size = mask_size(weights, logits[n, k])
             total += 16.0 - np.log2(float(size if masks[n, k] else 65536 - size))

@@ -71,7 +71,7 @@ class CodingContext:
         middle: int64 (3), centre of the scene, voxels.
         spread: int64 (3), extent of the scene, voxels.
         networks: Networks by name.
-        chances: Probabilities of position bits, int64, see `SharedPlaces`.
+        chances: Probabilities of position bits, int64, see `SharedPositions`.
     """
 
     config: CausalConfig
@@ -84,7 +84,7 @@ class CodingContext:
     def of(info: SideInfo) -> "CodingContext":
         """Creates the context from side information, with networks converted to integers."""
         networks = {name: network.integer() for name, network in info.networks.items()}
-        return CodingContext(info.config, info.middle, info.spread, networks, info.places.chances)
+        return CodingContext(info.config, info.middle, info.spread, networks, info.positions.chances)
 
     @functools.cached_property
     def stages(self) -> tuple[Stage, ...]:
@@ -96,7 +96,7 @@ class CodingContext:
 
         `voxels` are the anchors' positions, int64 (n, 3). The result is the input `place` of `Chain`.
         """
-        return Chain(self, self.networks["position"](place_activations(voxels, self.middle, self.spread)))
+        return Chain(self, self.networks["position"](position_activations(voxels, self.middle, self.spread)))
 
 
 class Chain:
@@ -136,7 +136,7 @@ class Chain:
             kernels.activate(numbers, self._known[:, first : first + stage.size])
 
 
-def place_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndarray) -> np.ndarray:
+def position_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndarray) -> np.ndarray:
     """Computes the inputs of the position network: contracted coordinates and a positional encoding of them.
 
     The encoding consists of triangle waves with doubling frequencies.

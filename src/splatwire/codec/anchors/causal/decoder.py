@@ -93,7 +93,7 @@ class CausalDecoder(AnchorDecoder):
         self._means = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
         self._spreads = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
         self._place = np.zeros((num, info.config.context_dim), dtype=np.float32)
-        self._guessed = self._positions_of(info.places.known.voxels)
+        self._guessed = self._positions_of(info.positions.known.voxels)
         self._positions = self._guessed.copy()
 
     def predict(self, ranks: np.ndarray) -> None:
@@ -101,7 +101,7 @@ class CausalDecoder(AnchorDecoder):
 
         The anchors are given by their indices in coding order (ranks).
         """
-        place, means, spreads = expected(self._context, self._info.places.known.select(ranks).voxels)
+        place, means, spreads = expected(self._context, self._info.positions.known.select(ranks).voxels)
         self._place[ranks] = place * 2.0**-ACTIVATION_BITS
         deviations = np.exp2(np.clip(spreads * 2.0**-NUMBER_BITS, -6, 13))
         for name, values in self._attributes(means).items():
@@ -114,15 +114,15 @@ class CausalDecoder(AnchorDecoder):
 
     def decode(self, run: Run) -> SymbolRows:
         """Decodes packets to integers; returns the integers of their anchors, packet by packet."""
-        places = self._info.places.known.select(run.ranks)
-        return (anchor_rows(*decode_packets(self._context, places, run.counts, run.payloads)),)
+        positions = self._info.positions.known.select(run.ranks)
+        return (anchor_rows(*decode_packets(self._context, positions, run.counts, run.payloads)),)
 
     def store(self, run: Run, rows: SymbolRows) -> None:
         """Writes the dequantised attributes of decoded anchors."""
         ranks = run.ranks
         place, mask, numbers = np.split(rows[0], [3, 3 + self._offsets], axis=1)
         self._received[ranks], self._mask[ranks] = True, mask
-        self._positions[ranks] = self._positions_of(place + self._info.places.known.origin)
+        self._positions[ranks] = self._positions_of(place + self._info.positions.known.origin)
         for name, values in self._attributes(numbers).items():
             self._values[name][ranks] = values
 

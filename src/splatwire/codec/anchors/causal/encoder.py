@@ -9,7 +9,7 @@ from splatwire.bitstream import Packetization
 from splatwire.codec.anchors.causal.context import CodingContext
 from splatwire.codec.anchors.causal.fit import fit_side_info
 from splatwire.codec.anchors.causal.packet_coder import Quantised, anchor_bits, cut_packets, encode_packets, quantise
-from splatwire.codec.anchors.causal.places import SharedPlaces, share_places
+from splatwire.codec.anchors.causal.positions import SharedPositions, share_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
 from splatwire.codec.schema import CodedPackets
 from splatwire.errors import InvalidValueError
@@ -49,8 +49,8 @@ def causal_encoder(
     scene = replace(scene, anchors=_with_sizes(scene.anchors))
     voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
     info = fit_side_info(scene, voxels, noise=noise)
-    places = _split_position_bits(info, voxels, CausalEncoder(scene, info, voxels).expected_bytes())
-    side_info = write_side_info(replace(info, places=places, sections=sections))
+    positions = _split_position_bits(info, voxels, CausalEncoder(scene, info, voxels).expected_bytes())
+    side_info = write_side_info(replace(info, positions=positions, sections=sections))
     # Predict from the side information as a decoder reads it, after quantisation.
     info = read_side_info(side_info, scene.anchors.num_anchors)
     return CausalEncoder(scene, info, voxels), side_info
@@ -80,7 +80,7 @@ def _check_common(packetization: Packetization) -> None:
         )
 
 
-def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> SharedPlaces:
+def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> SharedPositions:
     """Chooses which bits of the anchors' positions are sent in side information, and which in packets.
 
     Side information delays the first picture, so bits are moved to the packets until its share is at most `HEAD_SHARE`.
@@ -95,12 +95,12 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
     Returns:
         The division of the position bits.
     """
-    places, others = info.places, len(write_side_info(info)) - len(info.places.section)
-    most = HEAD_SHARE * (others + len(places.section) + packet_bytes) - others
+    positions, others = info.positions, len(write_side_info(info)) - len(info.positions.section)
+    most = HEAD_SHARE * (others + len(positions.section) + packet_bytes) - others
     for leaf in range(2, MOST_LEAF + 1):
-        if len(places.section) <= most:
+        if len(positions.section) <= most:
             break
-        places = share_places(voxels, leaf)
+        positions = share_positions(voxels, leaf)
     return places
 
 
@@ -127,7 +127,7 @@ class CausalEncoder:
     """
 
     def __init__(self, scene: AnchorScene, info: SideInfo, voxels: np.ndarray) -> None:
-        anchors, groups, known = scene.anchors, info.config.layout.feature_groups, info.places.known
+        anchors, groups, known = scene.anchors, info.config.layout.feature_groups, info.positions.known
         self._context = CodingContext.of(info)
         self._places = replace(known, codes=morton_encode(voxels - known.origin))
         self._octaves = float(info.log_steps[0]) * 2.0**-LOG_BITS
@@ -163,5 +163,5 @@ class CausalEncoder:
         return CodedPackets(counts, encode_packets(self._context, found, counts), (found.rows(),))
 
     def _quantised(self, ranks: np.ndarray) -> Quantised:
-        places = self._places.select(ranks)
-        return quantise(self._context, places, self._masks[ranks], self._values[ranks], self._octaves)
+        positions = self._places.select(ranks)
+        return quantise(self._context, positions, self._masks[ranks], self._values[ranks], self._octaves)

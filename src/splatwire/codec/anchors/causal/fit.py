@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from splatwire.anchors.causal_prediction import place_inputs, predict_causal
-from splatwire.codec.anchors.causal.places import share_places
+from splatwire.anchors.causal_prediction import position_inputs, predict_causal
+from splatwire.codec.anchors.causal.positions import share_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo
 from splatwire.codec.anchors.head_fit import SAMPLE_SEED, fit_heads
 from splatwire.codec.heads import quantised
@@ -59,7 +59,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
     }
     middle, spread = coding.middle.astype(np.int64), coding.spread.astype(np.int64)
     return SideInfo(
-        coding.config, coding.voxel_size, share_places(voxels, 1), middle, spread,
+        coding.config, coding.voxel_size, share_positions(voxels, 1), middle, spread,
         np.concatenate([steps[: len(groups)], steps[-1:]]), logs, centres,
         networks, fit_heads(scene.heads, sample, HEAD_TOLERANCE),
     )  # fmt: skip
@@ -91,7 +91,7 @@ def _sampled(
     groups = coding.config.layout.feature_groups
     step = np.repeat(coding.steps[: len(groups)], groups)
     form = (np.log(scalings[:, [0, 3, 4, 5]]) - coding.centres) / coding.steps[len(groups) :][[0, 1, 1, 1]]
-    place = place_inputs(((voxels - coding.middle) / coding.spread).astype(np.float32))
+    place = position_inputs(((voxels - coding.middle) / coding.spread).astype(np.float32))
     predict_causal({name: watched(name) for name in coding.networks}, coding.config, place, features / step, form)
     return inputs, outputs
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatwire.codec.anchors.causal import _kernels as kernels
-from splatwire.codec.anchors.causal import _place_kernels as place_kernels
+from splatwire.codec.anchors.causal import _position_kernels as place_kernels
 from splatwire.codec.anchors.causal.context import CodingContext, Stage, scale_indices
-from splatwire.codec.anchors.causal.places import Places
+from splatwire.codec.anchors.causal.positions import AnchorPositions
 from splatwire.entropy.coder import tables
 from splatwire.entropy.tables import weight_table
 from splatwire.ops.morton import morton_decode
@@ -22,7 +22,7 @@ class Quantised:
     """Quantised anchors with their predictions.
 
     Attributes:
-        places: Positions of the anchors, with all bits.
+        positions: Positions of the anchors, with all bits.
         masks: 1 for offsets that exist, uint8 (n, K).
         logits: Predicted logits of the masks, int32 (n, K).
         symbols: Differences of attributes from the predicted means, quantisation steps, int32 (n, attributes); 0
@@ -32,7 +32,7 @@ class Quantised:
             bits, int32 (n, attributes); 0 for missing offsets.
     """
 
-    places: Places
+    positions: AnchorPositions
     masks: np.ndarray
     logits: np.ndarray
     symbols: np.ndarray
@@ -41,7 +41,7 @@ class Quantised:
 
     def rows(self) -> np.ndarray:
         """All integers of each anchor, int32 (n, 3 + K + attributes): position, masks, quantised attributes."""
-        return anchor_rows(self.places.codes, self.masks, self.numbers)
+        return anchor_rows(self.positions.codes, self.masks, self.numbers)
 
 
 def anchor_rows(codes: np.ndarray, masks: np.ndarray, numbers: np.ndarray) -> np.ndarray:
@@ -49,11 +49,11 @@ def anchor_rows(codes: np.ndarray, masks: np.ndarray, numbers: np.ndarray) -> np
     return np.concatenate([morton_decode(codes).astype(np.int32), masks.astype(np.int32), numbers], axis=1)
 
 
-def _empty(context: CodingContext, places: Places, masks: np.ndarray) -> Quantised:
+def _empty(context: CodingContext, positions: AnchorPositions, masks: np.ndarray) -> Quantised:
     last, num = context.stages[-1], len(masks)
     width = last.first + last.size
     return Quantised(
-        places, masks, np.empty(masks.shape, dtype=np.int32), np.zeros((num, width), dtype=np.int32),
+        positions, masks, np.empty(masks.shape, dtype=np.int32), np.zeros((num, width), dtype=np.int32),
         np.empty((num, width), dtype=np.int16), np.zeros((num, width), dtype=np.int32),
     )  # fmt: skip
 
@@ -63,7 +63,7 @@ def _columns(stage: Stage) -> slice:
 
 
 def quantise(
-    context: CodingContext, places: Places, masks: np.ndarray, values: np.ndarray, octaves: float
+    context: CodingContext, positions: AnchorPositions, masks: np.ndarray, values: np.ndarray, octaves: float
 ) -> Quantised:
     """Quantises attributes of anchors, as differences from the predicted means in whole quantisation steps.
 
@@ -72,13 +72,13 @@ def quantise(
 
     Args:
         context: Coding context.
-        places: Positions of the anchors, with all bits.
+        positions: Positions of the anchors, with all bits.
         masks: 1 for offsets that exist, uint8 (n, K).
         values: Attribute values in quantisation steps, float64 (n, attributes).
         octaves: Step of the scale's logarithm, in octaves.
     """
     values = values.copy()
-    found, chain = _empty(context, places, masks), context.start(places.voxels)
+    found, chain = _empty(context, positions, masks), context.start(positions.voxels)
     coded = np.repeat(masks.astype(bool), 3, axis=1)
     for stage, outputs in chain.outputs():
         columns, means = _columns(stage), outputs[:, stage.masks : stage.masks + stage.size]
@@ -115,7 +115,8 @@ def encode_packets(context: CodingContext, found: Quantised, counts: np.ndarray)
     firsts = np.array([*(stage.first for stage in context.stages), found.symbols.shape[1]])
     form = next(s for s, stage in enumerate(context.stages) if stage.masks)
     kernels.encode_packets(
-        starts, found.places.codes, found.places.unknown, context.chances, found.masks, found.logits, found.symbols,
+        starts, found.positions.codes, found.positions.unknown, context.chances, found.masks,
+        found.logits, found.symbols,
         found.scales, firsts, form, weight_table(), *tables(), buffer, lengths,
     )  # fmt: skip
     begin = starts[:-1] * room + 64 * np.arange(len(lengths))
@@ -126,7 +127,7 @@ def anchor_bits(context: CodingContext, found: Quantised) -> np.ndarray:
     """Estimates the code length of each anchor, bits, float64 (n)."""
     bits = np.empty(len(found.masks))
     kernels.anchor_bits(
-        found.places.codes, found.places.unknown, context.chances, found.masks, found.logits, found.symbols,
+        found.positions.codes, found.positions.unknown, context.chances, found.masks, found.logits, found.symbols,
         found.scales, context.stages[-1].first, weight_table(), *tables(), bits,
     )  # fmt: skip
     return bits
@@ -161,13 +162,13 @@ def cut_packets(context: CodingContext, found: Quantised, counts: np.ndarray, pa
 
 
 def decode_packets(
-    context: CodingContext, places: Places, counts: np.ndarray, payloads: Sequence[bytes]
+    context: CodingContext, positions: AnchorPositions, counts: np.ndarray, payloads: Sequence[bytes]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Decodes packets; any bytes decode without an error.
 
     Args:
         context: Coding context.
-        places: Positions of the anchors of all packets, packet by packet, as known from side information.
+        positions: Positions of the anchors of all packets, packet by packet, as known from side information.
         counts: int64 (packets), anchors of each packet.
         payloads: One payload per packet.
 
@@ -179,8 +180,8 @@ def decode_packets(
     data = np.frombuffer(b"".join(payloads), dtype=np.uint8)
     states = np.zeros((len(payloads), 3), dtype=np.int64)
     kernels.start_packets(data, ends, states)
-    exact = replace(places, codes=places.codes.copy())
-    place_kernels.decode_places(data, ends, starts, states, exact.codes, exact.unknown, context.chances)
+    exact = replace(positions, codes=positions.codes.copy())
+    place_kernels.decode_positions(data, ends, starts, states, exact.codes, exact.unknown, context.chances)
     num, last = len(exact.codes), context.stages[-1]
     masks = np.zeros((num, context.config.layout.num_offsets), dtype=np.uint8)
     all_numbers = np.zeros((num, last.first + last.size), dtype=np.int32)

@@ -18,7 +18,7 @@ from splatwire.bitstream.limits import (
     SCHEMAS,
 )
 from splatwire.bitstream.sections import read_sections, write_sections
-from splatwire.codec.anchors.causal.places import SharedPlaces, read_places
+from splatwire.codec.anchors.causal.positions import SharedPositions, read_positions
 from splatwire.codec.weight_bytes import framed, read_heads, read_networks, write_networks
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
@@ -38,7 +38,7 @@ class SideInfo:
     Attributes:
         config: Shape of the model.
         voxel_size: World units per voxel.
-        places: The high bits of all anchors' positions. The packets contain the low bits.
+        positions: The high bits of all anchors' positions. The packets contain the low bits.
         middle: int64 (3), centre of the scene, voxels.
         spread: int64 (3), extent of the scene, voxels.
         steps: Quantisation steps of each feature group, then of the offsets, float64 (groups + 1).
@@ -53,7 +53,7 @@ class SideInfo:
 
     config: CausalConfig
     voxel_size: float
-    places: SharedPlaces
+    positions: SharedPositions
     middle: np.ndarray
     spread: np.ndarray
     steps: np.ndarray
@@ -74,7 +74,7 @@ def write_side_info(info: SideInfo) -> bytes:
         raise InvalidValueError(f"side information: {wrong}")
     parts = {
         "header": _header(info),
-        "positions": info.places.section,
+        "positions": info.positions.section,
         "networks": write_networks(info.networks.values()),
         "render_networks": write_networks(info.heads),
     }
@@ -93,9 +93,9 @@ def read_side_info(data: bytes, num_anchors: int) -> SideInfo:
         BitstreamError: If the bytes are damaged or not side information.
     """
     reader = ByteReader(data, "side information")
-    header, positions, networks, render = (reader.blob() for _ in SCHEMAS[CAUSAL].sections)
+    header, section, networks, render = (reader.blob() for _ in SCHEMAS[CAUSAL].sections)
     sections = read_sections(reader.rest())
-    info = _read_header(header, read_places(positions, num_anchors))
+    info = _read_header(header, read_positions(section, num_anchors))
     config = info.config
     shapes = [(name, *shape) for name, shape in config.shapes().items()]
     found = read_networks(networks, shapes)
@@ -121,7 +121,7 @@ def _header(info: SideInfo) -> bytes:
     return writer.bytes()
 
 
-def _read_header(data: bytes, places: SharedPlaces) -> SideInfo:
+def _read_header(data: bytes, positions: SharedPositions) -> SideInfo:
     """Parses the fixed fields of the side information, which precede its networks and named sections.
 
     The result has no networks and no named sections; the caller adds them.
@@ -144,7 +144,7 @@ def _read_header(data: bytes, places: SharedPlaces) -> SideInfo:
     except ValueError as error:
         raise BitstreamError(f"side information: {error}") from None
     info = SideInfo(
-        config, voxel_size, places, signed[FORM:], unsigned[2:], steps, unsigned[:2],
+        config, voxel_size, positions, signed[FORM:], unsigned[2:], steps, unsigned[:2],
         signed[:FORM], {}, (),
     )  # fmt: skip
     if wrong := _problem(info):
@@ -173,7 +173,7 @@ def _problem(info: SideInfo) -> str | None:
         return f"sizes around {info.centres.tolist()}"
     if not ((info.spread > 0).all() and (info.spread <= MAX_PLACE).all() and np.abs(info.middle).max() <= MAX_PLACE):
         return f"a scene {info.spread.tolist()} voxels around {info.middle.tolist()}"
-    distances = np.abs(info.places.known.origin - info.middle).tolist()
+    distances = np.abs(info.positions.known.origin - info.middle).tolist()
     if any(distance > MAX_FAR * extent for distance, extent in zip(distances, info.spread.tolist(), strict=True)):
         return f"anchors {distances} voxels from the middle of a scene of {info.spread.tolist()}"
     return None

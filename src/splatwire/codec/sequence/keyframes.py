@@ -1,4 +1,4 @@
-"""Encoder of the keyframe Gaussians (bases) of a sequence.
+"""Encoder of the keyframe Gaussians of a sequence.
 
 A track is a Gaussian that persists over frames. Its keyframe Gaussian is its state in the first frame of the group of
 frames where it begins, and is coded like an explicit Gaussian. Motion is then coded as offsets from it.
@@ -26,7 +26,7 @@ bytes, and its loss leaves a ghost (a stale Gaussian that is still drawn).
 
 
 @dataclass(frozen=True, eq=False)
-class CodedBases:
+class CodedKeyframes:
     """Encoded keyframe Gaussians of one group of frames.
 
     Attributes:
@@ -56,7 +56,7 @@ def span_size(count: int, block_size: int) -> int:
     return -(-count // -(-count // block_size))
 
 
-class BaseEncoder:
+class KeyframeEncoder:
     """Encodes the keyframe Gaussians of a sequence, one group of frames after another.
 
     Quantisation steps, lattice and context tables are fitted to the first group and used for all groups.
@@ -93,7 +93,7 @@ class BaseEncoder:
         """
         self._fitted(splats, classes)
 
-    def encode(self, splats: Splats, classes: np.ndarray | None) -> CodedBases:
+    def encode(self, splats: Splats, classes: np.ndarray | None) -> CodedKeyframes:
         """Encodes the keyframe Gaussians of a group of frames.
 
         Args:
@@ -141,7 +141,7 @@ class BaseEncoder:
         """
         return 1 if plan.num_blocks == 1 else self._threads
 
-    def _coded(self, source: SourceScene, plan: PacketPlan, info: SideInfo) -> CodedBases:
+    def _coded(self, source: SourceScene, plan: PacketPlan, info: SideInfo) -> CodedKeyframes:
         most = plan.packetization.packet_bytes - HEADER_BYTES
 
         def encode(block: int):  # type: ignore[no-untyped-def]
@@ -155,7 +155,7 @@ class BaseEncoder:
             order.append(source.ranked(block, info, coded.sizes))
             digested.append((coded.rows, coded.harmonics))
             rows.append(placed(coded.rows, info, block))
-        return CodedBases(np.concatenate(order), np.concatenate(rows), digested, packets, plan.num_blocks)
+        return CodedKeyframes(np.concatenate(order), np.concatenate(rows), digested, packets, plan.num_blocks)
 
 
 def placed(rows: np.ndarray, info: SideInfo, block: int) -> np.ndarray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatwire.bitstream.limits import MAX_LEAF, MAX_PLACE, MAX_POSITION_BITS
-from splatwire.codec.anchors.causal import _place_kernels as kernels
+from splatwire.codec.anchors.causal import _position_kernels as kernels
 from splatwire.codec.geometry import origin_of
 from splatwire.entropy.coder import fresh_models
 from splatwire.errors import BitstreamError
@@ -16,7 +16,7 @@ CHANCES = 256
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class AnchorPositions:
     """Positions of N anchors in coding order; the lowest bits of a position may be unknown.
 
     Attributes:
@@ -34,13 +34,13 @@ class Places:
         """Positions of the anchors in voxels, int64 (N, 3)."""
         return morton_decode(self.codes) + self.origin
 
-    def select(self, ranks: np.ndarray) -> "Places":
+    def select(self, ranks: np.ndarray) -> "AnchorPositions":
         """Returns the positions of the anchors with the given indices, int64 (n)."""
-        return Places(self.origin, self.codes[ranks], self.unknown[ranks])
+        return AnchorPositions(self.origin, self.codes[ranks], self.unknown[ranks])
 
 
 @dataclass(frozen=True, eq=False)
-class SharedPlaces:
+class SharedPositions:
     """Positions of all anchors, except for the low bits, which packets contain.
 
     Attributes:
@@ -52,11 +52,11 @@ class SharedPlaces:
     """
 
     section: bytes
-    known: Places
+    known: AnchorPositions
     chances: np.ndarray
 
 
-def share_places(voxels: np.ndarray, leaf: int) -> SharedPlaces:
+def share_positions(voxels: np.ndarray, leaf: int) -> SharedPositions:
     """Encodes the positions of all anchors as a section of the side information, without bits that packets contain.
 
     Args:
@@ -79,7 +79,7 @@ def share_places(voxels: np.ndarray, leaf: int) -> SharedPlaces:
         left = counts[::-1].cumsum()[::-1]
         for stops, reached in zip(counts[:row].tolist(), left.tolist(), strict=False):
             writer.u8(min(max(round(CHANCES * (stops + 0.5) / (reached + 1)), 1), CHANCES - 1))
-    return read_places(writer.bytes() + tree, len(voxels))
+    return read_positions(writer.bytes() + tree, len(voxels))
 
 
 def _encode_tree(codes: np.ndarray, origin: np.ndarray, leaf: int) -> bytes:
@@ -94,7 +94,7 @@ def _encode_tree(codes: np.ndarray, origin: np.ndarray, leaf: int) -> bytes:
     return writer.bytes() + buffer[: max(length, -(-len(codes) // 8))].tobytes()
 
 
-def _decode_tree(data: bytes, count: int, leaf: int) -> Places:
+def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
     reader = ByteReader(data, "positions")
     origin = np.array([reader.signed() for _ in range(3)], dtype=np.int64)
     bits = reader.u8()
@@ -106,7 +106,7 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> Places:
     codes, unknown = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
     models = fresh_models(kernels.NUM_CONTEXTS)
     kernels.decode_tree(np.frombuffer(code, dtype=np.uint8), bits, leaf, models, codes, unknown)
-    return Places(origin, codes, unknown)
+    return AnchorPositions(origin, codes, unknown)
 
 
 def triple_levels(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -126,7 +126,7 @@ def triple_levels(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, n
     return triples, lowest
 
 
-def read_places(section: bytes, num_anchors: int) -> SharedPlaces:
+def read_positions(section: bytes, num_anchors: int) -> SharedPositions:
     """Reads the position section of the side information.
 
     Args:
@@ -147,4 +147,4 @@ def read_places(section: bytes, num_anchors: int) -> SharedPlaces:
     missing = int((known.unknown.max(initial=0) + 2) // 3)
     if missing > rows or not chances[np.tril_indices(rows + 1, -1)].all():
         raise BitstreamError(f"positions: no chances for {missing} triples of bits among {rows} rows")
-    return SharedPlaces(section, known, chances)
+    return SharedPositions(section, known, chances)

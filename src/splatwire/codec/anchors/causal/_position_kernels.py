@@ -175,7 +175,7 @@ def center_of_part(i, n, bits):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def encode_place(out, state, code, unknown, chances):
+def encode_position(out, state, code, unknown, chances):
     """Encodes the low bits of the Morton code of an anchor's position, which the side information does not contain.
 
     Args:
@@ -183,7 +183,7 @@ def encode_place(out, state, code, unknown, chances):
         state: State of the range encoder, changed in place.
         code: Morton code of the anchor's position.
         unknown: Number of low bits to encode.
-        chances: Table of probabilities, see `SharedPlaces.chances`.
+        chances: Table of probabilities, see `SharedPositions.chances`.
     """
     rest, triples = code & ((ONE << unknown) - 1), (unknown + 2) // 3
     level = np.int64(0)
@@ -204,8 +204,8 @@ def encode_place(out, state, code, unknown, chances):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def decode_place(data, end, state, code, unknown, chances):
-    """Decodes the low bits of an anchor's Morton code, written by `encode_place`; returns the complete Morton code.
+def decode_position(data, end, state, code, unknown, chances):
+    """Decodes the low bits of an anchor's Morton code, written by `encode_position`; returns the complete Morton code.
 
     Args:
         data: Input bytes of the range decoder.
@@ -213,7 +213,7 @@ def decode_place(data, end, state, code, unknown, chances):
         state: State of the range decoder, changed in place.
         code: Morton code with estimated low bits, which are replaced.
         unknown: Number of low bits to decode.
-        chances: Table of probabilities, see `SharedPlaces.chances`.
+        chances: Table of probabilities, see `SharedPositions.chances`.
     """
     triples, level = (unknown + 2) // 3, np.int64(0)
     while level < triples:
@@ -235,13 +235,13 @@ def decode_place(data, end, state, code, unknown, chances):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def place_bits(code, unknown, chances):
-    """Returns the number of bits that `encode_place` needs for an anchor's position, float64.
+def position_bits(code, unknown, chances):
+    """Returns the number of bits that `encode_position` needs for an anchor's position, float64.
 
     Args:
         code: Morton code of the anchor's position.
         unknown: Number of low bits of the Morton code that are coded; the side information contains the others.
-        chances: Table of probabilities, see `SharedPlaces.chances`.
+        chances: Table of probabilities, see `SharedPositions.chances`.
     """
     rest, triples, total = code & ((ONE << unknown) - 1), (unknown + 2) // 3, 0.0
     for level in range(triples):
@@ -256,7 +256,7 @@ def place_bits(code, unknown, chances):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def decode_places(data, ends, starts, states, codes, unknown, chances):
+def decode_positions(data, ends, starts, states, codes, unknown, chances):
     """Decodes the low bits of the Morton codes of all packets' anchors, which the side information does not contain.
 
     Args:
@@ -266,8 +266,8 @@ def decode_places(data, ends, starts, states, codes, unknown, chances):
         states: State of the range decoder of each packet, changed in place.
         codes: Morton codes of all anchors; estimated low bits are replaced by the decoded bits.
         unknown: Number of low bits to decode for each anchor.
-        chances: Table of probabilities, see `SharedPlaces.chances`.
+        chances: Table of probabilities, see `SharedPositions.chances`.
     """
     for p in range(states.shape[0]):
         for n in range(starts[p], starts[p + 1]):
-            codes[n] = decode_place(data, ends[p + 1], states[p], codes[n], unknown[n], chances)
+            codes[n] = decode_position(data, ends[p + 1], states[p], codes[n], unknown[n], chances)
