@@ -67,7 +67,7 @@ class Packet:
 
     @property
     def num_bytes(self) -> int:
-        """Size including the header, bytes."""
+        """Size of the packet with its header, bytes."""
         return len(self.data)
 
 

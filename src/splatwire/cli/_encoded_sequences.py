@@ -1,4 +1,4 @@
-"""Clips of `splatwire encode`."""
+"""Encoding of sequences (clips) with `splatwire encode`."""
 
 import logging
 import time

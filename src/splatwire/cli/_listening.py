@@ -169,7 +169,7 @@ class LoopErrors:
         self._clock, self._next_at, self._report = clock, -math.inf, report or _print_error
 
     def __call__(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Handles an error context of asyncio."""
+        """Handles an error of the event loop: reports system errors, and passes all others to asyncio's handler."""
         error = context.get("exception")
         if not isinstance(error, (OSError, MemoryError)):
             loop.default_exception_handler(context)

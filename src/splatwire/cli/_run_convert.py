@@ -51,7 +51,7 @@ MOST_JOBS = 256
 
 @dataclass(frozen=True)
 class Conversion:
-    """One input and its output.
+    """One conversion: an input, its output, and the format of the output.
 
     Attributes:
         source: Path of the input, or `-` for standard input.

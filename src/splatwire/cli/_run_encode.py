@@ -132,7 +132,7 @@ def _needs_copies(command: Encode) -> bool:
 
 
 def _encode_scene(command: Encode, source: Path) -> None:
-    """Encodes a static scene."""
+    """Encodes a static scene, writes the stream, and prints its properties."""
     if command.data is not None and command.cameras is not None:
         raise InvalidValueError("give either --cameras FILE or --data FOLDER")
     background, seen = chosen_background(command.background), command.data is not None or command.cameras is not None

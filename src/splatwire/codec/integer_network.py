@@ -75,7 +75,7 @@ class IntegerMlp:
         return out
 
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
-        """Evaluates the network.
+        """Evaluates the network for a batch of inputs, in integers.
 
         Args:
             inputs: (N, in) whole numbers in float64, units of `2**-ACTIVATION_BITS`, within `ACTIVATION_LIMIT`.

@@ -77,12 +77,13 @@ class PreviewFrame:
 
     @staticmethod
     def fitting(middle: Sequence[float], spread: float, low: Sequence[float], high: Sequence[float]) -> "PreviewFrame":
-        """Creates a frame from value ranges, which are rounded to float32 and clipped to valid values.
+        """Creates a frame from the ranges of the values to quantise; ranges are rounded to float32 and limited.
 
         Args:
             middle: Centre of the scene, world units.
             spread: Distance up to which positions have nearly uniform precision, world units.
-            low: Minima of the four values that the attribute `low` of this class describes.
+            low: Minima of four values: the three coordinates after the asinh, and the logarithm of a size divided by
+                `spread`.
             high: Maxima of these four values.
 
         Raises:

@@ -22,7 +22,7 @@ SymbolRows = tuple[np.ndarray, ...]
 
 @dataclass(frozen=True, eq=False)
 class CodedPackets:
-    """Encoded packets.
+    """Packets that an encoder has made from a part of the packet plan.
 
     Attributes:
         counts: int64 (packets), number of elements in each packet.

@@ -25,7 +25,7 @@ FIT_ROUNDS = 4
 
 
 def write_mlp(writer: ByteWriter, mlp: QuantisedMlp) -> None:
-    """Serialises a network."""
+    """Appends a quantised network to a byte string."""
     out, hidden = mlp.output.symbols.shape
     for size in (mlp.hidden.symbols.shape[1], hidden, out):
         writer.unsigned(size)
@@ -62,7 +62,7 @@ def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int, most: int
 
 
 def write_networks(networks: Iterable[QuantisedMlp]) -> bytes:
-    """Serialises networks one after another."""
+    """Returns the bytes of several quantised networks, one after another."""
     writer = ByteWriter()
     for network in networks:
         write_mlp(writer, network)

@@ -155,7 +155,7 @@ def _pooled(x: Float[np.ndarray, "D h w"], kernel: int) -> Float[np.ndarray, "D 
 
 
 def load_lpips(backbone: str | os.PathLike[str], linear: str | os.PathLike[str], network: str = "vgg") -> Lpips:
-    """Loads LPIPS weights.
+    """Loads the network and the weights of the LPIPS metric from files.
 
     Args:
         backbone: File with torchvision's ImageNet weights, keys `features.N.weight` and `features.N.bias` (others are

@@ -160,7 +160,7 @@ class LiveDecoder:
         self._have = {number: count for number, count in self._have.items() if number > group}
 
     def _store_keyframes(self, decoder: TracksDecoder, manifest: Manifest, *, whole: bool) -> None:
-        """Decodes new keyframe packets.
+        """Decodes the keyframe packets that were received since the last call, and stores their Gaussians.
 
         Args:
             decoder: Decoder in which the packets are stored.

@@ -65,7 +65,7 @@ def run_loss_curve(result: StudyResult, store: Store, engine: Engine, progress: 
 
 
 def compared_rows(result: StudyResult, summaries: list[Summary]) -> ComparedRows | None:
-    """Returns the methods to compare.
+    """Returns the methods (table rows) that the loss curve of a report compares.
 
     Args:
         result: Results of the evaluation.

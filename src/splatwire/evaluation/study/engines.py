@@ -67,7 +67,7 @@ class InProcess:
     _workshop: UnitRunner | None = None
 
     def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
-        """See `Engine.run`."""
+        """Executes tasks in this process and writes their results into the store (see `Engine.run`)."""
         if self._workshop is None or self._workshop.store is not store:
             self._workshop = UnitRunner(store, self.decode, self._drawing)
         for unit in units:

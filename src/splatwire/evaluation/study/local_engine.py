@@ -29,7 +29,7 @@ class LocalEngine:
     workers: int
 
     def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
-        """See `Engine.run`."""
+        """Executes tasks in worker processes and writes their results into the store (see `Engine.run`)."""
         waiting, attempts = deque(units), Attempts(listener)
         workers = [_Worker.start(str(store.root)) for _ in range(min(self.workers, len(units)))]
         try:

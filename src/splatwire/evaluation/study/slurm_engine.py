@@ -45,7 +45,7 @@ class SlurmEngine:
             raise BackendUnavailableError("slurm", "this machine has no sbatch: start it where jobs can be submitted")
 
     def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
-        """See `Engine.run`."""
+        """Submits jobs that execute the tasks and write their results into the store (see `Engine.run`)."""
         executor = self._executor(store)
         attempts = Attempts(listener)
         left = {unit.key: unit for unit in units}

@@ -121,18 +121,18 @@ class MemoryStore(Store):
     _finished: dict[str, list[Record]] = field(default_factory=dict)
 
     def has(self, key: str) -> bool:
-        """See `Store.has`."""
+        """Returns True if the results of a task are in memory."""
         return key in self._finished
 
     def records(self, key: str) -> list[Record]:
-        """See `Store.records`."""
+        """Returns the records of a finished task, in the order of the views."""
         return self._finished[key]
 
     def check_records(self) -> None:
-        """See `Store.check_records`; records in memory need no check."""
+        """Does nothing, because records in memory need no optional package (see `Store.check_records`)."""
 
     def put_records(self, key: str, records: Sequence[Record]) -> None:
-        """See `Store.put_records`."""
+        """Stores the records of a task in memory, which marks the task as finished."""
         self._finished[key] = list(records)
 
 

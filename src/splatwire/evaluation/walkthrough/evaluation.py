@@ -148,16 +148,16 @@ class StreamedWalkthrough:
         )
 
     def shown(self, seconds: float, viewpoint: Viewpoint) -> Scene:
-        """See `ProgressiveSource.shown`."""
+        """Returns the scene as a receiver draws it at a given time (see `ProgressiveSource.shown`)."""
         return self._drawn(self.delivery.drawable(self.tiles, seconds), self.delivery.arrivals <= seconds, viewpoint)
 
     def complete(self, viewpoint: Viewpoint) -> Scene:
-        """See `ProgressiveSource.complete`."""
+        """Returns the scene as a receiver draws it for a viewpoint after everything was received."""
         everything = np.ones(self.tiles.num_tiles, dtype=bool), np.ones(len(self.delivery.arrivals), dtype=bool)
         return self._drawn(*everything, viewpoint)
 
     def bytes_at(self, seconds: float) -> int:
-        """See `ProgressiveSource.bytes_at`."""
+        """Returns the number of bytes received until a time, in seconds since the request."""
         return (self.head_bytes if seconds >= self.delivery.head else 0) + self.delivery.bytes_at(seconds)
 
     @property

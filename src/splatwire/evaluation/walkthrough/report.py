@@ -34,7 +34,7 @@ class Pictures:
 
 
 def decibels_text(value: float) -> str:
-    """Formats a PSNR for display."""
+    """Formats a PSNR with its unit, for display; an infinite PSNR as "equal"."""
     return f"{value:.2f} dB" if np.isfinite(value) else "equal"
 
 

@@ -170,7 +170,7 @@ class _Stage:
             raise DatasetError(f"{path}: no visible prim of the type {PRIM}")
 
     def frames(self) -> UsdFrames | None:
-        """See `usd_frames`.
+        """Returns the frames of the stage; None if no array of its Gaussians has more than one time sample.
 
         Raises:
             DatasetError: If there are too many frames, or their rate is no number above 0.

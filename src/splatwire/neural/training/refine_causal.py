@@ -1,4 +1,4 @@
-"""Refinement of the networks of the causal model with fixed anchors, for fewer bits."""
+"""Refines the networks of the causal model of a finished scene, so that the same attributes take fewer bits."""
 
 import dataclasses
 from collections.abc import Callable

@@ -93,7 +93,8 @@ def source_inputs(context: ReceivedScene, rows: Int64[Tensor, "S"]) -> Float[Ten
 def query_inputs(context: ReceivedScene, graph: RepairGraph) -> Float[Tensor, "Q D"]:
     """Returns the network inputs of lost anchors: `[position, hash feature, prior means, 0, interpolation]`.
 
-    The zeros are in place of the prior's mean for the mask, which has no prior. The interpolation has all attributes.
+    The prior has no mean for the offset mask; zeros replace it. `interpolation` are all attributes, filled by the
+    interpolating concealer.
     """
     rows, prior = graph.queries, context[Prior]
     no_mask = prior.context.new_zeros(len(rows), context[AnchorLayout].num_offsets)

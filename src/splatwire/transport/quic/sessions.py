@@ -106,7 +106,7 @@ class NativeSession:
         self.asked = False
 
     def event(self, event: events.QuicEvent) -> None:
-        """Processes a QUIC event."""
+        """Processes an event of the QUIC connection: received stream data or a received DATAGRAM."""
         match event:
             case events.StreamDataReceived():
                 if event.stream_id != STREAM:
@@ -144,7 +144,7 @@ class WebTransportSessions:
         self.asked = False
 
     def event(self, event: events.QuicEvent) -> None:
-        """Processes a QUIC event."""
+        """Processes an event of the QUIC connection, whose data belong to HTTP/3."""
         if isinstance(event, (events.StreamDataReceived, events.StreamReset, events.StopSendingReceived)):
             inside = self._session is not None and event.stream_id == self._session.stream
             if isinstance(event, events.StopSendingReceived) and (inside or event.stream_id == self._id):
