@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from splatwire.codec.anchors.causal.positions import AnchorPositions, SharedPositions
 
 from splatwire.bitstream import (
     ANCHORS,
@@ -25,6 +24,7 @@ from splatwire.bitstream import (
 from splatwire.bitstream.limits import TRACKS
 from splatwire.bitstream.tiers import TierShape
 from splatwire.codec.anchors.causal.context import LOG_BITS
+from splatwire.codec.anchors.causal.positions import AnchorPositions, SharedPositions
 from splatwire.codec.anchors.causal.side_info import SideInfo as CausalInfo
 from splatwire.codec.anchors.causal.side_info import write_side_info as write_causal
 from splatwire.codec.anchors.hacpp.side_info import MASK_CONTEXTS

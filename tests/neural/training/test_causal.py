@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from splatwire.codec.anchors.causal._position_kernels import position_bits
 
 from scenes import SMALL_CAUSAL
 from splatwire.anchors.voxels import voxel_indices
 from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec.anchors.causal._position_kernels import position_bits
 from splatwire.codec.anchors.causal.side_info import read_side_info
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError, UnknownNameError
