@@ -415,10 +415,10 @@ class _Trials:
     def _search(
         self, measure: Callable[[EncodedScene], float], permitted: Interval, start: float, slope: float
     ) -> bool:
-        """Searches for a quantisation level with a permitted value.
+        """Searches for a quantisation level at which the measured value of the stream is permitted.
 
-        If the value jumps over the permitted values between two levels, a smaller share of the Gaussians is then
-        searched at the finer of these levels.
+        The value may jump over the permitted values from one level to the next. The finer of these two levels is then
+        used with fewer Gaussians: the search continues over the share of kept Gaussians.
 
         Args:
             measure: Function that returns the value of an encoded scene, such as its PSNR.

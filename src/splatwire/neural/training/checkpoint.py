@@ -145,8 +145,6 @@ def config_from_json(value: dict[str, Any]) -> TrainConfig:
     Raises:
         InvalidValueError: If the dictionaries are not a valid configuration.
     """
-    if "marks" in value:  # name of the field in checkpoints of version 0.3 and before
-        value = {"milestones" if name == "marks" else name: item for name, item in value.items()}
     try:
         config: TrainConfig = _record(TrainConfig, value)
         return config

@@ -70,7 +70,7 @@ def _measure_size(
 
 
 def first_measured(milestones: Milestones) -> int:
-    """Returns the iteration from which measurements of the stream's size are counted at equal intervals.
+    """Returns the iteration at which the first interval between measurements of the stream's size begins.
 
     It is the middle between the start of the context phase and the end of growth.
     """

@@ -101,7 +101,7 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
         if len(positions.section) <= most:
             break
         positions = share_positions(voxels, leaf)
-    return places
+    return positions
 
 
 def _with_sizes(anchors: Anchors) -> Anchors:
