@@ -83,8 +83,8 @@ class MadeDownloads:
     async def file(self, stream: bytes, tag: str, form: str, part: str = "") -> DownloadedFile | None:
         """Returns the file of a stream in another format; makes it in a separate process if it does not exist yet.
 
-        Requests for the same file wait for one process. A stream that could not be converted is not tried again for some
-        time.
+        Requests for the same file wait for one process. A stream that could not be converted is not tried again for
+        some time.
 
         Args:
             stream: Content of the stream's `.swz` file.
