@@ -29,7 +29,7 @@ def viewpoint_of_options(command: Receive) -> Viewpoint | None:
 
 
 def keep_preview(command: Receive, preview: bytes) -> str:
-    """Writes the received preview as a PLY if no scene was received; returns a text about it for the message."""
+    """Writes the received preview as a PLY if no scene was received; returns the end of the error message about it."""
     try:
         shown = preview_scene(preview)
     except BitstreamError as error:

@@ -54,7 +54,9 @@ def split(codes, begin, end, bit):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, table):
-    """Encodes the number of points of a node that have a zero in `bit`.
+    """Encodes how many points of a node have a zero in `bit` of their Morton code.
+
+    A node is a set of points whose codes agree in all bits above `bit`.
 
     Args:
         buffer: Output bytes.
@@ -93,7 +95,9 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
 @njit(borrows=True, nogil=True)
 @no_type_check
 def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
-    """Decodes the number of points of a node that have a zero in `bit`; an invalid code gives a number from 0 to `n`.
+    """Decodes how many points of a node have a zero in `bit` of their Morton code; an invalid code gives 0 to `n`.
+
+    A node is a set of points whose codes agree in all bits above `bit`.
 
     Args:
         data: Input bytes.

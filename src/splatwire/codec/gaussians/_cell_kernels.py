@@ -18,7 +18,7 @@ RUNS = 4
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def code_cells(coder, codes, bits, stack):
-    """Encodes or decodes sorted Morton codes.
+    """Encodes or decodes the sorted Morton codes of a packet's grid cells, as a binary tree.
 
     Args:
         coder: Entropy coder.

@@ -103,14 +103,14 @@ def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
 
 
 def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> Column:
-    """Finds the smallest set of far Gaussians whose removal makes rounding of nearly all other Gaussians invisible.
+    """Finds the fewest distant Gaussians whose removal makes the rounding of nearly all other positions invisible.
 
     If no set of up to half of the Gaussians suffices, at most one hundredth are marked.
 
     Args:
         splats: The Gaussians.
-        errors: Function of the positions of all Gaussians with outliers marked. Returns the largest rounding error of a
-            coordinate, for each Gaussian that is no outlier, world units, float64 (n).
+        errors: Function that takes the positions of all Gaussians, some of which are marked as outliers. It returns the
+            rounding error of each other Gaussian (largest error of a coordinate), world units, float64 (n).
 
     Returns:
         The positions with these Gaussians marked as outliers.

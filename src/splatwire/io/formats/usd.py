@@ -220,7 +220,10 @@ class _Stage:
         return FileContent(concatenate(moved), origin, metadata=metadata.moved_origin(NO_ORIGIN, origin))
 
     def _axes(self) -> tuple[tuple[float, float, float], dict[str, Any]]:
-        """Returns the signs of x, y and z that convert to the axes of a PLY, and our own data in the file."""
+        """Returns the signs of x, y and z that convert positions to the axes of a PLY, and the file's metadata from us.
+
+        Files written by this package contain a JSON object, which also names the signs. Otherwise the up axis decides.
+        """
         data = self._stage.GetRootLayer().customLayerData.get(_OWN)
         try:
             own = json.loads(data) if isinstance(data, str) else {}
