@@ -102,7 +102,7 @@ def pak_ways(bench: Bench, sections: list[bytes], limit: float) -> list[Pak]:
 
 
 def spread_out(top: np.ndarray, order: np.ndarray, repair: int) -> np.ndarray:
-    """AnchorPositions of packets and parity, see `Pak`; `order` lists the packets lane by lane."""
+    """Places of packets and parity, see `Pak`; `order` lists the packets lane by lane."""
     due = np.empty(len(top) + repair)
     for members in (order[top[order]], order[~top[order]], len(top) + np.arange(repair)):
         due[members] = (np.arange(len(members)) + 0.5) / max(len(members), 1)

@@ -61,7 +61,7 @@ def _voxels(count: int, rng: Numbers) -> np.ndarray:
 
 
 def tiny_cameras(num_views: int = 3, width: int = 96, height: int = 64, distance: float = 3.0) -> Cameras:
-    """AnchorPositions cameras on a circle around the origin, all directed at it."""
+    """Places cameras on a circle around the origin, all directed at it."""
     poses = []
     for view in range(num_views):
         angle = 2 * math.pi * view / num_views

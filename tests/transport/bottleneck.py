@@ -206,7 +206,7 @@ class LiveSplatwire(Splatwire):
     Attributes:
         bases: Packets of bases of a group.
         motion: Packets of its motion.
-        left: AnchorPositions of packets that left.
+        left: Indices of packets that left.
         firsts: The first packet of each group.
     """
 

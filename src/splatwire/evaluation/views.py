@@ -100,7 +100,7 @@ def spread(num_views: int, count: int | None) -> list[int]:
 
 
 def held_out_cameras(scene: Scene) -> Cameras:
-    """AnchorPositions cameras around a scene, near and far, at poses that encoders do not use.
+    """Places cameras around a scene, near and far, at poses that encoders do not use.
 
     Args:
         scene: The scene.

@@ -73,7 +73,7 @@ class Pictures:
 
 
 def fitting_cameras(scene: Scene, num_views: int = VIEWS, size: int = SIZE) -> Cameras:
-    """AnchorPositions cameras around a scene: near it, far from it, and so that the image shows all of it.
+    """Places cameras around a scene: near it, far from it, and so that the image shows all of it.
 
     If the scene encloses the cameras, some of them look outwards. No camera equals one of
     `splatwire.evaluation.views.held_out_cameras`.

@@ -24,7 +24,7 @@ _ENCLOSING = 0.5
 
 
 def framing_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
-    """AnchorPositions cameras on a circle around a scene, slightly above it, so that the scene fills the image.
+    """Places cameras on a circle around a scene, slightly above it, so that the scene fills the image.
 
     Scenes that enclose their cameras (rooms) and neural anchors use `surrounding_cameras` instead: from outside,
     surfaces without training photos would be visible.

@@ -52,7 +52,7 @@ views around a scene."""
 
 
 def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> Cameras:
-    """AnchorPositions cameras around a scene that comes without cameras, for measuring its appearance.
+    """Places cameras around a scene that comes without cameras, for measuring its appearance.
 
     Explicit Gaussians get two distances, so that both details and distant parts are visible. Some near cameras look
     outwards if the scene surrounds them. `cameras_around` gives the positions.
@@ -127,7 +127,7 @@ def _facing_back(cameras: Cameras) -> Cameras:
 
 
 def cameras_around(positions: Float[Any, "N 3"], num_views: int = 16, size: int = 256) -> Cameras:
-    """AnchorPositions cameras evenly on a sphere around the centre of a scene, looking inwards.
+    """Places cameras evenly on a sphere around the centre of a scene, looking inwards.
 
     The centre is the median position, the radius twice the median distance from it. Distant background of an unbounded
     scene therefore does not push the cameras away.
@@ -164,7 +164,7 @@ _ROOM = 1.04
 def orbiting_cameras(
     middle: Iterable[float], radius: float, num_views: int, up: str = "-y", size: int = 512
 ) -> Cameras:
-    """AnchorPositions cameras on a circle around a sphere, slightly above it, so that all of it is in the image.
+    """Places cameras on a circle around a sphere, slightly above it, so that all of it is in the image.
 
     Args:
         middle: Centre of the sphere.
