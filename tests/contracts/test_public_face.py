@@ -30,6 +30,18 @@ def test_unknown_names_are_attribute_errors():
         attrgetter("teleport")(splatwire)
 
 
+@pytest.mark.parametrize(
+    ("package", "old", "new"),
+    [("splatwire", "Partial", "ReceivedScene"), ("splatwire.sequence", "encode_clip", "encode_sequence")],
+)
+def test_deprecated_names_warn_and_give_the_new_object(package, old, new):
+    module = importlib.import_module(package)
+    with pytest.warns(DeprecationWarning, match=f"{package}.{new}"):
+        value = getattr(module, old)
+    assert value is getattr(module, new)
+    assert old not in module.__all__
+
+
 def test_public_names_do_not_shadow_packages():
     """`splatwire.render` stays the package after any import order."""
     rooms = {path.name for path in Path(splatwire.__file__).parent.iterdir() if (path / "__init__.py").exists()}
