@@ -26,39 +26,39 @@ class ReferenceMotion(ReferenceBits):
         self.count, self.frames, self.first_new = count, frames, first_new
 
     def decode(self) -> tuple[list[list[int]], list[list[list[int]]]]:
-        """Heads (track, state, first frame, frame after, gone before and after) and residuals by channel and order."""
-        heads = self.headers()
+        """Headers (track, state, first frame, frame after, gone before and after) and residuals by channel and order."""
+        headers = self.headers()
         orders = [self.below(self.frames + 1) for _ in range(5)]
-        residuals = [[[0] * self.frames for _ in KINDS] for _ in heads]
+        residuals = [[[0] * self.frames for _ in KINDS] for _ in headers]
         before: list[list[int]] | None = None
-        for head, own in zip(heads, residuals, strict=True):
+        for head, own in zip(headers, residuals, strict=True):
             if head[1]:
                 self.track(orders, own, before)
                 before = own
-        return heads, residuals
+        return headers, residuals
 
-    def heads(self) -> list[list[int]]:
+    def headers(self) -> list[list[int]]:
         """Tracks of the packet."""
         first, lead = self.raw(28), self.gamma()
         span, tail = self.raw(13), self.gamma()
-        heads: list[list[int]] = []
+        headers: list[list[int]] = []
         gone = moved = 0
         before = first - lead
         for track in range(first, first + min(span, 4096)):
             gone = self.bit(gone)
             if gone:
                 continue
-            if len(heads) == self.count:
+            if len(headers) == self.count:
                 break
             state = self.bit(2 + moved)
             moved = (moved << 1 | state) & 3
             begins = self.below(self.frames) if track >= self.first_new and self.bit(7) else 0
             ends = self.below(self.frames) if self.bit(6) else self.frames
-            heads.append([track, state, begins, ends, track - before, 0])
+            headers.append([track, state, begins, ends, track - before, 0])
             before = track + 1
-        if heads:
-            heads[-1][5] = tail
-        return heads
+        if headers:
+            headers[-1][5] = tail
+        return headers
 
     def track(self, orders: list[int], out: list[list[int]], before: list[list[int]] | None) -> None:
         """Residuals of one track."""
