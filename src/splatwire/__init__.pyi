@@ -12,8 +12,10 @@ from splatwire.bitstream import read_stream as read_stream
 from splatwire.bitstream import write_stream as write_stream
 from splatwire.channel import parse_loss as parse_loss
 from splatwire.channel import transmit as transmit
+from splatwire.codec import apply_update as apply_update
 from splatwire.codec import decode_stream as decode_stream
 from splatwire.codec import encode_scene as encode_scene
+from splatwire.codec import encode_update as encode_update
 from splatwire.codec.gaussians.quality import Quality as Quality
 from splatwire.concealment import conceal as conceal
 from splatwire.concealment import create_concealer as create_concealer

@@ -96,8 +96,8 @@ def test_inconsistent_packetizations_are_refused(manifest, field, value, message
 
 
 def test_newer_version_is_reported_first(manifest):
-    content = {**json.loads(manifest_to_bytes(manifest)), "format_version": 5, "new_field": {}}
-    with pytest.raises(UnsupportedVersionError, match="version 5"):
+    content = {**json.loads(manifest_to_bytes(manifest)), "format_version": 6, "new_field": {}}
+    with pytest.raises(UnsupportedVersionError, match="version 6"):
         manifest_from_bytes(json.dumps(content).encode(), "some/manifest.json")
 
 

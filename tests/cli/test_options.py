@@ -63,6 +63,7 @@ REQUIRED = {
     "import": ({"kind": "splats", "model_dir": "cloud.ply", "output": "out.ply"},),
     "export": tuple({"kind": "ply", "scene": name, "output": "out.ply"} for name in ("tiny.swz", "cloud.ply")),
     "encode": tuple({"scene": name, "output": "out.swz"} for name in ("tiny.scene", "cloud.ply")),
+    "apply": ({"stream": "cloud.swz", "update": "change.swz", "output": "out.swz"},),
     "convert": ({"sources": "cloud.ply", "output": "out.swz"},),
     "inspect": ({"source": "tiny.swz"},),
     "verify": ({"streams": "tiny.swz"},),
@@ -194,6 +195,7 @@ def here(files, monkeypatch, run):
     monkeypatch.chdir(files)
     if not (files / "cloud.swz").exists():
         assert run("encode", "cloud.ply", "-o", "cloud.swz", "--preset", "datagram").status == 0
+        assert run("encode", "cloud.ply", "--update", "cloud.swz", "-o", "change.swz").status == 0
     plain = asyncio.run
 
     def briefly(work):

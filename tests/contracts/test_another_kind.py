@@ -293,8 +293,8 @@ def test_page_refuses_a_third_party_scene(stream: SceneStream) -> None:
     ("changes", "sentence"),
     [
         ({"name": "No good"}, "schema 'No good' is not complete: its name must be 1 to 32 lower-case letters"),
-        ({"format_version": 1}, "schema 'other' is not complete: format_version must be 2 to 4, not 1"),
-        ({"format_version": 9}, "format_version must be 2 to 4, not 9"),
+        ({"format_version": 1}, "schema 'other' is not complete: format_version must be 2 to 5, not 1"),
+        ({"format_version": 9}, "format_version must be 2 to 5, not 9"),
         ({"elements": ""}, "elements must be a word for its elements"),
         ({"sections": ()}, "sections must be a tuple of names, one or more"),
         ({"sections": "places"}, "sections must be a tuple of names, one or more"),

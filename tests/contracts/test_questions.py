@@ -11,7 +11,7 @@ from pathlib import Path
 import splatwire
 
 SOURCE = Path(splatwire.__file__).parent
-MAY_ASK = ("codec/anchors/", "codec/gaussians/", "codec/sequence/", "codec/lod/",
+MAY_ASK = ("codec/anchors/", "codec/gaussians/", "codec/sequence/", "codec/lod/", "codec/update/",
            "anchors/", "neural/", "io/formats/", "types/splat_scene.py", "types/anchor_scene.py", "bitstream/limits.py",
            "evaluation/study/inputs.py", "lod/tileset.py", "api/coding.py")  # fmt: skip
 KINDS = {"AnchorScene", "SplatScene", "SequenceScene", "HacppCoding", "CausalCoding", "Anchors", "Splats"}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from splatwire.plugins import Registry
 
 SCHEMA = "splatwire/stream"
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 """Newest version of the stream format that this release reads."""
 
 MAX_BLOCK_SIZE = (1 << 16) - 1
@@ -126,9 +126,9 @@ class StreamSchema:
 
 
 ANCHORS, CAUSAL, GAUSSIANS, TRACKS = "hacpp", "causal", "gaussians", "tracks"
-LEVELS = "levels"
+LEVELS, UPDATE = "levels", "update"
 """Codec schemas: anchors of HAC++ (format 1); anchors of the causal model and explicit Gaussians (format 2);
-moving Gaussians (format 3); Gaussians with levels of detail (format 4).
+moving Gaussians (format 3); Gaussians with levels of detail (format 4); changes of a stream of Gaussians (format 5).
 """
 FORMAT_1_SECTIONS = (
     "header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"
@@ -151,6 +151,10 @@ for _schema in (
     StreamSchema(
         LEVELS, 4, "Gaussians", ("header", "blocks", "contexts"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True,
         tiled=True, codec="splatwire.codec.lod.schema:SCHEMA", scene="splatwire.types.lod_scene:LevelScene",
+    ),
+    StreamSchema(
+        UPDATE, 5, "Gaussians", ("header", "blocks", "contexts"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True,
+        page=False, codec="splatwire.codec.update.schema:SCHEMA", scene="splatwire.types.update_scene:UpdateScene",
     ),
     StreamSchema(
         TRACKS, 3, "tracks", ("clip", "bases", "motion"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True, timed=True,

@@ -9,13 +9,23 @@ from functools import partial
 from splatwire.anchors.appearance import Scene, origin_of
 from splatwire.channel import parse_loss
 from splatwire.cli._calibration import with_quick_sketch
+from splatwire.cli._encoded_updates import encode_update_of
 from splatwire.cli.encode import Encode
 from splatwire.data import load_cameras, open_dataset
 from splatwire.rate_control import Tuning, encode_controlled
 from splatwire.render.pruning import prune
 from splatwire.types import Cameras
 
-__all__ = ["Tuning", "cameras_of", "encode_controlled", "parse_loss", "prune", "refiner", "with_quick_sketch"]
+__all__ = [
+    "Tuning",
+    "cameras_of",
+    "encode_controlled",
+    "encode_update_of",
+    "parse_loss",
+    "prune",
+    "refiner",
+    "with_quick_sketch",
+]
 
 
 def cameras_of(command: Encode, scene: Scene) -> Cameras:

@@ -38,9 +38,14 @@ if TYPE_CHECKING:
 
 _STILL = (
     "preset", "block_size", "lanes", "tiers", "keep", "data", "cameras", "refine", "levels", "no_sketch", "size",
-    "psnr", "effort", "loss", "seed",
+    "psnr", "effort", "loss", "seed", "update",
 )  # fmt: skip
 """Options that apply only to static scenes."""
+_NOT_OF_UPDATES = (
+    "preset", "block_size", "lanes", "tiers", "keep", "refine", "levels", "no_sketch", "up", "quality", "size", "psnr",
+    "effort", "loss", "seed", "background", "fps", "group", "frames",
+)  # fmt: skip
+"""Options that an update takes from the stream that it changes."""
 _NO_LEVELS = "--effort best does not make levels of detail yet: use --effort default, or --levels none"
 
 
@@ -54,6 +59,10 @@ def _run(command: Encode, source: Path) -> None:
     is_clip = is_sequence(source)
     if is_clip:
         refuse_options(command, _STILL, "is for a still scene, not for a clip")
+    if command.update is not None:
+        refuse_options(
+            command, _NOT_OF_UPDATES, "cannot be combined with --update: an update keeps what its stream has"
+        )
     _check(command)
     if is_clip:
         from splatwire.cli._encoded_sequences import (
@@ -157,6 +166,9 @@ def _encode_scene(command: Encode, source: Path) -> None:
         raise InvalidValueError("--refine fits a context model, which explicit Gaussians do not have")
     scene = scene if background is None else replace(scene, background=background)
     cameras = _optional_steps().cameras_of(command, scene) if seen else None
+    if command.update is not None:
+        _optional_steps().encode_update_of(command, scene, cameras)
+        return
     with progress_bars() as report, output_path(command.output, suffix=".swz", json=command.json) as path:
         if refine is not None:
             scene = refine(scene, progress=lambda share: report("fitting the context model", share))

@@ -15,6 +15,8 @@ from splatwire.cli._output import print_facts, print_json
 from splatwire.cli.inspect import Inspect
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.metadata import read_metadata
+from splatwire.codec.update.section import SECTION as UPDATE
+from splatwire.codec.update.section import manifest_digest, read_update
 from splatwire.types.metadata import SceneMetadata, metadata_to_json
 
 
@@ -55,10 +57,12 @@ def _describe_stream(stream: SceneStream, report: ReadReport) -> dict[str, Any]:
         "packetization": asdict(manifest.packetization),
         "stream_id": f"{manifest.stream_id:08x}",
         "symbols_digest": manifest.symbols_digest,
+        "manifest_digest": manifest_digest(manifest),
         "format_version": manifest.format_version,
         "writer": manifest.writer,
         **(_describe_sequence(stream) if manifest.schema.timed else {}),
         **_describe_levels(stream),
+        **_describe_update(stream),
         **_describe_scene_sections(stream),
         **_describe_metadata(read_metadata(sections_of(stream))),
     }
@@ -98,6 +102,14 @@ def _describe_levels(stream: SceneStream) -> dict[str, Any]:
             "largest error": float(tiles.errors[here].max()),
         }
     return {"levels": levels}
+
+
+def _describe_update(stream: SceneStream) -> dict[str, Any]:
+    """Returns the streams before and after an update, by the digests of their manifests; empty for other streams."""
+    if UPDATE not in (sections := sections_of(stream)):
+        return {}
+    fields = read_update(sections[UPDATE])
+    return {"update": {"of": fields.base_digest, "gives": fields.result_digest, "removal bytes": len(fields.removed)}}
 
 
 def _print_table(source: str, content: Mapping[str, Any]) -> None:

@@ -53,6 +53,11 @@ VERBS = {
         "Export a scene as explicit Gaussians, which common splat viewers open; the loss of quality is measured.",
     ),
     "encode": Verb("encode", "Encode", "Encode a scene into a stream of independently decodable packets."),
+    "apply": Verb(
+        "apply",
+        "Apply",
+        "Apply an update to the stream that it changes; the result has the bytes of the changed stream.",
+    ),
     "convert": Verb(
         "convert",
         "Convert",

@@ -64,6 +64,9 @@ class Encode:
     (lost datagrams with --preset datagram), so that the received Gaussians cover the lost ones."""
     seed: int | None = None
     """With --effort best: random seed of the fine-tuning, default 0."""
+    update: str | None = None
+    """Stream of the scene before it was changed: a .swz file or a folder. Writes an update, which has only the changes;
+    `apply` makes the changed stream of both. Quantisation, packets and metadata are those of the stream."""
     background: BackgroundOption = None
     """Background colour to store in the stream, RGB from 0 to 1. Default: that of the scene file."""
     fps: float | None = None

@@ -11,3 +11,5 @@ from splatwire.codec.progressive import ProgressiveDecoder as ProgressiveDecoder
 from splatwire.codec.registry import register_schema as register_schema
 from splatwire.codec.registry import schema_named as schema_named
 from splatwire.codec.registry import schema_of as schema_of
+from splatwire.codec.update.apply import apply_update as apply_update
+from splatwire.codec.update.encoder import encode_update as encode_update

@@ -93,7 +93,7 @@ def encode_scene(
         kept, scene = rows.kept, scene.select(rows.kept)
         per_element = {name: None if values is None else values[kept] for name, values in per_element.items()}
     options = Options(packetization, quality=quality, noise=noise, threads=threads, **per_element)
-    return _encode(schema, schema.prepare(scene, options), threads, progress)
+    return encode_prepared(schema, schema.prepare(scene, options), threads, progress)
 
 
 @checked
@@ -118,7 +118,7 @@ def repack(
     schema = schema_named(stream.manifest.codec)
     if schema.prepare_repack is None:
         raise InvalidValueError(f"packets of {stream.manifest.elements} cannot be changed: encode the scene again")
-    packed = _encode(schema, schema.prepare_repack(stream, packetization, threads), threads, progress)
+    packed = encode_prepared(schema, schema.prepare_repack(stream, packetization, threads), threads, progress)
     return schema.remap_sections(stream, packed)
 
 
@@ -149,7 +149,7 @@ def can_repack(stream: SceneStream) -> bool:
     return schema.prepare_repack is not None and schema.can_repack(stream)
 
 
-def _encode(schema: Schema, prepared: Prepared, threads: int | None, progress: Progress | None) -> SceneStream:
+def encode_prepared(schema: Schema, prepared: Prepared, threads: int | None, progress: Progress | None) -> SceneStream:
     """Encodes all packets in the order of the packet plan, and computes the digest of the decoded integers."""
     plan, digest, packets = prepared.plan, hashlib.sha256(), list[Packet]()
     hashed, encoder, held = plan.packetization.hashed, prepared.encoder, 0

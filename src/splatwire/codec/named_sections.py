@@ -13,6 +13,7 @@ from splatwire.codec.metadata import SECTION as METADATA
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
 from splatwire.codec.tiers import SECTION as TIERS
+from splatwire.codec.update.section import SECTION as UPDATE
 from splatwire.codec.viewpoint import EXTENT_SECTION as EXTENT
 from splatwire.codec.viewpoint import SECTION as VIEWPOINT
 from splatwire.codec.viewpoint import UP_SECTION as UP
@@ -29,6 +30,7 @@ _OTHERS = (
     TILES,
     ORIGIN.name,
     METADATA,
+    UPDATE,
 )
 
 

@@ -3,7 +3,7 @@
 // Limits of the stream format. Counterpart of `splatwire.bitstream.limits`.
 
 export const SCHEMA = "splatwire/stream";
-export const FORMAT_VERSION = 4;
+export const FORMAT_VERSION = 5;
 export const MAX_BLOCK_SIZE = 65535;
 export const MAX_HASHED_BLOCK = 16384;
 export const MAX_BLOCKS = 16777216;
@@ -83,6 +83,14 @@ export const SCHEMAS = {
   },
   levels: {
     formatVersion: 4,
+    elements: "Gaussians",
+    sections: ["header", "blocks", "contexts"],
+    elementsPerByte: 9362,
+    maxTiers: 8,
+    timed: false,
+  },
+  update: {
+    formatVersion: 5,
     elements: "Gaussians",
     sections: ["header", "blocks", "contexts"],
     elementsPerByte: 9362,

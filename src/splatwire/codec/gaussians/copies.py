@@ -7,6 +7,8 @@ import numpy as np
 from splatwire.bitstream.limits import MAX_COPIES
 from splatwire.codec.gaussians import _packet_kernels as kernels
 from splatwire.codec.gaussians.attributes import empty_rows, to_splats
+from splatwire.codec.gaussians.blocks import Boxes
+from splatwire.codec.gaussians.layout import CLASS
 from splatwire.codec.gaussians.side_info import SideInfo, read_blocks
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.files.byte_io import ByteReader, ByteWriter
@@ -75,6 +77,31 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
     """
     if SECTION not in info.sections:
         return None
+    boxes, places, growth, (rows, harmonics) = _read(info, num_gaussians)
+    origins = np.broadcast_to(boxes.corners[0], (len(places), 3))
+    splats = to_splats(rows, harmonics, origins, info.unit, info.size_log, info.transform)
+    return Copies(places, splats, growth)
+
+
+def copies_level(info: SideInfo, num_gaussians: int) -> int:
+    """Returns the precision class of the redundant copies of a stream that has copies, 0 for the lowest.
+
+    Args:
+        info: The stream's side information.
+        num_gaussians: Number of Gaussians in the stream.
+
+    Raises:
+        UnsupportedVersionError: If a newer release wrote the section of copies.
+        BitstreamError: If the section is damaged or belongs to another stream.
+    """
+    rows, _ = _read(info, num_gaussians)[3]
+    return int(rows[0, CLASS])
+
+
+def _read(
+    info: SideInfo, num_gaussians: int
+) -> tuple[Boxes, np.ndarray, tuple[float, float, float], tuple[np.ndarray, np.ndarray]]:
+    """Reads the section of copies: their box, indices, growth parameters and integers, see `Copies` and `_decode`."""
     reader = ByteReader(info.sections[SECTION], f"section '{SECTION}'")
     version = reader.u8()
     if version != VERSION:
@@ -86,10 +113,7 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
     boxes, defaults = read_blocks(reader.blob(), 1)
     places = _read_places(reader, count, num_gaussians)
     here = replace(info, boxes=boxes, defaults=defaults)
-    rows, harmonics = _decode(here, count, reader.rest())
-    origins = np.broadcast_to(boxes.corners[0], (count, 3))
-    splats = to_splats(rows, harmonics, origins, info.unit, info.size_log, info.transform)
-    return Copies(places, splats, (size, opacity, trust))
+    return boxes, places, (size, opacity, trust), _decode(here, count, reader.rest())
 
 
 def moved_copies(section: bytes, place_at: np.ndarray) -> bytes:

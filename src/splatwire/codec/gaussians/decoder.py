@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.bitstream import GAUSSIANS, Manifest, Packet
-from splatwire.bitstream.limits import LEVELS, MAX_BLOCK_SIZE
+from splatwire.bitstream.limits import LEVELS, MAX_BLOCK_SIZE, UPDATE
 from splatwire.bitstream.origin import ORIGIN
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import BACKGROUND
@@ -154,7 +154,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SideInfo:
         MissingSideInfoError: If the side information is empty.
         BitstreamError: If the side information is damaged, or the stream does not contain explicit Gaussians.
     """
-    if manifest.codec not in (GAUSSIANS, LEVELS) or manifest.packetization.separated:
+    if manifest.codec not in (GAUSSIANS, LEVELS, UPDATE) or manifest.packetization.separated:
         raise BitstreamError("the stream does not hold whole Gaussians")
     if not side_info:
         raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")

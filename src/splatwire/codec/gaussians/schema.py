@@ -1,5 +1,7 @@
 """Bitstream format of explicit Gaussians: connects the encoder, the decoder and repacketization (docs/format.md)."""
 
+import math
+
 import numpy as np
 
 from splatwire.bitstream import GAUSSIANS, Packetization, SceneStream
@@ -42,15 +44,15 @@ def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
     sections = sections_of(stream)
     if SKETCH not in sections:
         return packed
-    old, new = (_ranked(decode_stream(one).scene.splats) for one in (stream, packed))
+    old, new = (ranked_by_attributes(decode_stream(one).scene.splats) for one in (stream, packed))
     place_at = np.empty(len(old), dtype=np.int64)
     place_at[old] = new
     return add_concealment(packed, SKETCH, moved_copies(sections[SKETCH], place_at))
 
 
-def _ranked(splats: Splats) -> np.ndarray:
+def ranked_by_attributes(splats: Splats) -> np.ndarray:
     """Returns an order of Gaussians that depends on their attributes only, not on the stream, as indices, int64 (N)."""
-    columns = [values.reshape(splats.num_gaussians, -1) for values in vars(splats).values()]
+    columns = [values.reshape(len(values), math.prod(values.shape[1:])) for values in vars(splats).values()]
     return np.lexsort(np.concatenate(columns, axis=1).T)
 
 

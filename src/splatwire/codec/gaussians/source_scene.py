@@ -145,7 +145,7 @@ class SourceScene:
             log_clipped_colours(splats)
             bases = _step_exponents(splats, quality, size_log)
             most = quality.num_classes(splats.degree) - 1
-            levels = _levels_of_flat(splats, levels_of(classes, splats.num_gaussians, most), most, bases, size_log)
+            levels = levels_of_flat(splats, levels_of(classes, splats.num_gaussians, most), most, bases, size_log)
             unit = min(_lattice_unit(splats, levels, bases, size_log), most_unit)
             coarsest = typical_cell(splats.means, unit, size_log)
         centres = _quantised_positions(splats, levels, bases, size_log, unit, coarsest)
@@ -299,7 +299,7 @@ def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
     return levels
 
 
-def _levels_of_flat(splats: Splats, levels: np.ndarray, most: int, bases: np.ndarray, size_log: int) -> np.ndarray:
+def levels_of_flat(splats: Splats, levels: np.ndarray, most: int, bases: np.ndarray, size_log: int) -> np.ndarray:
     """Assigns a finer precision class to flat Gaussians that rounding would make much thicker.
 
     The smallest scale is coded as its ratio to the second scale. If the quantisation step of this ratio is coarse, a

@@ -1,0 +1,38 @@
+"""Updates of `splatwire encode --update`."""
+
+import time
+from typing import Any
+
+from splatwire.bitstream import read_stream, write_stream
+from splatwire.cli._files import input_path, output_path
+from splatwire.cli._output import print_json, print_summary, progress_bars
+from splatwire.cli.encode import Encode
+from splatwire.codec import encode_update
+from splatwire.codec.update.apply import describe_update
+from splatwire.render.precision import scene_precision_classes
+from splatwire.types import Cameras
+
+
+def encode_update_of(command: Encode, scene: Any, cameras: Cameras | None) -> None:
+    """Encodes the changes of a scene relative to the stream `--update`, and prints their size."""
+    assert command.update is not None
+    with input_path(command.update) as path:
+        base = read_stream(path)[0]
+    with progress_bars() as report, output_path(command.output, suffix=".swz", json=command.json) as path:
+        started = time.perf_counter()
+        report("choosing precision", 0.0)
+        classes = scene_precision_classes(scene, cameras, recompute=True)
+        report("choosing precision", 1.0)
+        report("encoding", 0.0)
+        stream = encode_update(base, scene, classes=classes)
+        report("encoding", 1.0)
+        seconds = time.perf_counter() - started
+        write_stream(stream, path)
+    facts, share = describe_update(stream, base), stream.num_bytes / base.num_bytes
+    if command.json:
+        counts = {"num_bytes": stream.num_bytes, "share": share, **facts}
+        print_json({"output": command.output, **counts, "seconds": seconds})
+        return
+    text = f"{facts['num_kept']:,} Gaussians stay, {facts['num_removed']:,} are removed, {facts['num_new']:,} are new"
+    text = f"{text}, {stream.num_bytes:,} bytes ({share:.1%} of {command.update}), {seconds:.1f} s"
+    print_summary(f"{text} -> {command.output}", command.output)

@@ -1,0 +1,1 @@
+"""Updates: streams that contain only the changes of another stream of Gaussians."""

@@ -1,0 +1,180 @@
+"""Applies an update: makes the changed stream of the old stream and the update."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from splatwire.arguments import checked
+from splatwire.bitstream import GAUSSIANS, SceneStream
+from splatwire.bitstream.limits import UPDATE
+from splatwire.bitstream.sections import add_concealment, sections_of
+from splatwire.codec.decoding import decode_stream
+from splatwire.codec.encoding import encode_prepared
+from splatwire.codec.gaussians.copies import SECTION as SKETCH
+from splatwire.codec.gaussians.copies import copies_level, read_copies
+from splatwire.codec.gaussians.copies_encoder import write_copies
+from splatwire.codec.gaussians.decoder import open_side_info
+from splatwire.codec.gaussians.encoder import prepare_splats
+from splatwire.codec.gaussians.schema import SCHEMA as GAUSSIAN_SCHEMA
+from splatwire.codec.gaussians.schema import ranked_by_attributes
+from splatwire.codec.gaussians.side_info import SideInfo, write_header
+from splatwire.codec.preview import SECTION as PREVIEW
+from splatwire.codec.schema import Options
+from splatwire.codec.update.removed import curve_order, read_removed
+from splatwire.codec.update.section import SECTION, manifest_digest, read_update
+from splatwire.errors import BitstreamError, DesyncError, InvalidValueError
+from splatwire.types.splat_scene import SplatScene
+from splatwire.types.splats import Splats
+from splatwire.types.update_scene import UpdateScene
+
+
+@checked
+def apply_update(base: SceneStream, update: SceneStream, *, threads: int | None = None) -> SceneStream:
+    """Returns the changed stream, which has the same bytes as the one that the encoder of the update made.
+
+    Args:
+        base: The stream that the update changes, complete.
+        update: The update, complete.
+        threads: Number of threads, which does not affect the result; None for one per processor.
+
+    Raises:
+        InvalidValueError: If packets of either stream are missing, or the update is for another stream.
+        BitstreamError: If either stream is damaged, or the second one is not an update.
+        DesyncError: If the result differs from the stream that the encoder made.
+    """
+    if update.manifest.codec != UPDATE:
+        raise BitstreamError(f"the second stream has {update.manifest.elements}, it is not an update")
+    info, scene = open_base(base, threads)
+    _check_complete(update, "the update", "the old stream remains valid")
+    partial = decode_stream(update, threads=threads)
+    change = partial.scene
+    assert isinstance(change, UpdateScene)
+    found = manifest_digest(base.manifest)
+    if change.base_digest != found:
+        raise InvalidValueError(
+            f"the update changes another stream: one with the digest {change.base_digest[:12]}, not {found[:12]}"
+        )
+    if write_header(info) != write_header(open_side_info(update.manifest, update.side_info)):
+        raise BitstreamError("the update has other quantisation steps than the stream that it changes")
+    assert scene.coding is not None
+    removed = np.empty(scene.num_elements, bool)
+    removed[curve_order(scene.splats.means, scene.coding)] = read_removed(change.removed, scene.num_elements)
+    if removed.all() and not change.num_elements:
+        raise BitstreamError("the update removes all Gaussians")
+    result = changed_stream(base, info, scene, removed, change, change.writer, threads)
+    if manifest_digest(result.manifest) != change.result_digest:
+        raise DesyncError(
+            f"the changed stream is not the one that {change.writer or 'the encoder'} made: get that stream as a whole"
+        )
+    return result
+
+
+@checked
+def describe_update(update: SceneStream, base: SceneStream) -> dict[str, int]:
+    """Returns the numbers of Gaussians that stay, are removed, and are new.
+
+    Args:
+        update: The update.
+        base: The stream that it changes, complete.
+
+    Raises:
+        BitstreamError: If the update is damaged.
+    """
+    section = sections_of(update).get(SECTION, b"")
+    removed = int(read_removed(read_update(section).removed, base.manifest.num_elements).sum())
+    kept = base.manifest.num_elements - removed
+    return {"num_kept": kept, "num_removed": removed, "num_new": update.manifest.num_elements}
+
+
+def open_base(base: SceneStream, threads: int | None) -> tuple[SideInfo, SplatScene]:
+    """Returns the side information and the decoded scene of a stream that an update can change.
+
+    Raises:
+        InvalidValueError: If packets are missing, or updates of such a stream are not possible.
+        BitstreamError: If the stream is damaged.
+    """
+    manifest = base.manifest
+    if manifest.codec != GAUSSIANS:
+        raise InvalidValueError(f"updates are for streams of explicit Gaussians, not for codec '{manifest.codec}'")
+    if manifest.tiers:
+        raise InvalidValueError("a stream with importance tiers cannot be updated: encode it without --tiers")
+    _check_complete(base, "the stream to change", "only a complete stream can be changed")
+    info = open_side_info(manifest, base.side_info)
+    if info.coarsest < 0:
+        raise InvalidValueError("an older release encoded the stream to change: encode its scene again")
+    return info, decode_stream(base, threads=threads).scene
+
+
+def changed_stream(
+    base: SceneStream, info: SideInfo, scene: SplatScene, removed: np.ndarray, new: SplatScene, writer: str,
+    threads: int | None,
+) -> SceneStream:  # fmt: skip
+    """Encodes a changed scene with the packetization, steps, context tables and named sections of the old stream.
+
+    Redundant copies of removed Gaussians are removed. A preview (section `preview`) is left out, because it would show
+    the old scene.
+
+    Args:
+        base: The old stream.
+        info: Its side information.
+        scene: Its decoded scene.
+        removed: Mask of the removed Gaussians, bool (N).
+        new: The decoded new Gaussians, with the same quantisation steps.
+        writer: Program that wrote the changed stream.
+        threads: Number of threads, which does not affect the result.
+    """
+    assert scene.coding is not None
+    assert new.coding is not None
+    kept = np.flatnonzero(~removed)
+    # In an order that does not depend on the packets of the update.
+    new = new.select(ranked_by_attributes(new.splats))
+    splats = _joined(scene.splats.select(kept), new.splats)
+    coding = replace(scene.coding, classes=np.concatenate([scene.coding.classes[kept], new.coding.classes]))
+    changed = replace(scene, splats=splats, coding=coding)
+    sections = {name: data for name, data in info.sections.items() if name not in (SKETCH, PREVIEW)}
+    options = Options(base.manifest.packetization, threads=threads)
+    prepared = prepare_splats(changed, options, replace(info, sections=sections))
+    stream = encode_prepared(GAUSSIAN_SCHEMA, prepared, threads, None)
+    stream = replace(stream, manifest=replace(stream.manifest, writer=writer))
+    return _with_copies(stream, base, info, kept, splats)
+
+
+def _with_copies(
+    stream: SceneStream, base: SceneStream, info: SideInfo, kept: np.ndarray, splats: Splats
+) -> SceneStream:
+    """Adds the redundant copies of the Gaussians that stay.
+
+    Args:
+        stream: The changed stream without copies.
+        base: The old stream.
+        info: Its side information.
+        kept: Indices of its Gaussians that stay, ascending.
+        splats: The Gaussians that stay, then the new ones.
+    """
+    num_before = base.manifest.num_elements
+    if (copies := read_copies(info, num_before)) is None:
+        return stream
+    chosen = np.flatnonzero(np.isin(kept, copies.places))
+    if not len(chosen):
+        return stream
+    decoded = decode_stream(stream).scene.splats
+    place_at = np.empty(len(decoded.means), np.int64)
+    place_at[ranked_by_attributes(splats)] = ranked_by_attributes(decoded)
+    own = open_side_info(stream.manifest, stream.side_info)
+    level = copies_level(info, num_before)
+    data = write_copies(decoded, np.sort(place_at[chosen]), own, level=level, growth=copies.growth)
+    return add_concealment(stream, SKETCH, data)
+
+
+def _joined(first: Splats, second: Splats) -> Splats:
+    return Splats(*(np.concatenate(pair) for pair in zip(vars(first).values(), vars(second).values(), strict=True)))
+
+
+def _check_complete(stream: SceneStream, what: str, so: str) -> None:
+    """Checks that no packet of a stream is missing.
+
+    Raises:
+        InvalidValueError: If one is missing.
+    """
+    if missing := stream.manifest.num_packets - len(stream.packets):
+        raise InvalidValueError(f"{missing:,} of {stream.manifest.num_packets:,} packets of {what} are missing: {so}")

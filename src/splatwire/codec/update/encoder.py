@@ -1,0 +1,133 @@
+"""Encodes an update: the Gaussians that an edited scene has and its stream does not have, and the removed ones."""
+
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+
+from splatwire.anchors.appearance import as_scene
+from splatwire.arguments import array_of, checked_except
+from splatwire.bitstream import GAUSSIANS, SceneStream, make_stream
+from splatwire.bitstream.limits import UPDATE
+from splatwire.bitstream.sections import add_concealment
+from splatwire.codec.decoding import decode_stream
+from splatwire.codec.encoding import encode_prepared
+from splatwire.codec.gaussians.blocks import Boxes
+from splatwire.codec.gaussians.encoder import prepare_splats
+from splatwire.codec.gaussians.outliers import within_reach
+from splatwire.codec.gaussians.side_info import SideInfo, write_side_info
+from splatwire.codec.gaussians.source_scene import levels_of, levels_of_flat
+from splatwire.codec.schema import Options
+from splatwire.codec.update.apply import changed_stream, open_base
+from splatwire.codec.update.matching import find_unchanged
+from splatwire.codec.update.removed import curve_order, write_removed
+from splatwire.codec.update.schema import SCHEMA
+from splatwire.codec.update.section import SECTION, UpdateFields, manifest_digest, write_update
+from splatwire.errors import InvalidValueError, check_kind
+from splatwire.types import SplatCoding
+from splatwire.types.received_scene import ReceivedScene
+from splatwire.types.splat_scene import SplatScene
+from splatwire.types.splats import Splats
+from splatwire.version import __version__
+
+
+@checked_except("scene")
+def encode_update(
+    base: SceneStream,
+    scene: SplatScene | ReceivedScene[SplatScene] | Splats,
+    *,
+    classes: np.ndarray | None = None,
+    threads: int | None = None,
+) -> SceneStream:
+    """Encodes the changes of a scene relative to its stream, see `apply_update`.
+
+    A Gaussian is unchanged if its attributes, quantised with the steps of the stream, equal those of one in the stream.
+    The changed stream keeps the packetization, quantisation steps, context tables, background and metadata of the old
+    one.
+
+    Args:
+        base: The stream of the scene before the change, complete.
+        scene: The changed scene, in the same units and coordinates.
+        classes: Precision class of each Gaussian of `scene` (`splatwire.render.precision`), whole numbers (M), used for
+            new and changed Gaussians; None for the finest class of the stream.
+        threads: Number of threads, which does not affect the result; None for one per processor.
+
+    Returns:
+        The update: a stream with the new Gaussians.
+
+    Raises:
+        InvalidValueError: If the stream cannot be updated (see `open_base`), or the scene is empty, of another kind or
+            degree of spherical harmonics, or too far away for the lattice of positions.
+    """
+    found = as_scene(scene)
+    check_kind(found, SplatScene, "open_scene")
+    if classes is not None:
+        classes = array_of(classes, "classes", (found.num_elements,), "i", -128, 127)
+    rows = found.rows()
+    rows.log_removed("encoding", found.ELEMENTS)
+    info, before = open_base(base, threads)
+    coding = before.coding
+    assert coding is not None
+    after, kept = found.splats.moved_origin(found.origin, before.origin).select(rows.kept), rows.kept
+    if not after.num_gaussians:
+        raise InvalidValueError("the changed scene has no Gaussian that draws anything")
+    if after.degree != before.splats.degree:
+        raise InvalidValueError(
+            f"the changed scene has spherical harmonics of degree {after.degree}, its stream those of degree "
+            f"{before.splats.degree}"
+        )
+    after = within_reach(after, coding.size_log)
+    match = find_unchanged(before.splats, coding, after)
+    fresh = np.flatnonzero(match < 0)
+    removed = np.ones(before.num_elements, bool)
+    removed[match[match >= 0]] = False
+    chosen = None if classes is None else classes[kept][fresh]
+    new = _encode_new(base, info, coding, after.select(fresh), chosen, threads)
+    result = changed_stream(base, info, before, removed, _decoded(new), new.manifest.writer, threads)
+    fields = UpdateFields(
+        manifest_digest(base.manifest), manifest_digest(result.manifest), result.manifest.writer,
+        write_removed(removed[curve_order(before.splats.means, coding)]),
+    )  # fmt: skip
+    return add_concealment(new, SECTION, write_update(fields))
+
+
+def _encode_new(
+    base: SceneStream, info: SideInfo, coding: SplatCoding, new: Splats, classes: np.ndarray | None,
+    threads: int | None,
+) -> SceneStream:  # fmt: skip
+    """Encodes the new Gaussians with the steps and context tables of the stream; the section of the update is missing.
+
+    Args:
+        base: The stream that the update changes.
+        info: Its side information.
+        coding: Its quantisation steps.
+        new: The new Gaussians; may be none.
+        classes: Their precision classes, 0 for the finest and negative for coarser ones; None for the finest.
+        threads: Number of threads, which does not affect the result.
+    """
+    packetization = base.manifest.packetization
+    info = replace(info, sections={})
+    if not new.num_gaussians:
+        return _without_gaussians(base, info)
+    most = int(coding.classes.max())
+    levels = levels_of_flat(new, levels_of(classes, new.num_gaussians, most), most, info.bases, coding.size_log)
+    scene = SplatScene(new, coding=replace(coding, classes=np.array(levels)))
+    prepared = prepare_splats(scene, Options(packetization, threads=threads), info)
+    return encode_prepared(SCHEMA, prepared, threads, None)
+
+
+def _without_gaussians(base: SceneStream, info: SideInfo) -> SceneStream:
+    """Returns an update without new Gaussians: it only removes some."""
+    none = np.zeros(0, np.int64)
+    boxes = Boxes(none, none.reshape(0, 3), none.reshape(0, 3))
+    side_info = write_side_info(replace(info, boxes=boxes, defaults=none.reshape(0, 7)))
+    return make_stream(
+        packetization=base.manifest.packetization, num_elements=0, side_info=side_info, packets=(),
+        symbols_digest=hashlib.sha256().hexdigest(), writer=f"splatwire {__version__}", codec=UPDATE,
+    )  # fmt: skip
+
+
+def _decoded(new: SceneStream) -> SplatScene:
+    """Decodes the new Gaussians of an update whose section is missing."""
+    scene: SplatScene = decode_stream(replace(new, manifest=replace(new.manifest, codec=GAUSSIANS))).scene
+    return scene

@@ -1,0 +1,65 @@
+"""Finds the Gaussians of a stream in an edited scene: those with the same quantised attributes."""
+
+import numpy as np
+
+from splatwire.bitstream import splitmix64
+from splatwire.codec.gaussians.rounding import round_splats
+from splatwire.types import SplatCoding
+from splatwire.types.splats import Splats
+
+
+def find_unchanged(before: Splats, coding: SplatCoding, after: Splats) -> np.ndarray:
+    """Returns the index in `before` of each Gaussian of `after`, int64 (M); -1 for new and changed Gaussians.
+
+    Each Gaussian of `after` is rounded with the steps of each precision class in turn, because its class is not known.
+    Each Gaussian of `before` is found once at most.
+
+    Args:
+        before: Decoded Gaussians of the stream.
+        coding: Their quantisation steps and precision classes.
+        after: Gaussians of the edited scene, decoded or not, of the same degree.
+    """
+    found = np.full(after.num_gaussians, -1, np.int64)
+    for level in np.unique(coding.classes)[::-1]:
+        own, left = np.flatnonzero(coding.classes == level), np.flatnonzero(found < 0)
+        if not len(left):
+            break
+        classes = np.full(len(left), level, np.uint8)
+        steps = SplatCoding(**{**vars(coding), "classes": classes})
+        rounded = _words(round_splats(after.select(left), steps))
+        # The same rounding for both, so that the few positions that it moves are found, too.
+        steps = SplatCoding(**{**vars(coding), "classes": coding.classes[own]})
+        known = _words(round_splats(before.select(own), steps))
+        places = _find_rows(known, rounded)
+        found[left[places >= 0]] = own[places[places >= 0]]
+    return found
+
+
+def _words(splats: Splats) -> np.ndarray:
+    """Returns the attributes of N Gaussians as rows of uint32 (N, columns)."""
+    columns = [values.reshape(splats.num_gaussians, -1) for values in vars(splats).values()]
+    return np.ascontiguousarray(np.concatenate(columns, axis=1, dtype=np.float32) + np.float32(0)).view(np.uint32)
+
+
+def _find_rows(known: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Returns the index in `known` of each row of `wanted`, int64; -1 if there is none, or all equal ones are taken."""
+    hashes = [_hashes(rows) for rows in (known, wanted)]
+    orders = [np.argsort(each, kind="stable") for each in hashes]
+    sorted_hashes = [each[order] for each, order in zip(hashes, orders, strict=True)]
+    # The n-th of several equal rows is matched with the n-th of the others.
+    number = np.arange(len(wanted)) - np.searchsorted(sorted_hashes[1], sorted_hashes[1], side="left")
+    at = np.searchsorted(sorted_hashes[0], sorted_hashes[1], side="left") + number
+    inside = at < len(known)
+    candidates = orders[0][np.where(inside, at, 0)] if len(known) else np.zeros(len(wanted), np.int64)
+    found = np.full(len(wanted), -1, np.int64)
+    if len(known):
+        equal = inside & (known[candidates] == wanted[orders[1]]).all(axis=1)
+        found[orders[1][equal]] = candidates[equal]
+    return found
+
+
+def _hashes(rows: np.ndarray) -> np.ndarray:
+    hashes = np.zeros(len(rows), np.uint64)
+    for column in rows.T:
+        hashes = splitmix64(hashes ^ column.astype(np.uint64))
+    return hashes

@@ -1,0 +1,79 @@
+"""Codes the mask of removed Gaussians: bits along a Morton curve, in a tree of three levels."""
+
+import numpy as np
+
+from splatwire.codec.gaussians.blocks import to_lattice
+from splatwire.entropy.coder import decode_bits, encode_bits, fresh_models
+from splatwire.files.byte_io import ByteReader, ByteWriter
+from splatwire.ops.morton import MAX_AXIS_BITS, morton_encode
+from splatwire.types import SplatCoding
+
+GROUP, GROUPS = 16, 16
+"""Gaussians of a group, and groups of a larger group, consecutive along the curve."""
+
+
+def curve_order(means: np.ndarray, coding: SplatCoding) -> np.ndarray:
+    """Returns the indices of decoded Gaussians along a Morton curve, int64 (N); Gaussians in one cell keep their order.
+
+    Args:
+        means: float32 (N, 3), decoded positions.
+        coding: Quantisation parameters of the scene.
+    """
+    places = to_lattice(means.astype(np.float64), coding.unit, coding.size_log)
+    places -= places.min(axis=0)
+    shift = max(int(places.max()).bit_length() - MAX_AXIS_BITS, 0)
+    return np.argsort(morton_encode(places >> shift), kind="stable")
+
+
+def write_removed(removed: np.ndarray) -> bytes:
+    """Serialises a mask, bool (N), in the order of `curve_order`.
+
+    A flag of each larger group says if a bit of it is set. In these, a flag of each group says the same, and another if
+    all of its bits are set. Single bits are coded in the other groups only.
+    """
+    writer, groups = ByteWriter(), _grouped(removed)
+    larger = groups.reshape(-1, GROUPS, GROUP)
+    some_larger = larger.any(axis=(1, 2))
+    inner = larger[some_larger].reshape(-1, GROUP)
+    some = inner.any(axis=1)
+    mixed = inner[some]
+    full = mixed.all(axis=1)
+    for bits in (some_larger, some, full, mixed[~full].ravel()):
+        writer.blob(encode_bits(bits.astype(np.uint8), np.zeros(len(bits), np.int64), fresh_models(1)))
+    return writer.bytes()
+
+
+def read_removed(data: bytes, count: int) -> np.ndarray:
+    """Reads a mask serialised by `write_removed`, bool (count); bits beyond `count` are ignored.
+
+    Raises:
+        BitstreamError: If the bytes are cut, or more bytes follow.
+    """
+    reader = ByteReader(data, "list of removed Gaussians")
+    larger = np.zeros((-(-count // (GROUPS * GROUP)), GROUPS, GROUP), bool)
+    some_larger = _read_bits(reader, len(larger))
+    inner = np.zeros((int(some_larger.sum()) * GROUPS, GROUP), bool)
+    some = _read_bits(reader, len(inner))
+    full = _read_bits(reader, int(some.sum()))
+    mixed = np.ones((len(full), GROUP), bool)
+    mixed[~full] = _read_bits(reader, GROUP * int((~full).sum())).reshape(-1, GROUP)
+    reader.finish()
+    inner[some] = mixed
+    larger[some_larger] = inner.reshape(-1, GROUPS, GROUP)
+    return larger.ravel()[:count]
+
+
+def _grouped(removed: np.ndarray) -> np.ndarray:
+    """Returns the bits in groups, bool (groups, GROUP), padded to a multiple of `GROUPS` groups.
+
+    The padding of a last group whose bits are all set is set, too, so that the group counts as full.
+    """
+    padded = np.zeros(-(-len(removed) // (GROUPS * GROUP)) * GROUPS * GROUP, bool)
+    padded[: len(removed)] = removed
+    end = -(-len(removed) // GROUP) * GROUP
+    padded[len(removed) : end] = removed[end - GROUP :].all() if end else False
+    return padded.reshape(-1, GROUP)
+
+
+def _read_bits(reader: ByteReader, count: int) -> np.ndarray:
+    return decode_bits(reader.blob(), np.zeros(count, np.int64), fresh_models(1)) != 0

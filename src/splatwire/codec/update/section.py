@@ -1,0 +1,55 @@
+"""The named section of an update: identity of the stream that it changes, and the removed Gaussians."""
+
+import hashlib
+from typing import NamedTuple
+
+from splatwire.bitstream import Manifest, manifest_to_bytes
+from splatwire.bitstream.limits import MAX_WRITER_LENGTH
+from splatwire.errors import BitstreamError, UnsupportedVersionError
+from splatwire.files.byte_io import ByteReader, ByteWriter
+
+SECTION = "update"
+VERSION = 1
+_DIGEST_BYTES = 32
+
+
+class UpdateFields(NamedTuple):
+    """Content of the section; see `UpdateScene`."""
+
+    base_digest: str
+    result_digest: str
+    writer: str
+    removed: bytes
+
+
+def manifest_digest(manifest: Manifest) -> str:
+    """Returns the SHA-256 of a manifest, hexadecimal; with the digests in the manifest it covers the whole stream."""
+    return hashlib.sha256(manifest_to_bytes(manifest)).hexdigest()
+
+
+def write_update(fields: UpdateFields) -> bytes:
+    """Serialises the section."""
+    writer = ByteWriter()
+    writer.u8(VERSION)
+    head = writer.bytes() + bytes.fromhex(fields.base_digest) + bytes.fromhex(fields.result_digest)
+    writer = ByteWriter()
+    writer.blob(fields.writer.encode("ascii"))
+    return head + writer.bytes() + fields.removed
+
+
+def read_update(data: bytes) -> UpdateFields:
+    """Reads a section serialised by `write_update`; the list of removed Gaussians is read when it is applied.
+
+    Raises:
+        UnsupportedVersionError: If a newer release wrote it.
+        BitstreamError: If it is damaged.
+    """
+    reader = ByteReader(data, f"section '{SECTION}'")
+    version = reader.u8()
+    if version != VERSION:
+        raise UnsupportedVersionError(f"section '{SECTION}' has version {version}, this release reads {VERSION}")
+    base, result = (bytes(reader.take(_DIGEST_BYTES)).hex() for _ in range(2))
+    writer = bytes(reader.blob())
+    if len(writer) > MAX_WRITER_LENGTH or not all(32 <= letter < 127 for letter in writer):
+        raise BitstreamError(f"section '{SECTION}': the writer is not printable ASCII of {MAX_WRITER_LENGTH} letters")
+    return UpdateFields(base, result, writer.decode("ascii"), bytes(reader.rest()))
