@@ -123,11 +123,11 @@ def changed_stream(
         writer: Program that wrote the changed stream.
         threads: Number of threads, which does not affect the result.
     """
-    assert scene.coding is not None
-    assert new.coding is not None
     kept = np.flatnonzero(~removed)
     # In an order that does not depend on the packets of the update.
     new = new.select(ranked_by_attributes(new.splats))
+    assert scene.coding is not None
+    assert new.coding is not None
     splats = _joined(scene.splats.select(kept), new.splats)
     coding = replace(scene.coding, classes=np.concatenate([scene.coding.classes[kept], new.coding.classes]))
     changed = replace(scene, splats=splats, coding=coding)

@@ -61,6 +61,7 @@ def encode_update(
     """
     found = as_scene(scene)
     check_kind(found, SplatScene, "open_scene")
+    assert isinstance(found, SplatScene)
     if classes is not None:
         classes = array_of(classes, "classes", (found.num_elements,), "i", -128, 127)
     rows = found.rows()

@@ -38,7 +38,7 @@ def write_removed(removed: np.ndarray) -> bytes:
     some = inner.any(axis=1)
     mixed = inner[some]
     full = mixed.all(axis=1)
-    for bits in (some_larger, some, full, mixed[~full].ravel()):
+    for bits in map(np.ravel, (some_larger, some, full, mixed[~full])):
         writer.blob(encode_bits(bits.astype(np.uint8), np.zeros(len(bits), np.int64), fresh_models(1)))
     return writer.bytes()
 

@@ -94,7 +94,8 @@ def check_page_support(manifest: Manifest) -> None:
     if not manifest.schema.page:
         raise InvalidValueError(
             f"a stream of {manifest.elements} is not for browsers where it has format 1 or a schema of its own: train "
-            "with --model causal, or make explicit Gaussians of it (splatwire export ply, then splatwire encode)"
+            "with --model causal, or make explicit Gaussians of it (splatwire export ply, then splatwire encode); "
+            "splatwire apply makes a stream of an update"
         )
 
 
