@@ -45,7 +45,9 @@ function schemaOf({ manifest, sideInfo }: Head, plan: Plan, verify: Verification
   if (manifest.codec === "causal") return new CausalSchema(sideInfo, plan);
   if (manifest.codec === "tracks") return new TrackSchema(sideInfo, plan);
   if (manifest.codec === "update")
-    throw new BitstreamError("the stream is an update: `splatwire apply` makes the changed stream of it and the old one");
+    throw new BitstreamError(
+      "the stream is an update: `splatwire apply` makes the changed stream of it and the old one",
+    );
   throw new BitstreamError(FORMAT_1_MESSAGE);
 }
 
