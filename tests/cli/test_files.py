@@ -153,6 +153,7 @@ LEAST_WORDS = {
     "demo": [], "train": ["x"], "calibrate": ["sketch", "x"], "import": ["hacpp", "x"], "export": ["ply", "x"],
     "encode": ["x"], "transmit": ["x"], "plan": ["x"], "receive": ["udp://127.0.0.1:9"], "pack": ["x"],
     "decode": ["x"], "render": ["x"], "evaluate": ["x"], "compare": ["x", "y"],
+    "apply": ["x", "y"],
     "convert": ["x"],
     "publish": ["x"],
     "thumb": ["x"],
