@@ -145,7 +145,7 @@ def decoding_time(stream: SceneStream, repetitions: int = 5) -> float:
 def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
     """Bits per anchor by attribute, from the coder's normal distributions."""
     info = read_side_info(stream.side_info, stream.manifest.num_elements)
-    context, layout, anchors, known = CodingContext.of(info), info.config.layout, scene.anchors, info.places.known
+    context, layout, anchors, known = CodingContext.of(info), info.config.layout, scene.anchors, info.positions.known
     voxels = voxel_indices(anchors.positions, info.voxel_size)
     places = replace(known, codes=morton_encode(voxels - known.origin))
     steps = scene.causal.steps.astype(np.float64)
@@ -159,7 +159,7 @@ def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
     )
     masks = anchors.mask.astype(np.uint8)
     found = quantise(context, places, masks, values, 0.0)
-    without = replace(found, places=replace(places, unknown=np.zeros_like(known.unknown)))
+    without = replace(found, positions=replace(places, unknown=np.zeros_like(known.unknown)))
     place = float((anchor_bits(context, found) - anchor_bits(context, without)).mean())
     spread = -torch.from_numpy(np.log2(inverse_scale_table()[found.scales] / 2.0**20))
     each = number_bits(torch.from_numpy(found.symbols), torch.zeros(1), spread).numpy()

@@ -88,13 +88,13 @@ def oversized_clips(real: SceneStream) -> Iterator[tuple[str, SceneStream]]:
 def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: int, motion: int) -> SceneStream:
     """A clip of one group with tracks in several blocks, some blocks without bytes, and motion packets."""
     info, num = open_clip(real.manifest, real.side_info), blocks * CUT.block_size
-    base, none = info.bases, np.zeros((blocks, 3), np.int64)
+    base, none = info.keyframes, np.zeros((blocks, 3), np.int64)
     boxes = replace(base.boxes, shifts=none[:, 0], origins=none, extents=none)
     base = replace(base, boxes=boxes, defaults=np.repeat(base.defaults[:1], blocks, axis=0))
     every = np.arange(MAX_CANDIDATES)
     coder = MotionCoder(*moving_rows(frames), every, first_new=0, most=60_000, costs=np.ones(MAX_CANDIDATES))
     zero = coder.fitted([(0, MAX_CANDIDATES)], 1)
-    info = replace(info, timeline=Timeline(info.timeline.rate, frames, frames), bases=base, bit_zero=zero, sections={})
+    info = replace(info, timeline=Timeline(info.timeline.rate, frames, frames), keyframes=base, bit_zero=zero, sections={})
     tiers, sizes = (TierShape(num, 1), TierShape(num, 1)), [CUT.block_size] * blocks
     stream = stream_of(TRACKS, CUT, 2 * num, write_clip(info), 0, tiers=tiers, packets=blocks + num // MAX_CANDIDATES)
     packets = [make_packet(PacketId(n, 0), size, b"", 7) for n, size in enumerate(sizes[:bases])]

@@ -23,9 +23,9 @@ class PageMotion:
     def __call__(self, lost: LostMotion) -> ConcealedMotion:
         """Returns estimated motion of the lost tracks."""
         at = extrapolate(
-            lost.clip, lost.arrived, lost.tracks, lost.before, lost.group, neighbors=40, smooth=True, momentum=0.0
+            lost.sequence, lost.arrived, lost.tracks, lost.before, lost.group, neighbors=40, smooth=True, momentum=0.0
         )
-        return ConcealedMotion(at, is_locally_coherent(lost.clip, lost.arrived, lost.num_frames))
+        return ConcealedMotion(at, is_locally_coherent(lost.sequence, lost.arrived, lost.num_frames))
 
 
 def is_locally_coherent(clip: SequenceScene, arrived: GroupPoses, frames: int) -> bool:

@@ -164,7 +164,7 @@ def test_too_slow_readers_are_disconnected(limits: PageLimits, reads: int):
 
 def test_one_network_holds_at_most_its_share_of_connections():
     async def work() -> None:
-        limits = replace(PATIENT, places=6, per_network=4)
+        limits = replace(PATIENT, slots=6, per_network=4)
         async with PageServer(CONTENT, limits=limits) as server, clients(server.port, 9, BIG) as slow:
             await until(lambda: sum(b" 503 " in peeked(client) for client in slow) == 5)
             assert (await asked(server.port, host=HERE)).startswith(b"HTTP/1.1 503")
@@ -181,7 +181,7 @@ def test_one_network_holds_at_most_its_share_of_connections():
 
 def test_networks_holding_all_connections_yield_to_others():
     """Slow readers of nine networks hold all connections; honest readers of a tenth are answered at once."""
-    limits = replace(PATIENT, places=36, per_network=4)
+    limits = replace(PATIENT, slots=36, per_network=4)
 
     async def work() -> None:
         async with contextlib.AsyncExitStack() as stack:
@@ -201,7 +201,7 @@ def test_many_networks_of_one_provider_yield_to_others():
 
     async def work() -> None:
         async with contextlib.AsyncExitStack() as stack:
-            server = await stack.enter_async_context(PageServer(CONTENT, limits=replace(PATIENT, places=36)))
+            server = await stack.enter_async_context(PageServer(CONTENT, limits=replace(PATIENT, slots=36)))
             for network in range(40):
                 await stack.enter_async_context(clients(server.port, 1, BIG, f"127.0.1.{network + 1}"))
             await until(lambda: len(server._places) == 36)

@@ -88,7 +88,7 @@ def test_estimated_rate_equals_the_encoded_size(dataset: Dataset, recipe: TrainC
     estimate = _estimate(state, recipe)
     assert estimate < 0.8 * before
     stream = encode_scene(export_scene(state, recipe), noise=0.005)
-    places = read_side_info(stream.side_info, stream.manifest.num_elements).places
+    places = read_side_info(stream.side_info, stream.manifest.num_elements).positions
     voxels = voxel_indices(decode_stream(stream).scene.positions, recipe.voxel_size)
     codes = morton_encode(voxels - places.known.origin)
     pairs = zip(codes, places.known.unknown, strict=True)
