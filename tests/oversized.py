@@ -94,7 +94,8 @@ def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: int, motion
     every = np.arange(MAX_CANDIDATES)
     coder = MotionCoder(*moving_rows(frames), every, first_new=0, most=60_000, costs=np.ones(MAX_CANDIDATES))
     zero = coder.fitted([(0, MAX_CANDIDATES)], 1)
-    info = replace(info, timeline=Timeline(info.timeline.rate, frames, frames), keyframes=base, bit_zero=zero, sections={})
+    timeline = Timeline(info.timeline.rate, frames, frames)
+    info = replace(info, timeline=timeline, keyframes=base, bit_zero=zero, sections={})
     tiers, sizes = (TierShape(num, 1), TierShape(num, 1)), [CUT.block_size] * blocks
     stream = stream_of(TRACKS, CUT, 2 * num, write_clip(info), 0, tiers=tiers, packets=blocks + num // MAX_CANDIDATES)
     packets = [make_packet(PacketId(n, 0), size, b"", 7) for n, size in enumerate(sizes[:bases])]

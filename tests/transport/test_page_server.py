@@ -127,12 +127,12 @@ def test_slow_readers_share_one_body_in_memory(wanted: bytes):
             assert await asked(server.port, BIG)
             tracemalloc.start()
             async with clients(server.port, readers, said):
-                await until(lambda: len(server._places) == readers)
+                await until(lambda: len(server._slots) == readers)
                 assert (await asked(server.port, said)).endswith(BODY[-1000:])
                 # The honest client, which runs in this process, has the stream twice for a moment.
                 assert tracemalloc.get_traced_memory()[1] < readers * (CHUNK_BYTES + (1 << 16)) + 4 * len(BODY)
             tracemalloc.stop()
-            await until(lambda: len(server._places) == 0)
+            await until(lambda: len(server._slots) == 0)
 
     try:
         run(work())
@@ -154,7 +154,7 @@ def test_too_slow_readers_are_disconnected(limits: PageLimits, reads: int):
                 for client in slow if reads else ():
                     with contextlib.suppress(OSError):
                         client.recv(reads)
-                return len(server._places) == 0
+                return len(server._slots) == 0
 
             await until(dropped)
             await until(lambda: not server._clients)  # no connections wait for them any more
@@ -170,10 +170,10 @@ def test_one_network_holds_at_most_its_share_of_connections():
             assert (await asked(server.port, host=HERE)).startswith(b"HTTP/1.1 503")
             assert (await asked(server.port, BIG)).endswith(BODY[-1000:])
             async with clients(server.port, 2, BIG, "127.0.0.3"):
-                await until(lambda: len(server._places) == 6)
+                await until(lambda: len(server._slots) == 6)
                 assert (await asked(server.port, host=HERE)).startswith(b"HTTP/1.1 503")
                 assert (await asked(server.port, host="127.0.0.3")).startswith(b"HTTP/1.1 200"), "three of each"
-            await until(lambda: len(server._places) == 3)
+            await until(lambda: len(server._slots) == 3)
             assert (await asked(server.port, host=HERE)).startswith(b"HTTP/1.1 200")
 
     run(work())
@@ -188,10 +188,10 @@ def test_networks_holding_all_connections_yield_to_others():
             server = await stack.enter_async_context(PageServer(CONTENT, limits=limits))
             for network in range(9):
                 await stack.enter_async_context(clients(server.port, 4, BIG, f"127.0.1.{network + 1}"))
-            await until(lambda: len(server._places) == 36)
+            await until(lambda: len(server._slots) == 36)
             for _ in range(34):
                 assert (await asked(server.port)).startswith(b"HTTP/1.1 200")
-            assert len(server._places) >= 35, "one place was taken, and used by all of them"
+            assert len(server._slots) >= 35, "one place was taken, and used by all of them"
 
     run(work())
 
@@ -204,7 +204,7 @@ def test_many_networks_of_one_provider_yield_to_others():
             server = await stack.enter_async_context(PageServer(CONTENT, limits=replace(PATIENT, slots=36)))
             for network in range(40):
                 await stack.enter_async_context(clients(server.port, 1, BIG, f"127.0.1.{network + 1}"))
-            await until(lambda: len(server._places) == 36)
+            await until(lambda: len(server._slots) == 36)
             for _ in range(34):
                 assert (await asked(server.port)).startswith(b"HTTP/1.1 200")
 
@@ -226,7 +226,7 @@ def test_shutdown_prints_nothing_during_transfers(caplog: pytest.LogCaptureFixtu
             clients(server.port, 50, BIG),
             clients(server.port, 50, b"GET"),
         ):
-            await until(lambda: len(server._places) == 50 and len(server._clients) == 100)
+            await until(lambda: len(server._slots) == 50 and len(server._clients) == 100)
 
     with caplog.at_level(logging.DEBUG, "asyncio"):
         asyncio.run(work(), debug=False)
