@@ -1,14 +1,18 @@
-"""Clips against other formats of sequences: SPZ files, one SPZ of all frames, and .4dgs of PyPI's `fourdgs`.
+"""Clips against other formats of sequences: SPZ files, one SPZ of all frames, .4dgs of PyPI's `fourdgs`, .splat4d.
 
-    pip install fourdgs==0.6.0
-    python benchmarks/clip_formats.py guitar=FRAMES/ [--fps 30]      # a folder of PLY whose rows keep their Gaussian
+    pip install fourdgs==0.6.0 splats4d==0.1.0
+    python benchmarks/clip_formats.py guitar=FRAMES/ [--fps 30] [--formats splatwire splat4d]
 
 PSNR: every tenth frame, two views, against its own file. `.4dgs` has two rows: its command `convert`, and its model of
-key frames and deltas with rows as identities, for which error bounds replace the PSNR.
+key frames and deltas with rows as identities, for which error bounds replace the PSNR. `.splat4d` is written with
+several error bounds. `ratio`: bytes of splatwire over those of another format at the PSNR of that format, interpolated
+between qualities in decibels and logarithms of bytes.
 """
 
 import argparse
 import json
+import math
+import subprocess
 import tempfile
 from pathlib import Path
 
@@ -25,6 +29,12 @@ from splatwire.types import Cameras, SplatScene
 from splatwire.types.splats import Splats
 
 EVERY, PIXELS = 10, 320
+FORMATS = ("splatwire", "spz", "fourdgs", "splat4d")
+LEVELS = ("small", "default", "near-lossless")
+BOUNDS = ((0.25, 1, 0, 0.5), (0.5, 2, 0, 1), (1, 4, 0, 2), (2, 6, 1, 4), (4, 10, 2, 8))
+"""Error bounds of `.splat4d`: position in thousandths of the extent times `CELL`, colour in levels, rotation in steps,
+scale in per cent."""
+CELL = 0.25
 
 
 def score(shown: list[Splats], files: list[Path], cameras: Cameras) -> float:
@@ -62,7 +72,11 @@ def of_fourdgs(files: list[Path], folder: Path, cameras: Cameras, fps: float) ->
     from fourdgs.keyframe_delta_file import write_sequence
     from fourdgs.keyframe_delta_writer import Sample
 
-    gaussians, seconds = convert_ply_sequence(str(files[0].parent), fps=fps)
+    frames = folder / "ply"
+    frames.mkdir()
+    for number, path in enumerate(files):
+        write_splats([read_splats(path)], frames / f"frame_{number:04d}.ply")
+    gaussians, seconds = convert_ply_sequence(str(frames), fps=fps)
     fourdgs.write(str(folder / "clip.4dgs"), gaussians, seconds)
     scene = fourdgs.read(str(folder / "clip.4dgs")).gaussians
     shown = []
@@ -93,24 +107,72 @@ def of_fourdgs(files: list[Path], folder: Path, cameras: Cameras, fps: float) ->
     return {"bytes": (folder / "clip.4dgs").stat().st_size, "psnr": psnr_, "bytes_of_deltas": len(deltas)}
 
 
+def of_splat4d(files: list[Path], folder: Path, cameras: Cameras, fps: float) -> list[dict]:
+    """`.splat4d` with several error bounds; the third one has the defaults of all but positions."""
+    frames, found = folder / "splats", []
+    frames.mkdir()
+    for number, path in enumerate(files):
+        write_splats([read_splats(path)], frames / f"frame_{number:04d}.splat")
+    low, high = np.quantile(read_splats(files[0]).means, [0.02, 0.98], axis=0)
+    extent = float((high - low).max())
+    for place, colour, rotation, scale in BOUNDS:
+        target = folder / "clip.splat4d"
+        command = ["splat4d", "encode", "-i", str(frames), "-o", str(target), "--no-verify", "--fps", str(fps)]
+        bounds = {"pos-mm": CELL * extent * place, "color-levels": colour, "rot-steps": rotation, "scale-pct": scale}
+        command += [word for name, value in bounds.items() for word in (f"--{name}", f"{value:g}")]
+        subprocess.run([*command, "--zstd-level", "19"], check=True, capture_output=True)
+        shown = []
+        for number in range(0, len(files), EVERY):
+            frame = folder / "frame.splat"
+            subprocess.run(
+                ["splat4d", "decode", str(target), "--frame", str(number), "-o", str(frame)],
+                check=True, capture_output=True,
+            )  # fmt: skip
+            shown.append(read_splats(frame))
+        psnr_ = score(shown, files[::EVERY], cameras)
+        found.append({"bounds": bounds, "bytes": target.stat().st_size, "psnr": psnr_})
+    return found
+
+
+def bytes_at(ours: list[dict], decibels: float) -> float | None:
+    """Bytes of splatwire at a PSNR between those of its qualities; None outside of their range."""
+    order = sorted(ours, key=lambda one: one["psnr"])
+    if not order[0]["psnr"] <= decibels <= order[-1]["psnr"]:
+        return None
+    logs = [math.log(one["bytes"]) for one in order]
+    return math.exp(float(np.interp(decibels, [one["psnr"] for one in order], logs)))
+
+
+def measure(source: Path, folder: Path, fps: float, wanted: list[str]) -> dict:
+    """All formats of a clip."""
+    files = frame_files(source)
+    first = read_splats(files[0])
+    cameras = surrounding_cameras(SplatScene(first), 2, PIXELS)
+    ours = [{"quality": level, **of_clip(files, cameras, level)} for level in LEVELS]
+    formats: dict = {"splatwire": ours}
+    if "spz" in wanted:
+        formats["spz"] = of_spz(files, folder, cameras)
+    if "fourdgs" in wanted:
+        formats["fourdgs"] = of_fourdgs(files, folder, cameras, fps)
+    if "splat4d" in wanted:
+        formats["splat4d"] = of_splat4d(files, folder, cameras, fps)
+    for some in list(formats.values())[1:]:
+        for one in some if isinstance(some, list) else [some]:
+            own = bytes_at(ours, one["psnr"])
+            one["ratio"] = own and own / one["bytes"]
+    return {"frames": len(files), "gaussians": first.num_gaussians, "formats": formats}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("clips", nargs="+", help="NAME=FOLDER")
     parser.add_argument("--fps", type=float, default=30.0)
+    parser.add_argument("--formats", nargs="+", choices=FORMATS, default=FORMATS)
     arguments = parser.parse_args()
     found = []
     for name, _, source in (clip.partition("=") for clip in arguments.clips):
-        files = frame_files(source)
-        first = read_splats(files[0])
-        cameras = surrounding_cameras(SplatScene(first), 2, PIXELS)
         with tempfile.TemporaryDirectory() as folder:
-            formats = {
-                "splatwire": of_clip(files, cameras, "default"),
-                "splatwire_near_lossless": of_clip(files, cameras, "near-lossless"),
-                "spz": of_spz(files, Path(folder), cameras),
-                "fourdgs": of_fourdgs(files, Path(folder), cameras, arguments.fps),
-            }
-        found.append({"name": name, "frames": len(files), "gaussians": first.num_gaussians, "formats": formats})
+            found.append({"name": name, **measure(Path(source), Path(folder), arguments.fps, arguments.formats)})
     print(json.dumps(found, indent=1))
 
 

@@ -84,7 +84,10 @@ def test_best_way_is_selected_in_each_region(clip):
     tracks, before = arguments.tracks, arguments.before
 
     def chosen(*wrong):
-        return select(clip, 0, arguments.arrived, tracks, before, [candidate(clip, error) for error in wrong])
+        return select(
+            clip, 0, arguments.arrived, tracks, before, [candidate(clip, error) for error in wrong],
+            grow=True,
+        )  # fmt: skip
 
     assert (chosen(0 * far, far) == 0).all()
     assert (chosen(far, 0 * far) == 1).all()
@@ -98,7 +101,18 @@ def test_few_received_tracks_give_the_first_way(clip):
     lost = np.arange(COUNT) >= 10
     _, arguments = concealed(clip, lost, lambda a: lambda f, o: np.zeros((len(a.tracks), 13), np.float32))
     far = candidate(clip, np.full((COUNT, 3), 3.0))
-    assert not select(clip, 0, arguments.arrived, arguments.tracks, arguments.before, [far, far]).any()
+    assert not select(clip, 0, arguments.arrived, arguments.tracks, arguments.before, [far, far], grow=True).any()
+
+
+def test_holes_that_nothing_covers_count_fully(clip):
+    lost = np.arange(COUNT) % 5 == 0
+    _, arguments = concealed(clip, lost, lambda a: lambda f, o: np.zeros((len(a.tracks), 13), np.float32))
+    shares = []
+    for grow in (True, False):
+        near = candidate(clip, np.full((COUNT, 3), 0.097))  # between the error of a hole and that of a covered hole
+        found = select(clip, 0, arguments.arrived, arguments.tracks, arguments.before, [near, near], grow=grow)
+        shares.append((found == 2).mean())
+    assert shares[0] > shares[1]
 
 
 def test_hidden_tracks_are_covered_by_their_neighbours(clip):

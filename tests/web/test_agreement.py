@@ -26,7 +26,6 @@ from codec.gaussians.test_gaussians import some_splats
 from moving_sequences import darkened, moving_frames
 from mutations import HOSTILE, mutated_bytes, mutated_json
 from random_numbers import Numbers
-from reference.page_motion import PageMotion
 from splatwire.bitstream import (
     Packetization,
     SceneStream,
@@ -302,7 +301,7 @@ def lossy_clips(stream: SceneStream, folder: Path) -> Iterator[tuple[Path, list[
         path = folder.with_name(f"{folder.name}_{share}.swz")
         write_stream(stream.with_packets(kept), path)
         shown = []
-        for frame in decode_frames(decode_stream(stream.with_packets(kept)).scene, PageMotion()):
+        for frame in decode_frames(decode_stream(stream.with_packets(kept)).scene):
             s, tracks = frame.scene.splats, frame.tracks[:, None]
             columns = (tracks, s.means, s.quats, s.scales, s.opacities[:, None], 0.5 + DC * s.sh[:, 0])
             shown.append(np.concatenate([column.astype(np.float64) for column in columns], axis=1).tolist())

@@ -30,9 +30,13 @@ const banner = {
 /** Returns the text of the receiver's worker. */
 async function receiver() {
   const made = await build({ ...common, entryPoints: ["src/worker.ts"], format: "iife" });
-  // 6 % fewer compressed bytes than esbuild alone
-  return (await minify(made.outputFiles[0].text, { ecma: 2022, compress: { passes: 2 }, mangle: { toplevel: true } }))
-    .code;
+  return smallest(made.outputFiles[0].text);
+}
+
+/** Returns a script with the same effect: 6 % fewer compressed bytes than esbuild alone. */
+async function smallest(script) {
+  const format = { comments: /^ splatwire/ };
+  return (await minify(script, { ecma: 2022, compress: { passes: 2 }, mangle: { toplevel: true }, format })).code;
 }
 
 /** Module with a function that starts the receiver. All elements of a page share one URL of its text. */
@@ -93,11 +97,11 @@ export async function bundles(strict = false) {
       plugins,
       banner,
     });
-    return [`${name}.js`, made.outputFiles[0].text];
+    return made.outputFiles[0].text;
   };
   return [
-    await make("splatwire", "src/main.ts", [vectors, looks]),
-    await make("splatwire-view", "src/view.ts", [smaller]),
+    ["splatwire.js", await smallest(await make("splatwire", "src/main.ts", [vectors, looks]))],
+    ["splatwire-view.js", await make("splatwire-view", "src/view.ts", [smaller])],
   ];
 }
 

@@ -22,10 +22,13 @@ export interface Rule {
   readonly maxExcess: number;
 }
 
+/** Properties that the growth of elements depends on. */
+export type GrowingElements = Pick<Elements, "positions" | "sizes" | "tierSizes" | "opacities" | "known" | "places">;
+
 export const RULE: Rule = { exponent: 0.5, maxExcess: 1.08 };
 
 /** Returns the lost share among neighbours, weighted by size; 0 without neighbours. */
-export function lostShare({ sizes, tierSizes, known }: Elements, near: Int32Array): number {
+export function lostShare({ sizes, tierSizes, known }: GrowingElements, near: Int32Array): number {
   const weights = tierSizes ?? sizes;
   let all = 0,
     lost = 0;
@@ -38,7 +41,7 @@ export function lostShare({ sizes, tierSizes, known }: Elements, near: Int32Arra
 }
 
 /** Returns the received share of the scene, weighted by tier size if known. */
-export function receivedShare({ tierSizes, known }: Elements): number {
+export function receivedShare({ tierSizes, known }: GrowingElements): number {
   let all = 0,
     there = 0;
   known.forEach((received, i) => {
@@ -60,33 +63,47 @@ function boundedShare(left: number, there: number, { exponent, maxExcess }: Rule
 }
 
 /**
- * Computes gains of size and opacity, shape (count, 2).
+ * Gains of size and opacity.
  *
  * Let rho be the share, weighted by size, lost among the 64 nearest elements. Elements without individual opacity grow
  * by `(1 - rho) ** -0.5`. Otherwise the opacity o becomes `1 - (1 - o) ** (1 - rho) ** -0.8`, and the size grows by `(1
- * - rho) ** -0.12`. The loss of the whole scene limits rho. Resolves to null if the result is no longer needed.
+ * - rho) ** -0.12`. The loss of the whole scene limits rho.
  */
+export class Growth {
+  readonly #tree: KdTree;
+  readonly #share: number;
+
+  constructor(
+    readonly elements: GrowingElements,
+    readonly rule: Rule = RULE,
+  ) {
+    const { positions, known, places } = elements;
+    this.#tree = new KdTree(positions, Math.min(NEIGHBOURS, known.length - 1), places);
+    this.#share = receivedShare(elements);
+  }
+
+  /** Returns the gains of size and opacity of a received element. */
+  of(i: number): readonly [number, number] {
+    const left = 1 - lostShare(this.elements, this.#tree.nearestOthers(i));
+    if (!this.elements.opacities) return [sizeGain(left, this.#share, this.rule), 1];
+    const opacity = this.elements.opacities[i],
+      there = boundedShare(left, this.#share, this.rule),
+      opaque = 1 - (1 - Math.min(opacity, MAX_OPACITY)) ** (there ** -OPACITY_EXPONENT);
+    return [there ** -SIZE_EXPONENT, Math.max(opaque / Math.max(opacity, MIN_OPACITY), 1)];
+  }
+}
+
+/** Computes gains, shape (count, 2), of all elements. Resolves to null if the result is no longer needed. */
 export async function grow(elements: Elements, pause: Pause, rule: Rule = RULE): Promise<Float32Array | null> {
-  const { positions, opacities, known, places } = elements,
+  const { known } = elements,
     count = known.length,
     gains = new Float32Array(2 * count).fill(1);
   const received = known.reduce((sum, there) => sum + there, 0);
   if (received === 0 || received === count) return gains;
-  const tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), places),
-    share = receivedShare(elements);
+  const growth = new Growth(elements, rule);
   for (let i = 0; i < count; i++) {
     if (i % BATCH === 0 && !(await pause())) return null;
-    if (!known[i]) continue;
-    const left = 1 - lostShare(elements, tree.nearestOthers(i));
-    if (!opacities) {
-      gains[2 * i] = sizeGain(left, share, rule);
-      continue;
-    }
-    const opacity = opacities[i],
-      there = boundedShare(left, share, rule);
-    const opaque = 1 - (1 - Math.min(opacity, MAX_OPACITY)) ** (there ** -OPACITY_EXPONENT);
-    gains[2 * i] = there ** -SIZE_EXPONENT;
-    gains[2 * i + 1] = Math.max(opaque / Math.max(opacity, MIN_OPACITY), 1);
+    if (known[i]) gains.set(growth.of(i), 2 * i);
   }
   return gains;
 }

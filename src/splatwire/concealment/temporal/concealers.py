@@ -118,14 +118,15 @@ class MotionConcealer:
         def held(_arrived: GroupPoses, tracks: np.ndarray) -> MotionPrediction:
             return lambda _frame, _offsets: lost.before.offsets[tracks]
 
-        moves = moved(lost.arrived, lost.tracks)
         if not (self.shown and self.neighbors):
-            return ConcealedMotion(moves, self.shown)
-        best = select(lost.sequence, lost.group, lost.arrived, lost.tracks, lost.before, (moved, held))
-        stays = held(lost.arrived, lost.tracks)
+            return ConcealedMotion(moved(lost.arrived, lost.tracks), self.shown)
+        best = select(lost.sequence, lost.group, lost.arrived, lost.tracks, lost.before, (moved, held), grow=self.grow)
+        moves, last = moved(lost.arrived, lost.tracks[best == 0]), lost.before.offsets[lost.tracks]
 
         def at(frame: int, offsets: np.ndarray) -> np.ndarray:
-            return np.where((best == 0)[:, None], moves(frame, offsets), stays(frame, offsets))
+            found = last.copy()
+            found[best == 0] = moves(frame, offsets)
+            return found
 
         return ConcealedMotion(at, best < 2)
 

@@ -18,8 +18,8 @@ from splatwire.types.splats import Splats
 
 MAX_TESTS = 1024
 """Maximum number of received tracks that are treated as lost."""
-FOLDS = 4
-"""Number of parts of the tested tracks; those of one part are treated as lost at the same time."""
+MAX_SHARE = 4
+"""At most one received track in `MAX_SHARE` is treated as lost at the same time."""
 LEAST_TESTS = 16
 """Number of tested tracks around a lost track whose errors are added. With fewer, the first candidate is used."""
 COVERING = 24
@@ -37,7 +37,7 @@ Candidate = Callable[[GroupPoses, np.ndarray], MotionPrediction]
 
 def select(
     sequence: SequenceScene, group: int, arrived: GroupPoses, tracks: np.ndarray, before: ConcealmentState,
-    candidates: Sequence[Candidate],
+    candidates: Sequence[Candidate], *, grow: bool,
 ) -> np.ndarray:  # fmt: skip
     """Chooses for each track with lost motion the estimator with the lowest expected error, or hides the track.
 
@@ -52,18 +52,21 @@ def select(
         before: Concealment state at the end of the previous group of pictures.
         candidates: Estimators of lost motion, at least one. The first one is used for all tracks if too few tracks were
             received to measure errors.
+        grow: True if received Gaussians are enlarged around hidden tracks.
 
     Returns:
         For each track, the index of its estimator in `candidates`, or `len(candidates)` to hide the track; int64 (n).
     """
     stride = max(-(-len(arrived.tracks) // MAX_TESTS), 1)
-    folds = [np.arange(first, len(arrived.tracks), stride * FOLDS) for first in range(0, stride * FOLDS, stride)]
+    apart = stride * -(-MAX_SHARE // stride)
+    folds = [np.arange(first, len(arrived.tracks), apart) for first in range(0, apart, stride)]
     found, order = np.zeros(len(tracks), np.int64), np.concatenate(folds)
     if len(order) < LEAST_TESTS:
         return found
     errors = np.concatenate(_errors(sequence, group, arrived, folds, candidates))
     errors[:, 0] *= FIRST
-    errors[:, -1] *= HIDE
+    if grow:
+        errors[:, -1] *= HIDE
     tested = arrived.tracks[order]
     places, fresh = sequence.tracks.splats.means + before.offsets[:, PLACE], sequence.tracks.born == group
     for kind in (fresh, ~fresh):  # the first frame of a new track is known, so that its motion is estimated better

@@ -1,23 +1,13 @@
 // Estimates the motion of tracks with lost motion by a quadratic fit to the motion of their neighbours. Counterpart of
-// `splatwire.concealment.temporal.guessing`.
+// `splatwire.concealment.temporal.extrapolation`.
 
-import { KdTree } from "../../conceal/kd_tree.ts";
 import { NUM_CHANNELS } from "./layout.ts";
 import { MotionField, NEIGHBOURS } from "./motion_field.ts";
 import type { PreviousState, TrackOffsets } from "./poses.ts";
 
 const OPACITY = 9,
   /** Least factor of opacity for tracks that may not exist yet. */
-  MIN_FADE = 1e-3,
-  /**
-   * Parameters of the test for coherent motion: neighbours per track, largest number of tracks, and stride of the
-   * tested tracks.
-   */
-  COHERENCE_NEIGHBOURS = 8,
-  MAX_COHERENCE_TRACKS = 4096,
-  COHERENCE_STRIDE = 8,
-  /** Largest squared deviation from the neighbours' motion, relative to the squared motion. */
-  MAX_DEVIATION = 0.25;
+  MIN_FADE = 1e-3;
 
 /**
  * Returns the offsets of the tracks `queryTracks`, shape (tracks, frames, channels). Prediction uses neighbours among
@@ -54,46 +44,14 @@ export function extrapolate(
   return out;
 }
 
-/**
- * Returns true if most received tracks move like their neighbours. Otherwise an estimate is worse than leaving the
- * tracks out. Tests some of the rows `observedRows`.
- */
-export function isLocallyCoherent(
-  arrived: TrackOffsets,
-  observedRows: Int32Array,
-  means: Float32Array,
-  frames: number,
-): boolean {
-  if (observedRows.length <= 2 * COHERENCE_NEIGHBOURS) return true;
-  const each = Math.ceil(observedRows.length / MAX_COHERENCE_TRACKS),
-    rows = observedRows.filter((_, n) => n % each === 0),
-    value = (n: number, frame: number, a: number) =>
-      arrived.offsets[(rows[n] * frames + frame) * NUM_CHANNELS + a] -
-      arrived.offsets[rows[n] * frames * NUM_CHANNELS + a],
-    points = Float32Array.from({ length: 3 * rows.length }, (_, k) => {
-      const row = rows[Math.floor(k / 3)];
-      return means[3 * arrived.slots[row] + (k % 3)] + arrived.offsets[row * frames * NUM_CHANNELS + (k % 3)];
-    }),
-    tree = new KdTree(points, COHERENCE_NEIGHBOURS);
-  let alike = 0;
-  for (let n = 0; n < rows.length; n += COHERENCE_STRIDE) {
-    const near = tree.nearestOthers(n);
-    let moved = 0,
-      apart = 0;
-    for (let k = 3; k < 3 * frames; k++) {
-      const own = value(n, Math.floor(k / 3), k % 3);
-      let predicted = 0;
-      for (const other of near) predicted += value(other, Math.floor(k / 3), k % 3) / near.length;
-      moved += own * own;
-      apart += (own - predicted) ** 2;
-    }
-    alike += apart <= MAX_DEVIATION * moved ? 1 : -1;
-  }
-  return alike > 0;
-}
-
 /** Repeats a track's last offset in all frames, written from frame index `to`. */
-function repeatLastOffset(since: Float32Array, slot: number, out: Float32Array, to: number, frames: number): void {
+export function repeatLastOffset(
+  since: Float32Array,
+  slot: number,
+  out: Float32Array,
+  to: number,
+  frames: number,
+): void {
   for (let k = to * NUM_CHANNELS; k < (to + frames) * NUM_CHANNELS; k++)
     out[k] = since[slot * NUM_CHANNELS + (k % NUM_CHANNELS)];
 }

@@ -1,6 +1,7 @@
 // Received packets of a clip, and its decoded frames. Counterpart of `splatwire.sequence.decoding`.
 
 import { ByteReader } from "../../bytes.ts";
+import { Growth } from "../../conceal/grow.ts";
 import type { Packet } from "../../packets/packet.ts";
 import { FIRST_FRAME } from "../../packets/section_names.ts";
 import { checkMemory } from "../memory.ts";
@@ -9,9 +10,10 @@ import { emptySplats, type Splats } from "../splats.ts";
 import { KeyframeGaussians } from "./keyframe_gaussians.ts";
 import { AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK } from "./layout.ts";
 import { decodeMotion } from "./motion.ts";
-import { extrapolate, isLocallyCoherent } from "./motion_prediction.ts";
-import type { TrackOffsets } from "./poses.ts";
+import { extrapolate, repeatLastOffset } from "./motion_prediction.ts";
+import type { PreviousState, TrackOffsets } from "./poses.ts";
 import { coefficients, coefficientsOf } from "./predict.ts";
+import { HELD, HIDDEN, MOVED, placesOf, select } from "./selection.ts";
 import type { SequenceInfo } from "./side_info.ts";
 import type { Timeline } from "./timeline.ts";
 import { applyOffsets, offsetsOf, unitsOf } from "./trajectories.ts";
@@ -49,8 +51,10 @@ interface ConcealedTracks {
 interface DecodedGroup extends TrackOffsets, ConcealedTracks {
   readonly group: number;
   readonly numBases: number;
-  /** True if tracks with lost motion are not drawn. */
-  readonly areLostHidden: boolean;
+  /** Tracks that are not drawn (1), by row. */
+  readonly hidden: Uint8Array;
+  /** Gains of size and opacity that cover hidden tracks, shape (rows, 2); null if none are covered. */
+  readonly gains: Float32Array | null;
   readonly shown: (packet: Packet) => boolean;
   readonly concealer: string;
   readonly memory: ConcealmentState;
@@ -150,16 +154,17 @@ export class Clip implements SequenceDecoder {
   /** Returns a frame. Conceals the motion of packets that are lost or rejected by `shown`. */
   frame(number: number, shown: (packet: Packet) => boolean, concealer = "motion"): SequenceFrame {
     const group = Math.floor(number / this.info.timeline.groupFrames),
-      { slots, begins, ends, offsets, concealed, areLostHidden } = this.#decodeGroup(group, shown, concealer),
+      { slots, begins, ends, offsets, concealed, hidden, gains } = this.#decodeGroup(group, shown, concealer),
       frames = this.framesOf(group),
       at = number - group * this.info.timeline.groupFrames,
-      here = rowsWhere(slots.length, (n) => begins[n] <= at && at < ends[n] && !(areLostHidden && concealed[n])),
+      here = rowsWhere(slots.length, (n) => begins[n] <= at && at < ends[n] && !hidden[n]),
       splats = emptySplats(here.length, this.info.bases.degree),
       tracks = new Int32Array(here.length);
     let extrapolated = 0;
     for (let to = 0; to < here.length; to++) {
       const n = here[to];
       applyOffsets(this.bases.splats, slots[n], offsets, (n * frames + at) * NUM_CHANNELS, splats, to);
+      if (gains) enlarge(splats, to, gains[2 * n], gains[2 * n + 1]);
       tracks[to] = this.bases.tracks[slots[n]];
       extrapolated += concealed[n];
     }
@@ -293,7 +298,6 @@ export class Clip implements SequenceDecoder {
       { firstNew, births, motions } = info.groups[group],
       frames = this.framesOf(group),
       first = group * info.timeline.groupFrames,
-      size = frames * NUM_CHANNELS,
       lost: number[] = [];
     for (let slot = 0; slot < bases.count; slot++) {
       if (covered[slot]) continue;
@@ -302,23 +306,28 @@ export class Clip implements SequenceDecoder {
       const ended = (info.lifetimes.ends.get(track) ?? Infinity) <= first;
       if (!ended && (isNew || (before ? before.alive[slot] : track < firstNew))) lost.push(slot);
     }
-    const found = appendStatic(poses, lost, frames, motions > 0);
+    const found = appendStatic(poses, lost, frames, motions > 0),
+      known = poses.slots.length,
+      hidden = new Uint8Array(found.slots.length);
     lost.forEach((slot, n) => {
-      const track = bases.tracks[slot],
-        begin = track < firstNew ? 0 : (info.lifetimes.begins.get(track) ?? 0),
-        row = poses.slots.length + n;
-      found.begins[row] = Math.min(begin, frames - 1);
-      found.ends[row] = Math.min((info.lifetimes.ends.get(track) ?? Infinity) - first, frames);
+      [found.begins[known + n], found.ends[known + n]] = this.#lifetime(slot, group);
     });
     if (motions && lost.length) {
-      const extrapolated = found.offsets.subarray(size * poses.slots.length);
-      this.#extrapolate(poses, lost, before, group, extrapolated, concealer === "motion");
+      const past = this.#pastState(before, group),
+        out = found.offsets.subarray(known * frames * NUM_CHANNELS),
+        ways =
+          concealer === "motion"
+            ? this.#interpolate(poses, Int32Array.from(lost), past, group, out)
+            : new Uint8Array(lost.length).fill(concealer === "drop" ? HIDDEN : HELD);
+      ways.forEach((way, n) => {
+        if (way !== MOVED) repeatLastOffset(past.lastOffsets, lost[n], out, n * frames, frames);
+        hidden[known + n] = Number(way === HIDDEN);
+      });
     }
-    const areLostHidden =
-      concealer === "drop" || (concealer === "motion" && lost.length > 0 && !this.#isCoherent(poses, frames));
     return {
       ...found,
-      areLostHidden,
+      hidden,
+      gains: concealer === "motion" && hidden.includes(1) ? this.#growth(found, hidden, frames) : null,
       group,
       shown,
       concealer,
@@ -327,35 +336,85 @@ export class Clip implements SequenceDecoder {
     };
   }
 
-  #isCoherent(poses: TrackOffsets, frames: number): boolean {
-    return isLocallyCoherent(poses, completeRows(poses, frames), this.bases.splats.means, frames);
-  }
-
-  /** Estimates lost motion of tracks from their neighbours or from the group before. */
-  #extrapolate(
-    poses: TrackOffsets,
-    lost: readonly number[],
-    before: ConcealmentState | null,
-    group: number,
-    out: Float32Array,
-    moving: boolean,
-  ): void {
+  /** Returns the first frame and the end frame of a track in a group, as far as they are known without its motion. */
+  #lifetime(slot: number, group: number): [number, number] {
     const { bases, info } = this,
       frames = this.framesOf(group),
+      track = bases.tracks[slot],
+      begin = bases.birthGroups[slot] === group ? (info.lifetimes.begins.get(track) ?? 0) : 0,
+      end = info.lifetimes.ends.get(track) ?? Infinity;
+    return [Math.min(begin, frames - 1), Math.min(end - group * info.timeline.groupFrames, frames)];
+  }
+
+  /** Selects a way to cover each lost track. Writes the motion of tracks that are moved. */
+  #interpolate(
+    poses: TrackOffsets,
+    lost: Int32Array,
+    past: PreviousState,
+    group: number,
+    out: Float32Array,
+  ): Uint8Array {
+    const frames = this.framesOf(group),
+      size = frames * NUM_CHANNELS,
+      { begins, ends, slots } = poses,
+      order = this.#byTrack(slots),
+      interpolate = (rows: Int32Array, tracks: Int32Array): Float32Array => {
+        const complete = rows.filter((n) => begins[n] === 0 && ends[n] === frames),
+          bornTogether = this.#bornTogether(complete.map((n) => slots[n]));
+        return extrapolate(poses, complete, tracks, { ...past, bornTogether }, frames);
+      },
+      lifetime = (slot: number) => this.#lifetime(slot, group),
+      ways = select(poses, order, lost, { frames, past, interpolate, lifetime }),
+      moving = rowsWhere(lost.length, (n) => ways[n] === MOVED),
+      found = interpolate(
+        order,
+        moving.map((n) => lost[n]),
+      );
+    moving.forEach((n, i) => out.set(found.subarray(i * size, (i + 1) * size), n * size));
+    return ways;
+  }
+
+  /** Returns the rows of `slots` by ascending track. */
+  #byTrack(slots: Int32Array): Int32Array {
+    const rows = new Int32Array(this.bases.slots.length).fill(-1);
+    slots.forEach((slot, row) => {
+      rows[this.bases.tracks[slot]] = row;
+    });
+    return rows.filter((row) => row >= 0);
+  }
+
+  /** Returns the gains of size and opacity of drawn tracks, by which they cover hidden ones, shape (rows, 2). */
+  #growth({ slots, offsets }: TrackOffsets, hidden: Uint8Array, frames: number): Float32Array {
+    const { bases } = this,
+      { scales, opacities } = bases.splats,
+      gains = new Float32Array(2 * slots.length),
+      growth = new Growth({
+        positions: placesOf(bases.splats, slots, offsets, (row) => row * frames),
+        sizes: Float32Array.from(slots, (slot) =>
+          Math.cbrt(scales[3 * slot] * scales[3 * slot + 1] * scales[3 * slot + 2]),
+        ),
+        tierSizes: null,
+        opacities: Float32Array.from(slots, (slot) => opacities[slot]),
+        known: hidden.map((gone) => 1 - gone),
+        places: slots.map((slot) => bases.tracks[slot]),
+      });
+    for (let row = 0; row < slots.length; row++) if (!hidden[row]) gains.set(growth.of(row), 2 * row);
+    return gains;
+  }
+
+  #pastState(before: ConcealmentState | null, group: number): PreviousState {
+    const { bases, info } = this,
       room = bases.count * NUM_CHANNELS,
-      observedRows = moving ? completeRows(poses, frames) : new Int32Array(),
-      unit = 2 ** (info.bases.sizeLog - info.bases.unit - 1),
-      past = {
-        splats: bases.splats,
-        lastOffsets: before ? resized(before.offsets, room) : new Float32Array(room),
-        wasExtrapolated: before?.wasExtrapolated ?? null,
-        bornTogether: this.#bornTogether(observedRows.map((n) => poses.slots[n])),
-        isNew: (slot: number) => bases.birthGroups[slot] === group,
-        hasUnknownBirth: (slot: number) =>
-          bases.birthGroups[slot] === group && !info.lifetimes.begins.get(bases.tracks[slot]),
-        positionStep: (slot: number) => unit * 2 ** bases.shifts[NUM_CHANNELS * slot],
-      };
-    out.set(extrapolate(poses, observedRows, Int32Array.from(lost), past, frames));
+      unit = 2 ** (info.bases.sizeLog - info.bases.unit - 1);
+    return {
+      splats: bases.splats,
+      lastOffsets: before ? resized(before.offsets, room) : new Float32Array(room),
+      wasExtrapolated: before?.wasExtrapolated ?? null,
+      bornTogether: new Uint8Array(bases.count),
+      isNew: (slot) => bases.birthGroups[slot] === group,
+      hasUnknownBirth: (slot) => bases.birthGroups[slot] === group && !info.lifetimes.begins.get(bases.tracks[slot]),
+      positionStep: (slot) => unit * 2 ** bases.shifts[NUM_CHANNELS * slot],
+    };
   }
 
   /** Marks the tracks born in the same group as most of the given ones, by slot. */
@@ -454,7 +513,8 @@ function resized(old: Float32Array, length: number): Float32Array {
   return wider;
 }
 
-/** Returns the rows of tracks that exist in all frames of the group. */
-function completeRows({ slots, begins, ends }: TrackOffsets, frames: number): Int32Array {
-  return rowsWhere(slots.length, (n) => begins[n] === 0 && ends[n] === frames);
+/** Multiplies the size and the opacity of a Gaussian. */
+function enlarge(splats: Splats, at: number, size: number, opacity: number): void {
+  for (let a = 0; a < 3; a++) splats.scales[3 * at + a] *= size;
+  splats.opacities[at] = Math.min(splats.opacities[at] * opacity, 1);
 }

@@ -1,0 +1,196 @@
+// Selects how lost tracks are covered in each region, by cross-validation on received tracks. Counterpart of
+// `splatwire.concealment.temporal.selection`.
+
+import { KdTree } from "../../conceal/kd_tree.ts";
+import type { Splats } from "../splats.ts";
+import { NUM_CHANNELS } from "./layout.ts";
+import type { PreviousState, TrackOffsets } from "./poses.ts";
+
+type Point = readonly [number, number, number];
+
+/** Ways to cover a lost track: interpolated motion, the last position, and enlarged received Gaussians. */
+export const MOVED = 0,
+  HELD = 1,
+  HIDDEN = 2;
+const WAYS = 3,
+  /** Largest number of received tracks that are treated as lost. */
+  MAX_TESTS = 1024,
+  /** At most one received track in `MAX_SHARE` is treated as lost at the same time. */
+  MAX_SHARE = 4,
+  /** Number of tested tracks around a lost track whose errors are added. */
+  MIN_TESTS = 16,
+  /** Number of received Gaussians that are considered at a position. */
+  COVERING = 24,
+  /** Factors on the errors of the ways. */
+  FACTORS = [0.9, 1, 0.6],
+  /** Weights of errors of red, green, blue and opacity. */
+  CHANNEL_WEIGHTS = [1, 1, 1, 0.5];
+
+/** Group of pictures with lost tracks. */
+export interface LossyGroup {
+  readonly frames: number;
+  readonly past: PreviousState;
+  /** Estimates the motion of tracks from received rows, shape (tracks, frames, channels). */
+  readonly interpolate: (rows: Int32Array, queryTracks: Int32Array) => Float32Array;
+  /** Returns the first frame and the end frame of a track, as expected without its motion. */
+  readonly lifetime: (slot: number) => readonly [number, number];
+}
+
+/**
+ * Chooses for each track of `queryTracks` the way that has the lowest error on the nearby received tracks. `order` lists
+ * the rows of `arrived` by ascending track.
+ */
+export function select(
+  arrived: TrackOffsets,
+  order: Int32Array,
+  queryTracks: Int32Array,
+  group: LossyGroup,
+): Uint8Array {
+  const found = new Uint8Array(queryTracks.length),
+    stride = Math.max(Math.ceil(order.length / MAX_TESTS), 1),
+    tested = order.filter((_, n) => n % stride === 0);
+  if (tested.length < MIN_TESTS) return found;
+  const errors = testErrors(arrived, order, tested, Math.ceil(MAX_SHARE / stride), group),
+    { isNew, lastOffsets, splats } = group.past,
+    lastPlace = (slot: number) => moved(splats, slot, lastOffsets, slot * NUM_CHANNELS);
+  // the first frame of a new track is known, so that its motion is estimated better
+  for (const fresh of [true, false]) {
+    const peers = [...tested.keys()].filter((n) => isNew(arrived.slots[tested[n]]) === fresh);
+    if (peers.length < MIN_TESTS) continue;
+    const slots = Int32Array.from(peers, (n) => arrived.slots[tested[n]]),
+      tree = new KdTree(
+        placesOf(splats, slots, lastOffsets, (n) => slots[n]),
+        MIN_TESTS,
+      );
+    queryTracks.forEach((slot, n) => {
+      if (isNew(slot) !== fresh) return;
+      const sums = [0, 0, 0];
+      for (const near of tree.nearest(...lastPlace(slot)))
+        for (let way = 0; way < WAYS; way++) sums[way] += errors[WAYS * peers[near] + way];
+      found[n] = sums.indexOf(Math.min(...sums));
+    });
+  }
+  return found;
+}
+
+/**
+ * Returns the error of each way to cover each tested row, shape (tested, WAYS). Every `folds`-th tested row is treated as
+ * lost at the same time.
+ */
+function testErrors(
+  arrived: TrackOffsets,
+  order: Int32Array,
+  tested: Int32Array,
+  folds: number,
+  { frames, past, interpolate, lifetime }: LossyGroup,
+): Float64Array {
+  const { slots, begins, ends, offsets } = arrived,
+    { splats, lastOffsets } = past,
+    errors = new Float64Array(WAYS * tested.length),
+    foldOf = new Int8Array(slots.length).fill(-1);
+  tested.forEach((row, n) => (foldOf[row] = n % folds));
+  const estimates = Array.from({ length: folds }, (_, fold) =>
+    interpolate(
+      order.filter((row) => foldOf[row] !== fold),
+      tested.filter((row) => foldOf[row] === fold).map((row) => slots[row]),
+    ),
+  );
+  for (const frame of new Set([1, 3, 5].map((part) => Math.floor((part * frames) / 6)))) {
+    const exists = (row: number) => begins[row] <= frame && frame < ends[row],
+      place = (row: number) => moved(splats, slots[row], offsets, (row * frames + frame) * NUM_CHANNELS),
+      rows = order.filter(exists);
+    if (!rows.length) continue;
+    const places = placesOf(
+        splats,
+        rows.map((row) => slots[row]),
+        offsets,
+        (n) => rows[n] * frames + frame,
+      ),
+      tree = new KdTree(places, Math.min(COVERING, rows.length));
+    tested.forEach((row, n) => {
+      const slot = slots[row],
+        fold = n % folds,
+        truth = exists(row) ? place(row) : null,
+        [begin, end] = lifetime(slot),
+        motion = (Math.floor(n / folds) * frames + frame) * NUM_CHANNELS,
+        ways = [moved(splats, slot, estimates[fold], motion), moved(splats, slot, lastOffsets, slot * NUM_CHANNELS)],
+        around = (point: Point): Float64Array => {
+          const sums = new Float64Array(4),
+            near = tree.nearest(...point);
+          for (let i = 0; i < near.length; i++) {
+            const other = rows[near[i]];
+            if (foldOf[other] !== fold) addDensity(splats, slots[other], tree.distances[i], sums);
+          }
+          return sums;
+        },
+        aroundTruth = truth && around(truth);
+      for (let way = 0; way < WAYS; way++) {
+        const estimate = begin <= frame && frame < end && way !== HIDDEN ? ways[way] : null;
+        let error = 0;
+        if (truth) error += difference(splats, aroundTruth!, truth, slot, truth, estimate);
+        if (estimate) error += difference(splats, around(estimate), estimate, slot, truth, estimate);
+        errors[WAYS * n + way] += error * FACTORS[way];
+      }
+    });
+  }
+  return errors;
+}
+
+/** Position of a keyframe Gaussian with the offset at index `at`. */
+function moved({ means }: Splats, slot: number, offsets: Float32Array, at: number): Point {
+  return [0, 1, 2].map((a) => Math.fround(means[3 * slot + a] + offsets[at + a])) as [number, number, number];
+}
+
+/** Positions of keyframe Gaussians, shape (slots, 3), each with the offset in a row of `offsets`. */
+export function placesOf(
+  { means }: Splats,
+  slots: Int32Array,
+  offsets: Float32Array,
+  rowOf: (n: number) => number,
+): Float32Array {
+  const found = new Float32Array(3 * slots.length);
+  for (let n = 0; n < slots.length; n++) {
+    const at = rowOf(n) * NUM_CHANNELS;
+    for (let a = 0; a < 3; a++) found[3 * n + a] = means[3 * slots[n] + a] + offsets[at + a];
+  }
+  return found;
+}
+
+/** Mean squared axis length of a Gaussian. */
+function squareOf({ scales }: Splats, slot: number): number {
+  return (scales[3 * slot] ** 2 + scales[3 * slot + 1] ** 2 + scales[3 * slot + 2] ** 2) / 3 + 1e-30;
+}
+
+/** Adds the colour and the number 1, weighted by the density of a Gaussian at a squared distance from its centre. */
+function addDensity(splats: Splats, slot: number, squaredDistance: number, sums: Float64Array): void {
+  const density = splats.opacities[slot] * Math.exp(-squaredDistance / (2 * squareOf(splats, slot)));
+  for (let a = 0; a < 3; a++) sums[a] += density * splats.colours[3 * slot + a];
+  sums[3] += density;
+}
+
+/**
+ * Returns the squared difference at a point between two positions of a track, times its area. The track is missing at
+ * position null. `around` are the sums of the other Gaussians there.
+ */
+function difference(
+  splats: Splats,
+  around: Float64Array,
+  point: Point,
+  slot: number,
+  truth: Point | null,
+  estimate: Point | null,
+): number {
+  const [first, second] = [truth, estimate].map((place) => {
+    const sums = around.slice();
+    if (place) addDensity(splats, slot, squaredDistance(place, point), sums);
+    const share = (1 - Math.exp(-sums[3])) / Math.max(sums[3], 1e-12);
+    return sums.map((sum, a) => share * sum * CHANNEL_WEIGHTS[a]);
+  });
+  let apart = 0;
+  for (let a = 0; a < 4; a++) apart += (first[a] - second[a]) ** 2;
+  return squareOf(splats, slot) * splats.opacities[slot] * apart;
+}
+
+function squaredDistance(first: Point, second: Point): number {
+  return (first[0] - second[0]) ** 2 + (first[1] - second[1]) ** 2 + (first[2] - second[2]) ** 2;
+}
