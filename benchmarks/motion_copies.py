@@ -26,7 +26,7 @@ from splatwire.render.importance import surrounding_cameras
 from splatwire.sequence import Frame, decode_frames, encode_sequence, frame_files, read_frames
 from splatwire.sequence.importance import stream_importance
 from splatwire.types import Cameras, SplatScene
-from splatwire.types.sequence_scene import SequenceScene, GroupMotion
+from splatwire.types.sequence_scene import GroupMotion, SequenceScene
 
 
 def best_packets(stream: SceneStream, share: float) -> np.ndarray:

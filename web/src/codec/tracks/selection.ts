@@ -6,7 +6,8 @@ import type { Splats } from "../splats.ts";
 import { NUM_CHANNELS } from "./layout.ts";
 import type { PreviousState, TrackOffsets } from "./poses.ts";
 
-type Point = readonly [number, number, number];
+/** Coordinates x, y, z. */
+type Point = Float32Array;
 
 /** Ways to cover a lost track: interpolated motion, the last position, and enlarged received Gaussians. */
 export const MOVED = 0,
@@ -52,7 +53,7 @@ export function select(
   if (tested.length < MIN_TESTS) return found;
   const errors = testErrors(arrived, order, tested, Math.ceil(MAX_SHARE / stride), group),
     { isNew, lastOffsets, splats } = group.past,
-    lastPlace = (slot: number) => moved(splats, slot, lastOffsets, slot * NUM_CHANNELS);
+    lastPlace = (slot: number) => moved(splats, slot, lastOffsets, slot);
   // the first frame of a new track is known, so that its motion is estimated better
   for (const fresh of [true, false]) {
     const peers = [...tested.keys()].filter((n) => isNew(arrived.slots[tested[n]]) === fresh);
@@ -65,7 +66,7 @@ export function select(
     queryTracks.forEach((slot, n) => {
       if (isNew(slot) !== fresh) return;
       const sums = [0, 0, 0];
-      for (const near of tree.nearest(...lastPlace(slot)))
+      for (const near of nearest(tree, lastPlace(slot)))
         for (let way = 0; way < WAYS; way++) sums[way] += errors[WAYS * peers[near] + way];
       found[n] = sums.indexOf(Math.min(...sums));
     });
@@ -97,7 +98,7 @@ function testErrors(
   );
   for (const frame of new Set([1, 3, 5].map((part) => Math.floor((part * frames) / 6)))) {
     const exists = (row: number) => begins[row] <= frame && frame < ends[row],
-      place = (row: number) => moved(splats, slots[row], offsets, (row * frames + frame) * NUM_CHANNELS),
+      place = (row: number) => moved(splats, slots[row], offsets, row * frames + frame),
       rows = order.filter(exists);
     if (!rows.length) continue;
     const places = placesOf(
@@ -112,11 +113,11 @@ function testErrors(
         fold = n % folds,
         truth = exists(row) ? place(row) : null,
         [begin, end] = lifetime(slot),
-        motion = (Math.floor(n / folds) * frames + frame) * NUM_CHANNELS,
-        ways = [moved(splats, slot, estimates[fold], motion), moved(splats, slot, lastOffsets, slot * NUM_CHANNELS)],
+        motion = Math.floor(n / folds) * frames + frame,
+        ways = [moved(splats, slot, estimates[fold], motion), moved(splats, slot, lastOffsets, slot)],
         around = (point: Point): Float64Array => {
           const sums = new Float64Array(4),
-            near = tree.nearest(...point);
+            near = nearest(tree, point);
           for (let i = 0; i < near.length; i++) {
             const other = rows[near[i]];
             if (foldOf[other] !== fold) addDensity(splats, slots[other], tree.distances[i], sums);
@@ -136,15 +137,15 @@ function testErrors(
   return errors;
 }
 
-/** Position of a keyframe Gaussian with the offset at index `at`. */
-function moved({ means }: Splats, slot: number, offsets: Float32Array, at: number): Point {
-  return [0, 1, 2].map((a) => Math.fround(means[3 * slot + a] + offsets[at + a])) as [number, number, number];
+/** Position of a keyframe Gaussian with the offset in a row of `offsets`. */
+function moved(splats: Splats, slot: number, offsets: Float32Array, row: number): Point {
+  return placesOf(splats, [slot], offsets, () => row);
 }
 
 /** Positions of keyframe Gaussians, shape (slots, 3), each with the offset in a row of `offsets`. */
 export function placesOf(
   { means }: Splats,
-  slots: Int32Array,
+  slots: ArrayLike<number>,
   offsets: Float32Array,
   rowOf: (n: number) => number,
 ): Float32Array {
@@ -155,6 +156,8 @@ export function placesOf(
   }
   return found;
 }
+
+const nearest = (tree: KdTree, [x, y, z]: Point): Int32Array => tree.nearest(x, y, z);
 
 /** Mean squared axis length of a Gaussian. */
 function squareOf({ scales }: Splats, slot: number): number {
