@@ -38,8 +38,8 @@ export interface LossyGroup {
 }
 
 /**
- * Chooses for each track of `queryTracks` the way that has the lowest error on the nearby received tracks. `order` lists
- * the rows of `arrived` by ascending track.
+ * Chooses for each track of `queryTracks` the way with the lowest error on the nearby received tracks. `order` lists the
+ * rows of `arrived` by ascending track.
  */
 export function select(
   arrived: TrackOffsets,
@@ -75,8 +75,8 @@ export function select(
 }
 
 /**
- * Returns the error of each way to cover each tested row, shape (tested, WAYS). Every `folds`-th tested row is treated as
- * lost at the same time.
+ * Returns the error of each way to cover each tested row, shape (tested, WAYS). Every `folds`-th tested row is treated
+ * as lost at the same time.
  */
 function testErrors(
   arrived: TrackOffsets,
