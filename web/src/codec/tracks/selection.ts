@@ -38,8 +38,8 @@ export interface LossyGroup {
 }
 
 /**
- * Chooses for each track of `queryTracks` the way with the lowest error on the nearby received tracks. `order` lists the
- * rows of `arrived` by ascending track.
+ * Chooses for each track of `queryTracks` the way with the lowest error on the nearby received tracks. `order` lists
+ * the rows of `arrived` by ascending track.
  */
 export function select(
   arrived: TrackOffsets,
