@@ -2,6 +2,7 @@
 
 import os
 import re
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -53,6 +54,12 @@ if _without_torch():
 def pytest_report_header() -> str | None:
     """States how many modules an installation without torch leaves out."""
     return f"without torch: {len(collect_ignore)} folders and modules are left out" if _without_torch() else None
+
+
+def pytest_unconfigure() -> None:
+    """Ends the browser that tests of pages shared."""
+    if chromium := sys.modules.get("transport.chromium"):
+        chromium.end_shared_browser()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -39,27 +39,43 @@ def executable() -> str | None:
     return shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chrome")
 
 
+class Connection:
+    """The two pipes to a browser. Its pages take turns; each answer has the number of its question."""
+
+    def __init__(self, to_browser: int, from_browser: int) -> None:
+        self.out, self.source, self.rest, self.count = to_browser, from_browser, b"", 0
+
+
 class Browser(Page):
     """One page of a browser."""
 
     patience = 600.0
     """Timeout of an answer, seconds."""
 
-    def __init__(self, to_browser: int, from_browser: int, *, alone: bool = False) -> None:
-        self._out, self._in, self._rest, self._count = to_browser, from_browser, b"", 0
+    def __init__(self, connection: Connection, *, alone: bool = False) -> None:
+        self._connection = connection
         whose = {"browserContextId": self._call("Target.createBrowserContext")["browserContextId"]} if alone else {}
+        self._origins: set[str] = set()
         self._target = self._call("Target.createTarget", url="about:blank", **whose)["targetId"]
         self._session = self._call("Target.attachToTarget", targetId=self._target, flatten=True)["sessionId"]
 
     def another(self, *, alone: bool = False) -> "Browser":
         """Opens another page of the same browser; with `alone` it shares no storage with other pages."""
-        return Browser(self._out, self._in, alone=alone)
+        return Browser(self._connection, alone=alone)
 
     def close(self) -> None:
         """Closes the page but not the browser."""
         self._call("Target.closeTarget", targetId=self._target)
 
+    def forget(self) -> None:
+        """Clears what the origins of this page stored in the browser."""
+        self._call("Network.clearBrowserCache", self._session)
+        for origin in self._origins:
+            self._call("Storage.clearDataForOrigin", self._session, origin=origin, storageTypes="all")
+
     def open(self, url: str) -> None:
+        if url.startswith("http"):
+            self._origins.add("/".join(url.split("/")[:3]))
         self._call("Page.navigate", self._session, url=url)
 
     def evaluate(self, expression: str) -> Any:
@@ -148,7 +164,7 @@ class Browser(Page):
         began = time.monotonic()
         self._call("Page.startScreencast", self._session, format="png")
         while (left := began + (seconds if frames else max(seconds, longest)) - time.monotonic()) > 0:
-            if b"\0" not in self._rest and not select.select([self._in], [], [], left)[0]:
+            if b"\0" not in self._connection.rest and not select.select([self._connection.source], [], [], left)[0]:
                 break
             message = self._message()
             if message.get("method") == "Page.screencastFrame":
@@ -168,7 +184,7 @@ class Browser(Page):
         began = changed = time.monotonic()
         self._send("Page.navigate", self._session, url=url)
         while (now := time.monotonic()) < began + most and (now < began + least or now < changed + quiet):
-            if b"\0" not in self._rest and not select.select([self._in], [], [], 0.25)[0]:
+            if b"\0" not in self._connection.rest and not select.select([self._connection.source], [], [], 0.25)[0]:
                 continue
             message = self._message()
             if message.get("id") in asked:
@@ -180,7 +196,7 @@ class Browser(Page):
                 self._send("Page.screencastFrameAck", self._session, sessionId=shown["sessionId"])
                 if not frames or frames[-1][2] != frame:
                     self._send("SystemInfo.getProcessInfo")
-                    asked[self._count] = len(frames)
+                    asked[self._connection.count] = len(frames)
                     frames.append((shown["metadata"]["timestamp"], 0.0, frame))
                     changed = time.monotonic()
         self._call("Page.stopScreencast", self._session)
@@ -203,30 +219,31 @@ class Browser(Page):
         return json.loads(text)["traceEvents"]
 
     def _send(self, method: str, session: str | None = None, **params: Any) -> None:
-        self._count += 1
-        message = {"id": self._count, "method": method, "params": params}
+        self._connection.count += 1
+        message = {"id": self._connection.count, "method": method, "params": params}
         if session:
             message["sessionId"] = session
-        os.write(self._out, json.dumps(message).encode() + b"\0")
+        os.write(self._connection.out, json.dumps(message).encode() + b"\0")
 
     def _call(self, method: str, session: str | None = None, **params: Any) -> dict[str, Any]:
         self._send(method, session, **params)
         while True:
             answer = self._message()
-            if answer.get("id") == self._count:
+            if answer.get("id") == self._connection.count:
                 if "error" in answer:
                     raise RuntimeError(f"{method}: {answer['error']}")
                 return answer["result"]
 
     def _message(self) -> dict[str, Any]:
-        while b"\0" not in self._rest:
-            if not select.select([self._in], [], [], self.patience)[0]:
+        pipes = self._connection
+        while b"\0" not in pipes.rest:
+            if not select.select([pipes.source], [], [], self.patience)[0]:
                 raise TimeoutError("the browser says nothing")
-            chunk = os.read(self._in, 1 << 16)
+            chunk = os.read(pipes.source, 1 << 16)
             if not chunk:
                 raise RuntimeError("the browser is gone")
-            self._rest += chunk
-        data, _, self._rest = self._rest.partition(b"\0")
+            pipes.rest += chunk
+        data, _, pipes.rest = pipes.rest.partition(b"\0")
         return json.loads(data)
 
 
@@ -248,7 +265,35 @@ def browser() -> Iterator[Browser]:
             os.close(theirs_in)
             os.close(theirs_out)
             try:
-                yield Browser(ours_out, ours_in)
+                yield Browser(Connection(ours_out, ours_in))
             finally:
                 os.close(ours_out)
         os.close(ours_in)
+
+
+_RUNNING = contextlib.ExitStack()
+_SHARED: list[Browser] = []
+
+
+@contextlib.contextmanager
+def isolated_page() -> Iterator[Browser]:
+    """Opens a page in the browser that this process starts once; the page finds nothing of earlier ones.
+
+    After an error the next page starts another browser.
+    """
+    if not _SHARED:
+        _SHARED.append(_RUNNING.enter_context(browser()))
+    try:
+        page = _SHARED[0].another()
+        yield page
+        page.forget()
+        page.close()
+    except BaseException:
+        end_shared_browser()
+        raise
+
+
+def end_shared_browser() -> None:
+    """Ends the browser of `isolated_page`, if there is one."""
+    _SHARED.clear()
+    _RUNNING.close()

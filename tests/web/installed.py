@@ -1,6 +1,8 @@
 """The npm package as users get it: packed and installed into separate projects."""
 
+import fcntl
 import json
+import os
 import subprocess
 from collections.abc import Mapping
 from pathlib import Path
@@ -24,26 +26,30 @@ def called(words: list[str], folder: Path) -> str:
     return done.stdout + done.stderr
 
 
-def package(folder: Path) -> Path:
-    """The file that `npm publish` would upload."""
+def package(factory: pytest.TempPathFactory) -> Path:
+    """The file that `npm publish` would upload, beside its folder `splatwire`; all test processes share it."""
     if reason := lacking():
         pytest.skip(reason)
-    called(["node", "scripts/package.mjs", str(folder / "splatwire")], WEB)
-    called(["npm", "pack", "--silent", "./splatwire"], folder)
+    base = factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "npm"
+    folder.mkdir(exist_ok=True)
+    with (folder / "lock").open("w") as one_at_a_time:
+        fcntl.flock(one_at_a_time, fcntl.LOCK_EX)
+        if not list(folder.glob("*.tgz")):
+            called(["node", "scripts/package.mjs", str(folder / "splatwire")], WEB)
+            called(["npm", "pack", "--silent", "./splatwire"], folder)
     [file] = folder.glob("*.tgz")
     return file
 
 
 def install(folder: Path, packed: Path, others: Mapping[str, str]) -> None:
-    """Turns the folder into a project with the package and other packages, by version."""
+    """Turns the folder into a project with the package and other packages, by version.
+
+    The test is skipped if npm reaches no registry.
+    """
     project = {"name": "theirs", "private": True, "type": "module", "devDependencies": dict(others)}
     (folder / "package.json").write_text(json.dumps(project))
     (folder / "tsconfig.json").write_text(json.dumps(TSCONFIG))
-    install_in_project(folder, packed)
-
-
-def install_in_project(folder: Path, packed: Path) -> None:
-    """Installs the package and the dependencies of a project; skips the test if npm reaches no registry."""
     words = ["npm", "install", "--no-audit", "--no-fund", "--loglevel=error", str(packed)]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300)
     if done.returncode and ("ENOTFOUND" in done.stderr or "ECONNREFUSED" in done.stderr or "EAI_AGAIN" in done.stderr):

@@ -17,7 +17,7 @@ from splatwire.transport.http.server import PageServer
 from splatwire.transport.quic.certificate import self_signed
 from splatwire.transport.quic.common import WEBTRANSPORT_PATH
 from splatwire.transport.quic.server import QuicServer
-from transport.chromium import Browser, browser, executable
+from transport.chromium import Browser, executable, isolated_page
 from transport.relay import Relay
 from web.node import WEB
 from web.test_page import ELEMENT, SMALL, STATUS, ball, run, status
@@ -52,7 +52,7 @@ def test_mouse_touch_and_keyboard_move_the_camera(program: ServedStream) -> None
         async with PageServer(PageContent({"ball": program})) as server:
 
             def drive() -> None:
-                with browser() as page:
+                with isolated_page() as page:
                     loaded(page, server.url)
                     check_hands(page)
 
@@ -113,7 +113,7 @@ def test_element_works_on_a_third_party_site(program: ServedStream) -> None:
             url = f"http://localhost:{theirs.sockets[0].getsockname()[1]}/"
 
             def drive() -> None:
-                with browser() as page:
+                with isolated_page() as page:
                     loaded(page, url)
                     assert status(page, "complete")
                     assert page.evaluate("location.origin") not in server.url
@@ -145,7 +145,7 @@ def test_intermittent_link_resends_only_lost_packets(stream: SceneStream, progra
             page_server = await stack.enter_async_context(PageServer(content))
 
             def drive() -> Any:
-                with browser() as page:
+                with isolated_page() as page:
                     loaded(page, page_server.url)
                     return status(page, "finished"), status(page, "way"), status(page, "packets")
 

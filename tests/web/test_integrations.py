@@ -29,7 +29,7 @@ from splatwire.io.formats.sog import read_sog
 from splatwire.lod.sog_levels import write_sog_levels
 from splatwire.render import render_scene
 from splatwire.types import Cameras, SplatScene
-from transport.chromium import Browser, browser, executable
+from transport.chromium import Browser, executable, isolated_page
 from web.host import hosting
 from web.installed import called, install, package
 from web.node import WEB
@@ -196,7 +196,7 @@ def stream() -> SceneStream:
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("theirs")
-    install(folder, package(tmp_path_factory.mktemp("package")), OTHERS)
+    install(folder, package(tmp_path_factory), OTHERS)
     return folder
 
 
@@ -246,7 +246,7 @@ def draws(
     pages, scripts = built(project, name, script, code)
 
     def drive(url: str) -> None:
-        with browser() as page:
+        with isolated_page() as page:
             page.open(f"{url}{name}.html")
             page.wait_for("Boolean(window.draw)")
             for pose, ours in zip(poses_of(cameras), expected, strict=True):

@@ -23,7 +23,7 @@ from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.sequence.decoding import decode_frames
 from splatwire.types import SplatScene
 from splatwire.types.lod_scene import Levels
-from transport.chromium import Browser, browser, executable
+from transport.chromium import Browser, executable, isolated_page
 from web.host import hosting
 from web.installed import called, install, package
 from web.node import WEB
@@ -83,7 +83,7 @@ def stream() -> SceneStream:
 @pytest.fixture(scope="module")
 def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The file that `npm publish` would upload."""
-    return package(tmp_path_factory.mktemp("package"))
+    return package(tmp_path_factory)
 
 
 @pytest.fixture(scope="module")
@@ -208,7 +208,7 @@ def test_vite_project_with_the_package_builds_and_renders(project: Path, stream:
         meta = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
         pages["strict.html"] = pages["strict.html"].replace("<link", f"{meta}<link", 1)
         async with hosting(pages, {"scene.swz": stream_to_bytes(stream)}, files) as host:
-            with browser() as page:
+            with isolated_page() as page:
                 await asyncio.to_thread(drive, host.url, page)
 
     run(work())

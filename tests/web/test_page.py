@@ -31,7 +31,7 @@ from splatwire.transport.http.pack import pack_stream
 from splatwire.transport.http.server import PageServer
 from splatwire.types.splat_scene import SplatScene
 from splatwire.types.splats import Splats
-from transport.chromium import Browser, browser, executable
+from transport.chromium import Browser, executable, isolated_page
 from transport.network import bernoulli
 from transport.relay import Relay
 from web.pictures import ELEMENT, check_concealed, check_pictures, half_of
@@ -98,7 +98,7 @@ def test_redundant_copies_count_neither_as_received_nor_as_lost(stream: SceneStr
     packed.write_bytes(pack_stream(with_copies(stream), "a ball with copies"))
     rows = f"[...{ELEMENT}.shadowRoot.querySelectorAll('dt')]"
     told = f"{rows}.find((dt) => dt.textContent === 'PSNR')?.nextSibling.textContent"
-    with browser() as page:
+    with isolated_page() as page:
         assert opened(page, packed.as_uri()) == "complete"
         page.wait_for(f"{ELEMENT}.view && {ELEMENT}.panel.settings.concealer === 'sketch'")
         assert page.wait_for(told) == "no loss"
@@ -137,7 +137,7 @@ def test_browser_receives_decodes_and_renders(
             gaps = await stack.enter_async_context(PageServer(PageContent({"half": stream_to_bytes(half)})))
 
             def drive() -> None:
-                with browser() as page:
+                with isolated_page() as page:
                     assert opened(page, lossy.url) == "complete"
                     check_stream(page, stream, "WebTransport datagrams")
                     check_pictures(page, stream, 40)
@@ -166,7 +166,7 @@ def test_subpixel_gaussians_follow_the_antialiasing_flag(tmp_path: Path) -> None
     """The page renders like the renderer with and without antialiasing, and the two pictures differ."""
     splats, means = ball(4000), []
     small = replace(splats, scales=splats.scales * 0.06, opacities=splats.opacities.clip(0.7))
-    with browser() as page:
+    with isolated_page() as page:
         for antialiased in (False, True):
             stream = encode_scene(SplatScene(small, antialiased=antialiased), SMALL, quality=Quality(10.0))
             packed = tmp_path / f"{antialiased}.html"

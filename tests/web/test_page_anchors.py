@@ -12,7 +12,7 @@ from splatwire.transport import make_served_stream
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.pack import pack_stream
 from splatwire.transport.http.server import PageServer
-from transport.chromium import Browser, browser, executable
+from transport.chromium import Browser, executable, isolated_page
 from web.pictures import ELEMENT, check_concealed, check_pictures, half_of
 from web.sketched import with_sketch
 
@@ -44,7 +44,7 @@ def test_browser_renders_anchors(stream: SceneStream) -> None:
         ) as server:
 
             def drive() -> None:
-                with browser() as page:
+                with isolated_page() as page:
                     page.open(server.url)
                     page.wait_for(f"{STATUS} && {STATUS}.finished === 'complete' && {STATUS}.gaussians > 0")
                     assert page.resolve(f"{ELEMENT}.verify()") is True

@@ -10,7 +10,7 @@ import pytest
 from moving_sequences import moving_frames
 from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.transport.http.pack import pack_stream
-from transport.chromium import Browser, browser, executable
+from transport.chromium import Browser, executable, isolated_page
 from web.pictures import ELEMENT
 
 pytestmark = pytest.mark.slow
@@ -49,7 +49,7 @@ def clip_page(folder: Path, num_gaussians: int) -> Iterator[Browser]:
     stream, _ = encode_sequence(moving_frames(num_gaussians, FRAMES), SequenceOptions(Fraction(8), 3))
     packed = folder / "clip.html"
     packed.write_bytes(pack_stream(stream, "a clip"))
-    with browser() as page:
+    with isolated_page() as page:
         page.open(packed.as_uri())
         page.wait_for(f"{ELEMENT}?.status?.verified")
         yield page

@@ -9,7 +9,7 @@ import pytest
 from explicit import encode_splats
 from splatwire.bitstream import Packetization, SceneStream, stream_to_bytes
 from splatwire.codec.gaussians.quality import Quality
-from transport.chromium import Browser, browser, executable
+from transport.chromium import Browser, executable, isolated_page
 from web.host import Host, hosting
 from web.pictures import ELEMENT
 from web.test_page import ball, run
@@ -104,7 +104,7 @@ def hosted(stream: SceneStream, work: Callable[[Host, Browser], None]) -> None:
         async with hosting(PAGES, {"scene.swz": stream_to_bytes(stream)}) as host:
 
             def drive() -> None:
-                with browser() as page:
+                with isolated_page() as page:
                     work(host, page)
 
             await asyncio.to_thread(drive)

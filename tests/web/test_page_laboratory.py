@@ -13,7 +13,7 @@ from splatwire.bitstream import Packetization, stream_to_bytes
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.lod import encode_levels
 from splatwire.types import SplatScene
-from transport.chromium import Browser, browser, executable
+from transport.chromium import Browser, executable, isolated_page
 from web.host import hosting
 from web.pictures import ELEMENT
 from web.test_page import SMALL, ball, run
@@ -46,7 +46,7 @@ def driven(streams: dict[str, bytes], name: str, work: Callable[[Browser], None]
         async with hosting(PAGES, streams) as host:
 
             def drive() -> None:
-                with browser() as page:
+                with isolated_page() as page:
                     page.open(f"{host.url}{name}")
                     page.wait_for(
                         f"{ELEMENT}?.status?.finished !== null && {ELEMENT}?.status?.gaussians && {ELEMENT}.view"

@@ -19,7 +19,7 @@ from splatwire.transport.http.content import Link, PageContent
 from splatwire.transport.http.server import PageServer
 from splatwire.transport.protocol import served_stream
 from splatwire.types import Cameras, SplatScene
-from transport.chromium import browser, executable
+from transport.chromium import executable, isolated_page
 from web.pictures import ELEMENT, check_pictures
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
@@ -53,7 +53,7 @@ async def packets_of(url: str, names: Iterable[str], way: str) -> dict[str, int]
 
     def drive() -> dict[str, int]:
         came = {}
-        with browser() as page:
+        with isolated_page() as page:
             for name in names:
                 page.open("about:blank")
                 page.open(f"{url}?stream={name}")
@@ -86,7 +86,7 @@ def test_finest_level_is_rendered_at_the_end() -> None:
         async with PageServer(PageContent({"ball": stream_to_bytes(stream)})) as server:
 
             def drive() -> None:
-                with browser() as page:
+                with isolated_page() as page:
                     page.open(server.url)
                     page.wait_for(f"{STATUS}?.finished === 'complete' && {STATUS}.gaussians === 900")
                     assert page.resolve(f"{ELEMENT}.verify()") is True
@@ -129,7 +129,7 @@ def test_visible_tiles_are_fetched_over_http_when_the_session_breaks() -> None:
         async with PageServer(PageContent(programs, link)) as server:
 
             def drive() -> None:
-                with browser() as page:
+                with isolated_page() as page:
                     page.open(server.url)
                     page.wait_for(f"{STATUS}?.packets > 30")
                     loop.call_soon_threadsafe(quic.close)

@@ -12,7 +12,7 @@ from splatwire.sequence import SequenceOptions
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport.http.content import Link, PageContent
 from splatwire.transport.http.server import PageServer
-from transport.chromium import browser, executable
+from transport.chromium import executable, isolated_page
 from web.node import lacking
 from web.test_page import STATUS, run
 from web.test_page_clip import PANEL, TOLD, cell, slide
@@ -49,7 +49,7 @@ def test_live_clip_plays_with_concealment_and_ends() -> None:
             await server.start()
             link = Link(server.port, WEBTRANSPORT_PATH, identity.fingerprint)
             pages = await stack.enter_async_context(PageServer(PageContent({"live": None}, link)))
-            with browser() as page:
+            with isolated_page() as page:
 
                 async def seen(expression: str) -> object:
                     return await asyncio.to_thread(page.wait_for, expression)

@@ -14,7 +14,7 @@ from splatwire.codec import encode_scene
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.lod import encode_levels
 from splatwire.types import SplatScene
-from transport.chromium import Browser, browser, executable
+from transport.chromium import Browser, executable, isolated_page
 from web.host import Host, hosting
 from web.pictures import ELEMENT
 from web.test_page import SMALL, ball, run
@@ -72,7 +72,7 @@ def driven(streams: dict[str, bytes], work: Callable[[Host, Browser], None]) -> 
         async with hosting(PAGES, streams) as host:
 
             def drive() -> None:
-                with browser() as page:
+                with isolated_page() as page:
                     work(host, page)
 
             await asyncio.to_thread(drive)

@@ -11,7 +11,7 @@ import pytest
 from explicit import encode_splats
 from splatwire.files.atomic_write import atomic_write
 from splatwire.transport.http.publish import PublishedScene, published_files
-from transport.chromium import browser, executable
+from transport.chromium import executable, isolated_page
 from web.pictures import ELEMENT
 from web.test_page import SMALL, ball
 
@@ -40,7 +40,7 @@ def test_pages_draw_complete_and_verified_scenes_from_files_alone(tmp_path: Path
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         try:
-            with browser() as page:
+            with isolated_page() as page:
                 for name in ("index.html", "a room.html"):
                     base = f"http://127.0.0.1:{server.server_address[1]}/{folder}{'/' * bool(folder)}"
                     page.open(base + quote(name))

@@ -13,7 +13,7 @@ from splatwire.transport import make_served_stream
 from splatwire.transport.http.content import served_stream_file
 from splatwire.transport.protocol.datagrams import Data, Have
 from splatwire.transport.protocol.wire import DATA, END, HAVE, decode, kind_of
-from transport.chromium import browser, executable
+from transport.chromium import executable, isolated_page
 from web.host import hosting
 from web.pictures import ELEMENT
 from web.test_page import SMALL, STATUS, ball, run
@@ -115,7 +115,7 @@ def test_broken_session_is_resumed_by_a_new_one(back: bool) -> None:
             )
             # without a file, the page waits for a session that a busy machine opens late
             host = await stack.enter_async_context(hosting({"page": tag}, {} if back else {"ball.swz": file}))
-            with browser() as page:
+            with isolated_page() as page:
 
                 async def seen(expression: str) -> Any:
                     return await asyncio.to_thread(page.wait_for, expression)

@@ -13,7 +13,7 @@ from splatwire.bitstream import Packetization, SceneStream, stream_to_bytes
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.lod import encode_levels
 from splatwire.types import SplatScene
-from transport.chromium import Browser, browser, executable
+from transport.chromium import Browser, executable, isolated_page
 from web.host import hosting
 from web.pictures import ELEMENT, concealers_of
 from web.test_page import SMALL, ball, run
@@ -103,7 +103,7 @@ def on_page(name: str, stream: SceneStream, work: Callable[[Browser], None]) -> 
         async with hosting(PAGES, {"ball.swz": stream_to_bytes(stream)}) as host:
 
             def drive() -> None:
-                with browser() as page:
+                with isolated_page() as page:
                     page.open(f"{host.url}{name}")
                     work(page)
 

@@ -15,7 +15,7 @@ from splatwire.lod import encode_levels
 from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.transport.http.pack import pack_stream
 from splatwire.types import SplatScene
-from transport.chromium import Browser, browser, executable
+from transport.chromium import Browser, executable, isolated_page
 from web.node import lacking
 from web.pictures import ELEMENT
 from web.test_page import SMALL, ball
@@ -51,7 +51,7 @@ def view_of(page: Browser) -> list[float]:
 
 
 def test_a_clip_is_played_paused_and_sought_from_a_program(clip: str) -> None:
-    with browser() as page:
+    with isolated_page() as page:
         opened(page, clip)
         assert page.evaluate(f"{ELEMENT}.duration") == FRAMES / RATE
         page.evaluate(f"{ELEMENT}.pause()")
@@ -69,7 +69,7 @@ def test_a_clip_is_played_paused_and_sought_from_a_program(clip: str) -> None:
 
 
 def test_static_scene_has_no_duration_and_does_not_play(still: str) -> None:
-    with browser() as page:
+    with isolated_page() as page:
         opened(page, still)
         page.evaluate(f"{ELEMENT}.play(); {ELEMENT}.currentTime = 1")
         assert page.evaluate(f"[{ELEMENT}.duration, {ELEMENT}.currentTime, {ELEMENT}.paused]") == [0, 0, True]
@@ -77,7 +77,7 @@ def test_static_scene_has_no_duration_and_does_not_play(still: str) -> None:
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_saved_view_and_a_link_restore_the_camera(still: str, turned: bool) -> None:
-    with browser() as page:
+    with isolated_page() as page:
         opened(page, still)
         page.evaluate(f"{ROOT}.querySelector('.scene').focus()")
         for key in ("ArrowLeft", "ArrowUp", "+", *("f" if turned else "")):
@@ -96,7 +96,7 @@ def test_a_saved_view_and_a_link_restore_the_camera(still: str, turned: bool) ->
 
 def test_a_failed_stream_shows_a_notice_whose_button_tries_again(still: str) -> None:
     notice = f"{ROOT}.querySelector('.notice')"
-    with browser() as page:
+    with isolated_page() as page:
         opened(page, still)
         assert page.evaluate(f"{notice}.hidden"), "there is a picture"
         page.evaluate(f"{ELEMENT}.removeAttribute('data')")
@@ -108,7 +108,7 @@ def test_a_failed_stream_shows_a_notice_whose_button_tries_again(still: str) -> 
 
 def test_hotspots_follow_their_point_and_hide_behind_the_camera(still: str) -> None:
     """The camera of the view is the reference for the positions."""
-    with browser() as page:
+    with isolated_page() as page:
         opened(page, still)
         page.evaluate(
             f"{ELEMENT}.insertAdjacentHTML('beforeend', "
@@ -135,7 +135,7 @@ def test_hotspots_follow_their_point_and_hide_behind_the_camera(still: str) -> N
 
 
 def test_automatic_rotation_turns_the_camera_and_stops(still: str) -> None:
-    with browser() as page:
+    with isolated_page() as page:
         page.emulate(800, 600, prefers_reduced_motion="no-preference")
         opened(page, still)
         before = view_of(page)
@@ -156,7 +156,7 @@ def test_automatic_rotation_turns_the_camera_and_stops(still: str) -> None:
 
 
 def test_reduced_motion_preference_prevents_automatic_rotation(still: str) -> None:
-    with browser() as page:
+    with isolated_page() as page:
         page.emulate(800, 600, prefers_reduced_motion="reduce")
         opened(page, still)
         before = view_of(page)
@@ -167,7 +167,7 @@ def test_reduced_motion_preference_prevents_automatic_rotation(still: str) -> No
 
 def test_help_opens_by_its_key_and_closes_by_escape(still: str) -> None:
     shown = f"!{ROOT}.querySelector('.help').hidden"
-    with browser() as page:
+    with isolated_page() as page:
         opened(page, still)
         page.evaluate(f"{ROOT}.querySelector('.scene').focus()")
         page.key("?")
@@ -179,7 +179,7 @@ def test_help_opens_by_its_key_and_closes_by_escape(still: str) -> None:
 
 def test_controls_fade_without_input_and_return_with_the_pointer(still: str) -> None:
     idle = f"{ROOT}.querySelector('.whole').classList.contains('idle')"
-    with browser() as page:
+    with isolated_page() as page:
         opened(page, still)
         page.wait_for(idle, 60)
         page.evaluate(f"{ELEMENT}.dispatchEvent(new PointerEvent('pointermove', {{bubbles: true}}))")
@@ -189,7 +189,7 @@ def test_controls_fade_without_input_and_return_with_the_pointer(still: str) -> 
 def test_a_poster_is_visible_until_the_first_picture(still: str, tmp_path: Path) -> None:
     dot = "data:image/gif;base64,R0lGODlhAQABAAAAACH5BAEKAAEALAAAAAABAAEAAAICTAEAOw=="
     posters = f"{ROOT}.querySelectorAll('.poster').length"
-    with browser() as page:
+    with isolated_page() as page:
         opened(page, still)
         page.evaluate(f"{ELEMENT}.removeAttribute('data'); {ELEMENT}.poster = '{dot}'")
         page.wait_for(f"{ELEMENT}.status.failed && {posters} === 1", 60)
@@ -205,7 +205,7 @@ def orbit_of(view: list[float]) -> tuple[float, float]:
 
 
 def test_camera_limits_hold_for_the_visitor_and_for_the_first_view(still: str) -> None:
-    with browser() as page:
+    with isolated_page() as page:
         opened(page, still)
         page.evaluate(f"{ELEMENT}.cameraLimits = '2 3 60 80'; {ROOT}.querySelector('.scene').focus()")
         for key, distance in (("-", 3), ("+", 2)):
@@ -223,7 +223,7 @@ def test_camera_limits_hold_for_the_visitor_and_for_the_first_view(still: str) -
 
 
 def test_the_camera_flies_to_a_view_and_input_stops_it(still: str) -> None:
-    with browser() as page:
+    with isolated_page() as page:
         page.emulate(800, 600, prefers_reduced_motion="no-preference")
         opened(page, still)
         began = view_of(page)
@@ -248,7 +248,7 @@ def test_a_budget_of_gaussians_limits_what_is_drawn_of_levels(tmp_path: Path) ->
         pytest.skip(reason)
     scene, packed = SplatScene(ball(20_000)), tmp_path / "levels.html"
     packed.write_bytes(pack_stream(encode_levels(scene, Packetization(block_size=500, lanes=2)), "levels"))
-    with browser() as page:
+    with isolated_page() as page:
         opened(page, packed.as_uri())
         page.wait_for(f"{ELEMENT}.status.gaussians > 4000", 60)
         page.evaluate(f"{ELEMENT}.maxGaussians = 3000")

@@ -24,7 +24,7 @@ from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.pack import pack_stream, pack_streams
 from splatwire.transport.http.server import PageServer
 from splatwire.view.page import page_of_stream
-from transport.chromium import Browser, browser, executable
+from transport.chromium import Browser, executable, isolated_page
 from web.node import WEB, lacking
 from web.pictures import ELEMENT
 from web.test_page import SMALL, ball, run
@@ -84,7 +84,7 @@ def axe_findings(page: Browser) -> list[str]:
 def test_axe_finds_no_accessibility_problem(scene: str, clip: str, scheme: str) -> None:
     if reason := lacking():
         pytest.skip(reason)
-    with browser() as page:
+    with isolated_page() as page:
         for width, height, touch in WINDOWS:
             page.emulate(width, height, touch=touch, prefers_color_scheme=scheme)
             for url in (scene, clip):
@@ -100,7 +100,7 @@ def test_images_have_names_and_touch_targets_are_large(scene: str, clip: str) ->
         ".filter((one) => one.getClientRects().length)"
         f".map((one) => [one.textContent, one.getBoundingClientRect().height]).filter(([, side]) => side < {SMALLEST})"
     )
-    with browser() as page:
+    with isolated_page() as page:
         page.emulate(390, 844, touch=True)
         for url, title in ((scene, "a ball"), (clip, "a clip")):
             opened(page, url)
@@ -117,7 +117,7 @@ def test_images_have_names_and_touch_targets_are_large(scene: str, clip: str) ->
 
 def test_keyboard_focus_of_the_scene_is_visible(scene: str) -> None:
     ring = f"getComputedStyle({ROOT}.querySelector('.scene'), '::after').borderTopWidth"
-    with browser() as page:
+    with isolated_page() as page:
         opened(page, scene)
         before = page.screenshot()
         page.evaluate(f"{ROOT}.querySelector('.scene').focus({{focusVisible: true}})")
@@ -127,7 +127,7 @@ def test_keyboard_focus_of_the_scene_is_visible(scene: str) -> None:
 
 def test_a_scene_fits_the_free_part_of_the_window(tall: str) -> None:
     """The scene is completely visible and as large as possible, also with the laboratory open."""
-    with browser() as page:
+    with isolated_page() as page:
         for width, height, touch in WINDOWS:
             page.emulate(width, height, touch=touch)
             opened(page, tall)
@@ -166,7 +166,7 @@ def test_unchanged_page_requests_no_frames(scene: str) -> None:
       return true;
     })()"""
     pause = "new Promise((resolve) => setTimeout(resolve, {}))"
-    with browser() as page:
+    with isolated_page() as page:
         opened(page, scene)
         page.evaluate(count)
         for _ in range(120):  # the last picture may be late on a busy machine
@@ -183,7 +183,7 @@ def test_unchanged_page_requests_no_frames(scene: str) -> None:
 def test_double_click_sets_the_orbit_target(scene: str) -> None:
     orbit = f"{ELEMENT}.view.orbit"
     target = f"[{orbit}.target.x, {orbit}.target.y, {orbit}.target.z]"
-    with browser() as page:
+    with isolated_page() as page:
         page.emulate(800, 600)
         opened(page, scene)
         before = page.evaluate(f"[{orbit}.distance, ...{target}]")
@@ -199,7 +199,7 @@ def test_closed_settings_panel_does_not_cover_the_scene(scene: str) -> None:
     tops = f"[...{ROOT}.querySelectorAll('.panel > *')].filter((one) => one.getClientRects().length && \
 getComputedStyle(one).visibility === 'visible').map((one) => one.getBoundingClientRect().top)"
     button = f"{ROOT}.querySelector('[aria-controls=laboratory]')"
-    with browser() as page:
+    with isolated_page() as page:
         for width, height, touch in WINDOWS:
             page.emulate(width, height, touch=touch)
             opened(page, scene)
@@ -228,7 +228,7 @@ data = document.querySelector('splat-wire-preview canvas').getContext('2d').getI
 return new Set(data).size })()"
 
     def drive(urls: list[str]) -> None:
-        with browser() as page:
+        with isolated_page() as page:
             page.emulate(390, 844, touch=True)
             for url in urls:
                 opened(page, url)
@@ -258,7 +258,7 @@ def test_view_opens_the_laboratory_with_its_status() -> None:
 
 def test_reduced_motion_preference_pauses_a_clip(clip: str) -> None:
     button = f"{ROOT}.querySelector('.player button').textContent"
-    with browser() as page:
+    with isolated_page() as page:
         for preferred, words in (("reduce", "play"), ("no-preference", "pause")):
             page.emulate(800, 600, prefers_reduced_motion=preferred)
             opened(page, clip)

@@ -67,7 +67,7 @@ export const wrong: Props = { panel: 3 };
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("typed")
-    install(folder, package(tmp_path_factory.mktemp("package")), OTHERS)
+    install(folder, package(tmp_path_factory), OTHERS)
     return folder
 
 
