@@ -1,5 +1,6 @@
 """Fixtures of the whole suite."""
 
+import gc
 import os
 import re
 import sys
@@ -15,6 +16,8 @@ jaxtyping.jaxtyped = type_checks.checking  # set before any import of the packag
 # OpenMP threads, including those of torch, sleep while they wait, as on the command line. On a busy machine spinning
 # takes ten times the time of the work. The variable must be set before torch is loaded.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+gc.disable()  # until all modules are imported: hardly anything is freed before
 
 LONGEST = ("web", "neural", "transport", "evaluation", "cli", "sequence")
 """Folders with the slowest modules, which are distributed first so that all workers end together."""
@@ -54,6 +57,12 @@ if _without_torch():
 def pytest_report_header() -> str | None:
     """States how many modules an installation without torch leaves out."""
     return f"without torch: {len(collect_ignore)} folders and modules are left out" if _without_torch() else None
+
+
+def pytest_collection_finish() -> None:
+    """Excludes all modules and collected tests from garbage collections, which take a second with them."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_unconfigure() -> None:

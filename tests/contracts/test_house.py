@@ -10,15 +10,20 @@ import splatwire
 
 SOURCE = Path(splatwire.__file__).parent
 
-_TREES: dict[str, tuple[Path, ast.Module]] = {}
-for _path in sorted(SOURCE.rglob("*.py")):
-    _words = _path.relative_to(SOURCE.parent).with_suffix("").parts
-    _name = ".".join(_words[:-1] if _words[-1] == "__init__" else _words)
-    _TREES[_name] = _path, ast.parse(_path.read_text(encoding="utf-8"))
+
+@pytest.fixture(scope="module")
+def trees() -> dict[str, ast.Module]:
+    """Syntax trees by name of the module; a fixture, because each test process collects this file."""
+    found = {}
+    for path in sorted(SOURCE.rglob("*.py")):
+        words = path.relative_to(SOURCE.parent).with_suffix("").parts
+        name = ".".join(words[:-1] if words[-1] == "__init__" else words)
+        found[name] = ast.parse(path.read_text(encoding="utf-8"))
+    return found
 
 
-def test_imports_have_no_cycle_even_deferred_ones():
-    graph = {name: set(_imports(tree)) - {name} for name, (_, tree) in _TREES.items()}
+def test_imports_have_no_cycle_even_deferred_ones(trees):
+    graph = {name: set(_imports(tree, trees)) - {name} for name, tree in trees.items()}
     assert _cycles(graph) == []
 
 
@@ -26,10 +31,10 @@ MOST_DEFERRED_IMPORTS = 46
 """Imports inside functions of `src/splatwire`: each serves start-up or an optional extra. The number may only fall."""
 
 
-def test_deferred_imports_do_not_grow():
+def test_deferred_imports_do_not_grow(trees):
     found = [
         f"{name}: {ast.unparse(inner)}"
-        for name, (_, tree) in _TREES.items()
+        for name, tree in trees.items()
         for outer in ast.walk(tree)
         if isinstance(outer, (ast.FunctionDef, ast.AsyncFunctionDef))
         for inner in ast.walk(outer)
@@ -38,21 +43,27 @@ def test_deferred_imports_do_not_grow():
     assert len(found) <= MOST_DEFERRED_IMPORTS, sorted(found)
 
 
-def test_private_names_are_not_imported_by_other_modules():
+def test_private_names_are_not_imported_by_other_modules(trees):
     """A name with an underscore is private to its file, a file with an underscore to its folder."""
     found = []
-    for name, (_, tree) in _TREES.items():
+    for name, tree in trees.items():
         for node in ast.walk(tree):
             if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("splatwire"):
                 found += [
-                    f"{name}: {node.module}.{a.name}" for a in node.names if _is_foreign(name, node.module, a.name)
+                    f"{name}: {node.module}.{a.name}"
+                    for a in node.names
+                    if _is_foreign(name, node.module, a.name, trees)
                 ]
     assert found == []
 
 
-@pytest.mark.parametrize("name", sorted(_TREES))
-def test_public_names_have_docstrings(name):
-    silent = [node.name for node in _public(_TREES[name][1]) if ast.get_docstring(node) is None]
+def test_public_names_have_docstrings(trees):
+    silent = [
+        f"{name}.{node.name}"
+        for name, tree in trees.items()
+        for node in _public(tree)
+        if ast.get_docstring(node) is None
+    ]
     assert silent == []
 
 
@@ -62,8 +73,8 @@ def _public(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef
             yield node
 
 
-def _is_foreign(importer: str, module: str, name: str) -> bool:
-    if f"{module}.{name}" in _TREES:
+def _is_foreign(importer: str, module: str, name: str, trees: dict[str, ast.Module]) -> bool:
+    if f"{module}.{name}" in trees:
         module, name = f"{module}.{name}", ""
     private_file = next((i for i, word in enumerate(module.split(".")) if word.startswith("_")), None)
     if name.startswith("_") and not name.startswith("__"):
@@ -71,15 +82,15 @@ def _is_foreign(importer: str, module: str, name: str) -> bool:
     return private_file is not None and not importer.startswith(".".join(module.split(".")[:private_file]) + ".")
 
 
-def _imports(tree: ast.Module) -> Iterator[str]:
+def _imports(tree: ast.Module, trees: dict[str, ast.Module]) -> Iterator[str]:
     """Names of the splatwire modules that a module imports at any depth, except under `TYPE_CHECKING`."""
     for node in _without_type_checking(tree):
         if isinstance(node, ast.Import):
-            yield from (a.name for a in node.names if a.name in _TREES)
-        elif isinstance(node, ast.ImportFrom) and node.module in _TREES:
+            yield from (a.name for a in node.names if a.name in trees)
+        elif isinstance(node, ast.ImportFrom) and node.module in trees:
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"
-                yield inner if inner in _TREES else node.module
+                yield inner if inner in trees else node.module
 
 
 def _without_type_checking(tree: ast.AST) -> Iterator[ast.AST]:

@@ -10,7 +10,8 @@ from web.installed import called, install, package
 pytestmark = pytest.mark.slow
 
 OTHERS = {
-    "typescript": "5.9.3", "oldest": "npm:typescript@4.7.4", "old": "npm:typescript@5.0.4",
+    "oldest": "npm:typescript@4.7.4", "old": "npm:typescript@5.0.4", "recent": "npm:typescript@5.9.3",
+    "typescript": "7.0.2",
     "@types/react": "19.3.0", "react18": "npm:@types/react@18.3.32", "preact": "10.29.8", "solid-js": "1.9.19",
     "svelte": "5.57.3", "vue": "3.5.45",
 }  # fmt: skip
@@ -81,7 +82,8 @@ def compiled(project: Path, compiler: str, name: str, code: str, **options: obje
 
 
 @pytest.mark.parametrize(
-    ("compiler", "resolution"), [("oldest", "node16"), ("old", "bundler"), ("typescript", "bundler")]
+    ("compiler", "resolution"),
+    [("oldest", "node16"), ("old", "bundler"), ("recent", "bundler"), ("typescript", "bundler")],
 )
 def test_oldest_supported_compiler_accepts_the_declarations(project: Path, compiler: str, resolution: str) -> None:
     module = "node16" if resolution == "node16" else "esnext"

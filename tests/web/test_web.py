@@ -104,7 +104,7 @@ def test_npm_unit_tests_pass(tmp_path: Path) -> None:
     told = {
         "STREAMS": ":".join(str(path) for path, _ in files),
         "EXPECTED": str(tmp_path / "expected.json"),
-        "CASES": "150",
+        "CASES": os.environ.get("SPLATWIRE_FUZZ_CASES", "50"),
     }
     done = subprocess.run(
         ["npm", "--silent", "test"], cwd=WEB, env=os.environ | told, capture_output=True, text=True, timeout=240

@@ -8,7 +8,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from splatwire.evaluation.study import (
     InProcess,
@@ -48,6 +47,8 @@ def files(done, tmp_path_factory):
 
 
 def test_intervals_agree_with_scipy():
+    from scipy import stats  # its import takes a second, which each test process would spend
+
     values = [20.1, 21.7, 19.9, 22.4, 20.8]
     estimate = Estimate.of(values)
     low, high = stats.t.interval(0.95, 4, np.mean(values), stats.sem(values))
