@@ -27,7 +27,7 @@ def called(words: list[str], folder: Path) -> str:
 
 
 def package(factory: pytest.TempPathFactory) -> Path:
-    """The file that `npm publish` would upload, beside its folder `splatwire`; all test processes share it."""
+    """File that `npm publish` would upload, in the folder of its content `splatwire`; all test processes share it."""
     if reason := lacking():
         pytest.skip(reason)
     base = factory.getbasetemp()
