@@ -12,7 +12,7 @@ import pytest
 
 from splatwire.transport.http.content import web_file
 from splatwire.transport.http.messages import read_range
-from transport.chromium import Browser, browser, executable
+from transport.chromium import Browser, executable, isolated_page
 from web.pictures import ELEMENT
 
 pytestmark = [pytest.mark.skipif(executable() is None, reason="Chromium is not installed"), pytest.mark.slow]
@@ -111,7 +111,7 @@ def store() -> Iterator[Store]:
 
 @pytest.fixture(scope="module")
 def page() -> Iterator[Browser]:
-    with browser() as opened:
+    with isolated_page() as opened:
         yield opened
 
 
