@@ -25,7 +25,7 @@ def folder(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_private_scene_is_served_over_http_with_a_token_and_not_over_quic(run, folder):
+def test_a_private_scene_is_served_with_a_token_over_http_and_quic(run, folder):
     token = run("token", "room", "--key", folder / "key", "--json").json["token"]
     words = ["serve", folder / "garden.swz", folder / "room.swz", "--port", 0, "--page", 0, "--private", "room"]
     words += ["--token-key", folder / "key", "--json"]
@@ -42,17 +42,35 @@ def test_a_private_scene_is_served_over_http_with_a_token_and_not_over_quic(run,
             url = f"quic://127.0.0.1:{ready['port']}"
             trust = ("--fingerprint", ready["fingerprint"])
             assert run("receive", f"{url}/garden", "-o", folder / "seen.swz", *trust).status == 0
-            assert run("receive", f"{url}/room", "-o", folder / "stolen.swz", *trust).status != 0
-            assert not (folder / "stolen.swz").exists()
+            assert run("receive", f"{url}/room?token={token}", "-o", folder / "room2.swz", *trust).status == 0
+            assert (folder / "room2.swz").stat().st_size > 1000
+            assert run("receive", url, "-o", folder / "default.swz", *trust).status == 0
+            assert (folder / "default.swz").read_bytes() == (folder / "seen.swz").read_bytes()
+            other = run("token", "garden", "--key", folder / "key", "--json").json["token"]
+            for address in ("room", f"room?token={other}", f"room?token={token}x", "missing"):
+                done = run("receive", f"{url}/{address}", "-o", folder / "stolen.swz", *trust)
+                assert done.status != 0
+                assert "the scene needs a valid token" in done.err
+                assert other not in done.err
+                assert not (folder / "stolen.swz").exists()
         finally:
             server.terminate()
 
 
-@pytest.mark.parametrize("url", ["quic://host/room?token=secret", "https://host/private/room.swz?token=secret"])
-def test_receive_names_the_way_to_a_private_scene_and_does_not_repeat_its_token(run, tmp_path, url):
+@pytest.mark.parametrize(
+    ("url", "message"),
+    [
+        ("udp://host/room?token=secret", "tokens are for quic://"),
+        ("moq://host/room?token=secret", "tokens are for quic://"),
+        ("https://host/private/room.swz?token=secret", "curl downloads files"),
+        ("quic://host/room?tokens=secret", "is not an address"),
+        ("quic://host/room?token=" + "secret" * 200, "at most 1024 bytes"),
+    ],
+)
+def test_receive_names_what_is_wrong_with_an_address_and_does_not_repeat_its_token(run, tmp_path, url, message):
     done = run("receive", url, "-o", tmp_path / "room.swz")
     assert done.status == 2
-    assert "private scenes are sent over HTTP only" in done.err
+    assert message in done.err
     assert "secret" not in done.err
 
 
@@ -61,7 +79,8 @@ def test_receive_names_the_way_to_a_private_scene_and_does_not_repeat_its_token(
     [
         (["--private", "room", "--page", 0], "--private and --token-key belong together"),
         (["--token-key", "key", "--page", 0], "--token-key is for --private"),
-        (["--private", "room", "--token-key", "key"], "--private and --unlisted are for --page"),
+        (["--private", "room", "--token-key", "key"], "--private is for --quic and --page"),
+        (["--unlisted", "room"], "--unlisted is for --page"),
         (["--unlisted", "rom", "--page", 0], "no stream is called rom"),
         (["--private", "room", "--token-key", "none", "--page", 0], "none"),
     ],

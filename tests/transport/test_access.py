@@ -3,7 +3,9 @@
 import asyncio
 import base64
 import dataclasses
+import itertools
 import json
+import random
 import re
 import time
 from functools import partial
@@ -15,12 +17,14 @@ import jwt
 
 from explicit import ball_of_gaussians, encode_splats
 from splatwire.bitstream import Packetization
-from splatwire.errors import InvalidValueError
-from splatwire.transport import Protection, make_served_stream
-from splatwire.transport.http.access import Access
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.transport import Protection, ReceiverOptions, Server, make_served_stream
+from splatwire.transport.access import Access
 from splatwire.transport.http.content import Link, PageContent
 from splatwire.transport.http.downloads import DownloadedFile
 from splatwire.transport.http.tokens import make_token, read_key, token_problem
+from splatwire.transport.protocol.datagrams import NEEDS_TOKEN, Request, Welcome
+from splatwire.transport.protocol.wire import decode, encode
 
 KEY = b"0123456789abcdef0123456789abcdef"
 OTHER = b"fedcba9876543210fedcba9876543210"
@@ -170,3 +174,35 @@ def test_keys_and_times_have_limits(tmp_path):
         make_token(KEY, [], 60.0)
     with pytest.raises(InvalidValueError, match="make several tokens"):
         make_token(KEY, [f"scene {number}" for number in range(1000)], 60.0)
+
+
+def test_a_server_over_quic_opens_private_streams_with_a_valid_token_only(content):
+    server = Server(content.streams, secret=bytes(16), random=random.Random(0).randbytes)
+    server.access = content.access
+
+    def reply(name, token="", client="client"):
+        request = Request(next(nonces), bytes(16), name, token)
+        assert decode(encode(request)) == request
+        return decode(server.receive(client, encode(request), 0.0, reliable=True))
+
+    nonces = itertools.count(1)
+    good = make_token(KEY, ["secret"], 60.0)
+    for token in ("", "x", make_token(OTHER, ["secret"], 60.0), make_token(KEY, ["open"], 60.0), good[:-1]):
+        for name in ("secret", "missing"):  # a missing stream looks like a private one
+            assert reply(name, token).reason == NEEDS_TOKEN, token
+    assert server.num_transfers == 0
+    assert isinstance(reply("secret", good), Welcome)
+    assert isinstance(reply("open"), Welcome)
+    assert isinstance(reply("hidden"), Welcome)
+    assert isinstance(reply(""), Welcome), "without a name, the first public stream"
+    server.replace({"secret": content.streams["secret"]})
+    assert reply("").reason == NEEDS_TOKEN
+    assert isinstance(reply("", good), Welcome)
+
+
+def test_requests_with_other_tokens_are_malformed():
+    for token in ("x" * 1025, "caf\xe9", "a\nb"):
+        with pytest.raises(BitstreamError):
+            decode(encode(Request(1, bytes(16), "scene", token)))
+        with pytest.raises(InvalidValueError, match="printable ASCII"):
+            ReceiverOptions(scene_token=token)

@@ -16,7 +16,7 @@ from splatwire.cli._downloads import MadeDownloads, check_formats
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.io.formats import read_splats
 from splatwire.transport import Protection, make_served_stream
-from splatwire.transport.http.access import Access
+from splatwire.transport.access import Access
 from splatwire.transport.http.content import PageContent, served_stream_file
 from splatwire.transport.http.downloads import DownloadedFile
 from splatwire.transport.http.server import PageServer
@@ -138,6 +138,10 @@ def test_a_folder_of_levels_is_made_once_and_its_files_are_served(program, tmp_p
             head, tile = await ask(server.port, f"/a%20room/3dtiles/{uri}")
             assert "model/gltf-binary" in head
             assert tile.startswith(b"glTF")
+            bare_head, bare = await ask(server.port, "/tileset.json")
+            assert json.loads(bare)["root"]["content"]["uri"] == f"a%20room/3dtiles/{uri}"
+            assert re.sub(rb'"a%20room/3dtiles/', b'"', bare) == tileset
+            assert re.search("ETag: (.*)\r", bare_head)[1] != re.search("ETag: (.*)\r", head)[1]
             etag = re.search("ETag: (.*)\r", head)[1]
             head, _ = await ask(server.port, f"/a%20room/3dtiles/{uri}", headers=f"If-None-Match: {etag}\r\n")
             assert "304" in head
@@ -155,6 +159,20 @@ def test_a_folder_of_levels_is_made_once_and_its_files_are_served(program, tmp_p
 
     asyncio.run(work())
     assert [path.suffix for path in tmp_path.iterdir()] == [".spz"]
+
+
+def test_the_bare_tileset_is_that_of_the_only_listed_scene(program):
+    class Folders(Counted):
+        formats = ("3dtiles",)
+
+    def parsed(names, access=None):
+        content = PageContent(dict.fromkeys(names, program), downloads=Folders(), access=access)
+        return content._parse_download("/tileset.json")
+
+    assert parsed(["room"]) == ("room", "3dtiles", "tileset.json")
+    assert parsed(["room", "garden"]) is None
+    assert parsed(["room", "garden"], Access(unlisted=frozenset({"garden"}))) == ("room", "3dtiles", "tileset.json")
+    assert parsed(["room"], Access(frozenset({"room"}), frozenset(), lambda token, name: None)) is None
 
 
 def test_folders_of_private_scenes_are_not_offered(program):

@@ -98,7 +98,7 @@ def hostile(rng: random.Random, seen: list[bytes], session: int, stream_id: int)
                                 number(), (TierHead(number(), 65535, 65535),) * 8, rng.randbytes(number() & 1023)),
                         Refuse(number(), rng.randrange(256)),
                         Challenge(number(), rng.randbytes(16)),
-                        Request(number(), rng.randbytes(16), "scene"),
+                        Request(number(), rng.randbytes(16), "scene", rng.choice(["", "ab.cd.ef"])),
                         Hello(number(), rng.choice(["", "scene", "x" * 64])),
                     ]
                 )

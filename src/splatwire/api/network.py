@@ -8,7 +8,7 @@ from splatwire.arguments import checked
 from splatwire.bitstream import SceneStream
 from splatwire.errors import InvalidValueError
 from splatwire.transport import Event, Protection, ReceiverOptions, ServerLimits, make_served_stream
-from splatwire.transport.address import parse_url
+from splatwire.transport.address import parse_url, without_token
 from splatwire.transport.udp import UdpServer, receive_udp
 
 
@@ -21,7 +21,7 @@ async def receive(
 
     Args:
         url: Address of the server and the name of the stream: `udp://HOST[:PORT][/NAME]` or
-            `quic://HOST[:PORT][/NAME]`.
+            `quic://HOST[:PORT][/NAME][?token=TOKEN]`; the token opens private scenes.
         deadline_s: Time after which the transfer ends with the packets received so far, seconds; None for no limit.
         fingerprint: SHA-256 of the only accepted certificate of a `quic://` server, hexadecimal; None for the
             certificates that the system trusts.
@@ -44,7 +44,7 @@ async def receive(
         True
     """
     address = parse_url(url)
-    options = ReceiverOptions(name=address.name, deadline_s=deadline_s)
+    options = ReceiverOptions(name=address.name, scene_token=address.token, deadline_s=deadline_s)
     if fingerprint is not None and address.scheme != "quic":
         raise InvalidValueError(f"fingerprint: {address.scheme}:// has no certificate, quic:// has")
     if address.scheme == "udp":
@@ -57,7 +57,7 @@ async def receive(
         raise InvalidValueError(f"url: '{url}' is a relay, which `splatwire receive` reads; this takes udp and quic")
     if (stream := receiver.stream()) is None:
         reason = "no reason" if receiver.finished is None else receiver.finished.reason
-        raise InvalidValueError(f"{url}: no stream arrived: {reason}")
+        raise InvalidValueError(f"{without_token(url)}: no stream arrived: {reason}")
     return stream
 
 

@@ -15,6 +15,7 @@ from splatwire.cli._options import Listening
 from splatwire.cli._output import print_json
 from splatwire.errors import InvalidValueError
 from splatwire.transport import ServedStream, ServerLimits
+from splatwire.transport.access import Access
 from splatwire.transport.http.origins import parse_origin
 from splatwire.transport.http.proxies import parse_networks
 from splatwire.transport.quic.installed import need_aioquic
@@ -88,6 +89,7 @@ def check_port(port: int) -> None:
 async def open_server(
     streams: Mapping[str, ServedStream], listening: Listening, limits: ServerLimits,
     stack: contextlib.AsyncExitStack, *, origins: tuple[str, ...] = (), live: str | None = None,
+    access: Access | None = None,
 ) -> RunningServer:  # fmt: skip
     """Starts a server, and the web server of the viewer page if requested.
 
@@ -98,6 +100,7 @@ async def open_server(
         stack: Exit stack that closes the server.
         origins: Web origins whose pages may open sessions; all origins are allowed if empty.
         live: Name of a live stream, which the page shows.
+        access: Access rules for private scenes, for servers over QUIC; None if all scenes are public.
     """
     start_log(listening, stack)
     asyncio.get_running_loop().set_exception_handler(LoopErrors(report=log_error))
@@ -105,7 +108,9 @@ async def open_server(
         need_aioquic()
         from splatwire.cli import _quic  # imports aioquic, which servers over UDP do without
 
-        opened = await _quic.open_server(streams, listening, limits, stack, origins, live, public_origin(listening))
+        opened = await _quic.open_server(
+            streams, listening, limits, stack, origins, live, public_origin(listening), access
+        )
     else:
         plain = UdpServer(streams, listening.host, listening.port, limits=limits)
         stack.callback(plain.close)

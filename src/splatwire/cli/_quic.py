@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from splatwire.cli._options import Listening, TrustOptions
 from splatwire.errors import InvalidValueError
 from splatwire.transport import ServedStream, ServerLimits
+from splatwire.transport.access import Access
 from splatwire.transport.event_log import log_event
 from splatwire.transport.http.proxies import parse_networks
 from splatwire.transport.quic.certificate import FileIdentity, Identity, RenewedIdentity
@@ -25,13 +26,22 @@ __all__ = ["open_server", "receive_quic", "trust_of"]
 async def open_server(
     streams: Mapping[str, ServedStream], listening: Listening, limits: ServerLimits,
     stack: contextlib.AsyncExitStack, origins: tuple[str, ...], live: str | None, public: str | None,
+    access: Access | None,
 ) -> RunningServer:  # fmt: skip
     """Starts a server over QUIC; see `splatwire.cli._listening.open_server`."""
     page = None
     if listening.page is not None:
         page = Page(listening.page, public, listening.certificate is None, live, parse_networks(listening.proxy))
     return await open_quic_server(
-        streams, listening.host, listening.port, identity(listening), limits, stack, origins=origins, page=page
+        streams,
+        listening.host,
+        listening.port,
+        identity(listening),
+        limits,
+        stack,
+        origins=origins,
+        page=page,
+        access=access,
     )
 
 

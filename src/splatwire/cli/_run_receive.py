@@ -30,7 +30,7 @@ from splatwire.transport import (
     StreamReplaced,
     Welcomed,
 )
-from splatwire.transport.address import Address, parse_url
+from splatwire.transport.address import Address, parse_url, without_token
 from splatwire.transport.pcap import Capture
 from splatwire.transport.protocol.events import Interrupted, Resumed
 
@@ -42,7 +42,10 @@ def run(command: Receive) -> None:
     viewpoint = None
     if command.camera is not None or command.conceal is not None:
         viewpoint = _decoding_module().viewpoint_of_options(command)
-    options = ReceiverOptions(name=address.name, deadline_s=deadline, nack=not command.no_nack, viewpoint=viewpoint)
+    options = ReceiverOptions(
+        name=address.name, scene_token=address.token, deadline_s=deadline, nack=not command.no_nack, viewpoint=viewpoint
+    )
+    url = without_token(command.url)
     moments, periods = TransferTimes(), itertools.count()
     with progress_bars() as show, _output(command) as path, LiveFrames(path, command.conceal, show) as live:
 
@@ -59,7 +62,7 @@ def run(command: Receive) -> None:
             instead = _decoding_module().keep_preview(command, receiver.preview) if receiver.preview else ""
             missing = receiver.describe_missing()
             why = f"{reason}: {missing}" if missing else reason
-            raise MissingSideInfoError(f"{command.url}: no scene arrived ({why}){instead}")
+            raise MissingSideInfoError(f"{url}: no scene arrived ({why}){instead}")
         if live.began:
             live.finish()
         elif command.conceal is None and not command.explicit:
@@ -71,7 +74,7 @@ def run(command: Receive) -> None:
         raise KeyboardInterrupt  # sets the exit status; the received data is already written
     if not (command.partial or _is_complete(reason, live=receiver.is_live, num_missed=receiver.num_missed)):
         print(
-            f"splatwire: error: {command.url}: the stream is incomplete ({reason}: {receiver.describe_missing()}); "
+            f"splatwire: error: {url}: the stream is incomplete ({reason}: {receiver.describe_missing()}); "
             f"what arrived is in {command.output}. Receive it again, or accept this with --partial", file=sys.stderr,
         )  # fmt: skip
         sys.exit(DAMAGED)

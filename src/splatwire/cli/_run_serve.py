@@ -29,8 +29,8 @@ from splatwire.cli._publishing import publish_stream
 from splatwire.cli.serve import Serve
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.transport import Protection, ServedStream, ServerLimits, make_served_stream
+from splatwire.transport.access import Access
 from splatwire.transport.event_log import log_event
-from splatwire.transport.http.access import Access
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.origins import parse_origin
 from splatwire.transport.protocol.preview import stream_preview
@@ -139,8 +139,10 @@ def _access(command: Serve) -> Access | None:
         if command.token_key is not None:
             raise InvalidValueError("--token-key is for --private")
         return None
-    if command.page is None:
-        raise InvalidValueError("--private and --unlisted are for --page")
+    if command.unlisted and command.page is None:
+        raise InvalidValueError("--unlisted is for --page")
+    if not command.over_quic:
+        raise InvalidValueError("--private is for --quic and --page: over plain UDP everybody on the path reads tokens")
     names = {stream_name(path) for path in command.streams or (str(_bundled.ASSETS / _bundled.SPLATS),)}
     if unknown := sorted({*command.private, *command.unlisted} - names):
         raise InvalidValueError(f"no stream is called {', '.join(unknown)}; names are {', '.join(sorted(names))}")
@@ -156,11 +158,9 @@ def _access(command: Serve) -> Access | None:
 async def _serve(command: Serve, streams: dict[str, ServedStream], access: Access | None) -> None:
     stop, reload = stop_on_signals(), reload_on_hangup()
     async with contextlib.AsyncExitStack() as stack:
-        private = access.private if access is not None else frozenset()
-        open_to_all = {name: stream for name, stream in streams.items() if name not in private}
-        opened = await open_server(open_to_all, command, limits(command), stack, origins=allowed_origins(command))
-        if access is not None and opened.page is not None and isinstance(opened.page.content, PageContent):
-            opened.page.content = replace(opened.page.content, streams=streams, access=access)
+        opened = await open_server(
+            streams, command, limits(command), stack, origins=allowed_origins(command), access=access
+        )
         await _offer_downloads(command, opened, stack)
         sizes = {name: stream.sizes() for name, stream in streams.items()}
         for name, parts in () if command.json else sizes.items():

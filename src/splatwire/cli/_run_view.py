@@ -15,7 +15,7 @@ from splatwire.cli.view import View
 from splatwire.data import load_cameras
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.transport import ReceiverOptions
-from splatwire.transport.address import parse_url
+from splatwire.transport.address import parse_url, without_token
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
 from splatwire.types import Cameras
@@ -46,7 +46,7 @@ def _read(command: View) -> SceneStream:
 
 async def _forward(command: View, cameras: Cameras | None) -> None:
     """Receives a stream from another server and forwards it to the page while it arrives."""
-    name = parse_url(command.stream).name or "scene"
+    name, url = parse_url(command.stream).name or "scene", without_token(command.stream)
     relay = _create_relay(command)
     receiving = asyncio.create_task(relay.run())
     try:
@@ -54,10 +54,8 @@ async def _forward(command: View, cameras: Cameras | None) -> None:
         if receiving.done():
             await receiving  # raises its exception
         if relay.is_live:
-            print(
-                f"splatwire: {command.stream} is live: the page shows what there is when it is loaded", file=sys.stderr
-            )
-        receiving.add_done_callback(lambda task: _warn_of_missing(command.stream, relay) if _went_well(task) else None)
+            print(f"splatwire: {url} is live: the page shows what there is when it is loaded", file=sys.stderr)
+        receiving.add_done_callback(lambda task: _warn_of_missing(url, relay) if _went_well(task) else None)
         await _serve(command, page_of_relay(name, relay, cameras, command.host), receiving)
     finally:
         receiving.cancel()
@@ -86,8 +84,9 @@ async def _serve(command: View, content: PageContent, receiving: asyncio.Task[No
 def _create_relay(command: View) -> Relay:
     """Creates the object that receives the stream from the address of the command, and forwards it to the page."""
     address = parse_url(command.stream)
-    transfer, options = transfer_of(command.trust, address), ReceiverOptions(name=address.name)
-    return Relay(command.stream, lambda note: transfer(options, note))
+    transfer = transfer_of(command.trust, address)
+    options = ReceiverOptions(name=address.name, scene_token=address.token)
+    return Relay(without_token(command.stream), lambda note: transfer(options, note))
 
 
 def _warn_of_missing(url: str, relay: Relay) -> None:

@@ -9,7 +9,7 @@ DESCRIPTION = """Compresses 3D Gaussian splats, and streams them over networks t
 
 `splatwire demo` is an example; `splatwire VERB --help` lists the options of a verb.
 `splatwire --version` prints the version.
-`splatwire --tyro-print-completion bash` (or zsh) prints a shell's completion."""
+`splatwire --tyro-print-completion bash` (or zsh) prints a shell's completion, `splatwire --manual` a manual page."""
 
 
 class Verb(NamedTuple):

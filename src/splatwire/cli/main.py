@@ -132,6 +132,9 @@ def _run(arguments: list[str]) -> int:
         if not arguments or arguments[0] in ("--help", "-h"):
             print(overview())
             return 0
+        if arguments == ["--manual"]:
+            print(importlib.import_module("splatwire.cli._manual").manual_page(), end="")  # imports tyro
+            return 0
         verb = _parse(arguments)
         if warning := address_space_warning():
             print(f"splatwire: warning: {warning}", file=sys.stderr)

@@ -22,10 +22,9 @@ class Serve(Listening):
     downloads: tuple[str, ...] = ()
     """With --page: formats in which still scenes of explicit Gaussians are offered to other programs, as /NAME.spz:
     ply, spz, sog, glb, splat, and the folders 3dtiles (/NAME/3dtiles/tileset.json) and streamed-sog. A file is made at
-    its first request, and the page has links to it."""
+    its first request, and the page has links to it. /tileset.json is that of the only scene."""
     private: tuple[str, ...] = ()
-    """With --page: names of scenes that need a token (`splatwire token`). They are served over HTTP only, and listed
-    nowhere."""
+    """With --quic or --page: names of scenes that need a token (`splatwire token`); they are listed nowhere."""
     token_key: Path | None = None
     """With --private: file with the secret key that tokens are signed with, 32 bytes or more."""
     unlisted: tuple[str, ...] = ()

@@ -1,7 +1,7 @@
 """Server addresses: parsing of `udp://`, `quic://` and `moq://` URLs."""
 
-from dataclasses import dataclass
-from urllib.parse import urlsplit
+from dataclasses import dataclass, field
+from urllib.parse import parse_qsl, urlsplit
 
 from splatwire.errors import InvalidValueError
 
@@ -19,12 +19,14 @@ class Address:
         name: Name of the requested stream; an empty name requests the server's first stream.
         scheme: `udp` (splatwire datagrams), `quic` (the same datagrams in a QUIC connection) or `moq` (a relay of
             Media over QUIC; the last part of the name is the scene's name at the relay).
+        token: Signed token that opens private scenes (`quic` only); empty without one.
     """
 
     host: str
     port: int
     name: str = ""
     scheme: str = "udp"
+    token: str = field(default="", repr=False)
 
 
 def cannot_listen(kind: str, host: str, port: int, error: OSError | UnicodeError) -> InvalidValueError:
@@ -40,29 +42,44 @@ def cannot_listen(kind: str, host: str, port: int, error: OSError | UnicodeError
     return InvalidValueError(f"cannot listen on {kind} port {port} of {host:.80}: {reason}")
 
 
-def parse_url(url: str) -> Address:
-    """Parses a server URL: `udp://HOST[:PORT][/NAME]`, `quic://HOST[:PORT][/NAME]` or `moq://RELAY[:PORT]/NAME`.
+def without_token(url: str) -> str:
+    """Returns a URL without its query, which may contain a token, for messages."""
+    return url.partition("?")[0]
 
+
+def parse_url(url: str) -> Address:
+    """Parses a server URL.
+
+    Its forms are `udp://HOST[:PORT][/NAME]`, `quic://HOST[:PORT][/NAME][?token=TOKEN]` and `moq://RELAY[:PORT]/NAME`.
     NAME is the name of the requested stream. The default port is 4840, or 443 for `moq`.
 
     Raises:
         InvalidValueError: If the text is not such a URL.
     """
-    wrong = InvalidValueError(f"'{url}' is not an address such as udp://localhost:{DEFAULT_PORT} or quic://localhost")
+    wrong = InvalidValueError(
+        f"'{without_token(url)}' is not an address such as udp://localhost:{DEFAULT_PORT} or quic://localhost"
+    )
     try:
         parts = urlsplit(url)
         port = parts.port
     except ValueError:
         raise wrong from None
-    if parts.scheme in ("http", "https") or (parts.scheme in PORTS and parts.query):
+    if parts.scheme in ("http", "https"):
         raise InvalidValueError(
-            f"'{parts.scheme}://{parts.netloc}{parts.path}' with a token or HTTP is not an address to receive from: "
-            "private scenes are sent over HTTP only, as files: curl -H 'Authorization: Bearer TOKEN' -o scene.swz "
-            "https://HOST/private/NAME.swz"
+            f"'{without_token(url)}' is not an address to receive from: curl downloads files, private ones with "
+            "-H 'Authorization: Bearer TOKEN'"
         )
-    if parts.scheme not in PORTS or not parts.hostname or parts.query or parts.fragment or parts.username:
+    query = parse_qsl(parts.query, keep_blank_values=True)
+    token = query[0][1] if len(query) == 1 and query[0][0] == "token" else ""
+    strange = (parts.query and not token) or parts.fragment or parts.username
+    if parts.scheme not in PORTS or not parts.hostname or strange:
         raise wrong
+    if token and parts.scheme != "quic":
+        raise InvalidValueError(
+            f"'{without_token(url)}' with a token is not an address to receive from: tokens are for quic://, which is "
+            "encrypted"
+        )
     name = parts.path.strip("/")
     if parts.scheme == "moq" and not name:
-        raise InvalidValueError(f"'{url}' names no scene: moq://RELAY/NAME")
-    return Address(parts.hostname, PORTS[parts.scheme] if port is None else port, name, parts.scheme)
+        raise InvalidValueError(f"'{without_token(url)}' names no scene: moq://RELAY/NAME")
+    return Address(parts.hostname, PORTS[parts.scheme] if port is None else port, name, parts.scheme, token)

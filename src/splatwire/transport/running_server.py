@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from splatwire.transport.http.access import Access
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
 from splatwire.transport.protocol.served_stream import ServedStream
@@ -34,11 +33,6 @@ class RunningServer:
     page: PageServer | None = None
 
     @property
-    def _access(self) -> Access | None:
-        content = None if self.page is None else self.page.content
-        return content.access if isinstance(content, PageContent) else None
-
-    @property
     def draining(self) -> bool:
         """True while the server stops: it refuses new transfers, and running transfers continue."""
         return self.server.core.draining
@@ -57,8 +51,7 @@ class RunningServer:
         """
         if not isinstance(self.server, UdpServer):
             self.server.reload_identity()
-        private = self._access.private if self._access is not None else ()
-        self.server.core.replace({name: stream for name, stream in streams.items() if name not in private})
+        self.server.core.replace(streams)
         if self.page is not None and isinstance(self.page.content, PageContent):
             self.page.content = replace(self.page.content, streams=streams)
 
@@ -80,8 +73,7 @@ class RunningServer:
         """Returns the reason why new clients should not be sent to this server; None if it accepts transfers."""
         if self.draining:
             return "the server is stopping"
-        known = self.server.core.num_streams or (self._access is not None and self._access.private)
-        return None if known else "no stream is available yet"
+        return None if self.server.core.num_streams else "no stream is available yet"
 
     def served(self) -> str:
         """Returns the number of clients, responses and bytes as text."""

@@ -272,6 +272,16 @@ def test_codebooks_are_near_optimal() -> None:
     assert 0.8 < error / (np.sqrt(3) * np.pi / 2 / 256**2) < 1.15
 
 
+def test_a_palette_of_few_different_vectors_is_exact() -> None:
+    """Most harmonics of a decoded stream may be 0: k-means would then compare nearly all vectors with each other."""
+    rng = np.random.default_rng(1)
+    vectors = rng.normal(size=(40, 9)).astype(np.float32)[rng.integers(0, 40, 20_000)]
+    vectors[rng.random(len(vectors)) < 0.9] = 0
+    palette, labels = vector_palette(vectors, 1000)
+    assert len(palette) == 41
+    np.testing.assert_array_equal(palette[labels], vectors)
+
+
 def test_palette_finds_repeated_vectors() -> None:
     rng = np.random.default_rng(0)
     kinds = rng.normal(size=(64, 9)).astype(np.float32)

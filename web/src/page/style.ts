@@ -21,6 +21,7 @@ canvas.over { grid-area: scene; position: static; }
 .scene:focus-visible::after { content: ""; position: absolute; inset: 0; pointer-events: none;
   border: 3px solid #fff; outline: 3px solid #1a56db; outline-offset: -6px; }
 button:focus-visible, input:focus-visible, select:focus-visible { outline: 3px solid Highlight; outline-offset: 1px; }
+.foot :focus-visible { outline: 2px solid; }
 canvas.over, canvas.first { pointer-events: none; visibility: hidden; }
 canvas.over.shown, canvas.first.shown { visibility: visible; }
 .panel { display: contents; color: CanvasText; }
@@ -84,7 +85,7 @@ input[type=range] { accent-color: var(--accent); }
   color: CanvasText; background: Canvas; box-shadow: 0 .5rem 2rem #0008; }
 .help > button { position: absolute; inset: .5rem .5rem auto auto; }
 .help h2 { margin: .2rem 0 .3rem; font-size: 1.05em; }
-.help dl { gap: .25rem 1.2rem; margin: 0 0 .8rem; }
+.help dl { grid-template-columns: 11rem 1fr; gap: .25rem 1rem; margin: 0 0 .8rem; }
 .help dt { font-weight: 600; }
 .help dd { text-align: left; }
 @media (pointer: coarse) { .help .keys { display: none; } }

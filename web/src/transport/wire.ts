@@ -24,6 +24,7 @@ export const REFUSALS = [
   "too many transfers from this network",
   "nothing is there yet",
   "the server has another protocol version",
+  "the scene needs a valid token",
 ];
 export const NOT_YET = 5;
 export const OTHER_VERSION = 6;

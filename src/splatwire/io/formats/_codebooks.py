@@ -7,7 +7,8 @@ _ROUNDS_1D, _ROUNDS = 30, 8
 _REPAIRS = 12
 """Maximum number of rounds that relocate unused entries; each round doubles the entries in use."""
 _BRANCHES = 256
-_CHUNK = 1 << 16
+_CHUNK = 1 << 24
+"""Maximum number of distances that are computed at once."""
 
 
 def number_codebook(values: np.ndarray, size: int) -> np.ndarray:
@@ -82,7 +83,8 @@ def nearest_number(values: np.ndarray, codebook: np.ndarray) -> np.ndarray:
 def vector_palette(vectors: np.ndarray, size: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Finds a palette of vectors that approximates given vectors, by k-means on two levels.
 
-    The two levels avoid comparing each vector with all entries of a large palette.
+    The two levels avoid comparing each vector with all entries of a large palette. If there are at most as many
+    different vectors as entries, the palette is exact.
 
     Args:
         vectors: float32 (N, d).
@@ -95,6 +97,9 @@ def vector_palette(vectors: np.ndarray, size: int, seed: int = 0) -> tuple[np.nd
     rng = np.random.default_rng(seed)
     if len(vectors) <= size:
         return vectors.copy(), np.arange(len(vectors))
+    distinct, place = np.unique(vectors, axis=0, return_inverse=True)
+    if len(distinct) <= size:
+        return distinct, place.reshape(-1)
     _, branch = _k_means(vectors, min(_BRANCHES, size), rng)
     counts = np.bincount(branch)
     order = np.argsort(branch, kind="stable")
@@ -121,8 +126,6 @@ def _k_means(vectors: np.ndarray, size: int, rng: np.random.Generator) -> tuple[
 
 
 def _nearest(vectors: np.ndarray, centers: np.ndarray) -> np.ndarray:
-    half = (centers**2).sum(axis=1) / 2
-    parts = [
-        (half - part @ centers.T).argmin(axis=1) for part in np.split(vectors, range(_CHUNK, len(vectors), _CHUNK))
-    ]
+    half, rows = (centers**2).sum(axis=1) / 2, max(_CHUNK // len(centers), 1)
+    parts = [(half - part @ centers.T).argmin(axis=1) for part in np.split(vectors, range(rows, len(vectors), rows))]
     return np.concatenate(parts)

@@ -17,8 +17,8 @@ from urllib.parse import quote, unquote
 from splatwire.bitstream.container import file_head, file_record
 from splatwire.bitstream.manifest import Manifest
 from splatwire.errors import BitstreamError, SplatwireError
-from splatwire.transport.http.access import Access
-from splatwire.transport.http.downloads import FOLDERS, Downloads
+from splatwire.transport.access import Access
+from splatwire.transport.http.downloads import FOLDERS, TILESET, Downloads, prefixed_tileset
 from splatwire.transport.http.messages import (
     Answer,
     GrowingFile,
@@ -148,16 +148,26 @@ class PageContent:
         attachment = f"Content-Disposition: attachment; filename*=UTF-8''{file_name}\r\n"
         headers = shared if part else attachment + shared
         kind = PART_TYPES.get(part.rpartition(".")[2], "application/octet-stream")
+        data, tag = found
+        if request.target == f"/{TILESET}":
+            data = prefixed_tileset(bytes(data), f"{quote(name, safe='')}/{form}/")
+            tag = hashlib.sha256(data).hexdigest()[:16]
         private = self._is_private(name)
-        return make_part(kind, found.data, headers, request, found.tag, private=private).for_method(request.method)
+        return make_part(kind, data, headers, request, tag, private=private).for_method(request.method)
 
     def _parse_download(self, target: str) -> tuple[str, str, str] | None:
         """Parses the path of a download, such as `/room.spz` or `/room/3dtiles/tileset.json`.
+
+        `/tileset.json` is that of the listed scene, if there is exactly one.
 
         Returns:
             Name of the stream, file format, and path of the file in a folder (empty for formats that are one file);
             None if the path is not that of a download.
         """
+        if target == f"/{TILESET}":
+            listed = self._listed()
+            known = len(listed) == 1 and "3dtiles" in self._download_formats(listed[0])
+            return (listed[0], "3dtiles", TILESET) if known else None
         if target.count("/") > 2:
             name, form, part = target[1:].split("/", 2)
             known = form in FOLDERS and form in self._download_formats(unquote(name))

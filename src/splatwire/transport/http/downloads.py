@@ -1,10 +1,30 @@
 """Downloads of the page server: its streams converted to other file formats."""
 
+import json
 from mmap import mmap
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 FOLDERS = {"3dtiles": "tileset.json", "streamed-sog": "lod-meta.json"}
 """Formats that are folders with several files, and the file that a player opens first."""
+
+TILESET = "tileset.json"
+"""File of 3D Tiles that a server with one scene offers at its root, too."""
+
+
+def prefixed_tileset(data: bytes, prefix: str) -> bytes:
+    """Returns a `tileset.json` for another folder: all addresses of tiles in it begin with a prefix.
+
+    Args:
+        data: Content of the file, whose addresses are relative to its own folder.
+        prefix: Relative URL of that folder, with `/` at its end.
+    """
+    document = json.loads(data)
+    waiting: list[dict[str, Any]] = [document["root"]]
+    while waiting:
+        tile = waiting.pop()
+        tile["content"]["uri"] = prefix + tile["content"]["uri"]
+        waiting += tile.get("children", [])
+    return json.dumps(document, separators=(",", ":")).encode()
 
 
 class DownloadedFile(NamedTuple):

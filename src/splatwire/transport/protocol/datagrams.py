@@ -19,15 +19,17 @@ first response (welcome) fits one datagram, with 1181 bytes.
 MAX_HELD_BYTES = 1100
 """Maximum size in bytes of the bit mask of received packets in a `Have` datagram; eight packets per byte."""
 TOKEN_BYTES = 16
+MAX_SCENE_TOKEN = 1024
+"""Maximum size of a signed token that opens private scenes, bytes, so that the request fits one datagram."""
 DIGEST_BYTES = 32
 
 REFUSALS = (
     "", "no such stream", "the server is full", "the server stopped", "too many transfers from this network",
-    "nothing is there yet", "the server has another protocol version",
+    "nothing is there yet", "the server has another protocol version", "the scene needs a valid token",
 )  # fmt: skip
-NOT_YET, OTHER_VERSION = 5, 6
+NOT_YET, OTHER_VERSION, NEEDS_TOKEN = 5, 6, 7
 """Indices in `REFUSALS`: no stream is available yet, after which a client retries; the protocol version of the client
-differs.
+differs; the requested scene is private, and the request has no valid token for it.
 """
 
 
@@ -64,11 +66,13 @@ class Request(NamedTuple):
         nonce: Number that identifies the client's connection attempt.
         token: Token of the server, which proves that the client receives datagrams at its address.
         name: Name of the requested stream; an empty name requests the server's first stream.
+        scene_token: Signed token that opens private scenes, ASCII; empty without one. Sent over encrypted paths only.
     """
 
     nonce: int
     token: bytes
     name: str
+    scene_token: str = ""
 
 
 class TierHead(NamedTuple):

@@ -25,10 +25,11 @@ class HandshakeAttempt:
         now: Time, seconds.
         name: Name of the requested stream.
         reliable: True if the path has validated the client's address (QUIC), so that no token is needed.
+        scene_token: Signed token that opens private scenes; empty without one.
     """
 
-    def __init__(self, nonce: int, now: float, name: str, *, reliable: bool) -> None:
-        self.nonce, self._name, self._reliable = nonce, name, reliable
+    def __init__(self, nonce: int, now: float, name: str, *, reliable: bool, scene_token: str = "") -> None:
+        self.nonce, self._name, self._reliable, self._scene_token = nonce, name, reliable, scene_token
         self.began_at = self.next_at = now
         self._token: bytes | None = bytes(TOKEN_BYTES) if reliable else None
         self._token_at = now
@@ -65,9 +66,12 @@ class HandshakeAttempt:
     def renewed(self, now: float) -> "HandshakeAttempt":
         """Returns a new attempt for the same stream, with a new random nonce."""
         digest = hashlib.sha256(b"again" + self.nonce.to_bytes(8, "little")).digest()
-        return HandshakeAttempt(int.from_bytes(digest[:8], "little"), now, self._name, reliable=self._reliable)
+        return HandshakeAttempt(
+            int.from_bytes(digest[:8], "little"), now, self._name, reliable=self._reliable,
+            scene_token=self._scene_token,
+        )  # fmt: skip
 
     def _frame(self) -> bytes:
         if self._token is None:
             return encode(Hello(self.nonce, self._name))
-        return encode(Request(self.nonce, self._token, self._name))
+        return encode(Request(self.nonce, self._token, self._name, self._scene_token))

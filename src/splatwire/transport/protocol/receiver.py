@@ -11,6 +11,7 @@ from splatwire.bitstream.view import BUDGET, Viewpoint
 from splatwire.errors import BitstreamError
 from splatwire.transport.protocol.collect import check_welcome, read_init_segment
 from splatwire.transport.protocol.datagrams import (
+    NEEDS_TOKEN,
     NOT_YET,
     OTHER_VERSION,
     REFUSALS,
@@ -57,7 +58,7 @@ HAVE_TIMES, HAVE_S = 3, 0.3
 transfer. Repetition covers losses.
 """
 MISSING_STREAM = 1
-"""Index in `datagrams.REFUSALS` of the refusal that the requested stream does not exist, the only permanent refusal."""
+"""Index in `datagrams.REFUSALS` of the refusal that the requested stream does not exist."""
 ATTEMPT_S = 4.0
 """Time after which a connection attempt gets a new nonce, seconds: a server starts only one transfer per nonce."""
 SMALL_PATH = f"the path carries no datagrams of {MAX_DATAGRAM:,} bytes (its MTU is below {MAX_DATAGRAM + 28:,})"
@@ -109,7 +110,9 @@ class Receiver(ReceiveState):
         self._nonce = nonce
         self._began = self._asking_since = self._heard_at = self._feedback_at = now
         self._reliable = reliable
-        self._last_greeting = HandshakeAttempt(nonce, now, self.options.name, reliable=reliable)
+        self._last_greeting = HandshakeAttempt(
+            nonce, now, self.options.name, reliable=reliable, scene_token=self.options.scene_token
+        )
         self._greeting: HandshakeAttempt | None = self._last_greeting
         self._refusal = ""
         self._view: View | None = None
@@ -274,7 +277,7 @@ class Receiver(ReceiveState):
             greeting.refused(now, RETRY_S)
             return [], []
         self._refusal = REFUSALS[reason] if 0 < reason < len(REFUSALS) else "the server refused"
-        if self._welcome is None or reason in (MISSING_STREAM, OTHER_VERSION):
+        if self._welcome is None or reason in (MISSING_STREAM, OTHER_VERSION, NEEDS_TOKEN):
             return self._finish(self._refusal)
         greeting.refused(now)
         return [], []

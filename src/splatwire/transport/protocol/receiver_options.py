@@ -7,7 +7,7 @@ from splatwire.arguments import check_fields
 from splatwire.bitstream.view import Viewpoint
 from splatwire.errors import InvalidValueError
 from splatwire.transport.protocol.collect import ReceiverLimits
-from splatwire.transport.protocol.datagrams import MAX_NAME
+from splatwire.transport.protocol.datagrams import MAX_NAME, MAX_SCENE_TOKEN
 
 
 @dataclass(frozen=True)
@@ -16,6 +16,7 @@ class ReceiverOptions:
 
     Attributes:
         name: Name of the requested stream; an empty name requests the server's first stream.
+        scene_token: Signed token that opens private scenes, ASCII; empty without one. Only for encrypted paths (QUIC).
         deadline_s: Time from the start after which the transfer ends with the received data, seconds; None for no
             limit.
         nack: True to request retransmission of lost packets.
@@ -30,6 +31,7 @@ class ReceiverOptions:
     """
 
     name: str = ""
+    scene_token: str = field(default="", repr=False)
     deadline_s: float | None = None
     nack: bool = True
     silence_s: float = 4.0
@@ -46,3 +48,7 @@ class ReceiverOptions:
             raise InvalidValueError(f"reconnect_s is 0 or more seconds, {self.reconnect_s} is not")
         if len(self.name.encode()) > MAX_NAME:
             raise InvalidValueError(f"the name of a stream has at most {MAX_NAME} bytes")
+        if len(self.scene_token) > MAX_SCENE_TOKEN or not (
+            self.scene_token.isascii() and self.scene_token.isprintable()
+        ):
+            raise InvalidValueError(f"a token for private scenes is printable ASCII of at most {MAX_SCENE_TOKEN} bytes")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from splatwire.arguments import checked
 from splatwire.errors import BitstreamError
+from splatwire.transport.access import Access
 from splatwire.transport.congestion.pacing import Pacer
 from splatwire.transport.event_log import log_event
 from splatwire.transport.protocol.admission import (
@@ -22,6 +23,7 @@ from splatwire.transport.protocol.admission import (
     network_text,
 )
 from splatwire.transport.protocol.datagrams import (
+    NEEDS_TOKEN,
     NOT_YET,
     REFUSALS,
     Bye,
@@ -70,6 +72,7 @@ class Server:
 
     Attributes:
         total_pacer: Pacer of all sent bytes together, which the page server shares; None without a total limit.
+        access: Access rules for private scenes; None if all scenes are public.
         draining: True to refuse new transfers, while running transfers continue.
 
     Raises:
@@ -102,6 +105,7 @@ class Server:
         self._turns = ViewUpdateBudget()
         self._tick = 0
         self._swept_at = self._now = 0.0
+        self.access: Access | None = None
         self.draining = False
         self.num_rejected = 0
         self.num_refused = 0
@@ -265,7 +269,7 @@ class Server:
             return None
         key = (address, frame.nonce)
         if key not in self._transfers:
-            refusal = self._begin(key, frame.name, now, reliable, network)
+            refusal = self._begin(key, frame, now, reliable, network)
             if refusal is None:
                 self._transfers[key].on_handshake_rtt(age)
                 self._schedule(key)
@@ -284,12 +288,12 @@ class Server:
             client, reason = network_text(network), REFUSALS[refusal]
             log_event(LOG, logging.INFO, "transfer refused", client=client, stream=name, reason=reason)
 
-    def _begin(self, key: Key, name: str, now: float, reliable: bool, network: Network) -> int | None:
+    def _begin(self, key: Key, frame: Request, now: float, reliable: bool, network: Network) -> int | None:
         """Starts a transfer, if the limits allow it.
 
         Args:
             key: Address of the client, and nonce of its connection attempt.
-            name: Name of the requested stream.
+            frame: Request of the client.
             now: Time, seconds.
             reliable: True if handshake and init segment are sent on a reliable (QUIC) stream.
             network: Network of the client, for limits per network.
@@ -305,7 +309,9 @@ class Server:
             return STOPPED
         if not self._streams:  # a live stream before its first group
             return NOT_YET
-        name = name or next(iter(self._streams))
+        name = frame.name or self._default_stream()
+        if self.access is not None and self.access.refusal(name, frame.scene_token, exists=name in self._streams):
+            return NEEDS_TOKEN
         if name not in self._streams:
             return UNKNOWN_STREAM
         held = Counter(self._networks.values())
@@ -329,6 +335,11 @@ class Server:
         log_event(LOG, logging.INFO, "transfer started", client=network_text(network), stream=name, session=session)
         self._schedule(key)
         return None
+
+    def _default_stream(self) -> str:
+        """Returns the name of the first public stream, or of the first stream if all are private."""
+        private = frozenset[str]() if self.access is None else self.access.private
+        return next((name for name in self._streams if name not in private), next(iter(self._streams)))
 
     def _new_session(self, address: Hashable) -> int:
         while True:

@@ -20,6 +20,7 @@ from splatwire.transport.protocol.datagrams import (
     MAX_NACKS,
     MAX_NAME,
     MAX_PREVIEW,
+    MAX_SCENE_TOKEN,
     MAX_TIERS,
     OTHER_VERSION,
     TOKEN_BYTES,
@@ -126,7 +127,8 @@ def encode(frame: Frame) -> bytes:
             return _closed(_CHALLENGE.pack(VERSION << 4 | CHALLENGE, *frame))
         case Request():
             name = frame.name.encode()
-            return _closed(_REQUEST.pack(VERSION << 4 | REQUEST, frame.nonce, frame.token, len(name)) + name)
+            head = _REQUEST.pack(VERSION << 4 | REQUEST, frame.nonce, frame.token, len(name))
+            return _closed(head + name + frame.scene_token.encode())
         case Welcome():
             flags = OPEN * frame.is_live | VIEWABLE * frame.viewable
             head = _WELCOME.pack(VERSION << 4 | WELCOME, *frame[:9], flags, len(frame.tiers))
@@ -234,9 +236,10 @@ def _hello(body: bytes) -> Hello:
 
 def _request(body: bytes) -> Request:
     _, nonce, token, size = _REQUEST.unpack_from(body)
-    if len(body) != _REQUEST.size + size:
-        raise BitstreamError("a request of inconsistent size")
-    return Request(nonce, token, _name(body, _REQUEST.size, size))
+    name, scene_token = _name(body, _REQUEST.size, size), body[_REQUEST.size + size :]
+    if len(scene_token) > MAX_SCENE_TOKEN or not (scene_token.isascii() and scene_token.decode().isprintable()):
+        raise BitstreamError("a request whose token is too long or not printable")
+    return Request(nonce, token, name, scene_token.decode())
 
 
 def _welcome(body: bytes) -> Welcome:

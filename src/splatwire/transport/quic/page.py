@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+from splatwire.transport.access import Access
 from splatwire.transport.http.content import Link, PageContent
 from splatwire.transport.http.proxies import IpNetwork
 from splatwire.transport.http.server import PageLimits, PageServer
@@ -37,6 +38,7 @@ class Page:
 async def open_quic_server(
     streams: Mapping[str, ServedStream], host: str, port: int, identity: Callable[[], Identity], limits: ServerLimits,
     stack: contextlib.AsyncExitStack, *, origins: tuple[str, ...] = (), page: Page | None = None,
+    access: Access | None = None,
 ) -> RunningServer:  # fmt: skip
     """Starts a QUIC server, and the web server of its page if requested.
 
@@ -49,10 +51,12 @@ async def open_quic_server(
         stack: Exit stack that closes the servers.
         origins: Web origins whose pages may open sessions; all origins are allowed if empty.
         page: Settings of the page; None for no page.
+        access: Access rules for private scenes; None if all scenes are public.
     """
     quic_limits = QuicLimits(2 * limits.sessions, 2 * limits.per_network, origins or None)
     server = QuicServer(streams, host, port, identity=identity, limits=limits, quic_limits=quic_limits)
     stack.callback(server.close)
+    server.core.access = access
     await server.start()
     facts = {"fingerprint": identity().fingerprint}
     if page is None:
@@ -63,7 +67,7 @@ async def open_quic_server(
         return Link(server.port, WEBTRANSPORT_PATH, identity().fingerprint if pinned else None)
 
     shown = streams if page.live is None else {page.live: None}
-    content = PageContent(shown, link, host, origins or None, public)
+    content = PageContent(shown, link, host, origins or None, public, access=access)
     page_limits = PageLimits(limits.sessions, 2 * limits.per_network)
     opened = await stack.enter_async_context(
         PageServer(content, page.port, page_limits, proxies=page.proxies, pacer=server.core.total_pacer)

@@ -1,4 +1,4 @@
-"""Access rules for the scenes of the page server.
+"""Access rules for the scenes of a server.
 
 Clients need a signed token for private scenes. Unlisted scenes need no token, but are omitted from lists of scenes.
 """
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Access:
-    """Access rules for the scenes of the page server.
+    """Access rules for the scenes of a server.
 
     Attributes:
         private: Names of the scenes that need a token; lists of scenes omit these, too.
