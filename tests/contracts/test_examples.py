@@ -34,7 +34,8 @@ COMMANDS = [
         r"```(?:bash|sh)\n(.*?)```", document.read_text(encoding="utf-8").replace("\\\n", ""), re.DOTALL
     )
     for number, line in enumerate(block.splitlines())
-    if line.startswith("splatwire ") and "--tyro-print-completion" not in line
+    if line.startswith("splatwire ")
+    and not line.startswith(("splatwire --tyro-print-completion", "splatwire --manual"))
 ]
 
 

@@ -83,7 +83,8 @@ def test_transfers_are_shared_and_go_to_the_server_that_is_left(tmp_path: Path, 
 
     async def work() -> None:
         async with contextlib.AsyncExitStack() as stack:
-            options = ("--group", 2, "--fps", 100, "--port", 0, "--json", *(("--quic",) if scheme == "quic" else ()))
+            options = ["--group", 2, "--fps", 100, "--port", 0, "--clients-per-address", 64, "--json"]
+            options += ["--quic"] if scheme == "quic" else []
             servers = [stack.enter_context(splatwire("live", source, *options)) for _ in range(2)]
             ports = [json.loads(server.stdout.readline())["port"] for server in servers]
             listening = free_port()

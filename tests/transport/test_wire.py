@@ -44,7 +44,7 @@ places = st.tuples(*[st.floats(-1e6, 1e6, width=32)] * 3).map(lambda p: (0, -1, 
 frames = st.one_of(
     st.builds(Hello, u64, names),
     st.builds(Challenge, u64, st.binary(min_size=16, max_size=16)),
-    st.builds(Request, u64, st.binary(min_size=16, max_size=16), names),
+    st.builds(Request, u64, st.binary(min_size=16, max_size=16), names, st.text("aZ09-_.", max_size=1024)),
     st.builds(Welcome, u64, u32, u32, u64, digests, u16, u32, u16, u32, tiers, previews, flag, flag),
     st.builds(Welcome, u64, u32, u32, u64, digests, u16, u32, u16, u32, many, st.just(b""), flag),
     st.builds(Side, u32, u32, u16, u32, st.binary(min_size=1, max_size=1100)),

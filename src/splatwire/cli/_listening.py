@@ -47,6 +47,8 @@ def check_listening(listening: Listening) -> None:
     parse_networks(listening.proxy)
     if listening.monitor is not None:
         monitoring_address(listening.monitor)
+    if min(listening.clients, listening.clients_per_address) < 1:
+        raise InvalidValueError("--clients and --clients-per-address are at least 1")
     if listening.rate is not None and not 0 < listening.rate <= 100_000:
         raise InvalidValueError(f"a rate is above 0 and at most 100000 megabits per second, {listening.rate} is not")
     if listening.total_rate is not None and not LEAST_TOTAL_RATE <= listening.total_rate <= 1_000_000:

@@ -33,6 +33,10 @@ class Listening:
     """Fixed rate for each client in megabits per second. Default: adapted to the path."""
     total_rate: float | None = None
     """Maximum rate to all clients together in megabits per second, over UDP, QUIC and HTTP."""
+    clients: int = 256
+    """Maximum number of clients at the same time."""
+    clients_per_address: int = 16
+    """Maximum number of clients per IPv4 address or IPv6 /64 prefix; twice as many may start per minute."""
     quic: bool = False
     """Serve over QUIC: encrypted, with the side information on a reliable stream. Browsers connect by WebTransport."""
     page: int | None = None

@@ -63,7 +63,12 @@ async def _serve(command: Live, options: SequenceOptions, protection: Protection
     """Serves until a signal, or the end of the frames; returns False if the encoder did not end in time."""
     stop, loop, warn = stop_on_signals(), asyncio.get_running_loop(), Warnings()
     async with contextlib.AsyncExitStack() as stack:
-        limits = ServerLimits(fixed_rate=command.fixed_rate, total_rate=command.total_bytes_s)
+        limits = ServerLimits(
+            command.clients,
+            command.clients_per_address,
+            fixed_rate=command.fixed_rate,
+            total_rate=command.total_bytes_s,
+        )
         opened = await open_server({}, command, limits, stack, live=NAME)
         server = opened.server
         print_ready(command, server.port, opened.facts, "live")

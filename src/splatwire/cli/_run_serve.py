@@ -109,8 +109,6 @@ def limits(command: Serve) -> ServerLimits:
         raise InvalidValueError(f"--idle is from 0.1 to 3600 seconds, {command.idle} is not")
     if not 0 <= command.drain <= 86_400:
         raise InvalidValueError(f"--drain is from 0 to 86400 seconds, {command.drain} is not")
-    if min(command.clients, command.clients_per_address) < 1:
-        raise InvalidValueError("--clients and --clients-per-address are at least 1")
     return ServerLimits(
         command.clients,
         command.clients_per_address,

@@ -40,10 +40,6 @@ class Serve(Listening):
     protect: tuple[str, ...] = ()
     """Without --plan: repair symbols per packet of a tier, tierN=REPAIR, e.g. tier0=0.4. A stream encoded without
     --tiers has only tier 0. motion=REPAIR: repair symbols per motion packet of a clip."""
-    clients: int = 256
-    """Maximum number of clients at the same time."""
-    clients_per_address: int = 16
-    """Maximum number of clients per IPv4 address or IPv6 /64 prefix; twice as many may start per minute."""
     config: Path | None = None
     """TOML file with options of this verb by name, e.g. page = 8080 or streams = ["room.swz"]. Options of the command
     line win."""
