@@ -4,6 +4,7 @@ import itertools
 import json
 import logging
 import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -102,3 +103,16 @@ def test_the_engine_of_playcanvas_reads_the_tree(levels):
     np.testing.assert_allclose(
         [low for _, low in found["nodes"]], [leaf["bound"]["min"][0] for leaf in leaves], atol=1e-4
     )
+
+
+@pytest.mark.slow
+def test_a_real_scene_is_drawn_as_before(data_dir, tmp_path):
+    source, target = data_dir / "splats" / "luigi_lgm_3dgs.ply", tmp_path / "levels"
+    verbs = (["convert", source, target, "--to", "streamed-sog"], ["compare", source, target / "lod-meta.json"])
+    for words in verbs:
+        command = [sys.executable, "-m", "splatwire", *map(str, words), "--json"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=900)
+        assert done.returncode == 0, done.stderr
+    row = json.loads(done.stdout)["rows"][1]
+    assert row["num_gaussians"] == 14_526
+    assert row["worst_psnr"] > 55
