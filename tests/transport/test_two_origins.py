@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from moving_clips import moving_frames
 
+from moving_sequences import moving_frames
 from splatwire.io import open_scene
 from splatwire.io.formats import write_splats
 from transport.test_reverse_proxies import DEPLOY, NGINX, free_port, replaced, running

@@ -31,7 +31,7 @@ from splatwire.codec.sequence import lifetimes
 from splatwire.concealment.sketch import section as sketch
 from splatwire.entropy import integers
 from splatwire.sequence.encoding import FIRST_FRAME
-from splatwire.transport.protocol import frames, wire
+from splatwire.transport.protocol import datagrams, wire
 from splatwire.transport.protocol.collect import ReceiverLimits
 
 SOURCES = Path(__file__).parents[1] / "src"
@@ -56,7 +56,7 @@ WIRE_NAMES = {
         "VERSION", "REQUEST", "WELCOME", "SIDE", "DATA", "FEEDBACK", "BYE", "REFUSE", "END", "HAVE", "VIEW",
         "OPEN", "VIEWABLE", "MAX_DATAGRAM",
     ),
-    frames: (
+    datagrams: (
         "REFUSALS", "NOT_YET", "OTHER_VERSION", "MAX_NACKS", "MAX_TIERS", "MAX_DECLARED", "MAX_PREVIEW",
         "MAX_HELD_BYTES",
     ),
