@@ -70,7 +70,7 @@ def packet_bytes(stream: SceneStream, info: SideInfo, scene: SplatScene, n: int,
     places, s = everything[np.searchsorted(members, left)], to_sources(some, info.size_log)
     source = BlockSource(
         np.int64(at), np.int64(1), block_codes(places, bits), places, scene.coding.classes[left].astype(np.int64),
-        s.logs, s.axes, s.colours, transformed(s.harmonics, info.transform),
+        s.logs, s.axes, s.colours, transformed(some, info.transform),
     )  # fmt: skip
     return encode_block(source, info, block, np.array([len(left)]), 0).payloads[0]
 
