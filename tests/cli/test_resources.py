@@ -67,6 +67,20 @@ def test_small_address_space_gives_a_warning_before_libraries_abort(run, journey
     assert ("splatwire: warning: the address space is limited to 0.6 GB (`ulimit -v`)" in outcome.err) == warns
 
 
+@pytest.mark.parametrize("words", [("decode", "FILE", "-o", "a.scene"), ("serve", "FILE", "--port", "0")])
+def test_address_space_that_is_too_small_for_libraries_is_one_error_line(words, journey, tmp_path):
+    """Without the check, LLVM aborts the process, or OpenBLAS waits for threads without end."""
+    words = [str(journey / "tiny.swz") if word == "FILE" else word for word in words]
+    done = subprocess.run(
+        [sys.executable, "-m", "splatwire", *words], capture_output=True, text=True, timeout=120, check=False,
+        cwd=tmp_path, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (256_000_000, 256_000_000)),
+    )  # fmt: skip
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert line.startswith("splatwire: error: ")
+    assert "limited to 0.3 GB, `ulimit -v`: raise that" in line
+
+
 def test_file_size_limit_is_one_error_line_and_leaves_no_file(journey, tmp_path):
     """The system sets the limit; Python raises an error instead of receiving the signal."""
     words = [sys.executable, "-m", "splatwire", "transmit", str(journey / "tiny.swz"), "-o", str(tmp_path / "a.swz")]

@@ -208,6 +208,14 @@ def test_other_axes_of_poses_give_a_warning(key, capture, caplog):
         ("distortion_coefficients", {"k1": 0.1}),
         ("dist_coeffs", [0.1]),
         ("s1", 0.01),
+        ("model", "fisheye"),
+        ("cam_model", "fisheye"),
+        ("sensor_type", "spherical"),
+        ("camera", {"model": "OPENCV_FISHEYE", "k1": 0}),
+        ("camera", {"id": 1, "k1": 0.1}),
+        ("lens", {"type": "fisheye"}),
+        ("lens", {"distortion": [0, 0.1]}),
+        ("cameras", [{"id": 1}, {"projection": "equirectangular"}]),
     ],
 )
 def test_a_lens_under_an_unknown_name_is_refused(key, value, capture):
@@ -226,6 +234,10 @@ def test_a_lens_under_an_unknown_name_is_refused(key, value, capture):
         ("dist", 3.5),
         ("scene", "fisheye"),
         ("camera", "left"),
+        ("camera", {"model": "OPENCV", "k1": 0.0, "is_fisheye": False, "name": "fisheye"}),
+        ("model", "splatfacto"),
+        ("cameras", [{"id": 1, "distortion": []}, 2]),
+        ("matrix", np.eye(4).tolist()),
     ],
 )
 def test_fields_that_state_no_lens_are_accepted(key, value, capture, caplog):
@@ -235,6 +247,21 @@ def test_fields_that_state_no_lens_are_accepted(key, value, capture, caplog):
     path.write_text(json.dumps(content))
     assert len(read_transforms(path).views) == 12
     assert not caplog.text
+
+
+def test_intrinsics_in_shares_of_the_size_are_refused(capture):
+    folder = capture.write_nerfstudio()
+    rewritten(folder / "transforms.json", fl_x=0.8, fl_y=1.1, cx=0.5, cy=0.5)
+    with pytest.raises(DatasetError, match="in pixels, not in shares of the size"):
+        open_dataset(folder)
+
+
+def test_deep_lists_in_fields_of_a_lens_are_no_endless_recursion(capture):
+    path = capture.write_nerfstudio() / "transforms.json"
+    deep: list = []
+    for _ in range(600):
+        deep = [deep]
+    assert len(read_transforms(rewritten(path, distortion=deep)).views) == 12
 
 
 def test_other_axes_of_the_poses_of_frames_give_one_warning(capture, caplog):

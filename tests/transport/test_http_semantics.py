@@ -121,6 +121,26 @@ def test_an_absolute_url_and_its_path_have_the_same_answer():
         assert ask(LOCAL, target=f"http://localhost{path}") == ask(LOCAL, target=path)
 
 
+@pytest.mark.parametrize("content", [LOCAL, PUBLIC, ONE_ORIGIN])
+@pytest.mark.parametrize("method", ["GET", "HEAD"])
+def test_requests_of_http_1_0_need_no_host(content: PageContent, method: str):
+    """Health checks of proxies and load balancers send none; HTTP/1.1 requires it."""
+    for target, status in (("/", 200), ("/streams.json", 200), (STREAM, 200), ("/none", 404)):
+        assert content.answer(f"{method} {target} HTTP/1.0\r\n\r\n".encode()).head.split()[1] == b"%d" % status
+        assert content.answer(f"{method} {target} HTTP/1.1\r\n\r\n".encode()).head.split()[1] == b"400"
+
+
+@pytest.mark.parametrize("host", ["", "evil.example", "a b"])
+def test_a_host_of_http_1_0_is_checked(host: str):
+    answer = LOCAL.answer(f"GET / HTTP/1.0\r\nHost: {host}\r\n\r\n".encode())
+    assert answer.head.split()[1] == (b"403" if host == "evil.example" else b"400")
+
+
+def test_monitoring_answers_http_1_0_without_a_host():
+    monitoring = MonitoringContent.__new__(MonitoringContent)
+    assert monitoring.answer(b"GET /healthz HTTP/1.0\r\n\r\n").head.startswith(b"HTTP/1.1 200 ")
+
+
 def test_options_may_ask_about_the_whole_server():
     assert ask(LOCAL, "OPTIONS", "*")[0] == 204
 

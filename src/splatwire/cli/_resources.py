@@ -14,6 +14,8 @@ _ADVICE = {
 }
 """Message for each error number (errno)."""
 _LEAST_ADDRESS_SPACE = 1_000_000_000
+_UNUSABLE_ADDRESS_SPACE = 500_000_000
+"""Address space below which libraries abort the process or wait without end, bytes."""
 _MEMORY = "there is not enough memory here"
 _MARKERS = (
     ("failed to map segment", _MEMORY),
@@ -54,10 +56,15 @@ def address_space_warning() -> str:
     """Returns a warning if the process's address space is limited to less than libraries need; otherwise empty.
 
     Such a process may be aborted inside a library, before Python can print an error.
+
+    Raises:
+        MemoryError: If the limit is so low that libraries would certainly fail.
     """
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit == resource.RLIM_INFINITY or limit >= _LEAST_ADDRESS_SPACE:
         return ""
+    if limit < _UNUSABLE_ADDRESS_SPACE:
+        raise MemoryError(f"libraries need up to {_LEAST_ADDRESS_SPACE / 1e9:.0f} GB of address space")
     return (
         f"the address space is limited to {limit / 1e9:.1f} GB (`ulimit -v`), libraries need up to "
         f"{_LEAST_ADDRESS_SPACE / 1e9:.0f} GB: without it, they may end this program"

@@ -13,6 +13,8 @@ from splatwire.types.origin import choose_origin
 
 _MAX_NUMBER = 1e12
 _MIN_FOCAL_PX = 1e-3
+_MIN_FOCAL = 1 / 40
+"""Minimum focal length as a share of the picture's size, for a field of view of 174 degrees."""
 _RIGID_TOLERANCE = 1e-3
 
 
@@ -46,6 +48,11 @@ def make_cameras(
         check_rigid(source, name, viewmat)
         if not (np.abs(K) < _MAX_NUMBER).all() or min(K[0, 0], K[1, 1]) < _MIN_FOCAL_PX:
             raise DatasetError(f"{source}: view '{name}' has no positive, finite focal length")
+        if min(K[0, 0] / width, K[1, 1] / height) < _MIN_FOCAL:
+            raise DatasetError(
+                f"{source}: view '{name}' has focal lengths of {K[0, 0]:.3g} and {K[1, 1]:.3g} pixels for pictures of "
+                f"{width} x {height}: intrinsics are in pixels, not in shares of the size"
+            )
     poses = np.array(viewmats, dtype=np.float64)
     origin = choose_origin(-np.einsum("cij,ci->cj", poses[:, :3, :3], poses[:, :3, 3]), wide=False)
     poses[:, :3, 3] += poses[:, :3, :3] @ np.array(origin)

@@ -8,7 +8,8 @@ import re
 from collections.abc import Collection, Mapping
 
 _KIND = re.compile(
-    r"(?:is[-_]?)?(?:camera|lens|projection|distortion)(?:[-_]?(?:type|model|kind|projection|lens))?", re.I
+    r"model|(?:is[-_]?)?(?:cam(?:era)?|sensor|lens|projection|distortion)(?:[-_]?(?:type|model|kind|projection|lens))?",
+    re.I,
 )
 """Pattern of names of fields whose text names a lens or projection."""
 _NAMED = re.compile(
@@ -27,10 +28,19 @@ def unread_lens_fields(values: Mapping[str, object], known: Collection[str] = ()
     """Returns the names of fields that state a lens other than a pinhole.
 
     Args:
-        values: Fields of a camera or of a whole camera file.
-        known: Names of fields that the reader applies.
+        values: Fields of a camera or of a whole camera file; may contain objects with further fields.
+        known: Names of fields that the reader applies, or that are examined apart.
     """
-    return [name for name, value in values.items() if name not in known and _states_lens(name, value)]
+    return [name for name, value in values.items() if name not in known and _contains_lens(name, value)]
+
+
+def _contains_lens(name: str, value: object) -> bool:
+    """Returns True if a field, or a field of an object in it, such as `type` of `lens`, states a lens."""
+    objects = [part for part in (value if isinstance(value, list) else [value]) if isinstance(part, dict)]
+    inner = [(word, part) for fields in objects for word, part in fields.items()]
+    return _states_lens(name, value) or any(
+        _states_lens(word, part) or _states_lens(f"{name}_{word}", part) for word, part in inner
+    )
 
 
 def _states_lens(name: str, value: object) -> bool:
@@ -42,9 +52,9 @@ def _states_lens(name: str, value: object) -> bool:
 
 
 def _has_numbers(value: object) -> bool:
-    """Returns True for a number other than 0, and for a list or object that contains one."""
+    """Returns True for a number other than 0, and for a list, list of lists or object that contains one."""
     if isinstance(value, dict):
         value = list(value.values())
-    if isinstance(value, list):
-        return any(_has_numbers(part) for part in value if not isinstance(part, dict))
-    return isinstance(value, int | float) and not isinstance(value, bool) and value != 0
+    parts = value if isinstance(value, list) else [value]
+    rows = [number for part in parts if isinstance(part, list) for number in part]
+    return any(isinstance(one, int | float) and not isinstance(one, bool) and one != 0 for one in [*parts, *rows])

@@ -28,9 +28,9 @@ _OTHER_PROJECTIONS = ("latlong", "equirectangular", "ftheta_p0")
 _POINT_CLOUD = "ply_file_path"
 _TERMS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _LISTED_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
-_LENS_FIELDS = (*_TERMS, "camera_model", "is_fisheye", "distortion_params", *_OTHER_PROJECTIONS)
-"""Fields about the lens that are applied or refused."""
-_MATRIX = re.compile(r"(?:cam(?:era)?[-_]?)?(?:intrinsics?(?:[-_]?matrix)?|matrix|K)")
+_LENS_FIELDS = ("frames", *_TERMS, "camera_model", "is_fisheye", "distortion_params", *_OTHER_PROJECTIONS)
+"""Fields about the lens that are applied or refused, and the frames, which are examined one by one."""
+_MATRIX = re.compile(r"(?:cam(?:era)?[-_]?)?(?:intrinsics?(?:[-_]?matrix)?|K)|cam(?:era)?[-_]?matrix")
 """Names of fields with the intrinsics as a matrix."""
 _ALIASES = {"fx": "fl_x", "fy": "fl_y"}
 _SAME_NUMBER = 1e-3

@@ -3,7 +3,7 @@
 import { BitstreamError } from "../bytes.ts";
 import { waitOrOnline, withBackoff } from "./backoff.ts";
 import type { Listener } from "./events.ts";
-import { HttpError, Unreadable } from "./http_error.ts";
+import { HttpError } from "./http_error.ts";
 import { HttpFile } from "./http_file.ts";
 import { receiveFile } from "./http_source.ts";
 import type { PacketStore } from "./packet_store.ts";
@@ -78,7 +78,7 @@ class Failover {
   }
 
   canRetry(error: unknown): boolean {
-    if (error instanceof BitstreamError || (error instanceof Unreadable && !this.#session)) return false;
+    if (error instanceof BitstreamError) return false;
     // a file that was delivered before may be in the middle of its replacement
     return !(error instanceof HttpError && error.final) || (this.#file.given && ++this.#file.refusals <= MAX_REFUSALS);
   }

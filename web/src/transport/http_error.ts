@@ -17,12 +17,15 @@ export class HttpError extends Error {
   }
 }
 
-/** Error for a file that the server delivers but that the page may not read (CORS). A retry cannot help. */
+/**
+ * Error for a server whose responses the browser withholds from the page (CORS). A retry may help, because proxies send
+ * their own errors, such as 502, without the header.
+ */
 export class Unreadable extends Error {
   constructor(url: string) {
     super(
-      `${url} is there, but this page may not read it: it, or the address that it redirects to, needs the header ` +
-        "Access-Control-Allow-Origin (CORS)",
+      `the server of ${url} answers, but this page may not read it: the file, or the address that it redirects to, ` +
+        "needs the header Access-Control-Allow-Origin (CORS), unless the server has an error",
     );
   }
 }

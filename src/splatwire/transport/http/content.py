@@ -400,8 +400,11 @@ class PageContent:
     def _is_own_host(self, name: str) -> bool:
         """True if a request's `Host` header is a name of this server or an IP address.
 
-        Other names are refused, because an attacker's name could point to this machine (DNS rebinding).
+        Other names are refused, because an attacker's name could point to this machine (DNS rebinding). The name is
+        empty in requests of HTTP/1.0, such as health checks of proxies. Browsers always send one.
         """
+        if not name:
+            return True
         plain = name.lower().removesuffix(".")  # a name with a final dot is the same name (RFC 1034)
         try:
             ipaddress.ip_address(plain.strip("[]"))

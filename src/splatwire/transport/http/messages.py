@@ -30,7 +30,8 @@ class Request(NamedTuple):
         method: Request method.
         target: Path of the URL, percent-encoded.
         query: Query string: the part of the URL after the question mark.
-        host: Value of the `Host` header without port; an IPv6 address keeps its brackets.
+        host: Value of the `Host` header without port; an IPv6 address keeps its brackets. Empty if a request of
+            HTTP/1.0 has no such header.
         headers: Header values by lower-case name; the values of a repeated header are joined by commas.
     """
 
@@ -74,7 +75,7 @@ def read_request(head: bytes) -> Request:
 
     Raises:
         BitstreamError: If the head has a control byte within a line, a header without name, or not exactly one valid
-            `Host` header. Also if the length of the request's body is ambiguous.
+            `Host` header, which only HTTP/1.0 may omit. Also if the length of the request's body is ambiguous.
     """
     first, *lines = head.removesuffix(b"\r\n\r\n").decode("latin-1").split("\r\n")
     words, headers = _REQUEST.fullmatch(first), dict[str, str]()
@@ -87,7 +88,8 @@ def read_request(head: bytes) -> Request:
         name, value = field[1].lower(), field[2].strip(" \t")
         headers[name] = f"{headers[name]}, {value}" if name in headers else value
     _check_body_length(headers, words[3])
-    host, path = _host(headers.get("host", "")), words[2]
+    is_without_host = words[3] == "0" and "host" not in headers
+    host, path = "" if is_without_host else _host(headers.get("host", "")), words[2]
     if absolute := _ABSOLUTE.fullmatch(path):
         host, path = _host(absolute[1]), absolute[2] if absolute[2].startswith("/") else f"/{absolute[2]}"
     if not path.startswith("/") and (words[1], path) != ("OPTIONS", "*"):
