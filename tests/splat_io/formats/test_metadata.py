@@ -106,9 +106,13 @@ def test_comments_that_are_not_utf8_are_read_as_windows_1252(
 ) -> None:
     path = tmp_path / f"a{end}"
     write_splats([some_splats()], path, metadata=SceneMetadata("Räume", "Jürgen"))
-    path.write_bytes(path.read_bytes().replace("Räume".encode(), "Räume €1".encode("cp1252")))
+    written = path.read_bytes()
+    path.write_bytes(written.replace("Räume".encode(), "Räume €1".encode("cp1252")))
     assert read_content(path).metadata == SceneMetadata("Räume €1", "Jürgen")
-    assert ["read as Windows-1252" in message for message in caplog.messages] == [True]
+    path.write_bytes(written.replace("Räume".encode(), b"R\xe4ume").replace("Jürgen".encode(), b"J\xfcrgen"))
+    assert read_content(path).metadata == SceneMetadata("Räume", "Jürgen")
+    assert ["read as Windows-1252" in message for message in caplog.messages] == [True, True]
+    assert "(and 1 more)" in caplog.messages[1]
 
 
 @pytest.mark.parametrize(

@@ -103,7 +103,7 @@ def read_header(path: Path, source: Iterator[bytes]) -> tuple[PlyHeader, bytes]:
 
 def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
     lines = [line.strip() for line in head.split(newline)]
-    comments = tuple(_comment(path, line) for line in lines if line.startswith(_REMARKS))
+    comments = _comments(path, [line for line in lines if line.startswith(_REMARKS)])
     lines = [line for line in lines if line and not line.startswith(_REMARKS)]
     try:
         texts = [line.decode("ascii") for line in lines]
@@ -120,14 +120,20 @@ def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
     return PlyHeader(order, rows, lists, comments)
 
 
-def _comment(path: Path, line: bytes) -> str:
-    text = line.partition(b" " if b"\t" not in line[:9] else b"\t")[2].strip()
-    try:
-        return text.decode("utf-8")
-    except UnicodeDecodeError:
-        western = text.decode("cp1252", "replace")
-        LOG.warning("%s: the comment %.80r is not UTF-8: it is read as Windows-1252", path, western)
-        return western
+def _comments(path: Path, lines: list[bytes]) -> tuple[str, ...]:
+    """Returns the texts of comments; logs one warning if some are not UTF-8."""
+    texts, others = list[str](), list[str]()
+    for line in lines:
+        text = line.partition(b" " if b"\t" not in line[:9] else b"\t")[2].strip()
+        try:
+            texts.append(text.decode("utf-8"))
+        except UnicodeDecodeError:
+            texts.append(text.decode("cp1252", "replace"))
+            others.append(texts[-1])
+    if others:
+        more = f" (and {len(others) - 1:,} more)" if len(others) > 1 else ""
+        LOG.warning("%s: the comment %.80r%s is not UTF-8: it is read as Windows-1252", path, others[0], more)
+    return tuple(texts)
 
 
 def _elements(path: Path, lines: list[list[str]], order: str) -> tuple[dict[str, tuple[int, np.dtype]], str | None]:
