@@ -75,7 +75,7 @@ def measured(path: Path, options: argparse.Namespace) -> dict[str, object]:
         return found, {"bytes": size, "psnr": psnr, "kept": found.kept, "level": level, "seconds": seconds}
 
     first = encode_controlled(scene, Target(quality=Quality(LEVELS[0])), encode, effort="fast")
-    pictures = SourcePictures.of(first.source, first.held_out)
+    pictures = first.held_out
     fast = [controlled(Target(quality=Quality(level)), "fast")[1] for level in LEVELS]
     result: dict[str, object] = {
         "gaussians": scene.num_elements, "degree": scene.splats.degree, "iterations": options.iterations,

@@ -55,7 +55,7 @@ def bytes_at(curve: list[dict], psnr: float) -> float | None:
 def one(path: Path) -> dict:
     scene = open_scene(path)
     assert isinstance(scene, SplatScene)
-    pictures = SourcePictures.of(scene, held_out_cameras(scene))
+    pictures = SourcePictures(scene, held_out_cameras(scene))
     curve, seconds = [], {}
 
     def row(found: EncodedScene, **more: object) -> dict:

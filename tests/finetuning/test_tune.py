@@ -12,11 +12,10 @@ from splatwire.codec.gaussians.quality import Quality
 from splatwire.concealment import conceal
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.views import held_out_cameras
-from splatwire.finetuning import FineTuning, Pictures, fine_tune, fitting_cameras, own_pictures, prune_and_tune
-from splatwire.finetuning.shares import share_for
+from splatwire.finetuning import FineTuning, Pictures, fine_tune, fitting_cameras, own_pictures
 from splatwire.render import render_scene
 from splatwire.render.importance import surrounding_cameras
-from splatwire.render.pruning import prune, removal_errors
+from splatwire.render.pruning import prune
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
 
@@ -95,39 +94,6 @@ def test_pixels_outside_of_masks_have_no_influence() -> None:
         for images in (pictures.images, other)
     )
     assert (first.splats.means == second.splats.means).all()
-
-
-def test_a_higher_psnr_keeps_more_gaussians() -> None:
-    scene, tasks = shell(200), set()
-    pictures, options = own_pictures(scene, fitting_cameras(scene, 6, 32)), FineTuning(iterations=2)
-    few, many = (
-        prune_and_tune(scene, pictures, options, psnr=psnr, progress=lambda task, done: tasks.add(task.split(",")[0]))
-        for psnr in (24.0, 40.0)
-    )
-    assert few.num_elements < many.num_elements < 200
-    assert tasks == {"measuring Gaussians", "pruning", "fine-tuning"}
-    assert prune_and_tune(scene, pictures, options, share=0.25).num_elements == 50
-
-
-def test_pixels_outside_of_masks_do_not_change_the_share() -> None:
-    scene = shell(200)
-    pictures = own_pictures(scene, fitting_cameras(scene, 6, 32))
-    masks = np.zeros(pictures.images.shape[:3], np.bool_)
-    masks[:, 8:-8, 8:-8] = True
-    errors = removal_errors(scene, pictures.cameras)
-    images = np.where(masks[..., None], pictures.images, np.uint8(255))
-    shares = [
-        share_for(scene, errors, Pictures(pictures.cameras, some, masks), 32.0) for some in (pictures.images, images)
-    ]
-    assert shares[0] == shares[1] < 1
-
-
-@pytest.mark.parametrize("chosen", [{}, {"share": 0.5, "psnr": 40.0}, {"share": 0.0}, {"share": 1.5}])
-def test_share_and_psnr_that_make_no_sense_are_refused(chosen: dict[str, float]) -> None:
-    scene = shell(20)
-    pictures = own_pictures(scene, fitting_cameras(scene, 2, 16))
-    with pytest.raises(InvalidValueError, match="fine-tuning: "):
-        prune_and_tune(scene, pictures, **chosen)
 
 
 def test_progress_reaches_all_iterations() -> None:

@@ -145,11 +145,12 @@ class PretendedPlan(_Plan):
         value = function(quality.level, kept)
         return PretendedScene(quality, kept, value, value + offset)
 
+    def measured(self, encoded: EncodedScene) -> float:
+        return vars(encoded)["value"]
+
 
 def trials_of(plan: PretendedPlan, tuned_level: float | None = None) -> _Trials:
-    trials = _Trials(plan, encode_plainly, lambda task, share: None, tuned_level)
-    trials.measured = lambda found: vars(found)["value"]
-    return trials
+    return _Trials(plan, encode_plainly, lambda task, share: None, tuned_level)
 
 
 @pytest.mark.parametrize(("offset", "tuned_level"), [(0.6, 8.0), (0.6, None), (-0.6, None)])

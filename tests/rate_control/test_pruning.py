@@ -27,7 +27,7 @@ def with_hidden_core(splats: Splats) -> Splats:
 
 def curve_of(scene: SplatScene) -> PruningCurve:
     measured = measure_gaussians(scene)
-    return PruningCurve.measured(scene, measured.removal, SourcePictures.of(scene, ViewSets.of(scene).search))
+    return PruningCurve.measured(scene, measured.removal, SourcePictures(scene, ViewSets.of(scene).search))
 
 
 def test_share_grows_steadily_with_the_precision():
@@ -89,7 +89,7 @@ def test_views_around_a_scene_differ_between_the_sets():
 
 def test_pictures_of_the_source_have_no_error():
     scene = SplatScene(ball_of_gaussians())
-    pictures = SourcePictures.of(scene, cameras_around(scene.splats.means, 3, 48))
+    pictures = SourcePictures(scene, cameras_around(scene.splats.means, 3, 48))
     assert pictures.mean_psnr(scene) == np.inf
     darker = replace(scene, splats=replace(scene.splats, opacities=scene.splats.opacities / 2))
     assert 5 < pictures.mean_psnr(darker) < 40

@@ -1,5 +1,6 @@
 """The effort `best`: accuracy, dependence on the seed only, gain over `default`, views that are not fitted."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,15 +15,19 @@ from splatwire.codec import encode_scene
 from splatwire.codec.gaussians.packets import PacketDivision, divide_into_packets
 from splatwire.codec.gaussians.quality import quality_of
 from splatwire.errors import InvalidValueError
+from splatwire.evaluation.views import HELD_OUT_SIZE
 from splatwire.finetuning import fitting_cameras
 from splatwire.rate_control import EncodedScene, Target, Tuning, encode_controlled
 from splatwire.rate_control.tuning import MAX_GAUSSIANS, fitted_cameras
 from splatwire.rate_control.views import LEAST_CAMERAS, ViewSets
+from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
-from splatwire.types import SplatScene
+from splatwire.types import Cameras, SplatScene
 
 BUNDLED = Path(splatwire.__file__).parent / "assets" / "snowmiku_gaussians.swz"
 FEW = Tuning(iterations=8, num_views=4, size=32)
+ENOUGH = Tuning(iterations=150, num_views=24, size=96)
+"""Options with which fine-tuning a shell of 1,000 Gaussians is better than not fine-tuning."""
 
 
 def encoded(
@@ -38,19 +43,24 @@ def encoded(
     return encode_controlled(scene, Target(**target), encode, effort=effort, tuning=tuning)
 
 
+@pytest.mark.slow
 def test_streams_have_the_size_that_was_asked_for():
     scene = shell(1000)
     size = 2 * encoded(scene, "fast", quality=quality_of("small")).stream.num_bytes // 3
-    found = encoded(scene, size=size)
+    found = encoded(scene, tuning=ENOUGH, size=size)
     assert 0.97 * size <= found.stream.num_bytes <= size
     assert found.kept < 1
+    assert found.fine_tuned
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("degree", [0, 1])
 def test_streams_have_the_psnr_that_was_asked_for(degree):
-    found = encoded(shell(1000, degree), tuning=Tuning(iterations=150, num_views=24, size=96), psnr=36.0)
+    scene = shell(1000, degree)
+    found = encoded(scene, tuning=ENOUGH, psnr=36.0)
     assert abs(found.psnr - 36.0) <= 0.2
+    assert found.fine_tuned
+    assert found.stream.num_bytes < encoded(scene, "default", psnr=36.0).stream.num_bytes
 
 
 @pytest.mark.slow
@@ -80,13 +90,12 @@ def test_equal_seeds_give_equal_streams_and_another_seed_or_loss_another():
 
 def test_gaussians_are_not_fine_tuned_again_if_the_aim_is_out_of_reach(monkeypatch):
     tuned = []
-    monkeypatch.setattr("splatwire.rate_control.encoding.TUNINGS", 3)
 
-    def tuned_to_source(source: SplatScene, kept: np.ndarray, *rest: object) -> tuple[SplatScene, np.ndarray]:
-        tuned.append(len(kept))
-        return source.select(kept), np.zeros(len(kept), np.int64)
+    def tuned_to_pictures(pruned: SplatScene, *rest: object) -> tuple[SplatScene, np.ndarray]:
+        tuned.append(pruned.num_elements)
+        return pruned, np.zeros(pruned.num_elements, np.int64)
 
-    monkeypatch.setattr("splatwire.rate_control.encoding.tuned_to_source", tuned_to_source)
+    monkeypatch.setattr("splatwire.rate_control.encoding.tuned_to_pictures", tuned_to_pictures)
     encoded(shell(200), size=10_000_000)  # above the finest stream
     assert len(tuned) == 1
 
@@ -108,8 +117,8 @@ def test_losses_apply_to_the_packets_of_the_stream(monkeypatch):
 def test_held_out_views_are_those_of_other_efforts():
     scene = shell(200)
     best, fast = (encoded(scene, effort, quality=quality_of("small")) for effort in ("best", "fast"))
-    assert (best.held_out.viewmats == fast.held_out.viewmats).all()
-    assert best.source is fast.source
+    assert (best.held_out.cameras.viewmats == fast.held_out.cameras.viewmats).all()
+    assert best.held_out.scene is fast.held_out.scene is scene
 
 
 def test_given_cameras_are_fitted_unless_they_are_held_out():
@@ -122,6 +131,22 @@ def test_given_cameras_are_fitted_unless_they_are_held_out():
     away = np.abs(fitted.viewmats[:, None] - held_out[None]).max(axis=(2, 3))
     assert away.min() > 1e-3
     assert (fitted.viewmats[20:, :3, :3] == fitted.viewmats[:30, :3, :3]).all()
+
+
+@pytest.mark.slow
+def test_pictures_of_the_source_are_drawn_once(monkeypatch):
+    drawn: list[int] = []
+
+    def iterate(scene: SplatScene, cameras: Cameras) -> Iterator[np.ndarray]:
+        if cameras.width == HELD_OUT_SIZE:
+            drawn.append(scene.num_elements)
+        return iterate_views(scene, cameras)
+
+    monkeypatch.setattr("splatwire.rate_control.views.iterate_views", iterate)
+    scene = shell(300)
+    found = encoded(scene, psnr=36.0)
+    assert found.psnr == found.psnr > 30
+    assert drawn.count(scene.num_elements) == 1
 
 
 def test_views_around_the_scene_are_fitted_without_enough_cameras():
@@ -138,9 +163,22 @@ def test_scenes_that_are_too_large_are_refused_before_any_work():
         encoded(large, size=1)
 
 
-@pytest.mark.parametrize("options", [{"iterations": 0}, {"num_views": 1}, {"size": 15}, {"seed": -1}])
-def test_options_out_of_range_are_refused(options):
-    with pytest.raises(InvalidValueError, match="fine-tuning"):
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"iterations": 0}, "iterations is 1 to 100,000, not 0"),
+        ({"iterations": 100_001}, "iterations is 1 to 100,000, not 100,001"),
+        ({"num_views": 1}, "num_views is 2 to 10,000, not 1"),
+        ({"num_views": 10_001}, "num_views is 2 to 10,000, not 10,001"),
+        ({"size": 15}, "size is 16 to 4,096, not 15"),
+        ({"size": 4097}, "size is 16 to 4,096, not 4,097"),
+        ({"seed": -1}, "seed is 0 to"),
+        ({"seed": 1 << 63}, "seed is 0 to"),
+        ({"num_views": 1025, "size": 1024}, "1,025 views of 1,024 x 1,024 pixels are more than 1,073,741,824 pixels"),
+    ],
+)
+def test_options_out_of_range_are_refused(options, message):
+    with pytest.raises(InvalidValueError, match=f"fine-tuning: {message}"):
         Tuning(**options)
 
 

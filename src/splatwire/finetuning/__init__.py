@@ -1,6 +1,5 @@
 """Fine-tuning of explicit Gaussians on pictures, with simulated rounding and packet loss."""
 
-from splatwire.finetuning.best import prune_and_tune as prune_and_tune
 from splatwire.finetuning.options import FineTuning as FineTuning
 from splatwire.finetuning.pictures import Pictures as Pictures
 from splatwire.finetuning.pictures import fitting_cameras as fitting_cameras

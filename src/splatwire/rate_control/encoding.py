@@ -17,10 +17,12 @@ from splatwire.bitstream import SceneStream
 from splatwire.codec import decode_stream
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.errors import InvalidValueError
+from splatwire.finetuning.pictures import Pictures
 from splatwire.rate_control.pruning import PruningCurve
 from splatwire.rate_control.search import Interval, search
+from splatwire.rate_control.shares import search_share
 from splatwire.rate_control.targets import Target
-from splatwire.rate_control.tuning import Tuning, check_tunable, tuned_to_source
+from splatwire.rate_control.tuning import Tuning, check_tunable, fitted_pictures, tuned_to_pictures
 from splatwire.rate_control.views import SourcePictures, ViewSets
 from splatwire.render.precision import measure_gaussians, precision_classes
 from splatwire.types import Cameras, SplatScene
@@ -47,10 +49,17 @@ LEAST_SHARE_RATIO = 0.6
 """Smallest share of Gaussians to keep on the fine side of a jump, relative to the best one."""
 LEAST_ERROR = 1e-12
 """Minimum mean squared error, so that logarithms are finite."""
-PRUNED_GAIN_DB, ROUNDED_GAIN_DB = 7.0, 2.5
-"""Typical reduction of the errors of pruning and of quantisation by fine-tuning, decibels."""
-TUNINGS, OVERSHOOT = 2, 1.5
-"""Maximum number of fine-tunings. The second one aims higher, by `OVERSHOOT` times what the first one missed."""
+PRUNED_GAIN_DB, ROUNDED_GAIN_DB = 5.0, 2.5
+"""Reduction of the errors of pruning and of quantisation that the first fine-tuning is expected to give, decibels. The
+first is less than usual: a second fine-tuning with fewer Gaussians continues the first one, and one with more does not.
+"""
+MOST_PRUNED_ERROR = 0.9
+"""Maximum share of the error of pruning in the error of a stream."""
+TUNED_SHARE_DB = 6.0
+"""Typical increase of the PSNR of fine-tuned scenes per unit of the logarithm of the share of Gaussians, decibels."""
+EXCESS_DB, EXCESS_LOG = 0.4, 0.06
+"""Maximum difference of fine-tuned scenes from the smallest PSNR (decibels) or logarithm of bytes that is permitted,
+before coarser steps reduce it."""
 _LOG = logging.getLogger(__name__)
 Encoder = Callable[[SplatScene, np.ndarray, Quality], SceneStream]
 """Encodes a scene with the given precision classes and quality setting."""
@@ -65,23 +74,22 @@ class EncodedScene:
         stream: The stream.
         quality: Quantisation setting that was chosen.
         kept: Share of the Gaussians that were kept, 0 to 1.
-        source: The scene before pruning and quantisation, without Gaussians that draw nothing.
-        held_out: Views for measuring the PSNR. They were not used to rank Gaussians, to choose their precision classes,
-            or to fine-tune them. For a target PSNR, they corrected the number of Gaussians and the level.
+        held_out: Pictures of the source, without Gaussians that draw nothing, for measuring the PSNR. Their views were
+            not used to rank Gaussians, to choose their precision classes, or to fine-tune them. For a target PSNR, they
+            corrected the number of Gaussians and the level.
         fine_tuned: True if the kept Gaussians were fine-tuned.
     """
 
     stream: SceneStream
     quality: Quality
     kept: float
-    source: SplatScene
-    held_out: Cameras
+    held_out: SourcePictures
     fine_tuned: bool = False
 
     @functools.cached_property
     def psnr(self) -> float:
-        """Mean PSNR of the decoded scene in the held-out views, relative to renderings of `source`, decibels."""
-        return SourcePictures.of(self.source, self.held_out).mean_psnr(decoded_finest(self.stream))
+        """Mean PSNR of the decoded scene in the held-out views, relative to pictures of the source, decibels."""
+        return self.held_out.mean_psnr(decoded_finest(self.stream))
 
 
 def encode_controlled(
@@ -130,59 +138,64 @@ def encode_controlled(
 
     # The search without fine-tuning comes first, so that impossible targets are errors before the fine-tuning.
     untuned = None if target.quality is not None else _Trials(plan, encode, choosing).reached(target)
-    expected = _Trials(plan.with_more_pruning(), encode, choosing)
-    trials = _prune_and_tune(
-        expected, target, encode, lambda chosen: plan.tuned(chosen, cameras, tuning, progress), progress
-    )
-    found = trials.closest(target)
-    better = trials.better_of(found, untuned, target)
+    if untuned is None or target.psnr is None:
+        start = _Trials(plan.with_more_pruning(), encode, choosing).reached(target)
+    else:
+        start = plan.encoded(untuned.quality, encode, plan.share_to_tune(untuned))
+    pictures = fitted_pictures(source, cameras, tuning, progress)
+    tuned = _prune_and_tune(plan, start, target, encode, pictures, tuning, progress)
+    found = _Trials(tuned, encode, progress, start.quality.level).closest(target)
+    better = plan.better_of(found, untuned, target)
     if better is not found:
         _LOG.warning("fine-tuning gains nothing for this target: the scene is encoded as with effort default")
     return better
 
 
 def _prune_and_tune(
-    expected: "_Trials", target: Target, encode: Encoder, tune: Callable[[EncodedScene], "_Plan"], progress: Progress
-) -> "_Trials":
-    """Prunes and fine-tunes a scene so that its stream should reach a target after fine-tuning.
+    plan: "_Plan",
+    start: EncodedScene,
+    target: Target,
+    encode: Encoder,
+    pictures: Pictures,
+    tuning: Tuning,
+    progress: Progress,
+) -> "_Plan":
+    """Prunes and fine-tunes a scene, with different shares of Gaussians, until its stream reaches a target.
 
     Fine-tuned Gaussians are adapted to their quantisation steps. Coarser steps take fewer bytes, but finer steps do not
-    improve them. The fine-tuned scene should therefore be at the target or above. If it is below, the scene is
-    fine-tuned again with a higher aim.
+    improve them. With the steps of the fine-tuning, the stream should therefore have the size or PSNR of the target, or
+    a little more.
 
     Args:
-        expected: Search among pruned scenes.
-        target: Size, PSNR or quality setting.
+        plan: The scene before pruning.
+        start: The pruned scene that the first fine-tuning begins with. All use its quality setting.
+        target: Size, PSNR or quality setting. With a quality setting, the scene is fine-tuned once.
         encode: Function that encodes a scene.
-        tune: Function that fine-tunes the Gaussians of a pruned scene.
+        pictures: Pictures of the complete scene.
+        tuning: Options of the fine-tuning.
         progress: Called with the name of the current task and its finished share.
 
     Returns:
-        Search among streams of the fine-tuned Gaussians, which begins with the steps of the fine-tuning.
+        The plan for the fine-tuned Gaussians.
     """
-    aim = target
-    before: EncodedScene | None = None
-    for attempt in range(TUNINGS):
-        chosen = expected.before_tuning(aim)
-        if before is not None and (chosen.quality, chosen.kept) == (before.quality, before.kept):
-            break  # the aim is out of reach: fine-tuning would give the same Gaussians again
-        before = chosen
-        tuned = tune(chosen)
-        trials = _Trials(tuned, encode, progress, chosen.quality.level)
-        if target.quality is not None or attempt + 1 == TUNINGS:
-            break
-        first = tuned.encoded(chosen.quality, encode)
-        if target.psnr is not None:
-            missed = target.psnr - trials.measured(first)
-            if missed <= PSNR_TOLERANCE / 2:
-                break
-            aim = Target(psnr=target.psnr + OVERSHOOT * missed)
-        else:
-            assert target.size is not None
-            if first.stream.num_bytes >= target.size * (1 - SIZE_TOLERANCE):
-                break
-            aim = Target(size=round(target.size**2 / first.stream.num_bytes))
-    return trials
+    tuned: list[_Plan] = []
+    packetization = start.stream.manifest.packetization
+
+    def tune(share: float) -> float:
+        pruned = plan.pruned(share, tuned)
+        scene, classes = tuned_to_pictures(pruned, pictures, start.quality, packetization, tuning, progress)
+        tuned.append(replace(plan, classes=classes, curve=None, scene=scene))
+        encoded = tuned[-1].encoded(start.quality, encode)
+        return math.log(encoded.stream.num_bytes) if target.psnr is None else encoded.psnr
+
+    if target.psnr is not None:
+        low, excess, slope = target.psnr - PSNR_TOLERANCE / 2, EXCESS_DB, TUNED_SHARE_DB
+    elif target.size is not None:
+        low, excess, slope = math.log(target.size * (1 - SIZE_TOLERANCE)), EXCESS_LOG, 1.0
+    else:
+        tune(start.kept)
+        return tuned[0]
+    return tuned[search_share(tune, Interval(low, low + excess / 2, low + excess), start.kept, slope)]
 
 
 def _slope(pairs: Sequence[tuple[float, float]]) -> float:
@@ -215,48 +228,91 @@ class _Plan:
 
     Attributes:
         source: The scene to encode.
-        views: Views for measuring, searching and reporting.
+        measured_views: Cameras in which the effect of each Gaussian is measured; None for views around the scene.
+        search: Pictures of the source with which the search compares.
+        held_out: Pictures of the source for the reported PSNR.
         classes: Precision class of each Gaussian.
         curve: Image error as a function of the share of Gaussians kept; None to keep all Gaussians of `scene`.
         scene: The Gaussians to prune and encode: those of `source`, or fine-tuned ones.
     """
 
     source: SplatScene
-    views: ViewSets
+    measured_views: Cameras | None
+    search: SourcePictures
+    held_out: SourcePictures
     classes: np.ndarray
     curve: PruningCurve | None
     scene: SplatScene
 
     @classmethod
     def of(cls, source: SplatScene, effort: Effort, views: ViewSets, progress: Progress) -> "_Plan":
+        search, held_out = SourcePictures(source, views.search), SourcePictures(source, views.held_out)
         progress("measuring Gaussians", 0.0)
         if effort == "fast":
-            return cls(source, views, precision_classes(source.splats, views.measured), None, source)
+            classes = precision_classes(source.splats, views.measured)
+            return cls(source, views.measured, search, held_out, classes, None, source)
         measured = measure_gaussians(source, views.measured)
         progress("measuring Gaussians", 1.0)
-        pictures = SourcePictures.of(source, views.search)
-        curve = PruningCurve.measured(source, measured.removal, pictures, lambda share: progress("pruning", share))
-        return cls(source, views, measured.classes, curve, source)
+        curve = PruningCurve.measured(source, measured.removal, search, lambda share: progress("pruning", share))
+        return cls(source, views.measured, search, held_out, measured.classes, curve, source)
 
     def with_more_pruning(self) -> "_Plan":
         """Returns a plan that keeps fewer Gaussians at each level, for fine-tuning, which makes up for removed ones."""
         assert self.curve is not None
         return replace(self, curve=self.curve.scaled(10 ** ((ROUNDED_GAIN_DB - PRUNED_GAIN_DB) / 10)))
 
-    def tuned(self, chosen: EncodedScene, cameras: Cameras | None, tuning: Tuning, progress: Progress) -> "_Plan":
-        """Returns the plan for fine-tuned Gaussians, all of which are kept.
+    def pruned(self, share: float, tuned: Sequence["_Plan"]) -> SplatScene:
+        """Removes Gaussians before fine-tuning.
+
+        If a larger share was fine-tuned before, its least important Gaussians are removed. Their effect is measured
+        again, because fine-tuning has changed it.
 
         Args:
-            chosen: The pruned scene to fine-tune, with the quality setting whose rounding is part of the fine-tuning.
-            cameras: Cameras at typical viewing positions; None for views around the scene.
-            tuning: Options of the fine-tuning.
-            progress: Called with the name of the current task and its finished share.
+            share: Share of the Gaussians of `source` to keep, 0 to 1.
+            tuned: Plans of fine-tuned Gaussians.
         """
         assert self.curve is not None
-        kept = self.curve.kept(chosen.kept)
-        packetization = chosen.stream.manifest.packetization
-        scene, classes = tuned_to_source(self.source, kept, chosen.quality, packetization, cameras, tuning, progress)
-        return replace(self, classes=classes, curve=None, scene=scene)
+        kept = self.curve.kept(share)
+        larger = [each.scene for each in tuned if each.scene.num_elements > len(kept)]
+        if not larger:
+            return self.source.select(kept)
+        scene = min(larger, key=lambda each: each.num_elements)
+        removal = measure_gaussians(scene, self.measured_views).removal
+        return scene.select(np.sort(np.argsort(-removal, kind="stable")[: len(kept)]))
+
+    def measured(self, encoded: EncodedScene) -> float:
+        """Returns the mean PSNR of a decoded stream, decibels, in the views with which the search compares."""
+        return self.search.mean_psnr(decoded_finest(encoded.stream))
+
+    def share_to_tune(self, untuned: EncodedScene) -> float:
+        """Estimates the share of Gaussians with which fine-tuning gives the same PSNR as a stream without fine-tuning.
+
+        Args:
+            untuned: Stream of pruned Gaussians. The quantisation steps are the same with and without fine-tuning.
+        """
+        assert self.curve is not None
+        error = 10 ** (-self.measured(untuned) / 10)
+        pruned = min(self.curve.error(untuned.kept), MOST_PRUNED_ERROR * error)
+        rounded = (error - pruned) * 10 ** (-ROUNDED_GAIN_DB / 10)
+        return min(self.curve.share(max(error - rounded, LEAST_ERROR) * 10 ** (PRUNED_GAIN_DB / 10)), untuned.kept)
+
+    def better_of(self, tuned: EncodedScene | None, untuned: EncodedScene | None, target: Target) -> EncodedScene:
+        """Chooses between the streams with and without fine-tuning; returns the one that serves a target better.
+
+        Args:
+            tuned: The stream of fine-tuned Gaussians; None if it does not reach the target.
+            untuned: The stream without fine-tuning; None if the target is a quality setting.
+            target: The target of both streams.
+        """
+        if tuned is None or untuned is None:
+            found = tuned or untuned
+            assert found is not None
+            return found
+        if target.psnr is None:
+            return tuned if self.measured(tuned) >= self.measured(untuned) else untuned
+        off = abs(tuned.psnr - target.psnr)
+        reaches = off <= max(2 * PSNR_TOLERANCE, abs(untuned.psnr - target.psnr))
+        return tuned if reaches and tuned.stream.num_bytes < untuned.stream.num_bytes else untuned
 
     def encoded(self, quality: Quality, encode: Encoder, share: float | None = None) -> EncodedScene:
         """Prunes and encodes the scene at a quality setting.
@@ -274,7 +330,7 @@ class _Plan:
             scene, classes = self.scene.select(kept), self.classes[kept]
         share = scene.num_elements / self.source.num_elements
         tuned = self.scene is not self.source
-        return EncodedScene(encode(scene, classes, quality), quality, share, self.source, self.views.held_out, tuned)
+        return EncodedScene(encode(scene, classes, quality), quality, share, self.held_out, tuned)
 
 
 class _Trials:
@@ -335,49 +391,6 @@ class _Trials:
         assert target.psnr is not None
         return self.of_psnr(target.psnr)
 
-    def before_tuning(self, target: Target) -> EncodedScene:
-        """Encodes Gaussians such that they should reach a target after fine-tuning at the same quantisation level."""
-        if target.psnr is None:
-            return self.reached(target)
-        first = len(self._found)
-        permitted = Interval(target.psnr, target.psnr + PSNR_TOLERANCE, target.psnr + 2 * PSNR_TOLERANCE)
-        self._search(self._expected, permitted, self._start, OCTAVE_DB)
-        return min(self._found[first:], key=lambda found: abs(found[0] - permitted.wanted))[1]
-
-    def _expected(self, encoded: EncodedScene) -> float:
-        """Returns the PSNR that a stream should have after fine-tuning, decibels."""
-        assert self._plan.curve is not None
-        pruned = self._plan.curve.error(encoded.kept) * 10 ** ((PRUNED_GAIN_DB - ROUNDED_GAIN_DB) / 10)
-        rounded = max(10 ** (-self.measured(encoded) / 10) - pruned, 0.0)
-        left = pruned * 10 ** (-PRUNED_GAIN_DB / 10) + rounded * 10 ** (-ROUNDED_GAIN_DB / 10)
-        return -10 * math.log10(max(left, LEAST_ERROR))
-
-    def better_of(self, tuned: EncodedScene | None, untuned: EncodedScene | None, target: Target) -> EncodedScene:
-        """Chooses between the streams with and without fine-tuning; returns the one that serves a target better.
-
-        Args:
-            tuned: The stream of fine-tuned Gaussians; None if it does not reach the target.
-            untuned: The stream without fine-tuning; None if the target is a quality setting.
-            target: The target of both streams.
-        """
-        if tuned is None or untuned is None:
-            found = tuned or untuned
-            assert found is not None
-            return found
-        if target.psnr is None:
-            return tuned if self.measured(tuned) >= self.measured(untuned) else untuned
-        off = abs(tuned.psnr - target.psnr)
-        reaches = off <= max(2 * PSNR_TOLERANCE, abs(untuned.psnr - target.psnr))
-        return tuned if reaches and tuned.stream.num_bytes < untuned.stream.num_bytes else untuned
-
-    def measured(self, encoded: EncodedScene) -> float:
-        """Returns the mean PSNR of a decoded stream, decibels, in the views with which the search compares."""
-        return self._pictures.mean_psnr(decoded_finest(encoded.stream))
-
-    @functools.cached_property
-    def _pictures(self) -> SourcePictures:
-        return SourcePictures.of(self._plan.source, self._plan.views.search)
-
     def of_psnr(self, psnr: float) -> EncodedScene:
         """Searches for a quantisation level; returns the stream with a PSNR in the held-out views closest to `psnr`.
 
@@ -395,9 +408,9 @@ class _Trials:
             first = len(self._found)
             permitted = Interval(wanted - PSNR_TOLERANCE / 2, wanted, wanted + PSNR_TOLERANCE / 2)
             if by_share and found is not None:  # another search of levels would end next to the same jump
-                self._search_shares(self.measured, permitted, found, OCTAVE_DB)
+                self._search_shares(self._plan.measured, permitted, found, OCTAVE_DB)
             else:
-                by_share = self._search(self.measured, permitted, start, OCTAVE_DB)
+                by_share = self._search(self._plan.measured, permitted, start, OCTAVE_DB)
             value, last = found = min(self._found[first:], key=lambda each: abs(each[0] - wanted))
             if best is None or abs(last.psnr - psnr) < abs(best.psnr - psnr):
                 best = last

@@ -87,6 +87,11 @@ class PruningCurve:
         """Returns the mean squared error of pictures if a share of the Gaussians is kept."""
         return float(np.interp(share, self.shares, self.errors))
 
+    def share(self, error: float) -> float:
+        """Returns the smallest share of Gaussians to keep with at most this mean squared error of pictures."""
+        errors = np.maximum.accumulate(self.errors[::-1])
+        return float(np.interp(error, errors, self.shares[::-1]))
+
     def best_share(self, level: float) -> float:
         """Returns the share of Gaussians to keep at a quantisation level (`Quality.level`).
 

@@ -12,7 +12,7 @@ from splatwire.channel import LossModel
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.errors import InvalidValueError
 from splatwire.finetuning.options import FineTuning
-from splatwire.finetuning.pictures import SIZE, VIEWS, fitting_cameras, own_pictures
+from splatwire.finetuning.pictures import SIZE, VIEWS, Pictures, fitting_cameras, own_pictures
 from splatwire.finetuning.tune import tuned_gaussians
 from splatwire.rate_control.views import LEAST_CAMERAS, not_held_out
 from splatwire.types import Cameras, SplatScene
@@ -20,6 +20,10 @@ from splatwire.types import Cameras, SplatScene
 MAX_GAUSSIANS = 1_000_000
 """Maximum number of Gaussians of a scene to fine-tune. More would need more views than `VIEWS`: the fitted pictures
 have 38 million pixels together."""
+MAX_PIXELS = 1 << 30
+"""Maximum number of pixels of all fitted pictures together. A pixel takes 3 bytes of memory."""
+_RANGES = {"iterations": (1, 100_000), "num_views": (2, 10_000), "size": (16, 4096), "seed": (0, (1 << 63) - 1)}
+"""Smallest and largest permitted value of each number of `Tuning`."""
 _MOVED = 0.3
 """Standard deviation by which copies of given cameras are moved along each axis, relative to the median distance of a
 camera from the nearest other one."""
@@ -30,15 +34,16 @@ class Tuning:
     """Options of fine-tuning within an encoder with a target.
 
     Attributes:
-        iterations: Number of iterations, each with one view, at least 1.
-        num_views: Number of fitted views, at least 2.
-        size: Maximum width and height of fitted pictures, pixels, at least 16.
+        iterations: Number of iterations of each fine-tuning, each with one view, 1 to 100,000.
+        num_views: Number of fitted views, 2 to 10,000.
+        size: Maximum width and height of fitted pictures, pixels, 16 to 4096. All pictures together have at most
+            `MAX_PIXELS`.
         loss: Loss model of the channel, which every second iteration applies to the packets of the scene; None for no
             losses.
-        seed: Random seed of the order of views, of losses and of moved cameras, at least 0.
+        seed: Random seed of the order of views, of losses and of moved cameras, 0 to 2^63 - 1.
 
     Raises:
-        InvalidValueError: If a value is out of range.
+        InvalidValueError: If a value is out of range, or the pictures are too large together.
     """
 
     iterations: int = FineTuning().iterations
@@ -49,9 +54,14 @@ class Tuning:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        for name, least in (("iterations", 1), ("num_views", 2), ("size", 16), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise InvalidValueError(f"fine-tuning: {name} is at least {least}, not {getattr(self, name)}")
+        for name, (least, most) in _RANGES.items():
+            if not least <= getattr(self, name) <= most:
+                raise InvalidValueError(f"fine-tuning: {name} is {least:,} to {most:,}, not {getattr(self, name):,}")
+        if self.num_views * self.size**2 > MAX_PIXELS:
+            raise InvalidValueError(
+                f"fine-tuning: {self.num_views:,} views of {self.size:,} x {self.size:,} pixels are more than "
+                f"{MAX_PIXELS:,} pixels together"
+            )
 
 
 def check_tunable(scene: SplatScene) -> None:
@@ -67,37 +77,47 @@ def check_tunable(scene: SplatScene) -> None:
         )
 
 
-def tuned_to_source(
-    source: SplatScene,
-    kept: np.ndarray,
-    quality: Quality,
-    packetization: Packetization,
-    cameras: Cameras | None,
-    tuning: Tuning,
-    progress: Callable[[str, float], None],
-) -> tuple[SplatScene, np.ndarray]:
-    """Fine-tunes a part of the Gaussians of a scene to renderings of the complete scene.
+def fitted_pictures(
+    source: SplatScene, cameras: Cameras | None, tuning: Tuning, progress: Callable[[str, float], None]
+) -> Pictures:
+    """Renders the pictures of a scene that fine-tuned Gaussians are fitted to.
 
     Args:
         source: The complete scene.
-        kept: Indices of the Gaussians to fine-tune.
+        cameras: Cameras at typical viewing positions; None for views around the scene.
+        tuning: Number of views, image size and seed.
+        progress: Called with the name of the current task and its finished share, 0 to 1.
+    """
+    seen = fitted_cameras(source, cameras, tuning)
+    return own_pictures(source, seen, lambda share: progress("drawing pictures", share))
+
+
+def tuned_to_pictures(
+    pruned: SplatScene,
+    pictures: Pictures,
+    quality: Quality,
+    packetization: Packetization,
+    tuning: Tuning,
+    progress: Callable[[str, float], None],
+) -> tuple[SplatScene, np.ndarray]:
+    """Fine-tunes Gaussians to pictures with a quality setting.
+
+    Args:
+        pruned: The Gaussians to fine-tune.
+        pictures: Pictures of the complete scene.
         quality: Quality setting whose rounding is part of the fine-tuning.
         packetization: Split of the stream into packets, which the losses of `tuning` apply to.
-        cameras: Cameras at typical viewing positions; None for views around the scene.
         tuning: The options.
         progress: Called with the name of the current task and its finished share, 0 to 1.
 
     Returns:
         The Gaussians before rounding, and the precision class of each, 0 for the finest, int8.
     """
-    seen = fitted_cameras(source, cameras, tuning)
-    pictures = own_pictures(source, seen, lambda share: progress("drawing pictures", share))
     options = FineTuning(quality, tuning.iterations, loss=tuning.loss, packetization=packetization, seed=tuning.seed)
     found = tuned_gaussians(
-        source.select(kept), pictures, options,
-        lambda report: progress("fine-tuning", report.iteration / report.iterations),
-    )  # fmt: skip
-    finest = quality.num_classes(source.splats.degree) - 1
+        pruned, pictures, options, lambda report: progress("fine-tuning", report.iteration / report.iterations)
+    )
+    finest = quality.num_classes(pruned.splats.degree) - 1
     return found.scene, (found.coding.classes.astype(np.int64) - finest).astype(np.int8)
 
 

@@ -1,5 +1,6 @@
 """Views for encoding to a target: one set for measuring Gaussians, one for the search, one for the reported PSNR."""
 
+import functools
 import math
 import statistics
 from dataclasses import dataclass
@@ -95,21 +96,23 @@ def _subset(cameras: Cameras, views: list[int], count: int) -> Cameras:
 class SourcePictures:
     """Renderings of the original scene, as references for the PSNR of encoded scenes.
 
+    They are rendered when they are first needed.
+
     Attributes:
+        scene: The original scene.
         cameras: The views.
-        images: RGB in [0, 1].
     """
 
+    scene: Scene
     cameras: Cameras
-    images: Float[np.ndarray, "V H W 3"]
 
-    @staticmethod
-    def of(scene: Scene, cameras: Cameras) -> "SourcePictures":
-        """Renders the views of a scene."""
-        images = large_empty((cameras.num_views, cameras.height, cameras.width, 3), np.float32)
-        for image, drawn in zip(images, iterate_views(scene, cameras), strict=True):
+    @functools.cached_property
+    def images(self) -> Float[np.ndarray, "V H W 3"]:
+        """The renderings, RGB in [0, 1]."""
+        images = large_empty((self.cameras.num_views, self.cameras.height, self.cameras.width, 3), np.float32)
+        for image, drawn in zip(images, iterate_views(self.scene, self.cameras), strict=True):
             image[:] = drawn
-        return SourcePictures(cameras, images)
+        return images
 
     def mean_psnr(self, scene: Scene) -> float:
         """Returns the mean PSNR of a scene over all views, decibels.

@@ -1,0 +1,45 @@
+"""Search for the share of Gaussians to keep before fine-tuning, from the results of the fine-tunings so far."""
+
+import math
+from collections.abc import Callable
+
+from splatwire.rate_control.search import Interval
+
+TUNINGS = 3
+"""Maximum number of fine-tunings."""
+LEAST_CHANGE = 0.02
+"""Minimum change of the logarithm of the share between two fine-tunings."""
+LARGEST_CHANGE = 0.5
+"""Maximum change of the logarithm of the share between two fine-tunings."""
+
+
+def search_share(tune: Callable[[float], float], aim: Interval, start: float, slope: float) -> int:
+    """Fine-tunes a scene with different shares of its Gaussians, until the result has a permitted value.
+
+    Args:
+        tune: Function that fine-tunes a share of the Gaussians, and returns a value that grows with the share.
+        aim: Permitted values.
+        start: First share, above 0 and at most 1.
+        slope: Expected increase of the value per unit of the logarithm of the share, above 0.
+
+    Returns:
+        Index of the best call of `tune`: the one with the smallest share of those with at least the smallest permitted
+        value; if there is none, the one with the largest value.
+    """
+    logs, values, at = [], [], math.log(start)
+    while True:
+        logs.append(at)
+        values.append(tune(math.exp(at)))
+        if len(values) > 1:
+            measured = (values[-1] - values[-2]) / (logs[-1] - logs[-2])
+            slope = min(max(measured, slope / 2), 2 * slope)
+        step = min(max((aim.wanted - values[-1]) / slope, -LARGEST_CHANGE), LARGEST_CHANGE)
+        reaching = [log for log, value in zip(logs, values, strict=True) if value >= aim.low]
+        missing = [log for log, value in zip(logs, values, strict=True) if value < aim.low]
+        low, high = max(missing, default=-math.inf) + LEAST_CHANGE, min(reaching, default=0.0)
+        following = min(max(at + step, low), high)
+        done = values[-1] in aim or len(values) == TUNINGS
+        if done or min(abs(following - log) for log in logs) < LEAST_CHANGE:
+            break
+        at = following
+    return logs.index(high) if reaching else values.index(max(values))
