@@ -34,8 +34,9 @@ STEADY = 0.5
 """Share of the iterations after which the precision classes are computed for the last time."""
 _DIVISIONS = 8
 """Number of times that the division into packets is computed, if the channel loses packets."""
-_DARKEST = 1e-7
-"""Smallest mean squared error by which gradients are divided."""
+LEAST_SCALE = 10**-4.6
+"""Smallest mean squared error by which gradients are divided, 46 dB. Views that were better at first have no more
+weight than this: otherwise they would determine the direction of every step."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +101,9 @@ def tuned_gaussians(
     Pictures are rendered with the values that a decoder obtains, and gradients pass through the rounding unchanged
     (straight-through).
 
-    The loss of a view is its mean squared error, divided by the error of the same view when it was first rendered. All
-    views thus have similar weight, and a view that becomes much worse gets more weight. With the logarithm of the error
+    The loss of a view is its mean squared error, divided by the error of the same view when it was first rendered, or
+    by `LEAST_SCALE` if that is more. All views thus have similar weight, and a view that becomes much worse gets more
+    weight. With the logarithm of the error
     as the loss, Gaussians that are large in a single view would be sacrificed for other views.
 
     The result depends only on the arguments, not on the number of threads.
@@ -194,7 +196,7 @@ def picture_gradients(
     if mask is not None:
         difference *= mask[:, :, None]
     error = float(np.mean(np.square(difference, dtype=np.float64)))
-    d_image = difference * np.float32(2 / (difference.size * max(error if scale is None else scale, _DARKEST)))
+    d_image = difference * np.float32(2 / (difference.size * max(error if scale is None else scale, LEAST_SCALE)))
     means, quats, scales, opacities, colors, _ = picture.gradients(arrays, image, d_image)
     if scene.antialiased:
         opacities = opacities * (seen.opacities / np.maximum(plain.opacities, np.float32(1e-12)))

@@ -46,7 +46,7 @@ class Tuning:
         InvalidValueError: If a value is out of range, or the pictures are too large together.
     """
 
-    iterations: int = FineTuning().iterations
+    iterations: int = 600
     num_views: int = VIEWS
     size: int = SIZE
     loss: LossModel | None = None
