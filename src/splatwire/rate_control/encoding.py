@@ -53,6 +53,8 @@ PRUNED_GAIN_DB, ROUNDED_GAIN_DB = 5.0, 2.5
 """Reduction of the errors of pruning and of quantisation that the first fine-tuning is expected to give, decibels. The
 first is less than usual: a second fine-tuning with fewer Gaussians continues the first one, and one with more does not.
 """
+MORE_PRUNING_DB = 4.5
+"""Difference between the usual gains of fine-tuning on the errors of pruning and of quantisation, decibels."""
 MOST_PRUNED_ERROR = 0.9
 """Maximum share of the error of pruning in the error of a stream."""
 TUNED_SHARE_DB = 6.0
@@ -76,7 +78,8 @@ class EncodedScene:
         kept: Share of the Gaussians that were kept, 0 to 1.
         held_out: Pictures of the source, without Gaussians that draw nothing, for measuring the PSNR. Their views were
             not used to rank Gaussians, to choose their precision classes, or to fine-tune them. For a target PSNR, they
-            corrected the number of Gaussians and the level.
+            corrected the number of Gaussians and the level. With the effort `best`, they decided between the streams
+            with and without fine-tuning.
         fine_tuned: True if the kept Gaussians were fine-tuned.
     """
 
@@ -259,7 +262,7 @@ class _Plan:
     def with_more_pruning(self) -> "_Plan":
         """Returns a plan that keeps fewer Gaussians at each level, for fine-tuning, which makes up for removed ones."""
         assert self.curve is not None
-        return replace(self, curve=self.curve.scaled(10 ** ((ROUNDED_GAIN_DB - PRUNED_GAIN_DB) / 10)))
+        return replace(self, curve=self.curve.scaled(10 ** (-MORE_PRUNING_DB / 10)))
 
     def pruned(self, share: float, tuned: Sequence["_Plan"]) -> SplatScene:
         """Removes Gaussians before fine-tuning.
@@ -309,7 +312,7 @@ class _Plan:
             assert found is not None
             return found
         if target.psnr is None:
-            return tuned if self.measured(tuned) >= self.measured(untuned) else untuned
+            return tuned if tuned.psnr >= untuned.psnr else untuned
         off = abs(tuned.psnr - target.psnr)
         reaches = off <= max(2 * PSNR_TOLERANCE, abs(untuned.psnr - target.psnr))
         return tuned if reaches and tuned.stream.num_bytes < untuned.stream.num_bytes else untuned
