@@ -6,6 +6,7 @@ import type { Head } from "../src/packets/container.ts";
 import { crc32 } from "../src/packets/crc32.ts";
 import { dataView, FrameReader, readWelcome, writeRequest } from "../src/transport/frames.ts";
 import { Transfer } from "../src/transport/transfer.ts";
+import { NOT_YET, REFUSE, VERSION } from "../src/transport/wire.ts";
 import { welcome } from "./wire_messages.ts";
 
 const expected = process.env["EXPECTED"]
@@ -33,6 +34,17 @@ test("message bytes equal Python's", { skip: expected === null && "EXPECTED is n
 });
 
 test("the checksum equals zlib's", () => assert.equal(crc32(new TextEncoder().encode("123456789")), 0xcbf43926));
+
+test("a live stream that has not begun is requested again, four times a second", () => {
+  const transfer = new Transfer("live", 7n, 0);
+  const notYet = new Uint8Array(14);
+  notYet[0] = (VERSION << 4) | REFUSE;
+  dataView(notYet).setBigUint64(1, 7n, true);
+  notYet[9] = NOT_YET;
+  dataView(notYet).setUint32(10, crc32(notYet.subarray(0, 10)), true);
+  transfer.receive(notYet, 100);
+  assert.deepEqual([transfer.finished, transfer.waitUntil], [null, 350]);
+});
 
 test("implausible welcome messages are rejected", () => {
   const good = new Transfer("", 7n, 0);

@@ -23,6 +23,8 @@ import { InitSegment } from "./init_segment.ts";
 import { DATA, END, MAX_NACKS, NOT_YET, OTHER_VERSION, REFUSALS, REFUSE, SIDE, WELCOME } from "./wire.ts";
 
 const IMPOSSIBLE = "the server announces something impossible";
+/** Delay between requests for a live stream that has not begun, milliseconds. */
+const NOT_YET_MS = 250;
 /** Refusals that a retry cannot resolve. */
 export const FINAL_REFUSALS: readonly string[] = [REFUSALS[1], REFUSALS[OTHER_VERSION], IMPOSSIBLE];
 const NACK_INTERVAL_MS = 120,
@@ -60,6 +62,8 @@ export class Transfer {
   /** Number of received heads. A growing stream has one per group of frames. */
   heads = 0;
   readonly counts = { bytes: 0, datagrams: 0, rejected: 0, duplicates: 0, packets: 0, packetBytes: 0 };
+  /** Time until which the request is not repeated, because a live stream has not begun. */
+  waitUntil = 0;
   readonly #request: Uint8Array;
   #object: InitSegment | null = null;
   /** State of each packet: 0 missing, 1 received, 2 given up. */
@@ -136,7 +140,7 @@ export class Transfer {
     this.counts.bytes += bytes.length;
     if (kind === WELCOME && !this.welcome) return this.#onWelcome(bytes, now);
     if (kind === WELCOME) return this.#onLaterWelcome(bytes, now);
-    if (kind === REFUSE && bytes[9] === NOT_YET) return;
+    if (kind === REFUSE && bytes[9] === NOT_YET) return void (this.waitUntil = now + NOT_YET_MS);
     if (kind === REFUSE && !this.welcome) return void (this.finished = REFUSALS[bytes[9]] || "the server refused");
     const known =
       kind === SIDE ? bytes.length > 19 : kind === DATA ? bytes.length > 13 : kind === END && bytes.length > 9;

@@ -131,7 +131,7 @@ export async function receiveDatagrams(
     if (listener.stopped()) transfer.finished = "stopped";
     else if (now - heardAt > SILENCE_MS) transfer.finished = "the server fell silent";
     else
-      for (const bytes of transfer.welcome ? looker.messages(now) : [request])
+      for (const bytes of transfer.welcome ? looker.messages(now) : now < transfer.waitUntil ? [] : [request])
         datagrams.write(bytes).catch(() => undefined);
     if (!looker.seen) progress.report();
     looker.look(now);
