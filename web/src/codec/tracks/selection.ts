@@ -50,7 +50,6 @@ export function select(
   const found = new Uint8Array(queryTracks.length),
     stride = Math.max(Math.ceil(order.length / MAX_TESTS), 1),
     tested = order.filter((_, n) => n % stride === 0);
-  if (tested.length < MIN_TESTS) return found;
   const errors = testErrors(arrived, order, tested, Math.ceil(MAX_SHARE / stride), group),
     { isNew, lastOffsets, splats } = group.past,
     lastPlace = (slot: number) => moved(splats, slot, lastOffsets, slot);
@@ -195,5 +194,5 @@ function difference(
 }
 
 function squaredDistance(first: Point, second: Point): number {
-  return (first[0] - second[0]) ** 2 + (first[1] - second[1]) ** 2 + (first[2] - second[2]) ** 2;
+  return first.reduce((sum, value, a) => sum + (value - second[a]) ** 2, 0);
 }
