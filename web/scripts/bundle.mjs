@@ -36,7 +36,7 @@ async function receiver() {
 /** Returns a script with the same effect: 6 % fewer compressed bytes than esbuild alone. */
 async function smallest(script) {
   const format = { comments: /^ splatwire/ };
-  return (await minify(script, { ecma: 2022, compress: { passes: 2, unsafe_arrows: true }, mangle: { toplevel: true }, format })).code;
+  return (await minify(script, { ecma: 2022, compress: { passes: 2 }, mangle: { toplevel: true }, format })).code;
 }
 
 /** Module with a function that starts the receiver. All elements of a page share one URL of its text. */

@@ -70,13 +70,14 @@ function boundedShare(left: number, there: number, { exponent, maxExcess }: Rule
  * - rho) ** -0.12`. The loss of the whole scene limits rho.
  */
 export class Growth {
+  readonly #elements: GrowingElements;
+  readonly #rule: Rule;
   readonly #tree: KdTree;
   readonly #share: number;
 
-  constructor(
-    readonly elements: GrowingElements,
-    readonly rule: Rule = RULE,
-  ) {
+  constructor(elements: GrowingElements, rule: Rule = RULE) {
+    this.#elements = elements;
+    this.#rule = rule;
     const { positions, known, places } = elements;
     this.#tree = new KdTree(positions, Math.min(NEIGHBOURS, known.length - 1), places);
     this.#share = receivedShare(elements);
@@ -84,10 +85,10 @@ export class Growth {
 
   /** Returns the gains of size and opacity of a received element. */
   of(i: number): readonly [number, number] {
-    const left = 1 - lostShare(this.elements, this.#tree.nearestOthers(i));
-    if (!this.elements.opacities) return [sizeGain(left, this.#share, this.rule), 1];
-    const opacity = this.elements.opacities[i],
-      there = boundedShare(left, this.#share, this.rule),
+    const left = 1 - lostShare(this.#elements, this.#tree.nearestOthers(i));
+    if (!this.#elements.opacities) return [sizeGain(left, this.#share, this.#rule), 1];
+    const opacity = this.#elements.opacities[i],
+      there = boundedShare(left, this.#share, this.#rule),
       opaque = 1 - (1 - Math.min(opacity, MAX_OPACITY)) ** (there ** -OPACITY_EXPONENT);
     return [there ** -SIZE_EXPONENT, Math.max(opaque / Math.max(opacity, MIN_OPACITY), 1)];
   }

@@ -27,15 +27,10 @@ const WAYS = 3,
   /** Weights of errors of red, green, blue and opacity. */
   CHANNEL_WEIGHTS = [1, 1, 1, 0.5];
 
-/** Group of pictures with lost tracks. */
-export interface LossyGroup {
-  readonly frames: number;
-  readonly past: PreviousState;
-  /** Estimates the motion of tracks from received rows, shape (tracks, frames, channels). */
-  readonly interpolate: (rows: Int32Array, queryTracks: Int32Array) => Float32Array;
-  /** Returns the first frame and the end frame of a track, as expected without its motion. */
-  readonly lifetime: (slot: number) => readonly [number, number];
-}
+/** Estimates the motion of tracks from received rows, shape (tracks, frames, channels). */
+type Interpolate = (rows: Int32Array, queryTracks: Int32Array) => Float32Array;
+/** Returns the first frame and the end frame of a track, as expected without its motion. */
+type Lifetime = (slot: number) => readonly [number, number];
 
 /**
  * Chooses for each track of `queryTracks` the way with the lowest error on the nearby received tracks. `order` lists
@@ -45,13 +40,16 @@ export function select(
   arrived: TrackOffsets,
   order: Int32Array,
   queryTracks: Int32Array,
-  group: LossyGroup,
+  frames: number,
+  past: PreviousState,
+  interpolate: Interpolate,
+  lifetime: Lifetime,
 ): Uint8Array {
   const found = new Uint8Array(queryTracks.length),
     stride = Math.max(Math.ceil(order.length / MAX_TESTS), 1),
     tested = order.filter((_, n) => n % stride === 0);
-  const errors = testErrors(arrived, order, tested, Math.ceil(MAX_SHARE / stride), group),
-    { isNew, lastOffsets, splats } = group.past,
+  const errors = testErrors(arrived, order, tested, Math.ceil(MAX_SHARE / stride), frames, past, interpolate, lifetime),
+    { isNew, lastOffsets, splats } = past,
     lastPlace = (slot: number) => moved(splats, slot, lastOffsets, slot);
   // the first frame of a new track is known, so that its motion is estimated better
   for (const fresh of [true, false]) {
@@ -82,7 +80,10 @@ function testErrors(
   order: Int32Array,
   tested: Int32Array,
   folds: number,
-  { frames, past, interpolate, lifetime }: LossyGroup,
+  frames: number,
+  past: PreviousState,
+  interpolate: Interpolate,
+  lifetime: Lifetime,
 ): Float64Array {
   const { slots, begins, ends, offsets } = arrived,
     { splats, lastOffsets } = past,

@@ -364,7 +364,7 @@ export class Clip implements SequenceDecoder {
         return extrapolate(poses, complete, tracks, { ...past, bornTogether }, frames);
       },
       lifetime = (slot: number) => this.#lifetime(slot, group),
-      ways = select(poses, order, lost, { frames, past, interpolate, lifetime }),
+      ways = select(poses, order, lost, frames, past, interpolate, lifetime),
       moving = rowsWhere(lost.length, (n) => ways[n] === MOVED),
       found = interpolate(
         order,
