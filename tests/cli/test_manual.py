@@ -60,7 +60,9 @@ completed splatwire de
 echo
 completed splatwire serve --tok
 """
-    done = subprocess.run([str(BASH), "--norc", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [str(BASH), "--norc", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
     verbs, options = done.stdout.split("\n\n")
     assert {"demo", "decode"} == set(verbs.split()), done.stderr
     assert options.split() == ["--token-key"], done.stderr
