@@ -11,16 +11,18 @@ const OPACITY = 9,
 
 /**
  * Returns the offsets of the tracks `queryTracks`, shape (tracks, frames, channels). Prediction uses neighbours among
- * `observedRows`, the rows with received motion for the whole group.
+ * `observedRows`, the rows with received motion for the whole group. `bornTogether` marks the tracks born in the same
+ * group as most of the received ones (1), by slot. Offsets of others refer to another time.
  */
 export function extrapolate(
   arrived: TrackOffsets,
   observedRows: Int32Array,
   queryTracks: Int32Array,
+  bornTogether: Uint8Array,
   past: PreviousState,
   frames: number,
 ): Float32Array {
-  const { bornTogether, isNew } = past,
+  const { isNew } = past,
     out = new Float32Array(frames * NUM_CHANNELS * queryTracks.length);
   const peers = observedRows.filter((row) => bornTogether[arrived.slots[row]]),
     enough = peers.length >= NEIGHBOURS,

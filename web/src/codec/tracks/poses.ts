@@ -19,8 +19,6 @@ export interface PreviousState {
   readonly lastOffsets: Float32Array;
   /** Tracks with an estimated last offset (1); null if none. */
   readonly wasExtrapolated: Uint8Array | null;
-  /** Tracks born in the same group as most of the received ones (1). Offsets of others refer to another time. */
-  readonly bornTogether: Uint8Array;
   /** Returns true if the track is born in this group. */
   readonly isNew: (slot: number) => boolean;
   /** Returns true if the track is born in this group and its first frame is unknown. */

@@ -357,11 +357,12 @@ export class Clip implements SequenceDecoder {
     const frames = this.framesOf(group),
       size = frames * NUM_CHANNELS,
       { begins, ends, slots } = poses,
-      order = this.#byTrack(slots),
-      interpolate = (rows: Int32Array, tracks: Int32Array): Float32Array => {
+      tracks = slots.map((slot) => this.bases.tracks[slot]),
+      order = slots.map((_, row) => row).sort((a, b) => tracks[a] - tracks[b]),
+      interpolate = (rows: Int32Array, queries: Int32Array): Float32Array => {
         const complete = rows.filter((n) => begins[n] === 0 && ends[n] === frames),
           bornTogether = this.#bornTogether(complete.map((n) => slots[n]));
-        return extrapolate(poses, complete, tracks, { ...past, bornTogether }, frames);
+        return extrapolate(poses, complete, queries, bornTogether, past, frames);
       },
       lifetime = (slot: number) => this.#lifetime(slot, group),
       ways = select(poses, order, lost, frames, past, interpolate, lifetime),
@@ -372,15 +373,6 @@ export class Clip implements SequenceDecoder {
       );
     moving.forEach((n, i) => out.set(found.subarray(i * size, (i + 1) * size), n * size));
     return ways;
-  }
-
-  /** Returns the rows of `slots` by ascending track. */
-  #byTrack(slots: Int32Array): Int32Array {
-    const rows = new Int32Array(this.bases.slots.length).fill(-1);
-    slots.forEach((slot, row) => {
-      rows[this.bases.tracks[slot]] = row;
-    });
-    return rows.filter((row) => row >= 0);
   }
 
   /** Returns the gains of size and opacity of drawn tracks, by which they cover hidden ones, shape (rows, 2). */
@@ -410,7 +402,6 @@ export class Clip implements SequenceDecoder {
       splats: bases.splats,
       lastOffsets: before ? resized(before.offsets, room) : new Float32Array(room),
       wasExtrapolated: before?.wasExtrapolated ?? null,
-      bornTogether: new Uint8Array(bases.count),
       isNew: (slot) => bases.birthGroups[slot] === group,
       hasUnknownBirth: (slot) => bases.birthGroups[slot] === group && !info.lifetimes.begins.get(bases.tracks[slot]),
       positionStep: (slot) => unit * 2 ** bases.shifts[NUM_CHANNELS * slot],
