@@ -14,9 +14,9 @@ _HEAD, _CHUNK = struct.Struct("<4sIII4s"), struct.Struct("<I4s")
 
 
 def json_size(head: bytes, name: str) -> int:
-    """Returns the number of bytes that follow the first 20 bytes of a binary glTF file and locate its stream.
+    """Returns the number of bytes to read after the first 20 bytes of a binary glTF file, to find its stream.
 
-    They are the JSON chunk and the header of the next chunk.
+    These bytes are the JSON chunk and the header of the chunk after it.
 
     Args:
         head: The first 20 bytes of the file.
@@ -36,10 +36,8 @@ def json_size(head: bytes, name: str) -> int:
 def stream_location(text: bytes, name: str) -> tuple[int, int]:
     """Returns the position and size of the stream that is embedded in a binary glTF file.
 
-    The JSON chunk of the file contains both.
-
     Args:
-        text: The bytes after the first 20; their number is the result of `json_size`.
+        text: Bytes from byte 20 of the file on, as many as `json_size` returned.
         name: Source of the bytes, for error messages.
 
     Returns:
@@ -59,9 +57,10 @@ def stream_location(text: bytes, name: str) -> tuple[int, int]:
 
 
 def _embedded_range(document: dict[str, Any]) -> tuple[int, int]:
-    """Returns where the binary chunk of a `.glb` contains the embedded stream: byte offset and number of bytes.
+    """Returns the position of the stream in the binary chunk of a `.glb` file: byte offset and number of bytes.
 
-    The JSON chunk (`document`) has exactly one primitive with a stream, which names a buffer view.
+    The position is that of a buffer view. The JSON chunk (`document`) must have exactly one primitive with a stream,
+    which names this buffer view.
     """
     found = [
         primitive["extensions"][KHR_SPLATTING]["extensions"][EXT_SPLATWIRE]

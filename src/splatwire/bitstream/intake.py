@@ -70,8 +70,7 @@ class ReadReport(CheckedFields):
 class PacketIntake:
     """Filter that collects the valid packets of one stream from received bytes. Thread-safe.
 
-    All receivers of a stream in one process can share an instance: `has` recognises the packet objects that it
-    accepted.
+    All receivers of a stream in one process can share an instance, so that each packet is validated only once.
 
     Args:
         manifest: Manifest of the stream.

@@ -112,7 +112,7 @@ class PacketPlan:
 
     @functools.cached_property
     def parts(self) -> tuple[int, ...]:
-        """Attributes in separate packets, as `PacketId.part`, ascending; (0,) if packets contain whole elements."""
+        """Attributes with separate packets, as `PacketId.part`, ascending; (0,) if packets contain whole elements."""
         if not self.packetization.separated:
             return (0,)
         return (SCALING, OFFSET, *range(FIRST_FEATURE, FIRST_FEATURE + self.feature_groups))
@@ -203,7 +203,7 @@ class PacketPlan:
         return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
 
     def run(self, packet_id: PacketId, num_elements: int) -> slice:
-        """Returns the range of one packet's elements in the result of `block_ranks`.
+        """Returns the range of a packet's elements among the elements of its block, as indices into `block_ranks`.
 
         Args:
             packet_id: The packet.
@@ -239,10 +239,10 @@ class PacketPlan:
         return self._span(block).block_elements(block)
 
     def name_hashed(self, place: int) -> PacketId:
-        """Returns the id of a packet from its first element, for hashed grouping.
+        """Returns the id of the packet that begins with a given element; only for hashed grouping.
 
         Args:
-            place: Position of the packet's first element in `groups().ranks`.
+            place: Index of the element in `groups().ranks`.
         """
         span = self.spans[bisect.bisect_right(self._first_places, place) - 1]
         block, position = divmod(place - span.first, span.block_size)

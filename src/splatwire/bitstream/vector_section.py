@@ -16,13 +16,15 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class VectorSection:
-    """Reader and writer for a section of three numbers, which is omitted if the numbers have their default values.
+    """Named section of the side information with three numbers, such as the origin of a scene: reads and writes it.
+
+    The section is omitted if the numbers have their default values.
 
     Attributes:
         name: Name of the section.
-        usual: Default numbers, which apply to streams without the section.
+        usual: Default numbers, which apply to a stream without the section.
         check: Function that validates the numbers and returns them, or raises `InvalidValueError`.
-        wide: True if the numbers are stored as `f64`, False for `f32`.
+        wide: True to store the numbers as `f64`, False for `f32`.
     """
 
     name: str
@@ -40,7 +42,7 @@ class VectorSection:
         return {self.name: writer.bytes()}
 
     def of_stream(self, stream: SceneStream) -> Vector:
-        """Returns the numbers of a stream's scene without decoding the scene.
+        """Reads the three numbers from the section in a stream; the default numbers if the section is absent.
 
         Raises:
             BitstreamError: If the side information or the section is damaged.
@@ -48,11 +50,11 @@ class VectorSection:
         return self.read(sections_of(stream))
 
     def of_side_info(self, side_info: bytes, codec: str) -> Vector:
-        """Returns the numbers from the side information of a stream.
+        """Reads the three numbers from serialised side information; the default numbers if the section is absent.
 
         Args:
             side_info: The side information.
-            codec: Schema of the stream.
+            codec: Name of the stream's codec schema.
 
         Raises:
             BitstreamError: If the bytes are not side information, or the section is damaged.

@@ -57,9 +57,9 @@ class Cut(CheckedFields):
     """Tiles of a scene to draw and tiles to request for a viewpoint.
 
     Attributes:
-        drawn: Received tiles to draw, including the coarser tiles that finer tiles in this list refine. A Gaussian of a
-            coarser tile is drawn unless the finer tile that replaces it (`replaces_tile`) is in the list.
-        wanted: Tiles not yet received, most useful first.
+        drawn: Received tiles to draw. A tile can be in this list together with finer tiles that replace some of its
+            Gaussians. A Gaussian is drawn unless the finer tile that replaces it (`replaces_tile`) is in the list.
+        wanted: Tiles to request: those not yet received, most useful first.
     """
 
     drawn: tuple[int, ...]

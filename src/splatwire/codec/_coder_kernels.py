@@ -97,8 +97,8 @@ def new_coder(decoding, data, words, models, statistics, tables):
         data: Bytes of the packet, or the output buffer, uint8.
         words: Words of the packet, from `words_of`; not used when encoding.
         models: Initial adaptive bit models, int64 (contexts, 2).
-        statistics: Counters that become the attributes `bits` and `residuals` of the coder.
-        tables: Tables that become the attributes `scales` to `guesses`, `inverses`, `widths` and `normal`.
+        statistics: The two counters `bits` and `residuals` of `Coder`.
+        tables: The seven tables `scales`, `windows`, `bounds`, `guesses`, `inverses`, `widths` and `normal` of `Coder`.
     """
     bits, residuals = statistics
     scales, windows, bounds, guesses, inverses, widths, normal = tables
@@ -252,20 +252,24 @@ def _decode_outside(words, state, half):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_between(coder, scale, place, start, after, target, eighths):
-    """Decodes a symbol of a mixture that has too many symbols to tabulate every bound between them.
+    """Decodes a residual whose distribution has too many symbols for a complete table.
 
-    A bound is the start of a symbol's probability interval; the table contains every `1 << shift`-th of them, with
-    `shift` from the mixture's window. The search begins at the symbol found by linear interpolation between two
-    tabulated bounds, because the density between these is nearly constant.
+    A bound is the start of a symbol's probability interval. The table contains only the bound of every `1 << shift`-th
+    symbol (`shift` is in the distribution's row of `coder.windows`). The code lies between two consecutive bounds of
+    the table. The search begins at the symbol found by linear interpolation between these bounds, because the density
+    is nearly constant there.
 
     Args:
         coder: Entropy coder.
         scale: Scale of the context.
-        place: Index of the tabulated bound before the symbol.
-        start: This bound.
-        after: The following tabulated bound.
+        place: Index of the last bound that does not exceed `target`, among the tabulated bounds of this distribution.
+        start: Value of this bound.
+        after: Value of the following tabulated bound.
         target: Position of the code, from `start` to `after` (exclusive).
-        eighths: Mean of the mixture, in eighths of a step.
+        eighths: Mean of the distribution, in eighths of a quantisation step.
+
+    Returns:
+        The residual in quantisation steps.
     """
     half, shift, mean = coder.windows[scale, HALF], coder.windows[scale, SHIFT], eighths << (MEAN_BITS - EIGHTHS)
     narrow, wide = coder.inverses[scale], coder.inverses[min(scale + WIDE, NUM_SCALES - 1)]
@@ -286,7 +290,18 @@ def _decode_between(coder, scale, place, start, after, target, eighths):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _bound(coder, symbol, half, mean, narrow, wide):
-    """Returns the start of a symbol's probability interval; not inlined, because it is called several times."""
+    """Computes the start of a symbol's probability interval, for distributions that are not tabulated completely.
+
+    The kernel is not inlined, because it is called several times.
+
+    Args:
+        coder: Entropy coder.
+        symbol: The symbol, from `-half` to `half + 1`.
+        half: Largest magnitude of a symbol with a probability interval.
+        mean: Common mean of the two normals of the mixture, `MEAN_BITS` fractional bits.
+        narrow: Reciprocal of the standard deviation of the narrower normal.
+        wide: Reciprocal of the standard deviation of the wider normal.
+    """
     return cumulative(symbol, -half, half, mean, narrow, mean, wide, WEIGHT, coder.normal)
 
 

@@ -27,9 +27,13 @@ NUM_CONTEXTS = TREE + 3 * SMALL * SMALL
 @njit(borrows=True)
 @no_type_check
 def large_count_normal(n):
-    """Returns the distribution of the number of zero bits in a node of many points: mean and scale index of a normal.
+    """Returns the normal distribution with which `encode_count` codes the number of zeros in a node of many points.
 
-    The mean has 12 fractional bits; the standard deviation is about n / 4.
+    Args:
+        n: Number of points of the node.
+
+    Returns:
+        Mean (n / 2) with 12 fractional bits; and the scale index of a standard deviation of about n / 4.
     """
     exponent = 0
     while n >> (exponent + 1):

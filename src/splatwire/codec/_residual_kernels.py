@@ -1,8 +1,8 @@
-"""Numba kernels that tabulate the distributions of residuals, so that coding a symbol needs two table look-ups only.
+"""Numba kernels that tabulate the distributions of residuals, so that coding a residual takes only two table look-ups.
 
-The distribution of a residual, which is an integer, is a mixture of two normals with a common mean. The mean is a
-multiple of an eighth of a quantisation step, so there are few different mixtures. Tables of mixtures
-with many symbols contain only some of the bounds.
+A residual is an integer. Its distribution is a mixture of two normals with a common mean. The mean is a multiple of an
+eighth of a quantisation step, so there are few different mixtures. A bound is the start of a residual's probability
+interval. For a mixture with many possible residuals, the table contains only every `2**k`-th bound.
 """
 
 from typing import no_type_check
@@ -34,20 +34,22 @@ and log2 of the number of guesses of each mixture.
 @njit(error_model="numpy")
 @no_type_check
 def residual_windows(scales, inverses, widths, normal):
-    """Tabulates the mixtures of all contexts.
+    """Tabulates the probability distributions of residuals in all contexts.
 
-    The tables are accessed at random, so they are kept small enough for the processor's caches.
+    A distribution is a mixture of two normals. The tables are small enough for the processor's caches, because they are
+    accessed at random.
 
     Args:
-        scales: int64 (contexts), scale table index of the narrow normal of each context.
+        scales: int64 (contexts), scale table index of the narrower normal of each context.
         inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Half widths of the windows of directly coded symbols, by scale index.
+        widths: By scale index, the largest magnitude of a residual with a probability interval.
         normal: Table of the normal cumulative distribution function.
 
     Returns:
-        Scales of the contexts, uint16; windows, int64 (scales, 6), with the columns `HALF` to `GUESS_BITS` of this
-        module; bounds of probability intervals, out of 2**`TOTAL_BITS`, int32; and for each mixture the indices of
-        bounds at which a decoder starts its search, by the highest bits of the position of the code, uint16.
+        Four arrays. Scales of the contexts, uint16. Windows, int64 (scales, 6): one row for each scale, with the
+        columns `HALF` to `GUESS_BITS` of this module. Bounds (starts of probability intervals) of all mixtures, out of
+        2**`TOTAL_BITS`, int32. Guesses, uint16: the bound at which a decoder starts its search, by mixture and by the
+        highest bits of the code's position.
     """
     windows = np.zeros((NUM_SCALES, 6), np.int64)
     num_bounds = num_guesses = np.int64(0)

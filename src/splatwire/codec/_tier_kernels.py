@@ -19,13 +19,14 @@ STATES = 4 * COUNTS
 def tier_context(tier, count, recent):
     """Returns the context of the bit that indicates whether an anchor is in tier `tier`.
 
-    The context depends on the preceding anchors. A flag of each anchor indicates that it is in this tier or in a more
-    important one.
+    The context depends on the preceding anchors: on how many of them were in this tier or in a more important one.
 
     Args:
         tier: Index of the tier.
-        count: Decaying average of the flags, out of 2**16 (see `remember`); quantised finely near 0.
-        recent: Flags of the last two anchors, as a number from 0 to 3.
+        count: Decaying share of these anchors, out of 2**16 (see `remember`); the context distinguishes small shares
+            finely.
+        recent: Number from 0 to 3 with one bit for each of the last two anchors: 1 if the anchor was in this tier or in
+            a more important one.
     """
     step, value = 0, count >> 4
     while value and step < COUNTS - 1:

@@ -1,4 +1,7 @@
-"""Interface of a codec schema, which codes one type of scene: its record, its encoder and its decoder.
+"""Interface between the codec and the kinds of scene that it can encode.
+
+A codec schema encodes and decodes one kind of scene, such as explicit Gaussians. This module defines the record of a
+schema, and the protocols of its encoder and its decoder.
 
 Packet plans, packet order and loss handling are the same for all schemas (`splatwire.codec.encoding`,
 `splatwire.codec.decoding`, `splatwire.codec.progressive`).
@@ -81,12 +84,13 @@ class Decoder(Protocol):
 
     Attributes:
         sections: Named sections of the side information.
-        order: Rank (index in coding order) at each place (index after sorting by tier, then rank) of the packet plan,
-            int64 (N); None if ranks and places are equal.
+        order: Rank of the element at each place of the packet plan, int64 (N). The rank is the index in coding order.
+            The place is the index after sorting by importance tier and, within a tier, by rank. None if ranks and
+            places are equal.
         runs_are_blocks: True if a run is one block with all of its received packets; False if runs may mix blocks.
-        packets_independent: True if the packets of a run can also be decoded individually.
-        redecode_on_demand: True to keep compressed packets and decode them again on demand, because their integers take
-            many times the memory.
+        packets_independent: True if each packet of a run can also be decoded alone.
+        redecode_on_demand: True to keep compressed packets and to decode them again on demand, because decoded integers
+            take many times the memory.
         scene_bytes: Memory that `expect` and `scene` allocate, bytes.
         row_bytes: Memory of the decoded integers of one element, bytes.
     """
@@ -113,9 +117,9 @@ class Decoder(Protocol):
         """
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Writes the attributes of decoded elements to the arrays of the scene.
+        """Writes decoded elements to the arrays of the scene.
 
-        If runs are blocks (`runs_are_blocks`), it also estimates the lost elements of the block and writes them.
+        If runs are whole blocks (`runs_are_blocks`), this method also estimates the lost elements of the block.
 
         Args:
             run: The decoded packets.
@@ -129,7 +133,10 @@ class Decoder(Protocol):
         """
 
     def scene(self) -> ReceivedScene:
-        """Returns the scene, which shares memory with the arrays, and the stream's metadata."""
+        """Returns the scene decoded so far, with masks of the received elements and the stream's metadata.
+
+        Attributes are not copied: the scene shares memory with the arrays that `store` fills.
+        """
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

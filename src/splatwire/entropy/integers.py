@@ -50,9 +50,13 @@ def zero_mean_rows(scales: np.ndarray, width: int) -> Mixtures:
 
 
 def zero_mean_cells(rows: np.ndarray, columns: np.ndarray) -> Mixtures:
-    """Returns zero-mean normal distributions for a matrix in row-major order, with a scale per row and column.
+    """Returns a zero-mean normal distribution for each entry of a matrix, in row-major order.
 
-    The scale index of cell (i, j) is `rows[i] + columns[j]`, clipped to the table.
+    The scale index of entry (i, j) is `rows[i] + columns[j]`, clipped to the range of the scale table.
+
+    Args:
+        rows: Scale index of each row.
+        columns: For each column, the number that is added to the scale index of the row.
     """
     index = np.clip(rows[:, None] + columns[None, :], 0, NUM_SCALES - 1)
     return Mixtures.normals(np.zeros(index.size), index.ravel())

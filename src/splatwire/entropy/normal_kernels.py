@@ -86,7 +86,16 @@ def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, tabl
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def window(mean0, scale0, mean1, scale1, weight, widths):
-    """Returns the first and the last integer that are coded directly; other integers get an escape code."""
+    """Returns the first and the last integer with a probability interval; other integers are coded by an escape code.
+
+    Args:
+        mean0: Mean of the first component, see `entropy.coder.Mixtures`.
+        scale0: Standard deviation of the first component.
+        mean1: Mean of the second component.
+        scale1: Standard deviation of the second component.
+        weight: Weight of the first component, out of 2**16; 2**16 for a single normal distribution.
+        widths: Distance of the first and the last integer from the mean, by scale index, from `half_width_table`.
+    """
     center = (mean0 + HALF_STEP) >> MEAN_BITS
     low = center - widths[scale0]
     high = center + widths[scale0]

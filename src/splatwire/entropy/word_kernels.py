@@ -20,9 +20,10 @@ WORD_BITS = 56
 @njit(error_model="numpy")
 @no_type_check
 def words_of(data):
-    """Returns the words that begin at each byte of a packet, int64 (n + 1).
+    """Returns the next seven bytes from each byte of a packet on, as one integer (word) each, int64 (n + 1).
 
-    Word i has the bytes i to i + 6, the first one as its highest byte, and zeros for bytes after the end.
+    A decoder can thus read several bytes at once. Word i has the bytes i to i + 6, the first one as its highest byte.
+    Bytes after the end of the packet are 0.
 
     Args:
         data: Bytes of the packet, uint8 (n).

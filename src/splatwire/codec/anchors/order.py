@@ -86,16 +86,16 @@ def prepare_anchor_repack(
     manifest_fields: Mapping[str, Any],
     *own: str,
 ) -> Prepared:  # fmt: skip
-    """Prepares a complete stream for repacketizing.
+    """Prepares the anchors of a decoded stream for encoding into other packets.
 
     Args:
-        stream: The stream.
+        stream: The complete stream.
         scene: Its decoded scene.
         packetization: New split into packets.
-        coder: Function that returns the anchor coder for the stream's side information, and the side information.
-        manifest_fields: Further fields of the manifest.
-        own: Names of sections that `coder` writes again for the new packets, and which may therefore depend on the
-            order of anchors.
+        coder: Function that returns the encoder of the anchors, and the side information of the new stream.
+        manifest_fields: Further fields of the new manifest.
+        own: Names of the sections that `coder` writes again. All other sections must not depend on the order of
+            anchors, if the new packetization changes this order.
 
     Raises:
         InvalidValueError: If the stream has sections that depend on another order of anchors.

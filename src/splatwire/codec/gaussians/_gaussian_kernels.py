@@ -53,12 +53,12 @@ def follow(running, steps):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def octave_of(running):
-    """Returns the context of a residual: a class of the average magnitude of the Gaussian's preceding residuals.
+    """Returns a class of the average magnitude of a Gaussian's preceding residuals: the context of the next residual.
 
-    The limits of the classes are powers of two.
+    The limits between the classes are powers of two.
 
     Args:
-        running: Moving average of these magnitudes from `follow`, in sixteenths of a quantisation step.
+        running: Average magnitude, in sixteenths of a quantisation step: the moving average from `follow`.
     """
     if running < 256:
         return OCTAVES[running]

@@ -32,15 +32,16 @@ OCTAVES = np.array([value.bit_length() for value in range(256)], dtype=np.int64)
 class Near(NamedTuple):
     """Neighbours of the current Gaussian, the attributes predicted from them, and working arrays of the search.
 
-    A key of the search is the squared distance of a preceding Gaussian, times 64, plus its age: the number of Gaussians
-    between it and the current one. The smallest keys belong to the nearest neighbours.
+    The search compares keys. The key of a preceding Gaussian is its squared distance from the current one, times 64,
+    plus its age. The age is the number of Gaussians between the two in coding order. The nearest neighbours have the
+    smallest keys.
 
     Attributes:
-        cells: int64 (3, n), coordinates of the packet's grid cells.
-        narrow: float32 (3, `WINDOW` + n), the same coordinates if they have at most `NARROW_BITS` bits, after `WINDOW`
-            places that are far from all cells.
+        cells: int64 (3, n), coordinates of the grid cells of the packet's Gaussians.
+        narrow: float32 (3, `WINDOW` + n), the same coordinates for a faster search, which is used if they have at most
+            `NARROW_BITS` bits. The first `WINDOW` columns are dummies that are far away from all cells.
         keys: int32 (`WINDOW`), key of each preceding Gaussian in the window.
-        close: int32 (`WINDOW` + 1), keys of the candidates for neighbours.
+        close: int32 (`WINDOW` + 1), keys of those Gaussians that may be among the nearest.
         lanes: int32 (`LANES`), smallest key of each group of `WINDOW / LANES` Gaussians.
         indices: int64 (`NUM_NEIGHBOURS`), indices of the neighbours, nearest first.
         weights: float64 (`NUM_NEIGHBOURS`), weights of the neighbours by inverse squared distance.
@@ -67,7 +68,7 @@ class Near(NamedTuple):
 @njit(error_model="numpy")
 @no_type_check
 def new_near(n):
-    """Returns the arrays for a packet of n Gaussians."""
+    """Allocates the arrays for neighbour search and prediction in a packet of n Gaussians."""
     narrow = np.empty((3, WINDOW + n), np.float32)
     narrow[:, :WINDOW] = OUTSIDE
     return Near(
@@ -107,11 +108,14 @@ def find_neighbours(near, i, bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _find_narrow(near, i):
-    """Finds the six nearest neighbours as the six smallest keys (see `Near`).
+    """Finds the six nearest neighbours of a Gaussian; only for coordinates of few bits, see `Near.narrow`.
 
-    The window is divided into eight groups. The sixth smallest of the groups' minima is at least as large as the sixth
-    smallest key, so only the few keys up to this bound are sorted. The loops have few branches and compile to vector
-    instructions. Coordinates are float32, because numba computes with int32 in 64 bits; all distances are exact.
+    The neighbours are the Gaussians with the six smallest keys (see `Near`). Only a few keys are sorted. To find these,
+    the window is divided into eight groups, and the smallest key of each group is determined. At least six keys do not
+    exceed the sixth smallest of these eight minima, so larger keys are ignored.
+
+    The loops have few branches and compile to vector instructions. Coordinates are float32, because numba computes with
+    int32 in 64 bits; all distances are exact.
     """
     keys, close, lanes, indices, weights = near.keys, near.close, near.lanes, near.indices, near.weights
     narrow = near.narrow
@@ -180,17 +184,18 @@ def _find_wide(near, i):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def predict(near, count, defaults):
-    """Predicts the attributes of a Gaussian as weighted means over its neighbours.
+    """Predicts the attributes of a Gaussian: each is the weighted mean over its neighbours.
 
-    Writes `means` and `deviations`.
+    Writes `near.means` and `near.deviations`.
 
     Args:
         near: Arrays of the packet, with the neighbours of this Gaussian.
         count: Number of neighbours.
-        defaults: Mean attributes of the block, int64 (7), used without neighbours.
+        defaults: Mean attributes of the block, int64 (7), used if there are no neighbours.
 
     Returns:
-        Context of the precision class: 0 without neighbours, otherwise 1 plus the neighbours' mean class in halves.
+        Context of the precision class: 0 without neighbours, otherwise 1 plus twice the mean class of the neighbours,
+        rounded.
     """
     indices, weights, values, means, deviations = near.indices, near.weights, near.values, near.means, near.deviations
     if count == 0:
@@ -231,7 +236,13 @@ def predict(near, count, defaults):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def remember(near, row, i):
-    """Stores the decoded attributes of Gaussian `i`, int64 (COLUMNS), for the prediction of later ones."""
+    """Stores the decoded attributes of a Gaussian, from which later Gaussians of the packet are predicted.
+
+    Args:
+        near: Arrays of the packet, changed in place.
+        row: Decoded integers of the Gaussian, int64 (COLUMNS).
+        i: Index of the Gaussian in the packet.
+    """
     values = near.values
     for c in range(4):
         values[i, c] = row[OPACITY + c]

@@ -124,15 +124,17 @@ def _rotation(row, axes, quat):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def convert_harmonics(numbers, places, transform, colours, room, sh):
-    """Computes spherical harmonics from the transformed integers, and writes them to their places in a scene.
+    """Computes the spherical harmonics of some Gaussians from decoded integers, and writes them to the scene.
 
     Most integers are 0 and are skipped.
 
     Args:
-        numbers: Transformed harmonics, int32 (n, 3 K): Y, Co and Cg of the first, then of the second, and so on.
+        numbers: Decoded integers, int32 (n, 3 K): for each of K axes of the transform, its Y, Co and Cg.
         places: Index of each Gaussian in the output, int64 (n).
-        transform: Numerators of the transform, whole numbers, float64 (K, K). Sums of products are exact.
-        colours: Transform from RGB to Y Co Cg, times the unit of these products, float64 (3, 3).
+        transform: Numerators of the transform, one axis per row, whole numbers, float64 (K, K). Sums of products are
+            exact.
+        colours: Orthonormal matrix from RGB to Y Co Cg, times the factor from products of integers to harmonics,
+            float64 (3, 3).
         room: Working array, float64 (3 K).
         sh: Output, float32 (N, K + 1, 3): red, green and blue of each harmonic; degree 0 is not written.
     """

@@ -147,13 +147,13 @@ def arrange_block(codes: np.ndarray, contiguous: bool) -> np.ndarray:
 
 
 def make_boxes(low: np.ndarray, high: np.ndarray, coarsest: int = 0) -> Boxes:
-    """Computes bounding boxes of blocks with corners on a coarser grid, which are shorter to code.
+    """Computes the bounding box of each block; box corners lie on a coarse grid, so that they take few bits.
 
     Args:
         low: int64 (B, 3), smallest lattice coordinates of each block.
         high: int64 (B, 3), largest lattice coordinates of each block.
-        coarsest: log2 of the largest position cell. Corners are multiples of `1 << coarsest` lattice units, so that
-            position cells are the same in every box.
+        coarsest: log2 of the side of the largest position cell, in lattice units. Box corners are multiples of this
+            side, so that position cells are the same in every box.
     """
     shifts = np.array(
         [max(int(e).bit_length() - BOX_BITS + 1, coarsest) for e in (high - low).max(axis=1)], dtype=np.int64
@@ -173,10 +173,12 @@ def block_codes(places: np.ndarray, bits: int) -> np.ndarray:
 
 
 def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
-    """Estimates `cell_shift` of a typical block from a sample of the scene, before the blocks are known.
+    """Estimates the cell size of the coarse position grid (see `cell_shift`) for a typical block of a scene.
+
+    The estimate uses a sample of the scene, because it is needed before the scene is divided into blocks.
 
     Args:
-        means: (N, 3), positions.
+        means: Positions of the scene's Gaussians, (N, 3).
         unit: `-log2` of the lattice spacing, relative to the scene's size.
         size_log: log2 of the scene's size.
 

@@ -84,7 +84,9 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
 
 
 def copies_level(info: SideInfo, num_gaussians: int) -> int:
-    """Returns the precision class of the redundant copies of a stream that has copies, 0 for the lowest.
+    """Returns the precision class that all redundant copies of a stream share, 0 for the lowest.
+
+    The stream must have copies.
 
     Args:
         info: The stream's side information.

@@ -133,9 +133,12 @@ def fit_side_info(
 
 
 def scene_transform(scene: SourceScene) -> np.ndarray:
-    """Fits the transform of the spherical harmonics to a part of the scene, int64 (K, K).
+    """Fits the transform of spherical harmonics to a sample of the scene's Gaussians.
 
-    Each Gaussian is weighted by the inverse of its quantisation step, relative to the lowest precision class.
+    The weight of a Gaussian is inversely proportional to its quantisation step.
+
+    Returns:
+        Transform as returned by `fit_transform`, int64 (K, K), for K harmonics above degree 0.
     """
     if not scene.splats.degree:
         return np.zeros((0, 0), dtype=np.int64)

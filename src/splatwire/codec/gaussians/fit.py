@@ -82,13 +82,17 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
 def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
     """Estimates the mean magnitude of the residuals in each context, also for contexts with few residuals.
 
-    For each stream, the table of means is modelled as a product of two factors (a matrix of rank one): one factor
-    depends on the spread, the other on the second index of the context. The factors are fitted so that the sums of
-    magnitudes over each row and column stay unchanged.
+    The means of one kind of value (a stream) form a table, with a row for each class `spread` and a column for each
+    class `second` of the context. The table is modelled as the product of a factor for each row and a factor for each
+    column (a matrix of rank one). The factors are fitted so that the sum of magnitudes over each row and column stays
+    unchanged.
 
     Args:
-        number: Number of residuals, float64 (streams, spreads, seconds).
+        number: Number of residuals in each context, float64 (streams, spreads, seconds).
         total: Sum of their magnitudes, float64 (streams, spreads, seconds).
+
+    Returns:
+        Mean magnitudes, float64 (streams, spreads, seconds).
     """
     rows, columns = (total.sum(axis=2) + 1.0) / (number.sum(axis=2) + 1.0), np.ones_like(number[:, 0])
     for _ in range(3):

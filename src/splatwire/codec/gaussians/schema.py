@@ -51,7 +51,10 @@ def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
 
 
 def ranked_by_attributes(splats: Splats) -> np.ndarray:
-    """Returns an order of Gaussians that depends on their attributes only, not on the stream, as indices, int64 (N)."""
+    """Sorts Gaussians by their attributes; returns their indices in sorted order, int64 (N).
+
+    The same Gaussians are sorted equally in two streams that contain them in different order.
+    """
     columns = [values.reshape(len(values), math.prod(values.shape[1:])) for values in vars(splats).values()]
     return np.lexsort(np.concatenate(columns, axis=1).T)
 

@@ -170,10 +170,7 @@ class SourceScene:
         return len(self.edges) - 1
 
     def some_blocks(self) -> list[int]:
-        """Returns the indices of a sample of blocks, evenly spread.
-
-        The context tables of the entropy coder are fitted to them.
-        """
+        """Returns the indices of evenly spread blocks: a sample to which an encoder fits its tables."""
         return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
 
     def members(self, block: int) -> slice:
@@ -181,12 +178,12 @@ class SourceScene:
         return slice(int(self.edges[block]), int(self.edges[block + 1]))
 
     def pick(self, where: slice | np.ndarray) -> Splats:
-        """Returns the Gaussians at the given positions of `order`."""
+        """Returns some Gaussians of the scene, given by their indices in `order`."""
         # numpy's `take` is several times as fast as indexing a tensor.
         return self.splats.select(self.order[where])
 
     def classes_at(self, where: slice | np.ndarray) -> np.ndarray:
-        """Returns the precision classes of the Gaussians at the given positions of `order`, int64."""
+        """Returns the precision classes of some Gaussians, given by their indices in `order`, int64."""
         return self.classes[self.order[where]].astype(np.int64)
 
     def places(self, block: int) -> np.ndarray:

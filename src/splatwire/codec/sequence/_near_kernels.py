@@ -42,8 +42,9 @@ def add_known(places, i, known, around, count):
 def _find_candidates(squares, count, lanes, some):
     """Finds a small set of candidates that contains the `NUM_NEIGHBOURS` smallest squared distances.
 
-    Distances are divided into `NUM_NEIGHBOURS` groups. The candidates are all distances up to the largest of the
-    groups' minima. If there are only a few distances, all of them are candidates.
+    The distances are divided into `NUM_NEIGHBOURS` groups, and the smallest distance of each group is determined. No
+    distance above the largest of these minima can be among the smallest, so all other distances are candidates. If
+    there are only a few distances, all of them are candidates.
 
     Args:
         squares: Squared distances, float64.
@@ -79,10 +80,10 @@ def _find_candidates(squares, count, lanes, some):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _smallest_candidates(squares, some, count):
-    """Returns the `NUM_NEIGHBOURS` smallest of the candidates' squared distances, ascending.
+    """Finds the `NUM_NEIGHBOURS` smallest squared distances among the candidates; returns them as keys, ascending.
 
-    Each returned integer contains the distance in its high bits, and the candidate's index in its low bits. Values stay
-    in registers, and no branch depends on a comparison, because such branches would be mispredicted.
+    A key is an integer with the squared distance in its high bits and the candidate's index in its low bits. The keys
+    stay in registers. No branch depends on a comparison of keys, because processors would often predict it wrongly.
     """
     a = b = c = d = e = f = g = h = _MOST
     for n in range(count):

@@ -99,17 +99,17 @@ def coarse_to_fine(places, moving, shifts):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _weigh(places, i, neighbours, far, found, offsets, near, weights):
-    """Computes the weights of neighbours for the prediction of a track; the weights add up to `1 << WEIGHT_BITS`.
+    """Computes the weights of a track's neighbours, with which its motion coefficients are predicted.
 
-    The prediction is the value at the track's position of the least-squares plane through the neighbours' values; with
-    fewer than four neighbours it is their mean. All values stay below 2**53, so that they are exact in float64, see
-    `docs/format.md`.
+    The weights add up to `1 << WEIGHT_BITS`. With at least four neighbours, a plane is fitted to the neighbours' values
+    by least squares, and the prediction is the value of the plane at the track's position. With fewer neighbours, the
+    prediction is their mean. All values stay below 2**53, so that they are exact in float64 (`docs/format.md`).
 
     Args:
         places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
         i: Index of the track.
         neighbours: Indices of the neighbours.
-        far: Squared distances of the neighbours.
+        far: Squared distances of the neighbours from the track.
         found: Number of neighbours.
         offsets: Working array, int64 (NUM_NEIGHBOURS, 3).
         near: Working array, int64 (NUM_NEIGHBOURS).
@@ -276,7 +276,10 @@ def pack_coefficients(values, rows, states, orders, flat):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, dead, coefficients):
-    """Reconstructs motion coefficients of a packet's tracks from residuals (decoder), or computes residuals (encoder).
+    """Predicts the motion of each track of a packet from neighbouring tracks, to encode or to decode it.
+
+    A decoder adds the residuals to the predictions, and thus reconstructs the motion coefficients. An encoder computes
+    the residuals of given coefficients. The direction depends on `wanted`, which is empty in a decoder.
 
     Args:
         places: Positions of the keyframe Gaussians of the packet's M tracks, in half lattice units, int64 (M, 3).

@@ -127,11 +127,14 @@ def _project(values, table, begin, end, own):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def fit_targets(moves, keyframes, numbers, unit, luma, table, begin, end, targets, largest, turns, last):
-    """Fits motion coefficients to trajectories, frame by frame, so that early frames can be processed early.
+    """Adds some frames of tracks' trajectories to their motion coefficients.
+
+    The frames of a group are added in ascending order, in one or more calls. Most of the work can thus be done before
+    the last frame of the group is available.
 
     Args:
-        moves: Means, quaternions, scales, opacities and colours of n tracks, float32 (n, F, ...).
-        keyframes: Means, quaternions, scales, opacities and colours of T keyframe Gaussians, float32 (T, 1, ...).
+        moves: Trajectories of n tracks: means, quaternions, scales, opacities and colours, float32 (n, F, ...).
+        keyframes: T keyframe Gaussians: means, quaternions, scales, opacities and colours, float32 (T, 1, ...).
         numbers: Index in `keyframes` of each track's keyframe Gaussian, int64 (n); tracks with a negative index are
             skipped.
         unit: Units of the position channels per scene unit (half lattice units).
@@ -139,12 +142,13 @@ def fit_targets(moves, keyframes, numbers, unit, luma, table, begin, end, target
         table: Basis polynomials, float64 (F, F).
         begin: First frame to add.
         end: End of the frames to add (exclusive).
-        targets: Coefficients, float64 (n, channels, frames), zero before the first call; changed in place.
-        largest: Output: largest magnitude of each channel's coefficients, float64 (n, channels), written with the last
-            frame.
-        turns: Tangent of a quarter of the largest rotation angle, float64 (n), zero before the first call; updated.
-        last: Rotation in the last added frame as a quaternion, float64 (n, 4), the identity before the first call;
-            updated.
+        targets: Motion coefficients, float64 (n, channels, frames), zero before the first call; changed in place.
+        largest: Output: largest magnitude of each channel's coefficients, float64 (n, channels). It is written in the
+            call that adds the last frame.
+        turns: Largest rotation angle of each track so far, as the tangent of a quarter of the angle, float64 (n); zero
+            before the first call, changed in place.
+        last: Rotation of each track in the last added frame, as a quaternion, float64 (n, 4); the identity before the
+            first call, changed in place.
     """
     means, quats, scales, opacities, colours = moves
     m, q, s, o, c = keyframes

@@ -286,13 +286,13 @@ class TracksEncoder:
         self, coder: MotionCoder, some: slice, group: TrackGroup, by: np.ndarray, numbers: np.ndarray,
         moving: np.ndarray,
     ) -> None:  # fmt: skip
-        """Fills entries of a motion coder with headers, positions, quantisation steps and expected sizes of tracks.
+        """Fills entries of a motion coder with the headers, positions, quantisation steps and expected sizes of tracks.
 
         Args:
             coder: The motion coder, changed in place.
             some: Range of the coder's entries to fill.
             group: The tracks of the group of frames.
-            by: Index in the group of the track of each entry.
+            by: For each entry of the coder, the index of its track in the group.
             numbers: Track number of each track of the group.
             moving: Mask of moving tracks of the group.
         """
@@ -310,14 +310,14 @@ class TracksEncoder:
     def _encode_motion(
         self, group: TrackGroup, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]
     ) -> tuple[int, list[Packet]]:
-        """Encodes the motion of all tracks in a group of frames.
+        """Encodes the motion of all tracks in a group of frames; nothing is encoded if no track changes.
 
         Args:
             group: The tracks of the group.
             coder: Motion coder of these tracks.
-            known: Number of tracks with keyframe Gaussians that are already encoded; they are the coder's first
-                entries.
-            births: Function that encodes the keyframe Gaussians of new tracks, and fills the coder's remaining entries.
+            known: Number of tracks that need no new keyframe Gaussian. These tracks are the first entries of the coder.
+            births: Function that encodes the keyframe Gaussians of new tracks, and fills the remaining entries of the
+                coder.
 
         Returns:
             Number of tracks with coded motion, and their packets; (0, []) if nothing changes in the group.
@@ -335,10 +335,13 @@ class TracksEncoder:
     ) -> tuple[list[Packet], np.ndarray]:
         """Encodes the motion of all tracks, block by block, in packets of limited size.
 
+        `births` runs in parallel with the encoding of those blocks that contain no new tracks.
+
         Args:
             coder: Motion coder of the tracks.
-            known: Number of tracks with keyframe Gaussians that are already encoded.
-            births: Function that encodes the keyframe Gaussians of new tracks.
+            known: Number of tracks that need no new keyframe Gaussian. These tracks are the first entries of the coder.
+            births: Function that encodes the keyframe Gaussians of new tracks, and fills the remaining entries of the
+                coder.
 
         Returns:
             Packets of all tracks, block by block; and the number of bytes used for each track, float64.

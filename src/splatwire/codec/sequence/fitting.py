@@ -43,11 +43,13 @@ class Fitting:
         self._targets = Targets.zero(len(keys) + len(keys) // SPARE, frames)
 
     def fits(self, keys: np.ndarray, frames: int) -> bool:
-        """True if a group has the tracks of this fit, possibly followed by tracks that appeared later.
+        """True if this fit can be used for a group of frames.
+
+        The group must begin with the tracks of this fit. Tracks that appeared later may follow.
 
         Args:
             keys: Keys of the tracks of the group.
-            frames: Number of frames in the group.
+            frames: Number of frames in the group, which must be that of this fit.
         """
         room, last = self._targets.coefficients.shape[0], self._targets.coefficients.shape[2]
         return last == frames and len(keys) <= room and np.array_equal(keys[: len(self._keys)], self._keys)

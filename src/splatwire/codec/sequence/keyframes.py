@@ -125,7 +125,13 @@ class KeyframeEncoder:
         return source, plan, info
 
     def _coding(self, splats: Splats, classes: np.ndarray | None) -> SplatCoding | None:
-        """Returns the quantisation parameters of the first group, for use in later groups; None for the first group."""
+        """Returns the quantisation parameters that were fitted to earlier Gaussians; None if none were fitted yet.
+
+        Args:
+            splats: The Gaussians to encode.
+            classes: Precision class of each Gaussian, 0 for the finest and negative for coarser; None for a medium
+                class.
+        """
         if self._like is None:
             return None
         info, count = self._like, splats.num_gaussians

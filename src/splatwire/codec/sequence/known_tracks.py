@@ -1,4 +1,4 @@
-"""State of the encoder between groups of frames: all tracks so far, with their keyframe Gaussians."""
+"""Tracks that an encoder has encoded so far; their keyframe Gaussians are needed for later groups of frames."""
 
 from dataclasses import dataclass
 
@@ -13,10 +13,12 @@ from splatwire.types.splats import Splats
 
 @dataclass(frozen=True, eq=False)
 class KnownTracks:
-    """State of the encoder: all T tracks so far, numbered in order of appearance.
+    """Tracks of a sequence that were encoded so far, with the data that an encoder needs for later groups of frames.
+
+    The T tracks are numbered in order of appearance.
 
     Attributes:
-        keys: Key of each track, chosen by the application, int64 (T).
+        keys: Key of each track, an integer by which the application identifies the track, int64 (T).
         by_key: Track numbers sorted by key, int64 (T); tracks with equal keys are in order of appearance.
         keyframes: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
         rows: Decoded integers of each keyframe Gaussian, int64 (T, COLUMNS).

@@ -1,4 +1,4 @@
-"""Bitstream format of moving Gaussians: connects the decoder to the stream's schema (docs/format.md)."""
+"""Codec schema of moving Gaussians (docs/format.md); it only decodes, because sequences are encoded frame by frame."""
 
 from typing import Any
 

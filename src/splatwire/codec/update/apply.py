@@ -1,4 +1,4 @@
-"""Applies an update: makes the changed stream of the old stream and the update."""
+"""Applies an update to a stream of Gaussians; the result is the stream of the changed scene."""
 
 from dataclasses import replace
 
@@ -30,7 +30,9 @@ from splatwire.types.update_scene import UpdateScene
 
 @checked
 def apply_update(base: SceneStream, update: SceneStream, *, threads: int | None = None) -> SceneStream:
-    """Returns the changed stream, which has the same bytes as the one that the encoder of the update made.
+    """Applies an update to the stream of a scene, and returns the stream of the changed scene.
+
+    The result is compared, by digest, with the stream that the encoder of the update computed: all bytes must be equal.
 
     Args:
         base: The stream that the update changes, complete.
@@ -142,14 +144,14 @@ def changed_stream(
 def _with_copies(
     stream: SceneStream, base: SceneStream, info: SideInfo, kept: np.ndarray, splats: Splats
 ) -> SceneStream:
-    """Adds the redundant copies of the Gaussians that stay.
+    """Adds redundant copies to a changed stream: those of the old stream whose Gaussians were not removed.
 
     Args:
         stream: The changed stream without copies.
         base: The old stream.
-        info: Its side information.
-        kept: Indices of its Gaussians that stay, ascending.
-        splats: The Gaussians that stay, then the new ones.
+        info: Side information of the old stream.
+        kept: Indices in the old stream of the Gaussians that stay, ascending.
+        splats: Gaussians of the changed scene: first those that stay, then the new ones.
     """
     num_before = base.manifest.num_elements
     if (copies := read_copies(info, num_before)) is None:
@@ -172,6 +174,11 @@ def _joined(first: Splats, second: Splats) -> Splats:
 
 def _check_complete(stream: SceneStream, what: str, so: str) -> None:
     """Checks that no packet of a stream is missing.
+
+    Args:
+        stream: The stream.
+        what: Name of the stream, for the error message.
+        so: Consequence for the user, for the error message.
 
     Raises:
         InvalidValueError: If one is missing.

@@ -96,14 +96,16 @@ def _encode_new(
     base: SceneStream, info: SideInfo, coding: SplatCoding, new: Splats, classes: np.ndarray | None,
     threads: int | None,
 ) -> SceneStream:  # fmt: skip
-    """Encodes the new Gaussians with the steps and context tables of the stream; the section of the update is missing.
+    """Encodes the new Gaussians of an update as a stream; the caller adds the section with the rest of the update.
+
+    Quantisation steps and context tables are those of the stream that the update changes.
 
     Args:
         base: The stream that the update changes.
-        info: Its side information.
-        coding: Its quantisation steps.
+        info: Side information of this stream.
+        coding: Quantisation steps of this stream.
         new: The new Gaussians; may be none.
-        classes: Their precision classes, 0 for the finest and negative for coarser ones; None for the finest.
+        classes: Precision class of each new Gaussian, 0 for the finest and negative for coarser; None for the finest.
         threads: Number of threads, which does not affect the result.
     """
     packetization = base.manifest.packetization
@@ -129,6 +131,6 @@ def _without_gaussians(base: SceneStream, info: SideInfo) -> SceneStream:
 
 
 def _decoded(new: SceneStream) -> SplatScene:
-    """Decodes the new Gaussians of an update whose section is missing."""
+    """Decodes the new Gaussians from the result of `_encode_new`."""
     scene: SplatScene = decode_stream(replace(new, manifest=replace(new.manifest, codec=GAUSSIANS))).scene
     return scene

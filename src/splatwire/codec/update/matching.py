@@ -42,7 +42,13 @@ def _words(splats: Splats) -> np.ndarray:
 
 
 def _find_rows(known: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Returns the index in `known` of each row of `wanted`, int64; -1 if there is none, or all equal ones are taken."""
+    """Finds an equal row in `known` for each row of `wanted`; each row of `known` is used at most once.
+
+    Of several equal rows, the n-th in `wanted` is matched with the n-th in `known`.
+
+    Returns:
+        Index in `known` for each row of `wanted`, int64; -1 for a row without a match.
+    """
     hashes = [_hashes(rows) for rows in (known, wanted)]
     orders = [np.argsort(each, kind="stable") for each in hashes]
     sorted_hashes = [each[order] for each, order in zip(hashes, orders, strict=True)]

@@ -1,4 +1,8 @@
-"""Codes the mask of removed Gaussians: bits along a Morton curve, in a tree of three levels."""
+"""Serialises the mask of Gaussians that an update removes.
+
+The bits of the mask are sorted along a Morton curve, because neighbouring Gaussians are often removed together. They
+are coded in groups of two sizes, so that a long run of equal bits takes few bits.
+"""
 
 import numpy as np
 
@@ -26,10 +30,14 @@ def curve_order(means: np.ndarray, coding: SplatCoding) -> np.ndarray:
 
 
 def write_removed(removed: np.ndarray) -> bytes:
-    """Serialises a mask, bool (N), in the order of `curve_order`.
+    """Serialises a mask of removed Gaussians in groups of two sizes, for which flags are coded.
 
-    A flag of each larger group says if a bit of it is set. In these, a flag of each group says the same, and another if
-    all of its bits are set. Single bits are coded in the other groups only.
+    For each large group (`GROUPS` groups), a flag indicates that at least one bit is set. For each group in such a
+    large group, a flag indicates the same. For each group with a set bit, a flag indicates that all of its bits are
+    set. The bits of the remaining groups are coded one by one.
+
+    Args:
+        removed: Mask of removed Gaussians in the order of `curve_order`, bool (N).
     """
     writer, groups = ByteWriter(), _grouped(removed)
     larger = groups.reshape(-1, GROUPS, GROUP)
@@ -64,9 +72,10 @@ def read_removed(data: bytes, count: int) -> np.ndarray:
 
 
 def _grouped(removed: np.ndarray) -> np.ndarray:
-    """Returns the bits in groups, bool (groups, GROUP), padded to a multiple of `GROUPS` groups.
+    """Divides a mask into groups of `GROUP` bits, bool (groups, GROUP), padded to a multiple of `GROUPS` groups.
 
-    The padding of a last group whose bits are all set is set, too, so that the group counts as full.
+    The padding is 0, with one exception: if all bits of an incomplete last group are 1, the group is filled with 1, so
+    that it counts as full.
     """
     padded = np.zeros(-(-len(removed) // (GROUPS * GROUP)) * GROUPS * GROUP, bool)
     padded[: len(removed)] = removed

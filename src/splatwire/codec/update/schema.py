@@ -1,4 +1,8 @@
-"""Bitstream format of updates: the new Gaussians as in a stream of Gaussians, and a named section with the rest."""
+"""Codec schema of updates (docs/format.md).
+
+An update contains the new Gaussians, coded like a stream of Gaussians. A named section contains the mask of removed
+Gaussians, and digests of the stream before and after the change.
+"""
 
 from dataclasses import fields, replace
 from typing import Any

@@ -14,7 +14,14 @@ _DIGEST_BYTES = 32
 
 
 class UpdateFields(NamedTuple):
-    """Content of the section; see `UpdateScene`."""
+    """Content of the named section of an update.
+
+    Attributes:
+        base_digest: SHA-256 of the manifest of the stream that the update changes, hexadecimal.
+        result_digest: SHA-256 of the manifest of the changed stream, hexadecimal.
+        writer: Program that wrote the changed stream, for its manifest.
+        removed: Mask of removed Gaussians, serialised by `splatwire.codec.update.removed.write_removed`.
+    """
 
     base_digest: str
     result_digest: str
@@ -28,7 +35,7 @@ def manifest_digest(manifest: Manifest) -> str:
 
 
 def write_update(fields: UpdateFields) -> bytes:
-    """Serialises the section."""
+    """Serialises the content of an update's named section."""
     writer = ByteWriter()
     writer.u8(VERSION)
     head = writer.bytes() + bytes.fromhex(fields.base_digest) + bytes.fromhex(fields.result_digest)
@@ -38,7 +45,7 @@ def write_update(fields: UpdateFields) -> bytes:
 
 
 def read_update(data: bytes) -> UpdateFields:
-    """Reads a section serialised by `write_update`; the list of removed Gaussians is read when it is applied.
+    """Parses the content of an update's named section; the mask of removed Gaussians stays serialised.
 
     Raises:
         UnsupportedVersionError: If a newer release wrote it.

@@ -203,12 +203,18 @@ def decode_packets(
 
 
 def expected(context: CodingContext, voxels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Predicts all attributes of anchors from their positions alone.
+    """Predicts the distribution of all attributes of anchors from their positions alone.
+
+    No attributes are known. Where a network needs decoded attributes as inputs, it gets their predicted means. The
+    standard deviations are therefore those for attributes exactly equal to these means.
+
+    Args:
+        context: Coding context.
+        voxels: Positions of the anchors, voxels, int64 (n, 3).
 
     Returns:
-        Position features as inputs of the networks, float64 (n, context); means, int32 (n, numbers), in steps with 16
-        fractional bits; and binary logarithms of standard deviations in the same format. Each standard deviation is
-        conditional: the attributes of earlier stages are taken as equal to their means.
+        Outputs of the position network, float64 (n, context); predicted means in quantisation steps with 16 fractional
+        bits, int32 (n, attributes); and binary logarithms of the standard deviations in the same format.
     """
     last, chain = context.stages[-1], context.start(voxels)
     means = np.empty((len(voxels), last.first + last.size), dtype=np.int32)

@@ -57,11 +57,14 @@ class SharedPositions:
 
 
 def share_positions(voxels: np.ndarray, leaf: int) -> SharedPositions:
-    """Encodes the positions of all anchors as a section of the side information, without bits that packets contain.
+    """Encodes the high bits of all anchors' positions as a section of the side information.
+
+    The low bits are left to the packets. Their number depends on `leaf`.
 
     Args:
         voxels: Positions of the anchors, voxels, int64 (N, 3).
-        leaf: Maximum number of anchors of a node that is not split, 1 to 64.
+        leaf: Maximum number of anchors of a node of the position tree that is not split, 1 to 64. Larger nodes leave
+            more bits to the packets.
 
     Raises:
         ValueError: If the points span 2**21 voxels or more.
@@ -110,14 +113,17 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
 
 
 def triple_levels(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns for each code the number of unknown triples of bits, and the index of its lowest non-zero triple.
+    """Finds the lowest bits that are set among the unknown low bits of Morton codes.
+
+    The unknown bits of a code are divided into triples (one bit per axis), numbered from the least significant triple.
 
     Args:
         codes: int64 (N), the exact codes.
-        unknown: int64 (N), number of unknown low bits of each.
+        unknown: int64 (N), number of unknown low bits of each code.
 
     Returns:
-        Two int64 (N); if all triples are 0, the second equals the first.
+        Number of triples of each code, and index of its lowest non-zero triple, int64 (N) each. If all triples are 0,
+        the index equals the number of triples.
     """
     triples, rest = (unknown + 2) // 3, codes & ((np.int64(1) << unknown) - 1)
     lowest = np.zeros(len(codes), dtype=np.int64)

@@ -50,7 +50,9 @@ def locate(unit, resolution):
 @njit(borrows=True)
 @no_type_check
 def corner_weight(corner, bit, fraction, resolution):
-    """Returns the interpolation weight of a corner of a grid cell along one axis; zero on the border of the level.
+    """Returns the interpolation weight of a corner of a grid cell along one axis.
+
+    The weight of corners on the border of the grid is 0.
 
     Args:
         corner: Index of the cell's lower corner on this axis.

@@ -74,7 +74,10 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
-    """Converts outputs of a channel network to the second mixture component of a feature group.
+    """Converts outputs of a channel network to table indices of the entropy coder, for one feature group.
+
+    The distribution of a channel is a mixture of two normals. The prior network predicts the first one. The channel
+    network predicts the second one, and both networks together the weight.
 
     Args:
         outputs: Outputs of the channel network: means, standard deviations and weight logits of the group's channels.
@@ -83,9 +86,9 @@ def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inve
         weight_column: Column of the group's first weight logit in `prior_outputs`.
         q_column: Column in `prior_outputs` of the number from which the quantisation step is computed.
         inverse_steps: Reciprocals of the steps, from `inverse_step_table`.
-        means: Output: means in quantisation steps, 12 fractional bits.
-        scales: Output: scale table indices.
-        weights: Output: indices into the weight table.
+        means: Output: means of the second normal in quantisation steps, 12 fractional bits.
+        scales: Output: scale table indices of the second normal.
+        weights: Output: indices into the table of mixture weights.
     """
     size = means.shape[1]
     for n in range(means.shape[0]):

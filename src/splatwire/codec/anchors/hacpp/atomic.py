@@ -263,10 +263,10 @@ def predict_group(
     Args:
         context: Coding context, which contains the networks.
         group: Index of the feature group.
-        shared: Part of the network's first layer that depends on the outputs of the prior network, float64 (n, hidden):
-            the group's entry in the result of `CodingContext.shared_sums`.
-        activations: Features of the groups before as inputs of the network, float64 (n, channels of these groups), from
-            `CodingContext.feature_activations`.
+        shared: Partial sums of the network's hidden units over the outputs of the prior network, float64 (n, hidden):
+            entry `group` of the result of `CodingContext.shared_sums`.
+        activations: Features of the groups before, as network inputs from `CodingContext.feature_activations`, float64
+            (n, channels of these groups).
         outputs: Outputs of the prior network, int32 (n, prior outputs).
 
     Returns:

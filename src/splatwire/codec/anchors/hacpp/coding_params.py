@@ -1,8 +1,8 @@
-"""Prediction of HAC++ anchors in integer arithmetic: from positions to table indices of the entropy coder.
+"""Predicts the probability distributions of HAC++ anchors in integer arithmetic, as table indices of the entropy coder.
 
-Matrix products use float64, which represents every partial sum exactly. Results depend only on the anchor's position,
-its symbols decoded before and the side information. `tests/reference/hacpp_params.py` is an equivalent implementation
-in plain torch.
+A prediction depends only on the anchor's position, its symbols decoded before, and the side information. Matrix
+products use float64, which represents every partial sum exactly. `tests/reference/hacpp_params.py` is an equivalent
+implementation in plain torch.
 """
 
 import functools
@@ -147,23 +147,24 @@ class CodingContext:
         return unit_coordinates(voxels, self.voxel_size, self.bounds_min, self.bounds_max)
 
     def predict(self, voxels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Evaluates the hash grid and the prior network for anchors at given voxels.
+        """Predicts the attributes of anchors from their positions, with the hash grid and the prior network.
 
         Args:
-            voxels: int64 (N, 3).
+            voxels: Positions of the anchors, voxels, int64 (N, 3).
 
         Returns:
-            The context, float64 (N, H) whole numbers with `ACTIVATION_BITS` fractional bits, and the prior outputs,
-            int32 with `OUTPUT_BITS` fractional bits.
+            Hash-grid features (the context), float64 (N, H), whole numbers with `ACTIVATION_BITS` fractional bits; and
+            outputs of the prior network, int32 (N, prior outputs) with `OUTPUT_BITS` fractional bits.
         """
         context = lookup(self.units(voxels), self.signs, self.config.grid)
         return context, self.prior(context)
 
     @functools.cached_property
     def shared_matrix(self) -> np.ndarray:
-        """Weights of the channel networks' first layers for inputs from the prior, float64 (3 F, hidden sum).
+        """First-layer weights of all channel networks for those inputs that come from the prior network.
 
-        The matrices of all networks are concatenated, so that one product evaluates them.
+        The matrices of all networks are side by side, so that one matrix product evaluates them: float64 (3 F, sum of
+        hidden units).
         """
         before = np.cumsum([0, *self.config.layout.feature_groups])
         return np.concatenate(
@@ -171,13 +172,16 @@ class CodingContext:
         )
 
     def shared_sums(self, outputs: np.ndarray) -> list[np.ndarray]:
-        """Returns the contribution of the prior's outputs to the first layer of every channel network.
+        """Multiplies the outputs of the prior network by the first-layer weights of all channel networks.
+
+        Each channel network predicts one feature group. All of them have the outputs of the prior network among their
+        inputs, so this part of their first layers is computed in one matrix product.
 
         Args:
-            outputs: int32 (N, prior outputs).
+            outputs: Outputs of the prior network for N anchors, int32 (N, prior outputs).
 
         Returns:
-            One float64 (N, hidden) array of whole numbers for each feature group.
+            For each channel network, the partial sums of its hidden units, float64 (N, hidden), whole numbers.
         """
         inputs = np.empty((len(outputs), 3 * self.config.layout.feature_dim), dtype=np.float64)
         kernels.narrow(outputs, inputs)
@@ -186,16 +190,17 @@ class CodingContext:
         return np.split(sums, edges, axis=1)
 
     def channel_outputs(self, group: int, shared: np.ndarray, activations: np.ndarray) -> np.ndarray:
-        """Evaluates the channel network of a feature group.
+        """Evaluates the channel network of a feature group, which predicts the group from the groups before it.
 
         Args:
             group: Index of the group.
-            shared: First-layer sums of the group's network over the prior's outputs, an entry of the result of
-                `shared_sums`.
-            activations: float64 (N, channels of the groups before) from `feature_activations`.
+            shared: Partial sums of the network's hidden units over the outputs of the prior network: entry `group` of
+                the result of `shared_sums`.
+            activations: Features of the groups before, as network inputs from `feature_activations`, float64 (N,
+                channels of these groups).
 
         Returns:
-            int32 (N, 3 * size of the group): mean, scale and weight of the group's channels.
+            int32 (N, 3 * size of the group): means, standard deviations and weight logits of the group's channels.
         """
         sums = shared.copy()
         if activations.shape[1]:

@@ -183,7 +183,10 @@ class SeparatedDecoder(HacppDecoder):
         return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Writes the dequantised attributes of decoded anchors, with a mask of the received attributes."""
+        """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene.
+
+        Also writes which attributes of each anchor were received.
+        """
         symbols, factors, received = rows
         ranks = np.concatenate([np.empty(0, np.int64), *(ranks for ranks, _ in _groups(run))])
         store_symbols(self._room, ranks, Symbols.of_rows(symbols, self._layout), factors, self._context, received)

@@ -61,10 +61,12 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
 
 
 def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
-    """Returns the typical standard deviation of each channel, with the rounding error of quantisation included.
+    """Returns the typical standard deviation of each quantised channel of an attribute.
+
+    It combines the median of the predicted standard deviations with that of the rounding error.
 
     Args:
-        scale: Predicted scales of a sample of anchors, (n, D).
+        scale: Predicted standard deviations for a sample of anchors, (n, D).
         step: Base step of the attribute.
 
     Returns:
@@ -75,10 +77,10 @@ def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
 
 
 def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelConfig) -> np.ndarray:
-    """Returns the tolerated error of each output of the prior network, up to a common factor.
+    """Returns the error that each output of the prior network may have, up to a common factor.
 
-    The tolerance of a mean or scale is the channel's typical standard deviation, because an error then costs about as
-    many bits in every channel.
+    The outputs include a mean and a standard deviation of each channel. Their tolerated errors are proportional to the
+    channel's typical standard deviation: an error of this size costs about as many bits in every channel.
 
     Args:
         outputs: Outputs of the prior network for a sample of anchors.
@@ -94,12 +96,13 @@ def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelCo
 
 
 def _fit_channel(scene: AnchorScene, features: np.ndarray, prior: np.ndarray, noise: float) -> tuple[QuantisedMlp, ...]:
-    """Quantises the channel networks, which predict each feature group from the groups before it.
+    """Quantises the channel networks, each of which predicts one feature group from the groups before it.
 
     Args:
-        scene: The scene.
+        scene: The scene with the networks.
         features: Features of a sample of anchors.
-        prior: Prior's means, scales and weights of these features.
+        prior: Outputs of the prior network for these anchors: means, standard deviations and weight logits of their
+            features.
         noise: Tolerated quantisation error of the networks' outputs, relative to the predicted standard deviation.
     """
     fitted, before = [], 0

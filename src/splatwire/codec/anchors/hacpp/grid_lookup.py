@@ -39,7 +39,10 @@ class GridLevels:
 
 @functools.cache
 def grid_levels(config: HashGridConfig) -> GridLevels:
-    """Returns the layout of the levels: the 3D table first, then the planes xy, xz, yz (HAC++)."""
+    """Returns the position of each grid level in the table that contains the levels one after another.
+
+    The levels of the 3D grid are first, then those of the planes xy, xz and yz, as in HAC++.
+    """
     resolutions = list(config.resolutions_3d)
     rows = list(config.rows(3))
     axes = [(0, 1, 2)] * len(resolutions)

@@ -182,7 +182,7 @@ def _normals(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep: np.ndarray 
 def _features(
     predicted: Predictions, rows: slice, columns: slice, mean: np.ndarray, scale: np.ndarray, weight: np.ndarray
 ) -> Mixtures:
-    """Returns the mixture distributions of the channels of a feature group for some anchors.
+    """Returns the mixture distributions of the features of one group, for a range of anchors.
 
     Args:
         predicted: Prediction of all anchors, which contains the first mixture component.

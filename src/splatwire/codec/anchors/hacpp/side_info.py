@@ -1,6 +1,7 @@
-"""Side information of schema `hacpp`, as one versioned byte string (docs/format.md).
+"""Side information of schema `hacpp`, serialised with a version number (docs/format.md).
 
-A decoder needs these bytes and packets only; an encoder predicts from the parsed bytes.
+A decoder needs only these bytes and the packets. An encoder reads the bytes back after writing them, so that it
+predicts from the same numbers as a decoder.
 """
 
 from collections.abc import Mapping
