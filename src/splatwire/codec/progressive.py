@@ -82,7 +82,7 @@ class ProgressiveDecoder(Arrivals):
 
     @property
     def scene_bytes(self) -> int:
-        """Memory of `partial`, bytes."""
+        """Memory of the scene that `partial` returns, bytes."""
         return self._decoder.scene_bytes
 
     @property

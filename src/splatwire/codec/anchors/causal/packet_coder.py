@@ -203,10 +203,10 @@ def decode_packets(
 
 
 def expected(context: CodingContext, voxels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Predicts the distribution of all attributes of anchors from their positions alone.
+    """Predicts the distributions of all attributes of anchors from their positions alone.
 
-    No attributes are known. Where a network needs decoded attributes as inputs, it gets their predicted means. The
-    standard deviations are therefore those for attributes exactly equal to these means.
+    A network that needs decoded attributes as inputs gets their predicted means instead. The standard deviations are
+    therefore those for attributes exactly equal to these means.
 
     Args:
         context: Coding context.

@@ -127,7 +127,7 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[Ancho
 
 
 def _float_prior(info: SideInfo, arrays: DecodedArrays) -> Prior:
-    """Returns the predicted distributions of all anchors as floats; each float equals its fixed-point number."""
+    """Converts the predicted distributions of all anchors from fixed point to floats, without rounding."""
     columns, layout = prior_columns(info.config), info.config.layout
     factors = factor_table()[step_indices(arrays.outputs, info.config)]
     spans = (

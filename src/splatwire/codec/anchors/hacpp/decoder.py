@@ -133,7 +133,7 @@ class HacppDecoder(AnchorDecoder):
         return (decode_packets(self._context, outputs, run.counts, run.payloads, self._models)[0].rows(),)
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Writes the dequantised attributes of decoded anchors."""
+        """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene."""
         ranks = run.ranks
         factors = factor_table()[step_indices(self._room.outputs[ranks], self._info.config)]
         store_symbols(self._room, ranks, Symbols.of_rows(rows[0], self._layout), factors, self._context)
