@@ -263,10 +263,11 @@ class Patience:
 
 
 class Backlog:
-    """Limits the queue of frames that wait to be encoded: drops the oldest frames of a long queue that does not shrink.
+    """Decides how many frames to drop from the queue of a live encoder, so that the stream is not delayed for long.
 
-    Frames that are in the folder at the start, or are copied into it at once, are encoded at the frame rate. A queue of
-    more than one second (and two groups of pictures) that does not shrink would delay the live stream permanently.
+    A queue counts as too long above one second of frames and above two groups of pictures. If such a queue does not
+    shrink, its oldest frames are dropped. A queue that shrinks is kept: files that are copied into the folder all at
+    once are encoded at the frame rate.
 
     Args:
         rate: Frames per second.

@@ -19,12 +19,14 @@ _ORDERS = np.array(list(itertools.permutations(range(3))))
 def continued(
     previous: Splats, current: Splats, partner: np.ndarray
 ) -> tuple[Float[np.ndarray, "M 4"], Float[np.ndarray, "M 3"]]:
-    """Reorders the axes of each Gaussian, and changes their signs, to match the same Gaussian in the previous frame.
+    """Returns quaternions and scales of a frame, rewritten to differ as little as possible from the previous frame.
+
+    The shapes of the Gaussians do not change: only the order and the signs of each Gaussian's axes do.
 
     Args:
         previous: Previous frame.
-        current: Current frame.
-        partner: Index of the same Gaussian in the previous frame; -1 for a new Gaussian, int64 (M).
+        current: Current frame with M Gaussians.
+        partner: Index of each Gaussian in the previous frame, int64 (M). -1 for a new Gaussian, which is not changed.
     """
     quats, scales = current.quats.copy(), current.scales.copy()
     rows = np.flatnonzero(partner >= 0)

@@ -208,19 +208,20 @@ def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
 def covering_gains(
     sequence: SequenceScene, available: np.ndarray, group: int, poses: GroupPoses, hidden: GroupPoses
 ) -> RenderHints | None:
-    """Returns factors on size and opacity of all tracks, by which drawn Gaussians cover missing ones.
+    """Returns factors that enlarge the drawn Gaussians of a group of pictures, so that missing ones leave no holes.
 
-    Missing are Gaussians without a received keyframe, and hidden tracks with lost motion.
+    Two kinds of Gaussians are missing: those with a lost keyframe packet, and those that the concealer hides because
+    their motion was lost.
 
     Args:
-        sequence: Received sequence.
+        sequence: Received sequence of T tracks.
         available: Mask of available keyframe Gaussians, bool (T).
         group: Index of the group of pictures; keyframe Gaussians of later groups do not count as missing.
         poses: Motion of the drawn tracks in the group.
         hidden: Motion of the hidden tracks in the group.
 
     Returns:
-        The factors; None if nothing is missing.
+        Factors on size and opacity of all tracks; None if nothing is missing.
     """
     splats, born = sequence.tracks.splats, np.flatnonzero(sequence.tracks.born <= group)
     if bool(available[born].all()) and not len(hidden.tracks):

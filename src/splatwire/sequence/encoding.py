@@ -219,10 +219,16 @@ class SequenceEncoder:
     def _encode_single_frames(
         self, group: TrackGroup, frames: list[TrackedFrame], scenes: list[int], classes: np.ndarray
     ) -> list[Packet]:
-        """Encodes each of the first frames as a group of pictures of its own, for sequences of mostly scene cuts.
+        """Switches to groups of pictures of one frame, and encodes the frames of the first group in this way.
 
-        Later groups have one frame, too. All groups share the position lattice, the quantisation steps and the entropy
-        tables.
+        Called if most of the first frames are scene cuts. All groups share the position lattice, the quantisation steps
+        and the entropy tables.
+
+        Args:
+            group: Tracks of the first frames.
+            frames: The first frames.
+            scenes: Indices of the frames that are scene cuts, for a warning.
+            classes: Precision class of each track, (n).
         """
         self._options = replace(self._options, group_frames=1)
         self._writer, self._frames = self._new_writer(), GroupBuilder(1)
@@ -238,9 +244,10 @@ class SequenceEncoder:
         return packets
 
     def _precision(self, group: TrackGroup, scenes: list[int], new: np.ndarray) -> np.ndarray | None:
-        """Returns the precision class of each track of a group; None if all new tracks get the median class.
+        """Chooses the precision class (quantisation step) of each track of a group by rendering new scenes.
 
-        Only groups with a scene cut are analysed, because rendering takes time.
+        Rendering takes time, so that only groups with scene cuts are analysed; of a live sequence, only the first
+        group. For other groups, the result is None: new tracks then get the median class.
 
         Args:
             group: Tracks of the group.
@@ -275,9 +282,10 @@ class SequenceEncoder:
         return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:
-        """Completes the deferred work for the last frame and group.
+        """Adds the last frame to the extent of the sequence, and checks the last group for changes of harmonics.
 
-        This work is deferred because no packet of the group depends on it, so that packets are sent earlier.
+        No packet of the group depends on this work. It is done only after the packets were returned, to send these
+        earlier.
         """
         ball = None if self._last is None else bounding_sphere(self._last)
         self._extent, self._last = self._extent.union(ball) if self._extent and ball else self._extent or ball, None

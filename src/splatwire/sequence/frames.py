@@ -190,7 +190,9 @@ def is_sequence(path: str | os.PathLike[str]) -> bool:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Frame(FileContent):
-    """One frame of a sequence, as read from its file; a sequence has the metadata of its first frame.
+    """One frame of a sequence, as read from its file.
+
+    Only the first frame's metadata is used: it applies to the whole sequence.
 
     Attributes:
         drawn: Mask of visible Gaussians, bool (M).
@@ -200,12 +202,12 @@ class Frame(FileContent):
 
     @staticmethod
     def of(splats: Splats, where: object = "a frame", **properties: Any) -> "Frame":
-        """Creates a frame from Gaussians; invisible and invalid Gaussians are logged.
+        """Creates a frame from Gaussians; checks their values and logs invisible and invalid Gaussians.
 
         Args:
             splats: The Gaussians.
             where: Name of their source in log messages.
-            properties: Further attributes of `FileContent`.
+            properties: Other attributes of the frame by name: `origin`, `antialiased`, `metadata`.
         """
         rows = validity_of_splats(splats)
         rows.log_removed(where, "Gaussians")
@@ -218,7 +220,7 @@ class Frame(FileContent):
         Args:
             splats: The Gaussians.
             rows: Result of the check: which Gaussians have valid values.
-            properties: Further attributes of `FileContent`.
+            properties: Other attributes of the frame by name: `origin`, `antialiased`, `metadata`.
         """
         return Frame(splats, drawn=rows.kept & (splats.opacities >= FAINTEST), **properties)
 
@@ -254,7 +256,7 @@ def read_frames(files: list[Path]) -> Iterator[Frame]:
 
 
 def is_frame(path: Path) -> bool:
-    """True if a file contains explicit Gaussians."""
+    """True if a file can be a frame of a sequence: a file of Gaussians, such as PLY, SPZ or SOG."""
     return format_of(file_kind(path)) is not None
 
 

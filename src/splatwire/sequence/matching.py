@@ -118,13 +118,14 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
 
 
 def aligned(previous: Splats, current: Splats, partner: np.ndarray) -> Splats:
-    """Reorders the axes of each Gaussian, and changes their signs, to be most similar to its match in the frame before.
+    """Returns a frame with quaternions and scales as close as possible to those of the previous frame.
 
-    A Gaussian has 24 equivalent parameterisations (axis order, signs).
+    A Gaussian has 24 equivalent parameterisations, which differ in order and signs of its axes. Each Gaussian gets the
+    one most similar to its match in the previous frame. Positions, opacities and harmonics do not change.
 
     Args:
         previous: Previous frame.
-        current: Current frame.
+        current: Current frame with M Gaussians.
         partner: Index of the match of each Gaussian in the previous frame, -1 for new Gaussians, int64 (M).
     """
     quats, scales = continued(previous, current, partner)
@@ -268,17 +269,19 @@ def _one_to_one(score: np.ndarray, near: np.ndarray, count: int) -> np.ndarray:
 def _smooth(
     positions: np.ndarray, now: np.ndarray, partner: np.ndarray, sure: np.ndarray, expected: np.ndarray
 ) -> np.ndarray:
-    """Predicts the positions of Gaussians from the median motion of their confidently matched neighbours.
+    """Improves a prediction of where the Gaussians of the previous frame are in the current frame.
+
+    The correction of a Gaussian is the median error of the prediction at its nearest neighbours with confident matches.
 
     Args:
-        positions: Positions in the previous frame, (N, 3).
-        now: Positions in the current frame, (M, 3).
+        positions: Positions of N Gaussians in the previous frame, (N, 3).
+        now: Positions of M Gaussians in the current frame, (M, 3).
         partner: Index of the match of each current Gaussian in the previous frame, (M).
         sure: Mask of confident matches, (M).
-        expected: Previous prediction of the positions in the current frame, (N, 3).
+        expected: Prediction to improve, (N, 3).
 
     Returns:
-        Predicted positions in the current frame of the previous frame's Gaussians, (N, 3).
+        Improved prediction, (N, 3); `expected` itself if there are too few confident matches.
     """
     some = np.flatnonzero(sure)
     if len(some) < SMOOTHED:

@@ -38,11 +38,11 @@ class TrackedFrame:
 
 @dataclass(frozen=True, eq=False)
 class NeighborSet:
-    """Nearest neighbours of tracks, each at a given frame, with interpolation weights.
+    """Nearest neighbours of tracks, and weights to interpolate the motion of a track from its neighbours.
 
     Attributes:
         tracks: Indices of the tracks, int64 (n).
-        frames: Frame at which the neighbours of each track are nearest, int64 (n).
+        frames: For each track, the frame whose positions determine its neighbours, int64 (n).
         neighbors: Indices of the nearest other tracks, nearest first, int64 (n, k).
         weights: Interpolation weights of the nearest `NUM_AROUND` neighbours, float32 (n, `NUM_AROUND` or fewer).
     """
@@ -59,7 +59,7 @@ class NeighborSet:
         Args:
             means: Positions of all tracks in all frames, float32 (T, F, 3).
             tracks: Indices of the tracks, int64 (n).
-            frames: Frame at which the neighbours of each track are nearest, int64 (n).
+            frames: For each track, the frame whose positions determine its neighbours, int64 (n).
             neighbors: Indices of the nearest other tracks, nearest first, int64 (n, k).
         """
         places = means[neighbors[:, :NUM_AROUND], frames[:, None]]

@@ -26,7 +26,7 @@ class SequenceFormat:
     Attributes:
         name: Name of the format in the command-line option `--to`.
         suffixes: File name suffixes; the first is the default.
-        kind: File kind that the detection of file types returns for such files.
+        kind: Result of the detection of file types (`splatwire.files.kinds`) for such a file.
         module: Module in `splatwire.io.formats`.
         writer: Name of the function that is called with frames (`FileContent`), path and frames per second, and returns
             the number of frames.
@@ -58,7 +58,7 @@ def sequence_format_for(path: str) -> SequenceFormat | None:
 
 
 def contents_of_sequence(sequence: Sequence) -> Iterator[FileContent]:
-    """Yields the visible Gaussians of each frame of a sequence, as the content of a file."""
+    """Yields for each frame of a sequence the content of the file to write: its visible Gaussians and metadata."""
     for frame in sequence.read():
         splats = frame.splats.select(frame.drawn)
         yield FileContent(splats, frame.origin, frame.antialiased, frame.metadata)

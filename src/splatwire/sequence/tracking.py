@@ -55,7 +55,9 @@ class TrackingReport(CheckedFields):
 
 
 class Tracker:
-    """Assigns to each Gaussian of a frame the key of its track, frame by frame.
+    """Identifies Gaussians over time: gives the same Gaussian the same key in all frames of a sequence.
+
+    Frames are added in order, one at a time. A track is one Gaussian over time; the key is its number.
 
     Args:
         order: `tracked` if the i-th Gaussian is the same in every frame, `shuffled` if frames have different orders,
@@ -76,7 +78,7 @@ class Tracker:
         self.report = TrackingReport()
 
     def add(self, frame: Frame) -> TrackedFrame:
-        """Assigns keys to the Gaussians of the next frame.
+        """Adds the next frame; returns its Gaussians with the keys of their tracks.
 
         Raises:
             InvalidValueError: If the order is `tracked` and the number of Gaussians changes.

@@ -12,10 +12,10 @@ class Access:
     """Access rules for the scenes of a server.
 
     Attributes:
-        private: Names of the scenes that need a token; lists of scenes omit these, too.
-        unlisted: Names of further scenes that lists of scenes omit, but that need no token.
-        problem: Function that is called with a token and the name of a scene. Returns the reason why the token does not
-            open the scene, or None if it does. None if no scene is private.
+        private: Names of the scenes that need a token. Lists of scenes do not contain these scenes.
+        unlisted: Names of scenes that need no token, but are not in lists of scenes either.
+        problem: Function that checks a token. It is called with a token and the name of a scene, and returns the reason
+            why the token does not open the scene, or None if the token is valid. Not needed without private scenes.
     """
 
     private: frozenset[str] = frozenset()

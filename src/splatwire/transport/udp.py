@@ -29,10 +29,12 @@ Tap = Callable[[Endpoint, Endpoint, bytes], None]
 
 
 class SocketServer(abc.ABC):
-    """Protocol core with a UDP socket and the timer of the next datagram. Requires a running event loop.
+    """Base class of servers on a UDP socket: sends the datagrams of the protocol core at their due times.
+
+    Requires a running event loop.
 
     Args:
-        core: The protocol core.
+        core: The protocol core, which decides what is sent and when.
         host: Address to listen on.
         port: UDP port; 0 selects a free port.
 

@@ -45,7 +45,8 @@ class Pacer:
     Attributes:
         rate: Sending rate, bytes per second.
         burst_s: Maximum burst after a pause, as seconds of sending at the current rate.
-        claimed: True while datagrams wait for this pacer. Responses over HTTP that share it let them go first.
+        claimed: True while datagrams wait for this pacer. HTTP responses with the same pacer then wait, too, because
+            datagrams have priority.
     """
 
     rate: float
@@ -178,7 +179,7 @@ class RateControl:
                 report, up to and including the latest datagram of this report.
             num_arrived: Number of received datagrams among `num_sent`.
             bytes_arrived: Estimated size of the received datagrams in bytes.
-            seconds: Time from the reception of the previous report's latest datagram to that of this report's, seconds.
+            seconds: Time at the receiver between the arrivals of the latest datagrams of both reports, seconds.
         """
         only_lost = self.round_trip is None and round_trip < FEEDBACK_TIMEOUT_ROUNDS * ASSUMED_ROUND_TRIP_S
         self.round_trip = round_trip if self.round_trip is None else 0.8 * self.round_trip + 0.2 * round_trip
@@ -330,11 +331,11 @@ class RateControl:
         self.window.set(FULL_SHARE * capacity * max(round_trip, ROUND_S))
 
     def _enter_competitive_mode(self, now: float, pause: _RateReduction) -> None:
-        """Enters competitive mode, in which only loss reduces the rate, because another flow fills the queue.
+        """Enters competitive mode: another flow fills the queue, so that only loss reduces the rate from now on.
 
         Args:
             now: Time, seconds.
-            pause: Temporary reduction of the rate that did not drain the queue.
+            pause: The temporary rate reduction that has just ended; the queue stayed long despite it.
         """
         window = pause.window
         if pause.kind == "drain":

@@ -433,10 +433,13 @@ def stream_path(name: str) -> str:
 def download_path(name: str, form: str) -> str:
     """Returns the URL path from which a stream can be downloaded in another file format.
 
+    Some formats, such as 3D Tiles, have several files in a folder. The result is then the path of the main file, which
+    refers to the others.
+
     Args:
         name: Name of the stream.
-        form: File format: a suffix without its dot, or a key of `FOLDERS`. For a format that is a folder, the path is
-            that of the file in the folder that a viewer opens first.
+        form: File format: a suffix without its dot, such as `spz`, or the name of a format with several files (a key
+            of `FOLDERS`).
     """
     if form in FOLDERS:
         return f"/{quote(name, safe='')}/{form}/{FOLDERS[form]}"

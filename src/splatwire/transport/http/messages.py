@@ -252,8 +252,9 @@ def make_answer(
     Args:
         status: Status code and phrase.
         kind: Media type of the body.
-        body: Body of the response; an empty body is replaced by the status text, except with status 204, which has no
-            body. After a growing file, the server closes the connection to mark its end.
+        body: Body of the response. An empty body is replaced by the text of `status`. Ignored for status 204, which has
+            no body. With a growing file, the header `Content-Length` is missing: the end of the connection marks the
+            end of the file.
         headers: Further header lines, each with its line ending.
         bodiless: True to omit the body but keep its `Content-Length`, as with status 304.
         cache: Value of the `Cache-Control` header.

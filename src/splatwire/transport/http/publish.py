@@ -134,7 +134,10 @@ def _hashed(stem: str, data: bytes, suffix: str) -> str:
 
 
 def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
-    """Renames the HTML attributes of a scene's preview element to the names that the viewer element has for them."""
+    """Converts the HTML attributes of the element `<splat-wire-preview>` to those of the viewer element.
+
+    Both elements show the same preview, but its attribute is called `data` in the former and `preview` in the latter.
+    """
     return {("preview" if name == "data" else name): value for name, value in preview.items()}
 
 

@@ -79,7 +79,10 @@ class Content(Protocol):
 
 @runtime_checkable
 class SlowContent(Protocol):
-    """Content of an HTTP server whose responses may take time."""
+    """Protocol of a content provider of an HTTP server: an asynchronous function that responds to requests.
+
+    For content that takes time to prepare, such as converted files.
+    """
 
     async def respond(self, head: bytes) -> Answer:
         """Returns the HTTP response to a request, given its head with the final empty line."""

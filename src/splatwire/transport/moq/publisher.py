@@ -47,10 +47,12 @@ class Published(NamedTuple):
 
 
 class RelayTrust(NamedTuple):
-    """Decides which TLS certificates of a relay are accepted; by default those that an authority of the system signed.
+    """Rules for which TLS certificates of a relay are accepted.
+
+    By default, the certificate must be signed by a certificate authority (CA) that the operating system trusts.
 
     Attributes:
-        authority: PEM file with certificates of authorities that are accepted; None for the authorities of the system.
+        authority: PEM file with certificates of the accepted CAs; None for the CAs that the operating system trusts.
         fingerprint: SHA-256 of the only accepted certificate, hexadecimal; None for no such restriction.
         insecure: True to accept any certificate, with no protection against an attacker on the path.
     """

@@ -61,10 +61,14 @@ def _records(data: bytes) -> Iterator[bytes]:
 
 @dataclass(frozen=True)
 class _Counts:
-    """Numbers of damaged and recovered packets in the receiver's reports, both 0.
+    """Counters of damaged and recovered packets, always 0, because a relay sends over reliable QUIC streams.
 
-    The fields have the same names as those of `PacketCollector`. A relay sends over reliable QUIC streams, so that no
-    packet arrives damaged or needs to be recovered.
+    The attributes have the same names as in `PacketCollector`, so that the statistics of `RelayReceiver` and `Receiver`
+    can be read in the same way.
+
+    Attributes:
+        num_bad: Number of damaged packets.
+        num_repaired: Number of lost packets that were recovered from repair symbols.
     """
 
     num_bad: int = 0
@@ -180,11 +184,18 @@ class RelayReceiver:
         return "sent" if self.options.viewpoint is None else "seen"
 
     def _order(self, manifest: Manifest, tiles: Tiles | None) -> list[int]:
-        """Returns which tracks `part/N` are received, as a list of N: most important for the viewpoint first.
+        """Chooses the packet tracks to receive and their order.
+
+        The relay has the packets of the stream in numbered tracks: one track per tile, or per run of packets for a
+        stream without levels of detail. With a viewpoint, only tracks of visible tiles are received, most important
+        first. Otherwise, all tracks are received in the order of their numbers.
 
         Args:
             manifest: Manifest of the stream.
             tiles: Tiles of the stream; None for a stream without levels of detail.
+
+        Returns:
+            Numbers N of the tracks, which have the names `part/N`.
         """
         if tiles is None or self.options.viewpoint is None:
             return list(range(len(parts_of(manifest, tiles))))
@@ -215,12 +226,14 @@ class RelayReceiver:
     async def _frames(
         self, broadcast: Any, name: str, priority: int, most_bytes: int, most_frames: int
     ) -> AsyncIterator[bytes]:
-        """Subscribes to a track, which has one MoQ group, and yields the frames of this group.
+        """Subscribes to a track of the relay and yields its data frame by frame, until the track is complete.
+
+        The publisher puts all frames of a track into a single MoQ group.
 
         Args:
-            broadcast: Broadcast of the scene (package `moq`).
+            broadcast: The scene at the relay: its collection of tracks (a broadcast of the package `moq`).
             name: Name of the track.
-            priority: Priority of the subscription.
+            priority: Priority of the subscription; the relay sends tracks with higher priority first.
             most_bytes: Maximum total size of the frames, bytes.
             most_frames: Maximum number of frames.
 

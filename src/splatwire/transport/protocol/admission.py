@@ -23,7 +23,9 @@ MAX_NETWORKS = 4096
 
 
 def network_of(address: Hashable) -> Network:
-    """Returns the IP prefixes of a client's address, from the widest to its IPv4 address or its IPv6 /64 prefix.
+    """Returns the network of a client as nested IP prefixes, widest first, for limits on connections.
+
+    For IPv4, these are the /24 prefix and the address itself; for IPv6, the prefixes /32, /48 and /64.
 
     Args:
         address: Socket address whose first item is a numeric IP address. Any other value is a network of its own.
@@ -52,11 +54,11 @@ def network_text(network: Network) -> str:
 def choose_eviction(held: Mapping[Network, int], newcomer: Network) -> Network | None:
     """Chooses the network that loses a connection slot to a new connection when all slots are in use.
 
-    Slots are shared fairly between prefixes of addresses, so that the owner of many addresses gets no more than the
-    owner of one. Prefixes are compared from the widest (for IPv4, /24) to the narrowest (single addresses). At each
-    width, the prefix with the most slots is compared with the prefix of the new connection, as if the new connection
-    already had a slot. If the former has more slots, a network inside it loses a slot. Otherwise the comparison is
-    repeated inside the prefix of the new connection.
+    Slots are shared fairly between IP prefixes, so that the owner of many addresses gets no more slots than the owner
+    of one. The comparison starts with the widest prefixes (for IPv4, /24). The new connection is counted as if it
+    already had a slot. If another prefix has more slots than the prefix of the new connection, the network with the
+    most slots inside that other prefix loses one. Otherwise, the next narrower prefixes inside the prefix of the new
+    connection are compared in the same way.
 
     Args:
         held: Number of slots per network, each above 0.
@@ -73,9 +75,10 @@ def choose_eviction(held: Mapping[Network, int], newcomer: Network) -> Network |
 
 
 def largest_holder(held: Mapping[Network, int], within: Network = ()) -> Network:
-    """Returns the network that holds the most connection slots.
+    """Returns the network that uses the most connection slots, counted by IP prefix from wide to narrow.
 
-    The widest prefixes are compared first, then the narrower prefixes inside the largest one.
+    The search starts with the widest prefix that uses the most slots. It continues with the narrower prefixes inside
+    that one. The result may thus have fewer slots than a single network in another prefix.
 
     Args:
         held: Number of slots per network, each above 0.
@@ -93,15 +96,17 @@ def _places(held: Mapping[Network, int], within: Network) -> int:
 
 
 def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
-    """Finds the IP range that uses the most connection slots; returns the range and its number of slots.
+    """Finds the IP prefix of a given width that uses the most connection slots.
 
-    The result is None if no slot is in use. IP ranges are given like networks: by their prefixes, from the widest to
-    the narrowest.
+    A prefix is given as a tuple that also contains all wider prefixes around it, widest first (see `network_of`).
 
     Args:
         held: Number of slots per network.
-        within: IP range in which to search; empty for all addresses.
-        depth: Number of prefixes of the returned range.
+        within: Prefix to search in; empty for all addresses.
+        depth: Width of the prefixes that are compared, as the length of their tuples: 1 for the widest.
+
+    Returns:
+        The prefix and its number of slots; None if no slot in `within` is used.
     """
     counts: Counter[Network] = Counter()
     for network, count in held.items():
@@ -111,15 +116,16 @@ def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) ->
 
 
 class ConnectionSlots:
-    """Limited number of connection slots, shared fairly between networks.
+    """Limits the number of concurrent connections, and shares them fairly between networks.
 
-    When all slots are in use, a new connection may evict the oldest connection of the network with most slots.
+    A network is an IPv4 address or a /64 prefix of IPv6. When the maximum is reached, a new connection can take the
+    place of an older one. The oldest connection of the network with the most connections is then aborted.
 
     Args:
         most: Maximum number of connections in total.
-        per_network: Maximum number of connections per network. A new connection then evicts another one only if the new
-            connection's network has fewer connections (`choose_eviction`). None: no maximum per network, and a new
-            connection always evicts another one.
+        per_network: Maximum number of connections per network. If it is given, a new connection replaces another one
+            only if the other network has more connections (`choose_eviction`). None for no maximum per network; a new
+            connection then always replaces another one.
     """
 
     def __init__(self, most: int, per_network: int | None = None) -> None:

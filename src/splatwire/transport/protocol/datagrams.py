@@ -76,7 +76,10 @@ class Request(NamedTuple):
 
 
 class TierHead(NamedTuple):
-    """Parity of a run, that is, of consecutive packets in sending order with the same erasure protection.
+    """Describes how a run of packets is protected by repair symbols (parity).
+
+    A run is a series of consecutive packets in sending order with equal protection. Its packets are divided into parity
+    groups, and each group has repair symbols for its packets.
 
     Attributes:
         num_packets: Number of packets of the run.

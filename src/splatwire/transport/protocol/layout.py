@@ -1,4 +1,7 @@
-"""Layout shared by sender and receiver: source blocks of the init segment, and packets of each parity group."""
+"""Division of data into source blocks of the erasure code, computed in the same way by sender and receiver.
+
+The init segment (manifest, side information, first packets) is split into segments, and the packets into parity groups.
+"""
 
 import struct
 from collections.abc import Sequence
@@ -113,10 +116,10 @@ class Group(NamedTuple):
     repair: int
 
     def packet_of(self, symbol: int) -> int:
-        """Returns the packet that is a given source symbol of the group, as its index in sending order.
+        """Returns the index in sending order of a packet of the group.
 
         Args:
-            symbol: Index of the source symbol in the group, 0 to `size - 1`.
+            symbol: Index of the packet in the group, 0 to `size - 1`; each packet is one source symbol.
         """
         return self.start + symbol * self.step
 
@@ -132,7 +135,9 @@ def parity_groups(tiers: Sequence[TierHead]) -> list[Group]:
 
 
 class GroupFinder:
-    """Finds the parity group of a packet, or the packets of a parity group, without memory for each group.
+    """Finds the parity group of a packet, or the packets of a parity group.
+
+    Groups are computed from the runs of packets at each call, because a table of all groups would need much memory.
 
     Args:
         tiers: Parity of each run of packets, in sending order.

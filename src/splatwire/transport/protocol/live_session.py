@@ -52,11 +52,13 @@ class StreamUpdate(ServedStream):
 
 
 class LiveSession:
-    """Prepares the successive states of a live stream; packets keep their indices from one state to the next.
+    """Prepares a growing live stream for sending: each new group of pictures gives a new state of the stream.
+
+    A packet has the same index in sending order in all states.
 
     Args:
-        protection: Redundancy: repair symbols of the init segment, which is sent with every group of pictures, and
-            parity of each group's motion packets.
+        protection: Redundancy. Repair symbols are computed for the init segment, which is sent again with every group
+            of pictures, and for the motion packets of each group.
         importance: Function that returns the cost of losing each packet; the motion packets with the highest costs get
             parity. None for equal costs.
     """

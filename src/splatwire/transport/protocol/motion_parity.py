@@ -14,12 +14,13 @@ MOST_CODES = (MAX_TIERS - 2) // 2
 
 
 class Arranged(NamedTuple):
-    """Packets of groups of pictures in sending order, with the parity of each run.
+    """Sending order of the packets of some groups of pictures, and their parity.
 
     Attributes:
         order: Indices of the packets, in sending order.
-        tiers: Parity of each run of these packets. Per group of pictures: keyframe packets, motion packets with
-            parity, motion packets without parity. Neighbouring runs without parity are merged.
+        tiers: Parity of each run, that is, of consecutive packets in `order` with equal protection. The runs of a
+            group of pictures are its keyframe packets, its motion packets with parity, and its motion packets without
+            parity. Neighbouring runs without parity are merged.
     """
 
     order: tuple[int, ...]
@@ -64,11 +65,12 @@ def arrange(
         groups: Packet indices of consecutive groups of pictures.
         importance: Cost of losing each packet, by packet index; the motion packets with the highest costs get
             parity. None for equal costs.
-        protection: Redundancy: `motion` is the share of motion packets with parity, and their repair symbols.
-        first: Index of the first group of pictures in the sequence.
+        protection: Redundancy; its attribute `motion` determines which share of the motion packets has parity, and how
+            many repair symbols these packets have.
+        first: Index in the sequence of the first of these groups of pictures.
 
     Returns:
-        Sending order, and parity of each run of packets.
+        Sending order of the packets, and their parity.
     """
     together = max(-(-len(groups) // MOST_CODES), 1)
     order, tiers = list[int](), list[TierHead]()
@@ -90,9 +92,9 @@ def arrange(
 
 
 def _round_up(share: float) -> int:
-    """Rounds a fractional number of packets or repair symbols up; even a small share gives at least one.
+    """Rounds a fractional number of packets or repair symbols up to an integer.
 
-    Rounding errors of the fraction do not add one.
+    A number that exceeds an integer only by a floating-point error (up to 1e-9) is rounded to this integer.
     """
     return math.ceil(share - 1e-9)
 
@@ -104,7 +106,7 @@ def _most_important(motion: Sequence[int], importance: Sequence[float] | None, c
 
 
 def _joined(tiers: Sequence[TierHead]) -> tuple[TierHead, ...]:
-    """Merges neighbouring packet runs without parity into one run, and removes runs without packets."""
+    """Simplifies a list of runs of packets: merges neighbouring runs without parity, and removes empty runs."""
     out = list[TierHead]()
     for tier in tiers:
         if tier.num_packets and out and not (tier.groups or out[-1].groups):

@@ -7,7 +7,8 @@ Limits of a receiver:
   sequence numbers instead of packets: `gap_tracker.MAX_ATTEMPTS`;
 * number of NACKs per feedback datagram: `datagrams.MAX_NACKS`;
 * number of later packets after which a packet counts as missing: `receiver.REORDER`;
-* ends of a transfer without a new packet after which the receiver gives up: `receiver.MAX_FRUITLESS_ENDS`.
+* number of successive `End` datagrams without a new packet, after which the receiver gives up:
+  `receiver.MAX_FRUITLESS_ENDS`.
 
 Limits of a server:
 

@@ -1,4 +1,4 @@
-"""Preview of a scene from the section `preview` of its side information, without decoding."""
+"""Reads the encoded preview (about a hundred Gaussians) of a stream, which the server sends with its first response."""
 
 from splatwire.bitstream.sections import split_sections
 from splatwire.errors import BitstreamError

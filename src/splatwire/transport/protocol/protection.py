@@ -1,4 +1,4 @@
-"""Redundancy options of a sender, and parity of the packets of each importance tier."""
+"""Redundancy options of a sender, and the division of a static scene's packets into runs with equal parity."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -102,13 +102,15 @@ def num_bundled_packets(num_packets: int, protection: Protection) -> int:
 
 
 def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[TierHead, ...]:
-    """Divides packets into runs by importance tier and returns the parity of each run.
+    """Divides the packets of a stream into runs with equal parity, and returns the parity of each run.
 
-    The first run has the packets that are bundled in the init segment, which need no parity of their own.
+    The packets that are bundled in the init segment are the first run. They have no parity here, because the init
+    segment has repair symbols itself. The next runs are the importance tiers with a setting in `protection`. All other
+    packets are the last run, without parity.
 
     Args:
         tiers: Importance tier of each packet in sending order, ascending.
-        protection: Redundancy.
+        protection: Redundancy; `tier_repair` has the repair symbols per packet of each tier.
 
     Raises:
         InvalidValueError: If parity is requested for tiers that the stream does not have.
@@ -123,11 +125,15 @@ def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[TierH
 
 
 def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
-    """Returns the number of packets of each importance tier that are sent outside the init segment.
+    """Counts the packets of each importance tier, without those that are bundled in the init segment.
 
     Args:
         tiers: Importance tier of each packet in sending order, ascending.
-        protection: Redundancy. If `tier_spread` is 0, only the total number of packets is returned.
+        protection: Redundancy, which determines the bundled packets.
+
+    Returns:
+        Number of packets of each tier. If `protection.tier_spread` is 0 (tiers are sent one after another), only the
+        total number of packets.
     """
     bundled = num_bundled_packets(len(tiers), protection)
     if not protection.tier_spread:

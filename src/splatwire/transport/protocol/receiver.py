@@ -183,10 +183,9 @@ class Receiver(ReceiveState):
         Has no effect on streams without levels of detail.
 
         Args:
-            viewpoint: Viewpoint, whose coordinates may be relative to any origin. Until the side information with the
-                stream's origin is received, (0, 0, 0) is assumed instead, and the viewpoint is sent again afterwards.
-                If the stream's origin is far from (0, 0, 0), few packets are wasted, because the assumed viewpoint sees
-                little of the scene.
+            viewpoint: Viewpoint; its coordinates may be relative to any origin. They are converted to the origin of the
+                stream, which is in the side information. Until the side information arrives, (0, 0, 0) is used instead;
+                afterwards, the corrected viewpoint is sent.
             budget: Maximum number of Gaussians that are rendered.
 
         Raises:
@@ -340,7 +339,10 @@ class Receiver(ReceiveState):
         return self._have
 
     def _list_held(self, now: float) -> None:
-        """Lists the received packets, for the server that resumes the transfer; prepares no list for live streams."""
+        """Prepares the datagrams that list the received packets, so that a resuming server does not send these again.
+
+        A live stream has no such list.
+        """
         assert self._welcome is not None
         assert self._collector is not None
         nonce, stream_id, head = self._nonce, self._welcome.stream_id, int(self._head is None)

@@ -34,7 +34,10 @@ def viewpoint_of(view: View) -> Viewpoint:
 
 
 class ViewUpdateBudget:
-    """Schedules the processing of clients' viewpoints one after another, so that their processing time is limited."""
+    """Limits the share of time that a server spends on new viewpoints of its clients.
+
+    Viewpoints are processed one after another, each at a time that this class assigns.
+    """
 
     def __init__(self) -> None:
         self._free_at = 0.0
@@ -53,11 +56,11 @@ class ViewUpdateBudget:
 
 
 class SentLog:
-    """Log of recently sent datagrams, which maps sequence numbers to packets (indices in sending order).
+    """Remembers which packet was in each recently sent datagram, for NACKs that contain sequence numbers.
 
     Args:
-        noted: True if clients' NACKs contain sequence numbers (view-dependent order). False if they contain packet
-            indices; then nothing is logged.
+        noted: True to log datagrams. False for clients that request packets by their index, as in streams without
+            view-dependent order: nothing is logged then.
     """
 
     def __init__(self, noted: bool) -> None:
@@ -74,34 +77,40 @@ class SentLog:
             self._indices[sequence % RECENT] = packet_index + 1
 
     def packet_index(self, number: int, sequence: int) -> int:
-        """Returns the index in sending order of the packet in a lost datagram; -1 if it is not in the log.
+        """Returns the index in sending order of the packet that a lost datagram contained.
+
+        Returns -1 if the datagram contained no packet, or is too old: the log has the latest `RECENT` datagrams only.
 
         Args:
             number: Sequence number of the lost datagram.
-            sequence: Sequence number of the next datagram to send; only the latest `RECENT` datagrams are in the log.
+            sequence: Sequence number of the next datagram to send.
         """
         known = self._indices is not None and sequence - RECENT <= number < sequence
         return self._indices[number % RECENT] - 1 if known and self._indices is not None else -1
 
     def answered(self, number: int | None) -> None:
-        """Removes a lost datagram from the log, because its packet is retransmitted in another datagram.
+        """Removes a lost datagram from the log, so that further NACKs for it are ignored.
+
+        Called when the packet of the datagram is queued for retransmission.
 
         Args:
-            number: The sequence number; None for a packet that was requested by its index.
+            number: Sequence number of the lost datagram. None has no effect: the client requested the packet by its
+                index.
         """
         if number is not None:
             self.note(number, -1)
 
 
 class SendQueue:
-    """Queue of the datagrams that are still to be sent to one client, without retransmissions.
+    """Queue of the datagrams that are sent to one client for the first time; retransmissions are queued elsewhere.
 
     Args:
         stream: Prepared stream to send.
         reliable: True if the init segment is sent at once on a reliable (QUIC) stream.
 
     Attributes:
-        head_left: True if the last datagram taken from the queue contained the last symbol of the init segment.
+        head_left: True if the init segment has just been sent: the last datagram taken from the queue contained its
+            last symbol.
         viewed_at: Time at which the client's last viewpoint was processed, seconds; None before the first.
     """
 
@@ -126,10 +135,10 @@ class SendQueue:
 
     @property
     def _num_scheduled(self) -> int:
-        """Number of datagrams, the first of the schedule, whose order does not depend on the viewpoint.
+        """Number of datagrams at the start of the schedule that are sent in the order of the schedule.
 
-        These are all datagrams as long as the client has sent no viewpoint. With a viewpoint, they are the init segment
-        and the coarsest tiles; the viewpoint determines the order of the other tiles.
+        As long as the client has sent no viewpoint, this is the number of all datagrams. Otherwise, it is the number of
+        datagrams with the init segment and the coarsest tiles; the viewpoint determines the order of the other tiles.
         """
         return self._schedule.opening_end if self.viewed else len(self._schedule.items)
 
@@ -197,8 +206,9 @@ class SendQueue:
         Args:
             stream: New state of the prepared stream.
             reliable: True if the init segment is sent on a reliable (QUIC) stream.
-            welcome: Queue item of the datagram (welcome) that declares the new state. The item is queued before and
-                after the init segment and before the new packets, because datagrams can be lost.
+            welcome: Queue item of the welcome, which is the datagram that declares the new state to the client. It is
+                sent three times because datagrams can be lost: before and after the init segment, and before the new
+                packets.
             known: Number of packets in the earlier state.
         """
         self._stream = stream

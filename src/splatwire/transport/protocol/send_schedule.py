@@ -19,16 +19,16 @@ def build_send_schedule(
 ) -> tuple[tuple[int, int, int], ...]:
     """Returns the sending order of all datagrams of a stream: symbols of the init segment, packets, repair symbols.
 
-    Each datagram has a due time from 0 to 1. The init segment is sent during the first packets, the repair symbols of a
-    tier from the middle of the tier on. Symbols of different segments and parity groups are interleaved.
+    Symbols of the init segment are sent between the first packets. The repair symbols of a run of packets are sent from
+    the middle of the run on. Symbols of different segments and parity groups are interleaved.
 
     Args:
         head: Number of source and repair symbols to send of each segment (source block) of the init segment.
         tiers: Parity of each run of packets in sending order.
         parity: Number of repair symbols of each parity group.
-        protection: Redundancy; determines the due times of the init segment and of repair symbols.
-        present: Number of packets of each importance tier that are sent outside the init segment; empty if the stream
-            has no tiers. Packets before these in sending order are bundled in the init segment and not sent separately.
+        protection: Redundancy; determines over which part of the transfer the symbols are spread.
+        present: Number of packets of each importance tier, without the packets that are bundled in the init segment.
+            Bundled packets are not sent separately. Empty if the stream has no tiers and no bundled packets.
 
     Returns:
         Three integers for each datagram. The first is the kind of its content, which determines the other two:

@@ -174,7 +174,9 @@ class Server:
         return None
 
     def poll(self, now: float, most: int = 64) -> list[tuple[Hashable, bytes]]:
-        """Returns datagrams that are due, each with the address to send to; transfers alternate.
+        """Returns datagrams that are due at time `now`, each with the address to send to.
+
+        The datagrams are ordered by due time, so that no transfer delays the others.
 
         Args:
             now: Time, seconds.
@@ -361,7 +363,7 @@ class Server:
     def _schedule(self, key: Key) -> None:
         """Schedules the next datagram of a transfer; ends the transfer if its maximum of bytes or datagrams was sent.
 
-        If an earlier time was scheduled, it stays in the queue and is ignored when it is reached.
+        A time that was scheduled before stays in the queue, but has no effect when it is reached.
         """
         transfer = self._transfers[key]
         at = transfer.next_at()

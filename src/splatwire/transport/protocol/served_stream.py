@@ -110,21 +110,22 @@ class ServedStream:
 
     @functools.cached_property
     def send_schedule(self) -> SendSchedule:
-        """Sending order if the init segment is sent in datagrams, which can be lost."""
+        """Sending order for clients that receive everything in datagrams, including the init segment (UDP)."""
         return self.schedule_of(self.schedule)
 
     @functools.cached_property
     def reliable_schedule(self) -> SendSchedule:
-        """Sending order if the init segment is sent on a reliable (QUIC) stream, without repair symbols.
+        """Sending order for clients that receive the init segment on a reliable QUIC stream.
 
-        The init segment is sent first, because nothing can be decoded without it.
+        The init segment is sent first, because nothing can be decoded without it. It has no repair symbols, because the
+        QUIC stream does not lose data.
         """
         segments = Segments(self.head_bytes, self.symbol_bytes)
         head = (item for item in self.schedule if item[0] == SIDE and item[2] < segments.size(item[1]))
         return self.schedule_of((*head, *(item for item in self.schedule if item[0] != SIDE)))
 
     def schedule_of(self, items: Sequence[tuple[int, int, int]]) -> SendSchedule:
-        """Returns the schedule of given datagrams, including the end positions of the init segment and coarsest tiles.
+        """Builds a schedule from datagrams in sending order: finds where the init segment and the coarsest tiles end.
 
         Args:
             items: Kind and numbers of each datagram in sending order, as in `SendSchedule.items`.
@@ -138,7 +139,9 @@ class ServedStream:
         return SendSchedule(items, last_of_head + 1, last_of_opening + 1)
 
     def in_opening(self, item: tuple[int, int, int]) -> bool:
-        """True for a datagram that is sent before view-dependent tiles (`opening_packets`).
+        """True if a datagram is sent before view-dependent tiles, for every viewpoint of the client.
+
+        This applies to the init segment, packets of the coarsest tiles (`opening_packets`), and their repair symbols.
 
         Args:
             item: Kind and numbers of the datagram, as in `schedule`.
@@ -155,10 +158,10 @@ class ServedStream:
 
     @functools.cached_property
     def proactive_symbols(self) -> int:
-        """Number of symbols per segment of the init segment that are sent without waiting for NACKs.
+        """Number of symbols per segment (source block) of the init segment that are always sent.
 
-        Symbols with this index or a larger one are a reserve: they are sent only if the client reports missing symbols.
-        If the number differs between segments (source blocks), it is the smallest.
+        The further symbols of a segment are a reserve, sent only if the client reports missing symbols. If the number
+        differs between segments, the smallest is returned.
         """
         counts = Counter(segment for kind, segment, _ in self.schedule if kind == SIDE)
         return min(counts.values())
@@ -170,15 +173,15 @@ class ServedStream:
 
     @property
     def counts_bytes(self) -> bool:
-        """True if the number of retransmitted bytes is limited.
+        """True if retransmissions are limited, by bytes or to the first packets.
 
-        A client that lacks n source symbols of the init segment then gets n + 1 repair symbols and no more.
+        A client that needs n further symbols of the init segment then gets n + 1 symbols instead of a larger reserve.
         """
         return self.resend is not None or self.num_retransmittable < len(self.packets)
 
     @functools.cached_property
     def num_retransmittable(self) -> int:
-        """Number of packets, the first in sending order, that may be retransmitted."""
+        """Number n of packets that may be retransmitted: the first n in sending order."""
         return len(self.packets) if self.resendable is None else self.resendable
 
     def may_retransmit(self, index: int) -> bool:
@@ -319,11 +322,12 @@ def head_symbols(
     Args:
         data: Bytes of the init segment.
         symbol_bytes: Size of a symbol in bytes.
-        protection: Redundancy. If it requests repair symbols or limits retransmission, further repair symbols are
-            computed, which are sent only after NACKs.
+        protection: Redundancy. With repair symbols or with a limit on retransmission, a reserve of further repair
+            symbols is computed; these are sent only after NACKs.
 
     Returns:
-        Symbols of each segment (source block), and number of symbols of each segment that are sent without NACKs.
+        Symbols of each segment (source block): source symbols, then repair symbols. And the number of symbols of each
+        segment that are always sent; the others are the reserve.
     """
     segments = Segments(len(data), symbol_bytes)
     out, scheduled = [], []

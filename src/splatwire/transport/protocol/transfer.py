@@ -187,10 +187,10 @@ class ServerTransfer:
         return True
 
     def next_at(self) -> float | None:
-        """Returns the time of the next datagram, seconds.
+        """Returns the time of the next datagram, seconds; None if nothing may be sent now.
 
-        None before the client's first feedback (except for the initial window, or over QUIC), while the client is
-        silent, and after the maximum number of bytes for the client.
+        Nothing is sent while the client is silent, or after the maximum number of bytes for this client. Before the
+        first feedback, a client over UDP gets an initial window of datagrams only.
         """
         opening = self._opening and not self._reported and self.bytes_sent < INITIAL_WINDOW
         if self.is_exhausted or not (self._heard or opening):
@@ -232,7 +232,7 @@ class ServerTransfer:
 
         Args:
             view: Received viewpoint.
-            turns: Processing time shared by the viewpoints of all clients.
+            turns: Scheduler of the viewpoints of all clients, which assigns the time of processing.
             now: Time, seconds.
         """
         tiles = self.stream.tiles
@@ -331,10 +331,11 @@ class ServerTransfer:
             self._left.answered(number)
 
     def _requested(self, frame: Feedback) -> Iterator[tuple[int, int | None]]:
-        """Yields the packets that the NACKs of a report request.
+        """Finds the packets that the client requests in a feedback report (NACKs).
 
-        Each item has the index of a packet in sending order, or -1 if the packet is unknown, and the sequence number of
-        the lost datagram, or None if the packet was requested by its index.
+        Yields:
+            Index of the packet in sending order, -1 if it is unknown; and sequence number of the lost datagram. The
+            latter is None if the client has requested the packet by its index.
         """
         yield from ((index, None) for index in frame.nacks)
         for number in frame.lost_sequences:
@@ -343,9 +344,9 @@ class ServerTransfer:
     def _further_head_symbols(self, missing: int) -> list[tuple[int, int, int]]:
         """Returns init segment symbols to send because the client reports missing symbols.
 
-        More symbols are returned than are missing, as some will be lost; only one more if retransmission is limited.
-        Repair symbols that were never sent come first, because all of these are useful to the client. Symbols of
-        different segments (source blocks) are interleaved.
+        Some of these symbols will be lost, so that about 50 % more are returned than are missing. If retransmission is
+        limited, it is only one more. Repair symbols that were never sent are used first, because each of them is useful
+        to the client. Symbols of different segments (source blocks) are interleaved.
 
         Args:
             missing: Number of symbols that the client needs.

@@ -41,11 +41,13 @@ UNTRUSTED = range(0x100 + 42, 0x100 + 49)
 
 @dataclass(frozen=True)
 class Trust:
-    """Decides which TLS certificates of a server are accepted; by default those that an authority of the system signed.
+    """Rules for which TLS certificates of a server are accepted.
+
+    By default, the certificate must be signed by a certificate authority (CA) that the operating system trusts.
 
     Attributes:
-        authority: PEM certificates of accepted authorities, or the server's self-signed certificate; None for the
-            authorities of the system.
+        authority: PEM certificates of the accepted CAs, or the server's self-signed certificate; None for the CAs that
+            the operating system trusts.
         fingerprint: SHA-256 of the only accepted certificate, hexadecimal; names and dates in the certificate are then
             not checked. None for no such restriction.
         insecure: True to accept any certificate, with no protection against an attacker on the path.
@@ -290,9 +292,13 @@ def _end_message(event: events.ConnectionTerminated, *, established: bool) -> st
 
 
 class _Connected:
-    """Adapter between aioquic and a connected UDP socket; calls the tap for each datagram sent.
+    """Adapter that sends the datagrams of aioquic over a connected UDP socket, and reports each one to a function.
 
-    aioquic passes a destination with every datagram, but connected sockets accept none.
+    aioquic passes a destination with every datagram. Connected sockets accept no destination: it is left out.
+
+    Args:
+        transport: asyncio transport of the connected socket.
+        tap: Called with True (for sent) and the bytes of each datagram, for example to capture the traffic.
     """
 
     def __init__(self, transport: Any, tap: Callable[[bool, bytes], None]) -> None:

@@ -243,11 +243,12 @@ class _LimitedEndpoint(AioquicServer):
         super().connection_made(_CountingTransport(transport, self._owner.sent))
 
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
-        """Passes a UDP datagram to aioquic, or drops it if it starts a connection while there are far too many.
+        """Passes a UDP datagram to aioquic, or drops it if it starts a connection and the server is overloaded.
 
-        Above the limit on connections, new connections complete their handshake, so that a refused client receives a
-        close frame with the reason. Above twice the limit (plus `SPARE`), a new connection either replaces a connection
-        of a network with more connections, or its datagram is dropped.
+        The limit on connections is not enforced here: a new connection above it still completes its handshake, so that
+        the client can be refused with a reason. Above twice the limit (plus `SPARE`), the datagram of a new connection
+        is dropped, unless the connection can replace one of a network with more connections. Before that, the client
+        must return a token (QUIC Retry).
 
         Args:
             data: Payload of the datagram.
