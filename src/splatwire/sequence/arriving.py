@@ -240,7 +240,7 @@ class Patience:
         self._path, self._signature, self._changed = path, signature, now
 
     def is_over(self, now: float, *, behind: bool) -> bool:
-        """Returns True if the frame that failed last should be given up.
+        """Returns True if it is time to give up the frame, because its file has stayed unreadable for too long.
 
         Args:
             now: Current time, seconds.
@@ -304,7 +304,13 @@ class Backlog:
 
 
 def signature_of(path: Path, status: os.stat_result) -> Signature:
-    """Returns times, sizes and inodes of a file, or of the files of a folder; a change of the file changes them.
+    """Returns three numbers that change when a file or folder changes: modification time, size and inode.
+
+    For a folder, these are the newest modification time and the total size of its files, and the inode of the folder.
+
+    Args:
+        path: The file or folder.
+        status: Its status, as returned by `os.stat`.
 
     Raises:
         OSError: If the folder cannot be read.

@@ -238,12 +238,15 @@ def covering_gains(
 
 
 def _growth_factors(splats: Splats, index: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the factors on size and on opacity that enlarge known Gaussians to cover missing ones, float32 (T) each.
+    """Computes how much to enlarge received Gaussians to cover missing ones, with the concealer `grow`.
 
     Args:
         splats: All T Gaussians.
-        index: Indices of the Gaussians that are considered, ascending, int64; others have the factor 1.
-        known: Mask of known Gaussians, bool (T).
+        index: Indices of the Gaussians to process, received and missing ones, ascending, int64.
+        known: Mask of received Gaussians, bool (T).
+
+    Returns:
+        Factors on size and factors on opacity, float32 (T) each; 1 for Gaussians that are not in `index`.
     """
     size, opacity = np.ones((2, splats.num_gaussians), np.float32)
     scene = conceal(ReceivedScene(SplatScene(splats.select(index)), LossMask.of_anchors(known[index])), "grow")

@@ -90,9 +90,10 @@ class SequenceEncoder:
         return self._tracker.report
 
     def new_period(self) -> "SequenceEncoder":
-        """Returns an encoder that continues as a new, independent stream (period); Gaussians keep their tracks.
+        """Starts a new period: returns an encoder that continues the sequence as a new, independent stream.
 
-        The new encoder does not share buffers with this one.
+        The new encoder recognises the Gaussians of the last frame, so that their tracks continue. It does not share
+        buffers with this one.
         """
         assert not self._frames
         self._finish_deferred_work()
@@ -180,7 +181,10 @@ class SequenceEncoder:
         return {SECTION: self.tracking.section(), **self._sections}
 
     def importance(self, packets: Sequence[Packet]) -> list[float]:
-        """Returns the importance of packets of the last group: the visible motion in them, see `packet_importance`."""
+        """Returns the importance of each of the given packets of the last group: the amount of visible motion in it.
+
+        See `packet_importance`.
+        """
         return [self._writer.importance[packet.id] for packet in packets]
 
     def flush(self) -> list[Packet]:

@@ -178,9 +178,13 @@ class LiveDecoder:
 
 
 def frames_of_events(decoder: LiveDecoder, waiting: "queue.SimpleQueue[Event | None]") -> Iterator[SequenceFrame]:
-    """Decodes the events of a receiver until the queue returns None, and yields frames.
+    """Decodes a live sequence from the events of its receiver; yields each frame once it is decoded.
 
     Packets that are queued at the same time are decoded together.
+
+    Args:
+        decoder: Decoder of the sequence.
+        waiting: Queue of the events; None in the queue marks the end of the transfer.
 
     Raises:
         BitstreamError: If the stream is invalid or needs too much memory (see the methods of `LiveDecoder`).

@@ -163,9 +163,10 @@ def _never_empty(splats: Splats, path: Path) -> Splats:
 
 
 def numbered(frames: Iterable[SequenceFrame]) -> Iterator[tuple[SequenceFrame, int]]:
-    """Yields each frame with the number for its file name, which increases from frame to frame.
+    """Numbers frames for their file names; yields each frame with its number.
 
-    If the server restarts and counts its frames from 0 again, the numbers continue.
+    Numbers always increase: if the server restarts and counts its frames from 0 again, the numbers here continue, so
+    that no file is overwritten.
     """
     last, offset = -1, 0
     for frame in frames:

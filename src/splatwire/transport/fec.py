@@ -100,7 +100,10 @@ def recover(symbols: Mapping[int, bytes], total: int, symbol_bytes: int) -> list
 
 
 def framed(packets: Sequence[bytes], symbol_bytes: int) -> bytes:
-    """Returns concatenated source symbols, one per packet: size of the packet (two bytes), its bytes, zero padding."""
+    """Converts packets of different sizes to source symbols of equal size, one per packet; returns them concatenated.
+
+    A symbol has the size of the packet (two bytes, little-endian), the bytes of the packet, and zeros as padding.
+    """
     return b"".join((len(p).to_bytes(2, "little") + p).ljust(symbol_bytes, b"\0") for p in packets)
 
 

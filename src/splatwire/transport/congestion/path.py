@@ -143,9 +143,10 @@ class LossMeter:
         return self._recent > CIRCUIT_BREAKER_LOSS
 
     def deviation(self, sent: int) -> float:
-        """Returns three standard deviations of the number of datagrams that are lost at random, not by congestion.
+        """Returns how far the number of lost datagrams may exceed its expected value by chance, without congestion.
 
-        The variance is measured on this path, so that it includes bursts of losses.
+        The result is three standard deviations. The variance is measured on this path, so that it includes bursts of
+        losses.
 
         Args:
             sent: Number of sent datagrams.

@@ -31,7 +31,7 @@ def init_segment(manifest: Manifest, side_info: bytes, packets: Sequence[bytes] 
 
 
 def bundled_bytes(packet_bytes: int, count: int) -> int:
-    """Returns by how many bytes bundled packets enlarge the init segment.
+    """Returns the size that bundled packets add to the init segment in bytes: packets and their size prefixes.
 
     Args:
         packet_bytes: Total size of the bundled packets in bytes.

@@ -37,9 +37,9 @@ class StreamUpdate(ServedStream):
     """State of a live stream after a group of pictures, prepared for sending.
 
     Attributes:
-        persistent: One byte per packet. 1: later groups of pictures also need the packet, so that it may always be
-            retransmitted. 0: the packet has the motion of one group only, and its bytes are dropped when the next group
-            is added.
+        persistent: One byte per packet: 1 if later groups of pictures also need the packet, which may then be
+            retransmitted at any time; 0 for the motion of a single group. Motion packets are dropped when the next
+            group is added.
         newest: Index in sending order of the first packet of the newest group of pictures.
     """
 
@@ -122,9 +122,10 @@ class LiveSession:
         return arrange([group], importance, self._protection, self._groups - 1)
 
     def _protect(self, tiers: tuple[TierHead, ...]) -> None:
-        """Computes parity and schedule of the newest group of pictures.
+        """Computes the repair symbols and the sending order of the newest group of pictures.
 
-        Parity groups of earlier groups of pictures keep their numbers, but lose their repair symbols.
+        The repair symbols of earlier groups of pictures are dropped. Their parity groups keep their numbers, so that
+        the numbers of new parity groups continue.
 
         Args:
             tiers: Parity of each run of the newest packets, in sending order.

@@ -96,10 +96,9 @@ class ReceiveState:
 
     @property
     def num_missed(self) -> int:
-        """Number of packets of a live sequence that are missing although they were sent after this receiver joined.
+        """Number of packets of a live sequence that this receiver has lost, in all periods since it joined.
 
-        Motion packets from before that time are never sent to this receiver and do not count. Missing packets of
-        earlier periods of the sequence count.
+        Packets from before it joined do not count, because the server does not send their motion to late receivers.
         """
         if self._welcome is None or self._collector is None or not self._grew:
             return self._missed_before

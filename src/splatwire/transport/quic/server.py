@@ -191,8 +191,8 @@ class QuicServer(SocketServer):
 
         Args:
             network: Network of the client.
-            begins: True for a connection that starts its handshake. The maximum is then higher: twice the limit plus
-                `SPARE`.
+            begins: True for a new connection, before its handshake; the maximum is then twice the limit plus `SPARE`.
+                False for a connection that is already counted; the maximum is the limit.
         """
         counts = ((len(self.connections), self.limits.connections), (self.networks[network], self.limits.per_network))
         return any(taken >= 2 * most + SPARE if begins else taken > most for taken, most in counts)

@@ -32,12 +32,13 @@ overtake the opening of the stream. The side information of a large scene has so
 
 
 class Session:
-    """Session with one client: sends and receives frames on a reliable stream and as DATAGRAM.
+    """Session with one client over QUIC: sends and receives datagrams of the transport protocol.
 
-    Sessions are compared by identity, so that the protocol core uses the session as the address of the client.
+    Each datagram travels on a reliable stream (then also called a frame) or in a QUIC DATAGRAM, depending on its kind.
+    The protocol core uses the session object as the address of the client.
 
     Args:
-        connection: Connection with the attributes `quic`, `owner` (the server), `transmit`, `end` and `malformed`.
+        connection: QUIC connection with the attributes `quic`, `owner` (the server), `transmit`, `end` and `malformed`.
         stream: Number of the reliable stream; None until the client opens the stream.
         prefix: First bytes of every DATAGRAM of the session, which identify a WebTransport session.
     """
