@@ -51,7 +51,12 @@ def coding_tensors(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
 def read_coding(
     reader: SceneReader, config: ModelConfig | CausalConfig, voxel_size: float
 ) -> HacppCoding | CausalCoding:
-    """Reads the networks and tensors named by `coding_networks` and `coding_tensors`.
+    """Reads the context model (networks, other tensors and voxel size) of a scene file.
+
+    Args:
+        reader: The open file.
+        config: Configuration of the context model, from the header; its type selects the codec schema.
+        voxel_size: World units per voxel.
 
     Raises:
         BitstreamError: If a network or tensor is missing or has a wrong shape.

@@ -57,7 +57,10 @@ def predict_causal(
     quantised: Callable[[str, Any, Any], Any] | None = None,
     join: Callable[[list[Any], int], Any] = np.concatenate,
 ) -> CausalPrediction:
-    """Evaluates all networks of the context model; differentiable if the networks and `join` are functions of torch.
+    """Predicts the distributions of all attributes of M anchors with the networks of the causal context model.
+
+    The first network reads an anchor's position. Each further network also reads the attributes that were predicted
+    before. The result is differentiable if the networks and `join` are functions of torch.
 
     Args:
         networks: The networks by name.
@@ -66,8 +69,9 @@ def predict_causal(
         feature: Features in units of their quantisation steps.
         form: Logarithms of offset scale and base size, minus `CausalCoding.centres`, in units of their quantisation
             steps.
-        quantised: Function that returns the values that a decoder reconstructs, given the name of a network, its
-            predicted means and the true values. Later networks have them as inputs. None to use the true values.
+        quantised: Function that converts true values to those that a decoder reconstructs; further networks read its
+            results. Its arguments are the name of a network, the means that it predicts, and the true values. None to
+            use the true values.
         join: Concatenates arrays along an axis; `torch.cat` for tensors.
     """
     known = networks["position"](inputs)

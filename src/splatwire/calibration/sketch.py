@@ -55,15 +55,18 @@ class SketchResult:
 
 @runtime_checkable
 class Sketch(Protocol):
-    """Protocol of a sketch: coarse copies of elements, and parameters of the concealer `sketch`.
+    """Protocol of a sketch: data with which a receiver draws important elements even if their packets are lost.
+
+    A sketch consists of coarse copies of elements (anchors or explicit Gaussians), which are sent in the side
+    information. It also contains the parameters with which a receiver enlarges drawn elements next to lost ones.
 
     Attributes:
-        num_sketched: Number of elements that have a coarse copy in the sketch.
-        growth: Parameters of the enlargement of received elements next to lost ones: first the exponents (one for
-            anchors, two for explicit Gaussians), then the factor on the correction of the enlargement by the neural
-            network of the concealer `scene_free` (trust).
-        growths: Candidates for the exponents, the default first.
-        trusts: Candidates for the factor on this correction, the default first.
+        num_sketched: Number of elements that have a coarse copy.
+        growth: Parameters of the enlargement. First the exponents: one for anchors (size), two for explicit Gaussians
+            (size and opacity). Then the strength of the correction of the enlargement by the neural network of the
+            concealer `scene_free` (trust): 0 for none, 1 for full.
+        growths: Exponents among which the calibration chooses, the default first.
+        trusts: Strengths of the correction among which the calibration chooses, the default first.
     """
 
     @property

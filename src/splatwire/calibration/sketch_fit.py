@@ -38,8 +38,8 @@ class SketchFit(CheckedFields):
     Attributes:
         num_levels: Number of precision levels of copies; the quantisation step halves from each level to the next.
         max_columns: Maximum number of vectors in the basis for coding features and scalings.
-        crowding: Factor on the estimated cost of losing an anchor or one of its Gaussians. The factor is applied when
-            this cost is compared with the cost of errors in a copy, which is only estimated to first order.
+        crowding: Factor on the estimated cost of losing an anchor or one of its Gaussians. The errors of a copy, with
+            which this cost is compared, are only estimated to first order. A smaller factor gives fewer copies.
         exponent: Exponent of the enlargement of received anchors next to lost ones (`Grow.exponent`).
         max_excess: Upper limit of the enlargement, as a multiple of the enlargement for the average loss
             (`Grow.max_excess`).
@@ -91,10 +91,11 @@ class SketchMaterial:
     num_anchors: int
 
     def price_of(self, count: float, options: SketchFit) -> float:
-        """Returns the Lagrange multiplier (price) at which approximately `count` anchors get a copy.
+        """Returns the price of a bit (Lagrange multiplier) at which approximately `count` anchors get a copy.
 
-        The price is the squared error that one bit must save. At the returned price, the bits of a copy cost as much as
-        the loss of the least important of these anchors.
+        The price is the squared error in the pictures that a bit of the sketch must save. An anchor is copied if the
+        loss of the anchor costs more than the bits of its copy. At the returned price, both are equal for the least
+        important of the `count` anchors.
         """
         ranked = np.sort(self.removal)[::-1]
         return max(options.crowding * float(ranked[min(round(count), len(ranked) - 1)]) / BITS_OF_COPY, 2.0**-40)
@@ -144,7 +145,7 @@ def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivi
 
 
 def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray, "N O"]:
-    """Returns the offsets of each anchor's Gaussians as its copy must contain them.
+    """Returns the offsets that the copy of each anchor must contain so that its Gaussians appear in the right places.
 
     An offset is the position of a Gaussian relative to its anchor, in units of the anchor's first three scalings. In
     some streams, only packets contain the exact positions of anchors. A receiver then draws the copy of a lost anchor
@@ -188,10 +189,19 @@ def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> Sk
 
 
 def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[SketchBasis, float]:
-    """Chooses the quantised basis in which the channels of a copy are coded, and its coarsest quantisation step.
+    """Chooses how copies are quantised: a basis for their features and scalings, and the coarsest quantisation step.
 
-    At this step, one more bit of precision costs as much as the error that it saves. For a small quantisation step s
-    and a weight w, the error is `w s^2 / 12`, and one more bit reduces the error to a quarter.
+    The step follows from the price of a bit: one more bit of precision costs as much as the error that it saves. For a
+    small quantisation step s and a weight w, the error is `w s^2 / 12`, and one more bit reduces the error to a
+    quarter.
+
+    Args:
+        material: Data of the scene and of the candidate anchors.
+        price: Squared error that one bit may save (Lagrange multiplier).
+        options: Settings for the choice and quantisation.
+
+    Returns:
+        The quantised basis with the steps of the offsets, and the coarsest step of the coefficients.
     """
     likely = options.crowding * material.removal > price * BITS_OF_COPY
     weight = np.quantile(material.weight[likely], 0.1) if likely.any() else material.weight.max()

@@ -67,10 +67,9 @@ class CalibrationViews(CheckedFields):
         )
 
     def in_front(self, scene: AnyScene) -> AnyScene:
-        """Returns the scene with the background colour of these views; unchanged if they have none.
+        """Returns the scene in front of the background colour of these views.
 
-        Returns:
-            The scene with the new background; the unchanged scene if the views have no background.
+        If the views have no background colour, the scene is returned unchanged.
         """
         return scene if self.background is None else replace(scene, background=self.background)
 

@@ -12,11 +12,14 @@ from splatwire.types import ReceivedScene, RenderHints
 
 @dataclass(frozen=True, eq=False)
 class Concealed(RenderHints):
-    """Result of a concealer: factors on size and opacity of received elements (gains), and estimates of lost elements.
+    """Result of a concealer: how to draw received elements, and estimates of lost elements.
+
+    The inherited attributes are factors on the size and opacity of each element (gains), and the elements that are not
+    drawn.
 
     Attributes:
-        elements: All Gaussians or anchors, with estimates for lost values. The values of received elements are ignored.
-            If None, the values expected from side information (`ReceivedScene.filled`) are the estimates.
+        elements: All Gaussians or anchors of the scene, with estimates for lost values; the values of received elements
+            are ignored. None to use the values that the side information predicts (`ReceivedScene.filled`).
         shows: True if the concealer draws elements that are hidden in the lossless scene, e.g. those of a coarser level
             of detail in place of lost elements.
     """

@@ -143,15 +143,18 @@ def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.nd
 
 
 def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarray:
-    """Finds the finer original of each coarser Gaussian that is an unchanged copy.
+    """Finds the received Gaussian that each copied Gaussian of the coarser level was copied from.
+
+    Some Gaussians of the coarser level are merged from several finer ones, others are copies of a single finer one. The
+    original of a copy is the received Gaussian with nearly the same position, size, colour and opacity.
 
     Args:
         splats: Gaussians of all levels.
-        fine: Indices of the received Gaussians of the finest level.
-        copies: Indices of the copies in the coarser level, int64 (C).
+        fine: Indices in `splats` of the received Gaussians of the finest level.
+        copies: Indices in `splats` of the copies, int64 (C).
 
     Returns:
-        Position in `fine` of the original of each copy, int64 (C); -1 if the original was lost.
+        Position in `fine` of the original of each copy, int64 (C); -1 if no original was received.
     """
     near, distance = NeighborTree(splats.means[fine]).query(splats.means[copies], min(_CANDIDATES, len(fine)))
     found, size = fine[near], np.maximum(np.sort(splats.scales[copies], axis=1)[:, 1:], 1e-30)
@@ -168,6 +171,6 @@ def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarr
 
 
 def _coverage(splats: Splats) -> Float[np.ndarray, "N"]:
-    """Returns the coverage of each Gaussian: largest cross-section area (square world units) times opacity."""
+    """Returns the area that each Gaussian covers: its largest cross-section (square world units) times opacity."""
     ordered = np.sort(splats.scales.astype(np.float64), axis=1)
     return splats.opacities.astype(np.float64) * ordered[:, 1] * ordered[:, 2]

@@ -96,12 +96,12 @@ class Grow:
         known: Bool[np.ndarray, "N"],
         tier_sizes: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
-        """Computes the factor by which each of M received anchors is enlarged, from the share of received neighbours.
+        """Computes the factor by which each of M received anchors is enlarged to cover its lost neighbours.
 
         Args:
             received: Share of each anchor's neighbours that was received, 0 to 1.
-            known: Mask of received anchors of the whole scene. The average loss is computed from this mask and limits
-                the factor (`max_excess`).
+            known: Mask of received anchors of the whole scene. The average loss follows from it and limits the factor
+                (`max_excess`).
             tier_sizes: Weight of each anchor in the average loss; None for equal weights.
         """
         return self.limited(received, known, tier_sizes) ** -self.exponent
@@ -112,14 +112,18 @@ class Grow:
         known: Bool[np.ndarray, "N"],
         tier_sizes: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
-        """Limits the enlargement of elements, by raising the received shares from which it is computed.
+        """Raises shares of received neighbours to a minimum at which the enlargement reaches its limit.
 
-        The limits are `max_excess`, relative to the enlargement for the average loss, and `max_gain`, absolute.
+        An anchor is enlarged by a factor that grows as its share of received neighbours falls. The factor is limited to
+        `max_gain`, and to `max_excess` times the factor for the average loss of the scene.
 
         Args:
             received: Share of each anchor's neighbours that was received, 0 to 1.
             known: Mask of received anchors of the whole scene, from which the average loss is computed.
             tier_sizes: Weight of each anchor in the average loss; None for equal weights.
+
+        Returns:
+            The shares, none of which is below the minimum.
         """
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
         overall = max(received_share(known, tier_sizes), 1e-9) if len(known) else 1.0
@@ -190,11 +194,11 @@ def _neighbors_of(
 def lost_share_among(
     neighbors: Int64[np.ndarray, "M k"], lost: Float[np.ndarray, "N"], weights: Float[np.ndarray, "N"]
 ) -> Float[np.ndarray, "M"]:
-    """Returns the lost share of the given neighbours of M anchors, weighted, 0 to 1.
+    """Returns which share of the neighbours of each of M anchors was lost, by weight, 0 to 1.
 
     Args:
-        neighbors: Indices of the neighbours of some anchors, at least one each.
-        lost: Weight of each anchor if it is lost, 0 if it was received.
-        weights: Weight of each anchor.
+        neighbors: Indices of the neighbours of each of the M anchors, at least one each.
+        lost: For each anchor of the scene, its weight if it was lost, 0 if it was received.
+        weights: Weight of each anchor of the scene.
     """
     return lost[neighbors].sum(axis=1) / weights[neighbors].sum(axis=1)

@@ -70,9 +70,10 @@ class Latents:
         self.turns[:] = 0
 
     def splats(self, offsets: "Offsets | None" = None) -> Splats:
-        """Returns the Gaussians with these parameters.
+        """Returns the Gaussians that these parameters describe.
 
-        With `offsets`, their values are rounded as in a stream.
+        Args:
+            offsets: Rounding errors to add, which gives the Gaussians that a decoder obtains. None for exact Gaussians.
         """
         means, logs, quats = self.centres + self.units[:, None] * self.shifts, self.logs, self.quats
         logits, base, harmonics = self.logits, self.base, self.harmonics
@@ -91,7 +92,7 @@ class Latents:
 
 @dataclass(frozen=True, eq=False)
 class Offsets:
-    """Rounding errors of Gaussians, as differences of the trainable parameters.
+    """Changes of the trainable parameters of Gaussians by rounding: rounded minus exact values.
 
     Attributes:
         means: Displacement of the centres, world units.

@@ -71,7 +71,10 @@ class TunedGaussians:
 
     @property
     def rounded(self) -> SplatScene:
-        """The rounded Gaussians and their quantisation steps: encoding them without a quality is lossless."""
+        """The rounded Gaussians with their quantisation steps.
+
+        Encoding them with these steps, which is the default if no quality is given, is lossless.
+        """
         return replace(self.scene, splats=round_splats(self.scene.splats, self.coding), coding=self.coding)
 
 
@@ -84,7 +87,8 @@ def fine_tune(
     """Fine-tunes Gaussians, and rounds the result; see `tuned_gaussians` for arguments and errors.
 
     Returns:
-        The scene with rounded Gaussians and their quantisation steps: encoding it without a quality is lossless.
+        The scene with rounded Gaussians and their quantisation steps. Encoding it with these steps, which is the
+        default if no quality is given, is lossless.
     """
     return tuned_gaussians(scene, pictures, options, progress).rounded
 

@@ -127,10 +127,11 @@ def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
 
 @checked
 def baseline_candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> dict[str, Protection]:
-    """Returns two simple allocations: equal parity for everything (`whole`), and no parity for packets (`conceal`).
+    """Returns two simple allocations of redundancy, by name, with which better ones are compared.
 
-    Packets of different tiers are interleaved, because one burst could otherwise remove a large part of the most
-    important tier.
+    `whole` gives all packets and the side information the same share of parity, as much as the budget allows. `conceal`
+    protects only the side information. Both send the packets of all importance tiers in a mixed order. Otherwise one
+    burst of losses could remove a large part of the most important tier.
 
     Args:
         load: Sizes of the stream.
@@ -208,8 +209,7 @@ def _init_segment_candidates(
 def _spread_end(search: Search, pass_bytes: float) -> float:
     """Returns when the last symbol of the init segment is sent, as a fraction of the complete transfer.
 
-    The symbols are spread from the start to this time. If the budget does not suffice for the complete transfer, this
-    is slightly before the budget is spent.
+    This is the end of the transfer (1), or, if the budget does not suffice for it, shortly before the budget is spent.
 
     Args:
         search: Constraints of the plan.
@@ -220,17 +220,20 @@ def _spread_end(search: Search, pass_bytes: float) -> float:
 
 
 def _least_repair(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, start: Protection) -> Protection:
-    """Returns the plan with the fewest repair symbols that delivers the side information often enough.
+    """Chooses the smallest number of repair symbols with which the side information arrives often enough.
 
-    The required fraction of transfers is `Search.head_target`. If it is not reached within the limits of `search`, the
-    maximum allowed number is used.
+    It is enough if the side information arrives in the fraction `Search.head_target` of the transfers. If no number
+    allowed by `search` is enough, the largest one is used.
 
     Args:
         load: Sizes of the stream.
         traces: Masks of received datagrams in T simulated transfers, bool (T, n).
         rate: Mean loss rate of datagrams.
         search: Constraints of the plan.
-        start: Allocation whose redundancy of the side information is replaced.
+        start: Allocation of redundancy, of which all but the repair symbols of the side information is kept.
+
+    Returns:
+        The allocation with the chosen number of repair symbols.
     """
     need = rate / (1 - rate)
     repairs = sorted({min(multiple * need, MOST_REPAIR) for multiple in SIDE_MULTIPLES})
@@ -270,11 +273,11 @@ def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
 
 
 def _repair_per_packet(safety: float | None, need: float, num_packets: int) -> float:
-    """Returns the number of repair symbols per packet that covers the mean loss plus a safety margin.
+    """Returns how many repair symbols per packet make up for the mean loss, plus a safety margin.
 
     Args:
         safety: Safety margin in standard deviations of the number of lost packets; None for no parity.
-        need: Repair symbols per packet that replace the mean loss.
+        need: Repair symbols per packet that make up for the mean loss only.
         num_packets: Number of packets that share the parity.
     """
     if safety is None or need == 0:

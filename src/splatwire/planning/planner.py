@@ -178,9 +178,11 @@ def check_request(
 
 @checked
 def losses(variants: Sequence[StreamVariant], loss: LossModel, trials: int, seed: int) -> np.ndarray:
-    """Simulates losses for a planner: returns masks of received datagrams, bool (trials, n).
+    """Draws the random losses of the transfers that a planner simulates, the same for all candidate plans.
 
-    n is above the number of datagrams of any candidate transfer.
+    Returns:
+        Masks of received datagrams, bool (trials, n). The number n of datagrams is larger than any candidate plan
+        sends.
     """
     if not len(variants):
         raise InvalidValueError("variants: there is none to simulate")

@@ -187,7 +187,7 @@ def head_arrives(model: TransferModel, received: np.ndarray) -> np.ndarray:
 
 
 def transfer_masks(masks: Any, name: str, num_datagrams: int) -> np.ndarray:
-    """Converts the masks of received datagrams in simulated transfers, and checks their shape.
+    """Converts masks of received datagrams to a boolean array (T, n), and checks the shape.
 
     Args:
         masks: Mask of received datagrams in each of T transfers, bool (T, n), or nested lists.

@@ -93,11 +93,13 @@ class PruningCurve:
         return float(np.interp(error, errors, self.shares[::-1]))
 
     def best_share(self, level: float) -> float:
-        """Returns the share of Gaussians to keep at a quantisation level (`Quality.level`).
+        """Returns the share of Gaussians to keep at a quantisation level so that the stream is smallest for its error.
 
-        With this share, pruning and coarser quantisation cost the same error per saved byte, so that the stream is
-        smallest for a given error. The share is smoothed over levels and never decreases with the level, so that levels
-        can be searched.
+        With this share, pruning and coarser quantisation cost the same error per saved byte. The share never decreases
+        with the level, so that size and quality of the stream increase with the level.
+
+        Args:
+            level: Quantisation level (`Quality.level`).
         """
         quantised = 10 ** (-(QUANTISED_PSNR + OCTAVE_DB * (LEVELS - QUANTISED_LEVEL)) / 10)
         costs = self.errors + TRADE * quantised[:, None] * np.log(self.shares)
@@ -118,9 +120,15 @@ def _number(share: float, count: int) -> int:
 def _fitted(
     at: Float64[np.ndarray, "S"], known: Float64[np.ndarray, "K"], values: Float64[np.ndarray, "K"]
 ) -> Float64[np.ndarray, "S"]:
-    """Fits a parabola to known values and evaluates it; outside the range of known points, continues it as a line.
+    """Fits an increasing curve to a few noisy measurements, and evaluates it.
 
-    Slopes are at least `_LEAST_SLOPE`, so that stronger pruning never has a smaller error because of measurement noise.
+    The curve is a parabola between the measured points and a line outside. Its slope is at least `_LEAST_SLOPE`, so
+    that stronger pruning never has a smaller error.
+
+    Args:
+        at: Arguments at which the curve is evaluated.
+        known: Arguments of the measurements.
+        values: Measured values.
     """
     if np.ptp(known) < 1e-6:  # the removed Gaussians have no effect at all
         return np.full(len(at), values.max())

@@ -9,7 +9,7 @@ TRIALS = 12
 
 @dataclass(frozen=True)
 class Interval:
-    """Permitted values of a function, and the value that a search aims at.
+    """Range of function values that a search accepts, and the value that it aims at.
 
     Attributes:
         low: Smallest permitted value.

@@ -122,15 +122,15 @@ def tuned_to_pictures(
 
 
 def fitted_cameras(scene: SplatScene, cameras: Cameras | None, tuning: Tuning) -> Cameras:
-    """Chooses the views whose pictures are fitted, none of which is held out.
+    """Chooses the views for fine-tuning, in which pictures of the Gaussians are compared with reference pictures.
 
-    Given cameras, all but the held-out ones are used. If they are too few, copies of them are moved at random, so that
-    Gaussians are also fitted to the views between them.
+    If cameras are given, all are used except the held-out ones, which only measure the final PSNR. If they are too few,
+    randomly moved copies are added, so that Gaussians are also fitted to the views between them.
 
     Args:
         scene: The scene.
-        cameras: Cameras at typical viewing positions, or None. Fewer than `LEAST_CAMERAS` are ignored, as for the
-            held-out views.
+        cameras: Cameras at typical viewing positions. If None or fewer than `LEAST_CAMERAS`, cameras are placed around
+            the scene.
         tuning: Number of views, image size and seed.
     """
     if cameras is None or cameras.num_views < LEAST_CAMERAS:

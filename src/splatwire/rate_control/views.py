@@ -30,12 +30,12 @@ _HELD_OUT = 2
 
 @dataclass(frozen=True, eq=False)
 class ViewSets:
-    """Disjoint sets of views of a scene.
+    """Three disjoint sets of views of a scene, for different tasks of an encoder.
 
     Attributes:
         measured: Views in which the effect of each Gaussian is measured; None for views around the scene.
         search: Views in which pruned and decoded scenes are compared with the source.
-        held_out: Views for the reported PSNR. The encoder uses them only to correct the aim of a search for a PSNR.
+        held_out: Views for the reported PSNR. The encoder uses them only if it searches for a stream with a given PSNR.
     """
 
     measured: Cameras | None

@@ -181,10 +181,10 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
 @njit(inline="always", error_model="numpy")
 @no_type_check
 def _build_tile_lists(order, corners, strips, starts, grid_x):
-    """Builds the lists of `fill_tiles` from the pixel rows of each Gaussian in each column of tiles.
+    """Lists the Gaussians in each tile, given the pixel rows that each Gaussian covers (see `fill_tiles`).
 
     Args:
-        order: Indices of the Gaussians.
+        order: Indices of the Gaussians, nearest first.
         corners: Index of the first tile, and number of tile columns, of each Gaussian.
         strips: Pixel rows of each Gaussian in each of its tile columns.
         starts: Start of each tile's list.

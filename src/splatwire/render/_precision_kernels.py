@@ -1,4 +1,4 @@
-"""Compiled sums of squared image gradients, for each Gaussian and attribute."""
+"""Compiled sums, over pictures, of the squared gradients with respect to each attribute of each Gaussian."""
 
 from typing import no_type_check
 

@@ -57,15 +57,17 @@ def each_gradient_cpu(
     use: Callable[..., None],
     background: np.ndarray | None = None,
 ) -> None:
-    """Renders a view once and back-propagates one or more image gradients, by slices of Gaussians to limit memory.
+    """Renders a view once, and back-propagates one or more image gradients to the Gaussians.
+
+    To limit memory, gradients are computed for one range of Gaussians (slice) after another.
 
     Args:
         gaussians: The Gaussians, float32 on the CPU.
         cameras: Camera of one view.
-        d_image: Function called with the shape of the image. Yields image gradients, float32, each of which is
-            back-propagated before the next is requested.
-        use: Function called for each image gradient and slice, from several threads: with the slice (of Gaussian
-            indices) and the gradients of means, quats, scales, opacities and colors of these Gaussians.
+        d_image: Function that is called once, with the shape of the image, and yields the image gradients, float32.
+            Each is back-propagated before the next is requested.
+        use: Function that receives the results: the slice, and the gradients of means, quats, scales, opacities and
+            colors of its Gaussians. It is called for each slice of each image gradient, from several threads.
         background: RGB of the background, float32 (3); None for black.
     """
     keep_freed_memory()
@@ -98,16 +100,17 @@ class _Band(NamedTuple):
 
 
 class Picture:
-    """Rendering of one view that can be differentiated: projected Gaussians and lists of Gaussians per tile.
+    """Draws one view on the CPU, and computes gradients for the drawn image.
 
-    Threads divide the work by ranges of Gaussians and by bands of tile rows. Pixels do not depend on the division.
+    Contains the projected Gaussians. Threads divide the work by ranges of Gaussians and by bands (consecutive rows of
+    tiles). The image does not depend on this division.
 
     Args:
         arrays: Means, quats, scales, opacities, colors.
         cameras: The cameras.
         view: Index of the camera.
-        kept: True if gradients may be requested later. The gradient sums depend on the division into bands, which is
-            then independent of the number of threads.
+        kept: True if gradients may be requested after drawing. Gradients depend on the division into bands by rounding
+            errors, so the division is then the same for any number of threads.
     """
 
     def __init__(self, arrays: list[np.ndarray], cameras: Cameras, view: int, *, kept: bool) -> None:

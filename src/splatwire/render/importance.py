@@ -79,7 +79,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
 
 
 def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndarray, "V"]:
-    """Measures whether a scene surrounds its centre: the covered share of images that look outwards from the centre.
+    """Measures whether a scene surrounds its centre, from cameras around the centre that look outwards.
 
     Args:
         splats: The Gaussians of the scene.
@@ -87,7 +87,8 @@ def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndar
         size: Width and height of the images, pixels.
 
     Returns:
-        Sum of the footprints of each view, divided by the image area; above 1 nearly all of the image is covered.
+        For each camera, the sum of the areas of all Gaussians in its image, divided by the area of the image. Above 1,
+        nearly all of the image is covered.
 
     Raises:
         InvalidValueError: If the number of views, pixels or elements is 0.

@@ -119,12 +119,13 @@ def precision_classes(
 
 @dataclass(frozen=True, eq=False)
 class MeasuredGaussians:
-    """Precision class of each Gaussian, and its effect on pictures of the scene.
+    """Measurements of each Gaussian for an encoder: how finely to quantise it, and how much its removal costs.
 
     Attributes:
-        classes: Precision classes, as returned by `precision_classes`.
-        removal: Mean squared error of the pictures if the Gaussian is removed, to first order. The error of changing
-            its colour by `_HIDDEN_CONTRAST` is added.
+        classes: Precision class of each Gaussian, which selects its quantisation steps (`precision_classes`).
+        removal: Estimated mean squared error of the pictures if the Gaussian is removed. The estimate assumes that the
+            colour behind the Gaussian differs by a further `_HIDDEN_CONTRAST` from what is measured, so that visible
+            Gaussians count even if they have the colour of their background.
     """
 
     classes: Int8[np.ndarray, "N"]
@@ -183,7 +184,19 @@ def _each_part(splats: Splats, part: int, look: Callable[..., None]) -> None:
 
 
 def _classes(splats: Splats, found: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:
-    """Converts the sensitivity of images to each Gaussian (`_sensitivities`) to its precision class."""
+    """Computes the precision class of each Gaussian from measured sensitivities.
+
+    The sensitivity to an attribute depends on area, shape and opacity of the Gaussian. This known dependency is
+    subtracted. The rest, in octaves, is averaged over the attributes and rounded to an integer.
+
+    Args:
+        splats: The Gaussians.
+        found: Sensitivity of the images to each attribute, by attribute name, from `_sensitivities`.
+
+    Returns:
+        Class of each Gaussian. A Gaussian of class c + 1 gets half the quantisation steps of class c. Class 0 is that
+        of the Gaussian at the quantile `FINEST_SHARE`.
+    """
     low, middle, high = (np.log2(scales.astype(np.float64)) for scales in sort3(splats.scales))
     least = np.median(high) - _MOST_SMALL
     size, width = np.maximum(high, least), np.maximum(middle, np.maximum(high, least) - _MOST_THIN)
@@ -205,15 +218,19 @@ def _classes(splats: Splats, found: dict[str, Float64[np.ndarray, "G"]]) -> Int8
 
 
 def _sensitivities(splats: Splats, cameras: Cameras, probes: int, seed: int) -> dict[str, Float64[np.ndarray, "G"]]:
-    """Returns the mean squared change of an image value per squared change of each attribute, for each Gaussian.
+    """Measures how strongly images react to changes of each attribute of each Gaussian.
 
-    It is estimated from gradients of images with random signs (see `splatwire.render.pruning`).
+    The measure is the mean square of the derivatives of all pixel values with respect to the attribute. It is estimated
+    from gradients of images with random signs (see `splatwire.render.pruning`).
 
     Args:
         splats: The Gaussians.
         cameras: Cameras of the images.
-        probes: Number of random sign images per view.
+        probes: Number of random sign images per view; more give a more precise estimate.
         seed: Seed of the signs.
+
+    Returns:
+        The mean squares of each attribute, by name (the keys of `_SLOPES`).
     """
     rng, num = Twister(seed), splats.num_gaussians
     order = np.argsort(-splats.scales, axis=1, kind="stable")

@@ -1,11 +1,12 @@
 """Fast estimate of the sensitivity of images to anchors: a quarter of the time of `render_sensitivity`.
 
 The error of removing each Gaussian is estimated from gradients of images, without the networks. The first half of the
-views selects the anchors with the largest removal error. In the second half, gradients are also back-propagated through
-the networks for these anchors, to estimate the error of changing features, scalings and offsets. Only the sum of these
-errors over the selected anchors is kept, and distributed in proportion to the removal errors (`_distribute`), because
-few views give no reliable estimate for a single anchor. An anchor with a small estimate by chance would be quantised
-too coarsely in the sketch (low-quality copy of the scene).
+views selects the anchors with the largest error. For these, the second half also back-propagates gradients through the
+networks, to estimate the errors of changing features, scalings and offsets.
+
+A few views give no reliable estimate of these errors for a single anchor. An anchor with a small estimate by chance
+would be quantised too coarsely in the sketch (low-quality copy of the scene). Therefore the errors are summed over the
+selected anchors, and the sum is divided among them in proportion to their removal errors (`_distribute`).
 """
 
 from collections.abc import Callable, Iterator
@@ -86,10 +87,11 @@ def quick_sensitivity(
 
 @dataclass(frozen=True, eq=False)
 class _NetworkErrors:
-    """Errors of a view, back-propagated to the inputs of the networks and summed over the selected anchors.
+    """Image errors in one view that changes of anchor attributes would cause, summed over the selected anchors.
 
     Attributes:
-        metric: Error for changes of features and logarithms of scalings, as a quadratic form (D, D).
+        metric: Matrix M of the error of changing features and logarithms of scalings: `d . M d` is the error of
+            changing an anchor's values by d.
         offset: Error per squared change of a coordinate of an offset (position of a Gaussian relative to its anchor).
         offset_share: Squared removal errors of Gaussians, weighted by `_relative_size`. `offset` is assumed to be
             proportional to it.
@@ -109,15 +111,17 @@ def _back_propagate(
     drawn: tuple[SpawnedGaussians, list[np.ndarray]],
     each: Float64[np.ndarray, "R K"],
 ) -> _NetworkErrors:
-    """Back-propagates the gradients of a view's Gaussians through the networks, for selected anchors only.
+    """Estimates the errors of changing attributes of the selected anchors, from the gradients of a view's Gaussians.
+
+    The gradients are back-propagated through the networks.
 
     Args:
         scene: The complete scene.
         camera_center: Position of the camera.
         rows: Indices of the selected anchors.
         drawn: Gaussians of the view, and their gradients.
-        each: Effect of removing each Gaussian of the selected anchors, from one random sign image; its square is an
-            estimate of the squared error.
+        each: Effect of removing each Gaussian of the selected anchors, for one random sign image
+            (`GatheredGradients.presence`). Its square estimates the squared error of removing the Gaussian.
     """
     a, (seen, gradients), count = scene.anchors, drawn, scene.anchors.mask.shape[1]
     own = a.select(rows)
@@ -137,7 +141,10 @@ def _back_propagate(
 
 
 def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
-    """Returns the squared ratio of each anchor's offset scaling to the size of its Gaussians."""
+    """Returns the squared distance by which a change of 1 in an offset moves a Gaussian, in units of its size.
+
+    The size is the mean along the three axes, without the factor that the networks predict.
+    """
     scalings = np.maximum(anchors.scalings.astype(np.float64), 1e-9)
     return (scalings[:, :3].mean(axis=1) / scalings[:, 3:].mean(axis=1)) ** 2
 
@@ -145,16 +152,15 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
 def _distribute(
     removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_NetworkErrors], width: int
 ) -> Sensitivity:
-    """Estimates the sensitivity of each anchor from sums over the selected anchors.
+    """Divides errors that are known as sums over the selected anchors among these anchors.
 
-    The sums are distributed in proportion to removal errors. The removal error of an anchor is the image error caused
-    by removing it.
+    Each anchor gets a part in proportion to its removal error, the image error caused by removing it.
 
     Args:
-        removal: Error of removing each anchor; 0 for anchors that were not selected, (N).
+        removal: Removal error of each anchor; 0 for anchors that were not selected, (N).
         offset_removal: Error of removing each Gaussian, (N, K).
-        relative: Squared ratio of offset scaling to size of each anchor (`_relative_size`), (N).
-        parts: Sums of each view.
+        relative: Squared movement of a Gaussian per unit of its offset, relative to its size (`_relative_size`), (N).
+        parts: Sums over the selected anchors, one item per view.
         width: Number of features and scalings per anchor, D.
     """
     metric = sum((part.metric for part in parts), np.zeros((width, width)))

@@ -28,8 +28,9 @@ class Sensitivity:
         offset_removal: Error when one Gaussian of an anchor is removed.
         channels: Error per squared change of a feature, or of the logarithm of a scaling.
         offsets: Error per squared change of each coordinate of an offset.
-        metric: Error for joint changes of features and logarithms of scalings as a quadratic form (the full matrix
-            whose diagonal is `channels`), summed over all anchors.
+        metric: Matrix M for changes of several features and logarithms of scalings at once: `d . M d` is the error of
+            changing the values of an anchor by d, summed over all anchors. The diagonal is the sum of `channels` over
+            all anchors.
     """
 
     removal: Float64[np.ndarray, "N"]
@@ -113,20 +114,20 @@ class GatheredGradients:
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Gradient of each Gaussian with respect to a factor on its opacity.
+        """Gradient with respect to a factor on the opacity of each Gaussian, at factor 1.
 
-        At factor 0 the Gaussian is removed; the gradient is taken at 1.
+        Factor 0 would remove the Gaussian, so the gradient estimates the effect of removing it.
         """
         return (self.fields[3] * self._opacities).astype(np.float64)
 
 
 def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, probes: int) -> None:
-    """Adds the errors of removing anchors and single Gaussians, estimated from one random sign image, to `total`.
+    """Estimates the errors of removing anchors and single Gaussians from one random sign image, and adds them.
 
     Args:
-        total: Sums over views; changed in place.
+        total: Errors summed over views; changed in place.
         place: Index of each Gaussian's anchor times K, plus its index within the anchor, int64 (G).
-        presence: Gradient of each Gaussian (`GatheredGradients.presence`), float64 (G).
+        presence: Estimated effect of removing each Gaussian (`GatheredGradients.presence`), float64 (G).
         probes: Number of random sign images per view, by which the estimate is divided.
     """
     shape = total.offset_removal.shape
@@ -138,10 +139,10 @@ def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, pr
 def _add_changes(
     total: Sensitivity, rows: np.ndarray, scalings: np.ndarray, spawned: Spawning, found: GatheredGradients
 ) -> None:
-    """Adds the errors of changing features, scalings and offsets, estimated from one random sign image, to `total`.
+    """Estimates the errors of changing features, scalings and offsets from one random sign image, and adds them.
 
     Args:
-        total: Sums over views; changed in place.
+        total: Errors summed over views; changed in place.
         rows: Indices of the anchors in view, int64 (n).
         scalings: Scalings of all anchors, (N, 6).
         spawned: Gaussians of the anchors in view.

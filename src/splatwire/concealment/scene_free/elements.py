@@ -31,7 +31,9 @@ OPACITIES = (1e-4, 1 - 1e-4)
 
 @dataclass(frozen=True, eq=False)
 class ElementInputs:
-    """Inputs of the network for one loss pattern of one scene.
+    """Inputs of the network `ElementNetwork` for a received scene of explicit Gaussians with losses.
+
+    The network predicts factors on the size and opacity of M received Gaussians.
 
     Attributes:
         rows: Indices of the received Gaussians.

@@ -55,9 +55,10 @@ def signatures(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Flo
 
 
 def near_losses(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Float[np.ndarray, "M"]:
-    """Returns the lost share of each anchor's nearest neighbours, weighted by expected size as in the concealer `grow`.
+    """Returns which share of each anchor's nearest neighbours was lost, 0 to 1.
 
-    The share is 0 for an anchor without neighbours.
+    Neighbours count by their expected size, as in the concealer `grow`. The share is 0 for an anchor without
+    neighbours.
     """
     near, weight = around.near.index, around.weights
     lost = (weight * ~partial.known)[near].sum(axis=1)
@@ -66,7 +67,10 @@ def near_losses(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Fl
 
 
 def log_gain(share: Any) -> Any:
-    """Returns the logarithm of the area gain that compensates for a lost share, at most that of `_MOST_LOST`."""
+    """Returns the logarithm of the factor on area with which received elements make up for a lost share.
+
+    The factor is 1 / (1 - share). Shares above `_MOST_LOST` count as `_MOST_LOST`.
+    """
     return -np.log1p(-np.minimum(share, _MOST_LOST))
 
 
@@ -77,7 +81,7 @@ def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:
 def _weighting_inputs(
     area: np.ndarray, rows: np.ndarray, neighbors: Neighborhood
 ) -> tuple[Float[np.ndarray, "M k"], Float[np.ndarray, "M k"]]:
-    """Returns areas and relative distances of neighbouring anchors, from which their weights are computed.
+    """Returns the areas and relative distances of neighbouring anchors, for weights that fall with distance.
 
     Args:
         area: Expected area of every anchor of the scene.

@@ -39,16 +39,19 @@ class Neighborhood:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Neighbourhoods and expected sizes of M of a scene's N anchors; neighbours may be received or lost.
+    """Neighbours of M of a scene's N anchors, with the expected sizes of all anchors, for concealment.
+
+    The neighbours may be received or lost, so that the data is the same for all packet losses.
 
     Attributes:
-        log_size: Logarithm of the predicted size of all anchors. Predictions are used for received anchors too, so that
+        log_size: Logarithm of the predicted size of every anchor. Received anchors have predicted sizes too, so that
             prediction errors do not look like losses.
-        weights: Weight of each anchor in the lost share of a neighbourhood (`ReceivedScene.sizes`).
+        weights: Weight with which each anchor counts if the lost share of a neighbourhood is computed
+            (`ReceivedScene.sizes`).
         rows: Indices of the M anchors.
         near: Nearest neighbours of the M anchors.
-        classes: Nearest neighbours of the M anchors among large anchors only: one entry for each size class in
-            `CLASS_SHARES`.
+        classes: Nearest large neighbours of the M anchors. For each share s in `CLASS_SHARES`, only the largest 1/s of
+            all anchors are considered.
     """
 
     log_size: Float[np.ndarray, "N"]

@@ -87,11 +87,17 @@ def _load(path: Path, kind: type[Network]) -> Network:
 
 @cache
 def default_weights() -> GainNetwork:
-    """Returns the network for anchors that ships with the package."""
+    """Returns the shipped neural network with which the concealer `scene_free` conceals losses of anchors.
+
+    The network predicts factors on size and opacity of the Gaussians of received anchors next to lost ones.
+    """
     return load_gain_network(SHIPPED[0])
 
 
 @cache
 def default_element_weights() -> ElementNetwork:
-    """Returns the network for explicit Gaussians that ships with the package."""
+    """Returns the shipped neural network with which the concealer `scene_free` conceals losses of explicit Gaussians.
+
+    The network predicts factors on size and opacity of received Gaussians next to lost ones.
+    """
     return load_element_network(SHIPPED[1])

@@ -1,4 +1,8 @@
-"""The concealer `sketch`: coarse copies replace lost important anchors; drawn anchors are enlarged."""
+"""The concealer `sketch`: draws lost elements from coarse copies that the sender added to the side information.
+
+Only the most important elements have a copy. Other lost elements are hidden, and drawn elements around them are
+enlarged to cover the gaps.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -36,15 +40,16 @@ _LEAST_SHARE = 0.05
 @register_concealer("sketch", section=SECTION)
 @dataclass(frozen=True)
 class Sketch(CheckedFields):
-    """Draws coarse copies of important lost anchors, hides other lost anchors, and enlarges drawn anchors around them.
+    """Draws important lost elements from coarse copies, hides other lost ones, and enlarges drawn elements around them.
 
     The copies (the sketch) are a section of the side information, which `splatwire calibrate sketch` adds to a stream.
-    A copy never replaces received values, and an anchor with a copy counts as received. The factor by which drawn
-    anchors are enlarged is that of the concealer `grow`, corrected by the neural network of the concealer `scene_free`.
-    The section contains the strength of this correction (`trust`).
+    An element with a copy counts as received. A copy never replaces received values.
+
+    For anchors, the concealer `grow` determines the enlargement. The neural network of the concealer `scene_free`
+    corrects it, with the strength `trust` in the section.
 
     For explicit Gaussians, the copies are those of the codec (`Copies`). The network for explicit Gaussians computes
-    the factors on size and opacity of drawn Gaussians, with exponents from the side information.
+    the factors on size and opacity; the side information contains the exponents for it.
     """
 
     @property
@@ -93,13 +98,15 @@ def conceal_with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> C
 def grown_with_copies(
     filled: ReceivedScene[SplatScene], inputs: ElementInputs, growth: tuple[float, float, float]
 ) -> Concealed:
-    """Builds the concealer's result for explicit Gaussians after lost ones were replaced by copies.
+    """Computes how a receiver draws explicit Gaussians after copies have replaced lost ones.
+
+    Drawn Gaussians are enlarged around Gaussians that remain lost.
 
     Args:
-        filled: Scene in which copies count as received, from `with_copies`.
-        inputs: Network inputs of that scene.
-        growth: Exponents of the factors on size and on opacity, and the strength of the network's correction
-            (`Copies.growth`).
+        filled: Scene in which Gaussians with a copy count as received, from `with_copies`.
+        inputs: Inputs of the network `ElementNetwork` for that scene.
+        growth: Exponent of the factors on size, exponent of the factors on opacity, and strength of the network's
+            correction (`Copies.growth`).
     """
     size, opacity, trust = growth
     gains = default_element_weights()(inputs, trust, (size, opacity))
@@ -123,14 +130,15 @@ def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedS
 
 @dataclass(frozen=True, eq=False)
 class SketchedLoss:
-    """A received scene with copies in place of lost anchors, and the neighbourhood statistics for the enlargement.
+    """A received scene with coarse copies in place of lost anchors, prepared for the enlargement of drawn anchors.
 
-    Drawn anchors next to anchors that are not drawn are enlarged.
+    Received anchors and copies are drawn. They are enlarged next to anchors that have no copy and remain lost. The
+    preparation is slow and the same for all parameters of the enlargement.
 
     Attributes:
         filled: Scene in which anchors with a copy count as received, from `with_sketch`; at least one anchor is drawn.
         left: Share of each drawn anchor's neighbours that is drawn too, 0 to 1.
-        inputs: Network inputs of the drawn anchors.
+        inputs: Inputs of the network that corrects the enlargement of the drawn anchors.
     """
 
     filled: ReceivedScene[AnchorScene]
@@ -148,7 +156,7 @@ class SketchedLoss:
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
     def proposal(self, section: SketchSection) -> Concealed:
-        """Conceals the losses with the enlargement parameters that a section `sketch` contains."""
+        """Enlarges the drawn anchors with the parameters in a section `sketch`; returns the concealer's result."""
         rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
         gain = rule.gain(self.left, self.filled.known, self.filled.tier_sizes)
         gains = default_weights()(replace(self.inputs, grown=gain), section.trust)

@@ -42,14 +42,15 @@ class LostMotion:
 
 @dataclass(frozen=True, eq=False)
 class ConcealedMotion:
-    """Motion that a concealer estimates for tracks with lost motion.
+    """Motion that a concealer estimates for tracks with lost motion, in one group of pictures.
 
     Attributes:
-        at: Function that returns the offsets of the n lost tracks from their keyframe Gaussians, float32 (n, C), given
-            a frame of the group (from 0) and the offsets of the m received tracks, float32 (m, C). Channels are those
-            of `types.sequence_scene.GroupMotion.at`: position, rotation, logarithms of scales and opacity, colour.
-        shown: False to hide the lost tracks until the next group of pictures, or a mask of the tracks, bool (n). The
-            estimation of the next group still starts from the offsets of `at`.
+        at: Function that estimates the n lost tracks in a frame. Its arguments are the frame's number in the group
+            (from 0) and the offsets of the m received tracks, float32 (m, C). It returns the offsets of the lost tracks
+            from their keyframe Gaussians, float32 (n, C). Channels are those of `types.sequence_scene.GroupMotion.at`:
+            position, rotation, logarithms of scales and opacity, colour.
+        shown: False to hide all lost tracks until the next group of pictures; or a mask of the lost tracks that are
+            drawn, bool (n). The offsets of hidden tracks are still used for estimates in the next group.
     """
 
     at: MotionPrediction
@@ -78,17 +79,17 @@ class TemporalConcealer(Protocol):
 class MotionConcealer:
     """Conceals lost motion: extrapolates the last received motion, or interpolates the motion of neighbouring tracks.
 
-    A concealer that interpolates covers each region by the best of interpolated motion, the last position, and enlarged
-    received Gaussians (`selection`).
+    With interpolation, each lost track is treated in the way that works best for received tracks around it
+    (`selection`): it is moved like its neighbours, stays at its last position, or is hidden.
 
     Attributes:
         name: Name of the concealer.
         shown: If False, tracks with lost motion are not drawn until the next group of pictures.
-        neighbors: Number of nearest tracks with received motion whose motion is interpolated; 0 keeps the last
-            position.
+        neighbors: Number of nearest tracks with received motion whose motion is interpolated; 0 to extrapolate.
         smooth: If True, evaluates a quadratic fit of the neighbours' motion (`smooth_weights`); if False, their mean
             weighted by inverse squared distance.
-        momentum: Fraction of the last velocity that a track keeps if no neighbours are used, 0 to 1.
+        momentum: Fraction of the last velocity that a track keeps if no neighbours are used, 0 to 1; with 0 it stays at
+            its last position.
         grow: True if received Gaussians are enlarged around lost keyframe Gaussians and around hidden tracks.
 
     Raises:

@@ -137,12 +137,12 @@ def _next_state(poses: GroupPoses, count: int, frames: int, before: ConcealmentS
 
 
 def _merge(first: GroupPoses, others: GroupPoses, prediction: MotionPrediction) -> GroupPoses:
-    """Merges tracks with received motion and tracks with estimated motion, sorted by track index.
+    """Combines received tracks and lost tracks with estimated motion, sorted by track index.
 
     Args:
         first: Tracks with received motion.
-        others: Tracks with lost motion; their function `at` is not used.
-        prediction: Function that estimates the offsets of the tracks `others` from those of the tracks `first`.
+        others: Tracks with lost motion. `prediction` takes the place of their function `at`.
+        prediction: Function that estimates the offsets of the lost tracks in a frame from those of the received tracks.
     """
     order = np.argsort(np.concatenate([first.tracks, others.tracks]), kind="stable")
 

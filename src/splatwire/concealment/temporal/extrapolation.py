@@ -81,20 +81,19 @@ def _query_neighbors(
     sequence: SequenceScene, tracks: np.ndarray, observed: np.ndarray, origins: np.ndarray | None,
     lost_tracks: np.ndarray, before: ConcealmentState, count: int, *, smooth: bool,
 ) -> Neighbors:  # fmt: skip
-    """Finds the nearest received tracks of some tracks with lost motion.
+    """Finds the nearest tracks with received motion for each track with lost motion.
 
     Args:
         sequence: The sequence.
-        tracks: Track index of each row of the received poses.
-        observed: Indices of the received poses (rows) that may serve as neighbours.
-        origins: Offsets of the tracks `observed` from their keyframe Gaussians at the time of the search, float32 (m,
-            C). None searches by the positions of keyframe Gaussians instead. Tracks that begin together then stay
-            neighbours even if other tracks pass close by.
-        lost_tracks: Indices of the tracks with lost motion. With `origins`, their positions at the end of the previous
-            group are used.
+        tracks: Track index of each received track, one per row of the received poses.
+        observed: Rows of the received tracks that may serve as neighbours.
+        origins: Offsets of the tracks `observed` from their keyframe Gaussians at one time, float32 (m, C). Distances
+            are then measured from the positions of lost tracks at the end of the previous group. None measures
+            distances between keyframe Gaussians instead, so that tracks that begin together stay neighbours.
+        lost_tracks: Indices of the tracks with lost motion.
         before: Concealment state at the end of the previous group.
         count: Maximum number of neighbours per track.
-        smooth: True to fit a quadratic function to the neighbours, False to compute their weighted mean.
+        smooth: True to interpolate with a quadratic fit to the neighbours, False with their weighted mean.
     """
     places = sequence.tracks.splats.means
     if origins is not None:
@@ -105,15 +104,18 @@ def _query_neighbors(
 
 
 def begun_share(begins: np.ndarray, frames: int) -> np.ndarray:
-    """Returns the fraction of tracks that have begun by each frame of a group, float64 (frames); 1 without tracks.
+    """Returns a factor on the opacity of tracks that may have begun in a frame of a group, float64 (frames).
 
-    The first frame of a track is coded with its motion. If this motion is lost, and the side information does not
-    contain the first frame, it is unknown whether the track exists in a frame. Its opacity is then multiplied by this
-    fraction, as an estimate of the probability.
+    The motion data of a track contains its first frame. If the data is lost, the track may not exist yet. The fraction
+    of received tracks that have begun by a frame serves as the probability that the track exists, and its opacity is
+    multiplied by this fraction.
 
     Args:
-        begins: First frame of each track, relative to the group.
+        begins: First frame of each received track, relative to the group. If there are none, the factors are 1.
         frames: Number of frames of the group.
+
+    Returns:
+        Factor for each frame, at least `UNLIKELY`.
     """
     share = (begins[:, None] <= np.arange(frames)).mean(axis=0) if len(begins) else np.ones(frames)
     return np.maximum(share, UNLIKELY)

@@ -31,14 +31,18 @@ AT_ONCE = 1 << 15
 class Neighbors:
     """Nearest received tracks of n tracks with lost motion, with weights for interpolating motion.
 
+    Colours are interpolated with a linear model: the change of a track's colour depends on its difference from the
+    colours of its neighbours.
+
     Attributes:
         observed: Indices of the received poses (rows) that serve as neighbours, int64 (m).
         index: Neighbours of each track, as indices into `observed`, int32 (n, k).
         weights: Interpolation weight of each neighbour, float32 (n, k).
         closeness: Inverse-distance weight of each neighbour, float32 (n, k); the weights of a track add up to 1.
-        contrasts: Weights of a linear regression over the neighbours, float32 (n, k, 3). The sum of the colour changes
-            of all neighbours and channels, times these weights, is the change per unit of colour difference.
-        contrast: Difference of the track's colour from the mean colour of its neighbours, float32 (n, 3).
+        contrasts: Weights that give the slope of the linear model, float32 (n, k, 3). The slope is the sum of these
+            weights times the colour changes of the neighbours, over all neighbours and colour channels.
+        contrast: Difference of the track's colour from the mean colour of its neighbours, float32 (n, 3). The slope is
+            multiplied by it.
     """
 
     observed: np.ndarray
@@ -105,14 +109,17 @@ class Neighbors:
 
 
 def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fits a linear regression of colour changes on colours; returns `contrasts` and `contrast` of `Neighbors`.
+    """Prepares a linear regression that predicts colour changes of tracks from those of their neighbours.
 
-    The regression is needed because a change of lighting brightens bright surfaces more than dark ones.
+    A change of lighting brightens bright surfaces more than dark ones, so a track's change depends on its own colour.
 
     Args:
         colours: Colours of the neighbours, (n, k, 3).
         own: Colours of the tracks, (n, 3).
         closeness: Inverse-distance weights, (n, k).
+
+    Returns:
+        The attributes `contrasts` and `contrast` of `Neighbors`.
     """
     proximity = closeness.astype(np.float64)
     mean = np.einsum("nk,nka->na", proximity, colours)

@@ -84,11 +84,11 @@ def _errors(
     folds: Sequence[np.ndarray],
     candidates: Sequence[Candidate],
 ) -> list[np.ndarray]:
-    """Returns the error of each way to cover the t tracks of each fold, float64 (t, candidates + 1).
+    """Measures how well each estimator would conceal received tracks if they were lost.
 
-    The last way hides the tracks. The error is the squared difference of the premultiplied colour and of the opacity,
-    at the true and at the estimated position, times the area of the Gaussian. Gaussians are treated as spheres that are
-    added up in any order.
+    The tracks of a fold are treated as lost at the same time. Their true and concealed appearance are compared at the
+    true and at the estimated position. The error is the squared difference of premultiplied colour and of opacity,
+    times the area of the Gaussian. Gaussians are treated as spheres that are added up in any order.
 
     Args:
         sequence: The sequence.
@@ -96,6 +96,10 @@ def _errors(
         arrived: Tracks with received motion.
         folds: Rows of `arrived` that are treated as lost at the same time.
         candidates: Estimators of lost motion.
+
+    Returns:
+        For each fold, the error of each of its t tracks, float64 (t, candidates + 1): with each estimator, and, in the
+        last column, if the track is hidden.
     """
     frames, splats = len(sequence.timeline.frames_of(group)), sequence.tracks.splats
     rests = [np.ones(len(arrived.tracks), bool) for _ in folds]
@@ -143,12 +147,16 @@ class _Field:
         self._tree = cKDTree((splats.means[tracks] + offsets)[self._rows])
 
     def error(self, points: np.ndarray, tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Returns the squared difference between two states of the tested tracks, times their area, float64 (t).
+        """Compares what is visible at some points with the tested tracks in their true and in an estimated state.
 
         Args:
-            points: Position of the comparison for each tested track, (t, 3).
+            points: Position at which each tested track is compared, (t, 3).
             tested: Rows of the tested tracks, int64 (t).
-            states: Position of each tested track, (t, 3), and mask of existing tracks, bool (t), of both states.
+            states: True state, estimated state. Each consists of the position of each tested track, (t, 3), and a mask
+                of the tracks that exist, bool (t).
+
+        Returns:
+            Squared difference of colour and opacity, times the area of the track's Gaussian, float64 (t).
         """
         there = np.ones(len(self._square), bool)
         there[tested] = False

@@ -49,11 +49,13 @@ def split_prior_outputs(outputs: Float[Tensor, "N P"], config: ModelConfig) -> P
 
 
 def typical_spread(scale: Float[Tensor, "N D"], step: float) -> Float[Tensor, "D"]:
-    """Returns the median predicted standard deviation of each channel, with rounding noise added.
+    """Returns a typical standard deviation of each channel of an attribute, including the noise of rounding.
+
+    The variance of the rounding noise, `step**2 / 12`, is added to the squared median of the predictions.
 
     Args:
         scale: Predicted standard deviations of the channels of some anchors.
-        step: Base quantisation step of the attribute, which determines the variance of the rounding noise.
+        step: Base quantisation step of the attribute.
     """
     typical = scale.clamp(min=step * 1e-3).median(dim=0).values
     return (typical**2 + step**2 / 12).sqrt()

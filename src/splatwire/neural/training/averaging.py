@@ -9,15 +9,15 @@ from splatwire.neural.training.state import TrainState
 
 
 def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
-    """Returns the iteration after which parameters are averaged.
+    """Returns the iteration after which the averaging of parameters begins.
 
     It is near the end of the training, but not before the end of the phase in which anchors are added and removed. The
-    fine-tuning at the end (`Milestones.tuning`) is averaged separately from the iterations before it.
+    fine-tuning at the end (`Milestones.tuning`) has an average of its own.
 
     Args:
         config: The configuration.
-        iteration: Current iteration; determines if the result is for the average of the fine-tuning, or for the average
-            of the iterations before it.
+        iteration: Current iteration. If it is part of the fine-tuning, the start of the average of the fine-tuning is
+            returned; otherwise, that of the average before it.
     """
     milestones = config.milestones
     if milestones.is_fine_tuning(iteration):

@@ -168,7 +168,7 @@ def _keys(cells: Int64[Tensor, "M 3"]) -> Int64[Tensor, "M"]:
 
 
 def _cells(keys: Int64[Tensor, "M"]) -> Int64[Tensor, "M 3"]:
-    """Decodes the integers of `_keys` to the three indices of each grid cell."""
+    """Splits 64-bit cell numbers into the three indices of each grid cell; the inverse of `_keys`."""
     low = (1 << _KEY_BITS) - 1
     parts = [keys >> (2 * _KEY_BITS), (keys >> _KEY_BITS) & low, keys & low]
     return torch.stack(parts, dim=1) - (1 << (_KEY_BITS - 1))

@@ -86,12 +86,13 @@ def _seeded(generator: torch.Generator, device: torch.device) -> torch.Generator
 
 @dataclass(frozen=True)
 class Randomness:
-    """Functions that draw random numbers, either on the CPU or on the training device.
+    """Random number generators of the training, which draw either on the CPU or on the training device.
 
     Attributes:
-        uniform: Draws uniform random numbers in [0, 1) of a given shape.
-        noise: Draws a matrix of uniform random numbers in [0, 1), for groups of columns of given widths.
-        sample: Draws random indices of about a given share of all anchors.
+        uniform: Draws uniform random numbers in [0, 1): a tensor of a given shape.
+        noise: Draws a matrix of uniform random numbers in [0, 1), given the number of rows and the widths of the column
+            groups that it consists of (`noise_from_host`).
+        sample: Selects a random subset of anchors, given their number and the share to select; returns indices.
     """
 
     uniform: Uniform

@@ -1,4 +1,7 @@
-"""Photometric loss, by default 0.8 L1 + 0.2 (1 - SSIM), with the gradient computed in the forward pass (HAC++)."""
+"""Photometric loss: difference of a rendered picture from a photo, by default 0.8 L1 + 0.2 (1 - SSIM) (HAC++).
+
+The gradient is computed together with the loss, in the forward pass.
+"""
 
 from dataclasses import dataclass
 from typing import Any

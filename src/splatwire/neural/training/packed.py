@@ -73,14 +73,19 @@ def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetw
 def _copy_indices(
     shapes: tuple[Shape, ...], order: tuple[int, ...], device: torch.device
 ) -> tuple[Int64[Tensor, "packed"], Int64[Tensor, "numbers"], Float[Tensor, "1"]]:
-    """Computes the indices with which the weights of several networks are copied into one array, and back.
+    """Computes which weight of the separate networks each weight of the combined network is a copy of.
 
-    The numbers of all networks are concatenated, and a zero is appended. A weight of the combined network that belongs
-    to none of the networks is a copy of this zero.
+    The weights of all separate networks are concatenated to one list, and a zero is appended. Entries of the combined
+    weight matrices that belong to no network are copies of this zero.
+
+    Args:
+        shapes: Numbers of inputs, hidden units and outputs of each separate network.
+        order: Order of the combined network's outputs, see `pack_networks`.
+        device: Device of the results.
 
     Returns:
-        For each packed weight, its index in the concatenated numbers. For each concatenated number, its index in the
-        packed weights. The zero to append, a tensor of length 1.
+        For each weight of the combined network, its index in the list; for each weight in the list, its index in the
+        combined network; and the zero to append.
     """
     numbers = sum(hidden * (inputs + 1 + outputs) + outputs for inputs, hidden, outputs in shapes)
     num_hidden, num_outputs = sum(shape[1] for shape in shapes), sum(shape[2] for shape in shapes)

@@ -195,10 +195,10 @@ class PacketLosses:
         return Loss(arrived, gain_of)
 
     def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Returns for each anchor, in coding order, the typical size of the anchors in its quality tier.
+        """Returns for each anchor, in coding order, the typical size of the anchors in its importance tier.
 
-        The received anchors are one tier, the lost anchors the other. Sizes are relative to the typical size in the
-        tier with the larger anchors, which has the value 1.
+        Used if only the first tier of a stream is received: the received anchors are one tier, the lost anchors the
+        other. Sizes are relative to those in the tier with the larger anchors, which have the value 1.
 
         Args:
             state: State of the training.
@@ -222,7 +222,9 @@ class PacketLosses:
 
 
 def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchors: int) -> np.ndarray:
-    """Returns the packet index of each anchor; packets are numbered in transmission order (interleaved).
+    """Returns the index of the packet that contains each anchor, for anchors in coding order.
+
+    Packets are numbered in the order in which they are sent, which is interleaved over the scene.
 
     Args:
         packetization: Rule by which anchors are split into packets.
@@ -231,7 +233,7 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
             up to a size in bytes, so the exact number is known only after coding.
 
     Returns:
-        Packet indices of the anchors in coding order, int64 (N).
+        Packet indices, int64 (N).
     """
     plan = PacketPlan(packetization, num_anchors)
     if packetization.hashed:

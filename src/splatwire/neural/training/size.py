@@ -70,9 +70,9 @@ def _measure_size(
 
 
 def first_measured(milestones: Milestones) -> int:
-    """Returns the iteration at which the first interval between measurements of the stream's size begins.
+    """Returns the iteration after which the size of the stream is measured at regular intervals.
 
-    It is the middle between the start of the context phase and the end of growth.
+    It is midway between the start of the context phase and the end of the phase in which anchors are added and removed.
     """
     return (milestones.context_start + max(milestones.growth_end, milestones.context_start)) // 2
 
@@ -93,7 +93,10 @@ def _interval(milestones: Milestones) -> int:
 
 
 def headroom(milestones: Milestones, iteration: int) -> float:
-    """Returns the allowed excess of the measured size after `iteration`, as a share of the target size."""
+    """Returns by how much the stream may be larger than the target size after `iteration`, as a share of the target.
+
+    It falls linearly during training, from `HEADROOM` to `LAST`.
+    """
     left = (milestones.iterations - iteration) / max(milestones.iterations - first_measured(milestones), 1)
     return LAST + (HEADROOM - LAST) * left
 

@@ -37,7 +37,9 @@ class Moments:
 
 @dataclass
 class GrowthStatistics:
-    """Statistics of anchors and offsets since the last change of the set of anchors, for the next change.
+    """Statistics of anchors and offsets that decide which anchors are removed, and where anchors are added.
+
+    They are gathered from one change of the set of anchors to the next.
 
     Attributes:
         opacity_sum: Sum of the opacities of an anchor's Gaussians, over the views that saw the anchor.

@@ -59,11 +59,11 @@ class SequenceLoad:
 
 @dataclass(frozen=True, eq=False)
 class MotionTransfer:
-    """Packets of groups of pictures in sending order, and the model of their datagrams.
+    """Model of the transfer of a sequence or of one group of pictures: its packets and parity as datagrams.
 
     Attributes:
-        order: Index of the packet at each position in sending order, int64.
-        model: Model of the datagrams; packets are numbered by position in `order`.
+        order: Sending order of the packets: index of the first packet that is sent, of the second, and so on, int64.
+        model: Model of the datagrams; packets are numbered by their position in `order`.
     """
 
     order: np.ndarray
@@ -71,11 +71,11 @@ class MotionTransfer:
 
     @staticmethod
     def of(load: SequenceLoad, found: Arranged, protection: Protection) -> "MotionTransfer":
-        """Returns the model of the datagrams for given packets in sending order.
+        """Builds the model of a transfer from the sending order of the packets and their parity.
 
         Args:
             load: Sizes of all packets of the sequence.
-            found: Sending order of the packets, and the parity of each run of packets.
+            found: Sending order of the packets, and the parity of each run of consecutive packets.
             protection: Amounts of redundancy, which determine when repair symbols are sent.
         """
         order, codes = np.array(found.order, np.int64), tuple(parity_groups(found.tiers))

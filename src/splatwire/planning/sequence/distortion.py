@@ -119,9 +119,10 @@ def measure_sequence_distortion(
 
 
 def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeline: Timeline) -> SequenceDistortion:
-    """Converts errors measured at several loss shares to one distortion curve per group of pictures.
+    """Builds the distortion model of a sequence from errors that were measured at several loss shares.
 
-    In groups with fewer frames than are sampled, frames are repeated.
+    All groups of pictures must have the same number of measured frames. In groups with fewer frames than `FRAMES`, some
+    frames are therefore used repeatedly.
 
     Args:
         shares: Lost share of each group's motion in each measurement, float64 (G, S).
