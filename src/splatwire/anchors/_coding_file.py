@@ -51,7 +51,7 @@ def coding_tensors(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
 def read_coding(
     reader: SceneReader, config: ModelConfig | CausalConfig, voxel_size: float
 ) -> HacppCoding | CausalCoding:
-    """Reads the context model (networks, other tensors and voxel size) of a scene file.
+    """Reads the networks and other tensors of the context model from a scene file.
 
     Args:
         reader: The open file.

@@ -164,7 +164,7 @@ def sketch_of(
 
 
 class _Scores:
-    """Measures the mean PSNR of concealed scenes after simulated packet losses; keeps the reference pictures."""
+    """Measures the mean PSNR of a scene after simulated packet losses and concealment, against reference pictures."""
 
     def __init__(self, stream: SceneStream, scene: Scene, views: CalibrationViews, config: SketchConfig) -> None:
         self._stream, self._scene, self._config = stream, scene, config

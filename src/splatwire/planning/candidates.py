@@ -181,9 +181,9 @@ def _init_segment_candidates(
 ) -> list[Protection]:
     """Returns candidate plans with different redundancy (FEC) of the init segment.
 
-    All candidates but the last deliver the side information with at least the probability `Search.head_target`, with
-    the fewest bytes; if no candidate can, they come closest to it. The last candidate has more redundancy, as a
-    reserve.
+    All but the last are the cheapest plans with which the side information arrives in the fraction `Search.head_target`
+    of the transfers. If no plan reaches this fraction, they are those that come closest to it. The last candidate has
+    more redundancy, as a reserve.
 
     Args:
         load: Sizes of the stream.

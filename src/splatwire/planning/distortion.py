@@ -1,4 +1,4 @@
-"""Distortion model of lost elements (anchors or Gaussians) by importance tier, for the planner."""
+"""Model, for the planner, of the picture errors that lost elements of each importance tier cause."""
 
 import math
 from collections.abc import Callable

@@ -27,9 +27,9 @@ from splatwire.types.splats import Splats
 class SceneFree:
     """Hides lost elements; multiplies size and opacity of received ones by factors (gains) that a network predicts.
 
-    The inputs of the network are shares of lost neighbours, ratios of sizes, and counts (`signatures`); anchor
-    features, colours and lengths are not. The network therefore generalises to scenes, numbers of channels and world
-    units outside its training set. Anchors and explicit Gaussians have separate networks.
+    The network reads shares of lost neighbours, ratios of sizes, and counts (`signatures`), but no anchor features,
+    colours or lengths. It therefore generalises to scenes, numbers of channels and world units outside its training
+    set. Anchors and explicit Gaussians have separate networks.
 
     Attributes:
         weights: File with network weights for anchors; None for the weights that ship with the package.

@@ -61,7 +61,7 @@ class Surroundings:
     classes: tuple[Neighborhood, ...]
 
     def select(self, wanted: Bool[np.ndarray, "M"]) -> "Surroundings":
-        """Returns the surroundings of only the anchors for which `wanted` is True."""
+        """Returns the surroundings of a part of the M anchors, selected by the mask `wanted`."""
 
         def of(part: Neighborhood) -> Neighborhood:
             return Neighborhood(part.index[wanted], part.distance[wanted])

@@ -1,7 +1,8 @@
-"""Selects how lost tracks are covered in each region, by cross-validation on received tracks.
+"""Chooses how to conceal each track with lost motion, by tests on tracks with received motion.
 
-Some received tracks are treated as lost. They are covered in several ways, and the result is compared with the received
-Gaussians. Each lost track is then covered in the way that is best for the tested tracks around it.
+Some received tracks are treated as lost. Each estimator of lost motion conceals them, and the result is compared with
+the received Gaussians. For a lost track, the estimator with the smallest errors on the tested tracks around it is used.
+If hiding those gave smaller errors, the lost track is hidden.
 """
 
 from collections.abc import Callable, Sequence

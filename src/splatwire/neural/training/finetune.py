@@ -120,10 +120,10 @@ def _context_parameters(coding: HacppCoding | CausalCoding) -> dict[str, Tensor 
 
 
 def _bounds(coding: HacppCoding | CausalCoding) -> tuple[Tensor, Tensor]:
-    """Returns the values of `TrainState.bounds_min` and `TrainState.bounds_max` for a scene's context model.
+    """Returns the bounds of anchor positions that a training state needs (`TrainState.bounds_min`, `bounds_max`).
 
-    HAC++ model: the lower and upper corner of the hash grid's bounding box. Causal model: the middle of the anchors
-    minus and plus their spread.
+    With the HAC++ model, they are the lower and the upper corner of the hash grid's bounding box. With the causal
+    model, they are the middle of the anchors minus and plus their spread.
     """
     if isinstance(coding, CausalCoding):
         return coding.middle - coding.spread, coding.middle + coding.spread

@@ -95,7 +95,7 @@ def _interval(milestones: Milestones) -> int:
 def headroom(milestones: Milestones, iteration: int) -> float:
     """Returns by how much the stream may be larger than the target size after `iteration`, as a share of the target.
 
-    It falls linearly during training, from `HEADROOM` to `LAST`.
+    The allowance falls linearly during training, from `HEADROOM` to `LAST`.
     """
     left = (milestones.iterations - iteration) / max(milestones.iterations - first_measured(milestones), 1)
     return LAST + (HEADROOM - LAST) * left

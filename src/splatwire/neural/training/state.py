@@ -245,9 +245,14 @@ def append_anchors(state: TrainState, voxels: Int64[Tensor, "M 3"], parameters: 
 
 
 def _map_rows(state: TrainState, change: Callable[[str | None, Tensor], Tensor]) -> None:
-    """Applies a function to every tensor of a state that has one row per anchor.
+    """Replaces every tensor of a state that has one row per anchor by the result of a function.
 
-    The function is called with the name of a trained tensor, or None for moments and statistics, and the tensor.
+    Used to remove or append rows, that is, anchors.
+
+    Args:
+        state: State of the training; changed in place.
+        change: Function of two arguments. The first is the name of a trained tensor, or None for Adam's moments and
+            statistics; the second is the tensor.
     """
     for name in state.means.keys() & set(ANCHOR_PARAMETERS):
         state.means[name] = change(name, state.means[name])

@@ -1,4 +1,4 @@
-"""Distortion model of lost motion packets in a group of pictures, after concealment."""
+"""Model of the picture errors that lost motion packets cause in a group of pictures, after concealment."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
