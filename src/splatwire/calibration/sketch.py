@@ -55,7 +55,7 @@ class SketchResult:
 
 @runtime_checkable
 class Sketch(Protocol):
-    """Protocol of a sketch: data with which a receiver draws important elements even if their packets are lost.
+    """Protocol of a sketch: data that lets a receiver draw important elements even if their packets are lost.
 
     A sketch consists of coarse copies of elements (anchors or explicit Gaussians), which are sent in the side
     information. It also contains the parameters with which a receiver enlarges drawn elements next to lost ones.

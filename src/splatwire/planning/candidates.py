@@ -127,7 +127,7 @@ def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
 
 @checked
 def baseline_candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> dict[str, Protection]:
-    """Returns two simple allocations of redundancy, by name, with which better ones are compared.
+    """Returns two simple allocations of redundancy, by name, as baselines for optimised ones.
 
     `whole` gives all packets and the side information the same share of parity, as much as the budget allows. `conceal`
     protects only the side information. Both send the packets of all importance tiers in a mixed order. Otherwise one
@@ -230,7 +230,7 @@ def _least_repair(load: StreamLoad, traces: np.ndarray, rate: float, search: Sea
         traces: Masks of received datagrams in T simulated transfers, bool (T, n).
         rate: Mean loss rate of datagrams.
         search: Constraints of the plan.
-        start: Allocation of redundancy, of which all but the repair symbols of the side information is kept.
+        start: Allocation of redundancy; only its repair symbols for the side information are replaced.
 
     Returns:
         The allocation with the chosen number of repair symbols.

@@ -122,7 +122,7 @@ def tuned_to_pictures(
 
 
 def fitted_cameras(scene: SplatScene, cameras: Cameras | None, tuning: Tuning) -> Cameras:
-    """Chooses the views for fine-tuning, in which pictures of the Gaussians are compared with reference pictures.
+    """Chooses the views for fine-tuning, which compares pictures of the Gaussians with reference pictures.
 
     If cameras are given, all are used except the held-out ones, which only measure the final PSNR. If they are too few,
     randomly moved copies are added, so that Gaussians are also fitted to the views between them.

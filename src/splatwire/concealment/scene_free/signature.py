@@ -67,7 +67,7 @@ def near_losses(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Fl
 
 
 def log_gain(share: Any) -> Any:
-    """Returns the logarithm of the factor on area with which received elements make up for a lost share.
+    """Returns the logarithm of the factor on the area of received elements that makes up for a lost share.
 
     The factor is 1 / (1 - share). Shares above `_MOST_LOST` count as `_MOST_LOST`.
     """

@@ -87,7 +87,7 @@ def _load(path: Path, kind: type[Network]) -> Network:
 
 @cache
 def default_weights() -> GainNetwork:
-    """Returns the shipped neural network with which the concealer `scene_free` conceals losses of anchors.
+    """Returns the shipped neural network of the concealer `scene_free` for scenes of anchors.
 
     The network predicts factors on size and opacity of the Gaussians of received anchors next to lost ones.
     """
@@ -96,7 +96,7 @@ def default_weights() -> GainNetwork:
 
 @cache
 def default_element_weights() -> ElementNetwork:
-    """Returns the shipped neural network with which the concealer `scene_free` conceals losses of explicit Gaussians.
+    """Returns the shipped neural network of the concealer `scene_free` for scenes of explicit Gaussians.
 
     The network predicts factors on size and opacity of received Gaussians next to lost ones.
     """

@@ -224,7 +224,7 @@ class PacketLosses:
 def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchors: int) -> np.ndarray:
     """Returns the index of the packet that contains each anchor, for anchors in coding order.
 
-    Packets are numbered in the order in which they are sent, which is interleaved over the scene.
+    Packets are numbered in sending order, which is interleaved over the scene.
 
     Args:
         packetization: Rule by which anchors are split into packets.
