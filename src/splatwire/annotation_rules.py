@@ -1,4 +1,8 @@
-"""Rules for the values that an annotation accepts, and their descriptions in messages (`splatwire.arguments`)."""
+"""Derives checks of arguments from type annotations, for the decorator `splatwire.arguments.checked`.
+
+The check of one annotation is a `Rule`: which values it accepts, how it converts them, and how an error message
+describes them.
+"""
 
 import inspect
 import operator
@@ -31,7 +35,7 @@ _CONVERTED = ("Scene", "Elements")
 
 
 class Rule(NamedTuple):
-    """Rule for the values of one annotation.
+    """Check of the values that are passed where one type annotation stands.
 
     Attributes:
         what: Description of accepted values; empty if every value is accepted.
@@ -70,10 +74,10 @@ def annotation_of(owner: Any, name: str) -> Any:
 
 
 def rule_of(hint: Any, arrays: Callable[[Any], Rule]) -> Rule:
-    """Builds the rule for the values of an annotation.
+    """Translates a type annotation into a rule that checks values at run time.
 
     Args:
-        hint: The evaluated annotation.
+        hint: The annotation as an object, not as text.
         arrays: Builds the rule of an array annotation: `array_rule` for fields, `array_like_rule` for parameters.
     """
     hint = getattr(hint, "__value__", hint)
@@ -235,12 +239,12 @@ def _mapping_rule(kind: type, rules: list[Rule]) -> Rule:
 
 
 def _items_rule(kind: type, item: Rule) -> Rule:
-    """Builds the rule of a sequence or iterable annotation.
+    """Builds the rule for a collection annotation such as `Sequence[int]` or `Iterable[Frame]`.
 
-    Items of an iterator are only checked when the function reads them (`_checked_items`).
+    An iterator can be read only once, so each of its items is checked when the decorated function reads the item.
 
     Args:
-        kind: The annotated class, such as `Iterable`.
+        kind: The class of the annotation, such as `Iterable`.
         item: Rule of the items.
     """
     sized = kind.__name__ in ("Sequence", "Collection", "list", "frozenset", "set")
@@ -266,7 +270,11 @@ def _items_rule(kind: type, item: Rule) -> Rule:
 
 
 def _checked_items(values: Any, item: Rule) -> Any:
-    """Yields the items of an iterator, and checks each of them just before.
+    """Wraps an iterator: yields the same items, but raises an error at the first item that the rule rejects.
+
+    Args:
+        values: The iterator.
+        item: Rule that each item must satisfy.
 
     Raises:
         InvalidValueError: If an item is not accepted.
@@ -278,9 +286,9 @@ def _checked_items(values: Any, item: Rule) -> Any:
 
 
 def _protocol_rule(kind: type) -> Rule:
-    """Builds the rule of a protocol, which accepts instances of classes with all of its members.
+    """Builds the rule for a protocol (`typing.Protocol`): it accepts objects that have all members of the protocol.
 
-    Unlike `isinstance`, it does not evaluate properties of the value.
+    Unlike `isinstance`, the check does not evaluate properties of the object.
     """
     plain = set(dir(typing.Protocol)) | {"__annotations__", "__dataclass_fields__", "__protocol_attrs__"}
     found = {name for base in kind.__mro__ if getattr(base, "_is_protocol", False) for name in vars(base)}

@@ -34,10 +34,12 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def checked_except(*own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Returns a decorator like `checked` that leaves some parameters to the function, for a more specific message.
+    """Returns a decorator like `checked` that does not check some parameters.
+
+    The decorated function checks these parameters itself, for example to raise a more specific error.
 
     Args:
-        own: Names of the parameters that the function checks itself.
+        own: Names of the parameters that are not checked.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -108,7 +110,15 @@ def _rules_of_fields(kind: Any) -> dict[str, Rule]:
 
 
 def _rules(owner: Any, names: list[str], arrays: Callable[[Any], Rule]) -> dict[str, Rule]:
-    """Returns the rules of parameters or fields, by name; those that accept everything are omitted."""
+    """Returns the checks of the parameters of a function, or of the fields of a dataclass, by name.
+
+    Parameters that accept every value have no check and are omitted.
+
+    Args:
+        owner: The function or class.
+        names: Names of the parameters or fields.
+        arrays: Builds the check of an array annotation, see `rule_of`.
+    """
     found = {}
     for name in names:
         hint = annotation_of(owner, name)

@@ -1,8 +1,8 @@
 """Registries that installed packages extend: concealers, schemas, loss models, file formats and metrics.
 
-A package announces an entry with an entry point in the registry's group, under the entry's name. Loading the entry
-point imports the module that registers the entry. Each process looks up entry points when it needs a name that is not
-registered, or lists all names.
+An installed package announces each of its entries as an entry point (`importlib.metadata`), whose name is the name of
+the entry and whose group belongs to the registry. Loading the entry point imports the module that calls
+`Registry.register`. Entry points are looked up only when a name is not registered yet, or when all names are listed.
 """
 
 import functools
@@ -170,7 +170,10 @@ class Registry(Generic[Entry]):
         self._loaded.append(point)
 
     def _brought_by(self, point: "EntryPoint") -> bool:
-        """True if the package of an entry point has registered the entry that the entry point announces."""
+        """True if the registered entry with the name of an entry point comes from the entry point's package.
+
+        Otherwise, another package has registered an entry of this name.
+        """
         same = self._sources[point.name].partition(".")[0] == point.module.partition(".")[0]
         return same or point in self._loaded
 

@@ -77,8 +77,9 @@ def encode(
 ) -> SceneStream:
     """Encodes a scene, or the frames of a sequence, into independently decodable packets.
 
-    With `size`, `psnr` or `effort` the precision of each Gaussian is measured in pictures of the scene, as the command
-    line does, and `classes` and `tiers` of the options must not be given.
+    With `size`, `psnr` or `effort`, the encoder renders the scene and derives from the pictures how precisely each
+    Gaussian is coded, like `splatwire encode`. It then sets the options `classes` and `tiers` itself; the caller must
+    not give them.
 
     Args:
         scene: A scene, a decoded scene without losses, explicit Gaussians, or, with `SequenceOptions`, frames.

@@ -81,9 +81,10 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
 
 
 def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
-    """Returns the tile boundaries of each level of detail, coarsest level first.
+    """Returns where each tile begins and ends in the sorted original Gaussians, for each level, coarsest level first.
 
-    Boundaries are indices of Gaussians in the finest level, which is sorted by tiles.
+    A tile of a coarser level covers a run of several tiles of the finest level. A boundary is the index of the first
+    Gaussian of a tile; the last boundary is the number of Gaussians.
     """
     bounds, edges = [shapes[0].edges], np.arange(shapes[0].num_tiles + 1)
     for finer, shape in itertools.pairwise(shapes):
@@ -94,10 +95,16 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
 
 
 def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Distributes the Gaussians of each coarser tile over the finer tiles that the coarser tile replaces.
+    """Decides for each tile how many Gaussians of the next coarser level represent it.
 
-    Yields one item for each finer tile: the index of the coarser tile, the index of the finer tile, the number of
-    coarser Gaussians that replace the finer tile, and the `footprints` of the finer tile's Gaussians.
+    Args:
+        level: Gaussians of the finer level.
+        finer: Sizes of the finer level and its tiles.
+        shape: Sizes of the next coarser level and its tiles.
+
+    Yields:
+        For each finer tile: index of the coarser tile that replaces it, its own index, number of Gaussians that
+        represent it, and `footprints` of its Gaussians.
     """
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):
@@ -110,16 +117,18 @@ def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterat
 
 
 def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Distributes the Gaussians of a coarser tile over the finer tiles that it replaces.
+    """Decides how many Gaussians of a coarser tile represent each of the finer tiles that it replaces.
+
+    A fraction `EVEN` of them is divided in proportion to the number of Gaussians of the finer tiles (`counts`). The
+    rest is divided in proportion to the size of these Gaussians (`extents`).
 
     Args:
-        size: Number of coarser Gaussians to distribute, at most the number of Gaussians of all finer tiles. A fraction
-            `EVEN` is distributed in proportion to `counts`, the remaining Gaussians in proportion to `extents`.
+        size: Number of Gaussians of the coarser tile, at most the number of Gaussians of all finer tiles.
         extents: Total size of the Gaussians of each finer tile, float64 (C).
         counts: Number of Gaussians of each finer tile, int64 (C).
 
     Returns:
-        Number of coarser Gaussians per finer tile, at most `counts`; the sum is `size`, int64 (C).
+        Number of Gaussians that represent each finer tile, at most `counts`, int64 (C); the sum is `size`.
     """
     weights = EVEN * counts / counts.sum() + (1 - EVEN) * extents / max(extents.sum(), 1e-300)
     shares = np.minimum(np.diff(np.rint(np.cumsum(weights) / weights.sum() * size).astype(np.int64), prepend=0), counts)

@@ -86,7 +86,16 @@ def encode_levels(
 def _precision_classes(
     built: BuiltLevels, classes: np.ndarray | None, quality: str | int | float | Quality | None
 ) -> np.ndarray:
-    """Returns the precision class of each Gaussian of all levels."""
+    """Returns the precision class, that is, the set of quantisation steps, of each Gaussian of all levels.
+
+    Gaussians of coarser levels get one of two classes: a more precise one for unchanged copies of finer Gaussians, a
+    less precise one for merged Gaussians.
+
+    Args:
+        built: The levels of detail.
+        classes: Precision classes of the original Gaussians; None for class 0.
+        quality: Quantisation quality, which limits the number of classes; None for the default.
+    """
     chosen = quality_of("default" if quality is None else quality).num_classes(built.scene.splats.degree)
     merged = max(COARSEST_CLASS, 1 - chosen)
     found = np.where(built.old, np.int8(merged + 1), np.int8(merged))

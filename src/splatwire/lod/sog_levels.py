@@ -60,11 +60,12 @@ def write_sog_levels(
 ) -> SogLevelsReport:
     """Builds levels of detail of a scene and writes them as streamed SOG.
 
-    Each leaf of a k-d tree has all levels; each level has a quarter of the Gaussians of the next finer level.
+    The scene is divided into the leaves of a k-d tree. A viewer chooses a level for each leaf. Each level has a quarter
+    of the Gaussians of the next finer level.
 
     Args:
-        scene: Explicit Gaussians; invisible and invalid ones are removed, which is logged. Outliers that cost all
-            others precision are moved nearer, as in a single SOG.
+        scene: Explicit Gaussians. Invisible and invalid ones are removed, which is logged. Positions far outside the
+            scene are moved nearer, because they would make the quantisation of all other positions coarser.
         folder: Existing folder of the files.
         leaf: Maximum number of Gaussians per leaf.
         progress: Called with the completed fraction, 0 to 1.
@@ -117,7 +118,11 @@ def write_sog_levels(
 
 
 def _num_levels(count: int, leaf: int) -> int:
-    """Returns the number of levels: the coarsest has at most a quarter of a leaf, or is level `_MOST_LEVELS`."""
+    """Returns the number of levels of detail, at most `_MOST_LEVELS`.
+
+    Each level has a quarter of the Gaussians of the finer one. Levels are added until the coarsest one, over the whole
+    scene, has at most a quarter of the Gaussians that fit into one leaf.
+    """
     levels = 1
     while levels < _MOST_LEVELS and count > FACTOR and count * FACTOR > leaf:
         count, levels = -(-count // FACTOR), levels + 1
@@ -135,9 +140,14 @@ def _levels_of(finest: Splats, num_levels: int) -> list[Splats]:
 
 
 def _nodes(leaves: list[list[Splats]], files: list[int]) -> list[dict[str, Any]]:
-    """Returns the JSON object of each leaf: its bounds, and where the chunk files contain each of its levels.
+    """Describes leaves of the tree as JSON objects of streamed SOG: bounding box, and location of each level's data.
 
-    The leaves are stored in the files one after the other.
+    A file contains the Gaussians of one level of all given leaves, one leaf after the other. A location is the index of
+    the file, the index of the leaf's first Gaussian in it, and the number of Gaussians.
+
+    Args:
+        leaves: Gaussians of each level, for each leaf.
+        files: Index of the file of each level.
     """
     offsets, nodes = [0] * len(files), []
     for levels in leaves:

@@ -115,11 +115,13 @@ def write_tileset(
 
 
 def explicit_scene(scene: Scene, holder: str) -> SplatScene:
-    """Returns a scene of explicit Gaussians without invisible and invalid ones, which is logged.
+    """Prepares a scene for a format that stores Gaussians only: removes invisible and invalid Gaussians.
+
+    The number of removed Gaussians is logged. Scenes of anchors are rejected.
 
     Args:
         scene: The scene to write.
-        holder: Format and verb for the error message, such as "3D Tiles hold".
+        holder: Beginning of the error message for anchors, such as "3D Tiles hold".
 
     Raises:
         InvalidValueError: If there is no Gaussian, or the scene has anchors.

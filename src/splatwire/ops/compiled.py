@@ -128,13 +128,14 @@ def _sources_digest(module: str) -> str:
 
 
 def _follow(module: str, found: dict[str, list[str]]) -> None:
-    """Adds the constants of a module to `found`, as text, and the constants of all modules that it imports.
+    """Collects the constants that kernels of a module may be compiled with, as text, for a digest.
 
-    Imports are followed recursively, but only within the same package.
+    These are the constants of the module and of all modules of the same package that it imports, directly or
+    indirectly.
 
     Args:
         module: Full name of the module.
-        found: Constants by name of the module; extended in place.
+        found: Output: texts of the constants by full name of the module, extended in place.
     """
     constants: list[str] = []
     found[module] = constants

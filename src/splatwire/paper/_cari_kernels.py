@@ -1,7 +1,8 @@
-"""Numba kernels that score the neighbours of lost anchors, for the concealer CARI.
+"""Compiled kernels that choose the neighbours from which the concealer CARI interpolates a lost anchor.
 
-Results equal those of `splatwire.paper.weighting._select_plain`. Each lost anchor (query) is scored separately, so
-results do not depend on the number of threads.
+Each candidate neighbour gets a score, and the highest scores are chosen. Results equal those of
+`splatwire.paper.weighting._select_plain`. Lost anchors (queries) are processed independently, so results do not depend
+on the number of threads.
 """
 
 from typing import no_type_check
@@ -110,19 +111,21 @@ def score_and_keep(
     keep: int,
     exponents: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Scores the candidate neighbours of lost anchors; keeps those with the highest scores per attribute group.
+    """Chooses the candidates with the highest scores for each lost anchor and attribute group.
+
+    The score is the product in `splatwire.paper.weighting.select_neighbors`.
 
     Args:
         context: Hash-grid feature of each anchor, a unit vector, float32 (N, H).
         signature: Residual signature of each anchor, a unit vector, float32 (N, S).
-        reliability: Factors `w_unc * w_conf` of the score (`splatwire.paper.weighting.select_neighbors`) for each
-            anchor and attribute group, float32 (N, G).
+        reliability: Product of the score's factors for certainty of the prior (`w_unc`) and for confidence (`w_conf`),
+            for each anchor and attribute group, float32 (N, G).
         queries: Indices of the lost anchors, int64 (Q).
         candidates: Indices of the candidate anchors of each query, int64 (Q, L).
         distance: Distances of the candidates, float32 (Q, L).
         keep: Number of candidates to keep, at most L.
-        exponents: Exponents of `distance + epsilon`, context similarity and signature similarity, then epsilon;
-            float32 (4).
+        exponents: Exponents of `distance + epsilon`, of the similarity of contexts and of the similarity of
+            signatures; the fourth number is epsilon. float32 (4).
 
     Returns:
         Anchor indices, int64 (Q, G, keep), and scores, float32 (Q, G, keep), highest score first.

@@ -126,14 +126,16 @@ CARI_PRESETS = {"paper": Cari()}
 
 @dataclass(frozen=True, eq=False)
 class _ConstantData:
-    """Data that does not change between the passes of the interpolation.
+    """Inputs of CARI that are the same in every pass over the lost anchors.
 
     Attributes:
         context: The received scene.
-        groups: Attribute groups.
+        groups: Groups of attribute channels that are interpolated with the same neighbours and weights.
         unit_context: Hash-grid feature of each anchor, normalised to length 1.
-        certainty: Factor `w_unc` of the score of each anchor, per attribute group.
-        everyone: Search tree of all anchors; later passes also use concealed anchors as neighbours.
+        certainty: Factor of each anchor's score as a neighbour, lower for an uncertain prior (`w_unc` in the paper),
+            per attribute group.
+        everyone: Search tree of all anchors. The first pass uses received anchors as neighbours only, later passes use
+            concealed ones, too.
     """
 
     context: ReceivedScene
@@ -262,10 +264,10 @@ def _interpolate(
 
 
 def _known_residuals(context: ReceivedScene, mask: Bool[Tensor, "N K"]) -> Bool[Tensor, "N K"]:
-    """Returns the mask of the offsets whose residual is known or was interpolated, after a pass.
+    """Returns which offsets have a valid residual after a pass and can thus be used as neighbours in the next pass.
 
-    The residual of a lost offset was interpolated. The residual of a received offset is known only if the anchor's mask
-    was received too.
+    Lost offsets have an interpolated residual. Received offsets have a residual only if the anchor's mask was received,
+    too, because the mask tells which offsets exist.
 
     Args:
         context: The received scene.

@@ -62,13 +62,13 @@ class MaskVote:
 
 
 def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], tuple[Attribute, ...]]]:
-    """Groups attributes that were lost for the same anchors, so that one neighbour search suffices for each group.
+    """Groups the attributes with losses; attributes in a group were lost for exactly the same anchors.
 
-    If each packet contains all attributes of its anchors, the result is a single group.
+    One neighbour search then suffices for each group. There is a single group if each packet contains all attributes of
+    its anchors. Attributes without losses are omitted.
 
     Returns:
-        For each group, the mask of the anchors with these attributes received, and the attributes. Attributes without
-        losses are omitted.
+        For each group, the mask of the anchors that received these attributes, and the attributes.
     """
     groups: list[tuple[Tensor, list[Attribute]]] = []
     for attribute in Attribute:

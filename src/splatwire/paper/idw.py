@@ -108,11 +108,12 @@ def fill_from_neighbors(
     weight: Float[Tensor, "Q k"],
     vote: MaskVote,
 ) -> None:
-    """Fills `attributes` of the lost anchors `queries` with weighted means of their neighbours; changes `filled`.
+    """Writes weighted means of the neighbours' attributes to lost anchors, in place.
 
     Args:
-        anchors: All anchors as received; gives the neighbours' values.
-        filled: Output: the anchors to change. Offsets that no neighbour has are not changed.
+        anchors: All anchors as received; source of the neighbours' values.
+        filled: Output: all anchors, whose rows `queries` are changed. An offset that exists in no neighbour is not
+            changed.
         attributes: Attributes to fill.
         queries: Indices of the anchors to fill.
         index: Anchor indices of the neighbours of each query.

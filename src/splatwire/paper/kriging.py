@@ -44,13 +44,17 @@ class Correlogram:
 @register_concealer("kriging", needs=[Prior])
 @dataclass(frozen=True)
 class Kriging:
-    """Conceals an anchor with the conditional mean of a random field, given the nearest received anchors.
+    """Estimates the attributes of a lost anchor from its nearest received anchors by simple kriging.
 
-    `v_q = m + r^T R^-1 (v_k - m)` with correlations R among the neighbours and r between neighbours and query. All
-    channels of an attribute share one correlogram, chosen from a small grid. The choice minimises the error when a
-    sample of received anchors is predicted from their received neighbours (squared error over the channels'
-    variances). If no correlogram is better than the mean m, the result is m. If a neighbour lacks an offset, the mean m
-    of this offset is used. The mask bits are estimated as numbers from 0 to 1 and then decided by `vote`.
+    The estimate of a lost anchor (query) is `v_q = m + r^T R^-1 (v_k - m)`. Here m is the expected value (`target`),
+    and v_k are the values of the neighbours. R has the correlations between the neighbours, and r the correlations
+    between the neighbours and the query. Each attribute has its own `Correlogram` (correlation as a function of
+    distance), chosen from a small grid. The choice minimises the squared error, relative to each channel's variance,
+    when a sample of received anchors is predicted from its received neighbours. If no correlogram predicts better than
+    the mean m, the estimate is m.
+
+    If a neighbour lacks an offset, the mean m of this offset is used. The mask bits are estimated as numbers from 0 to
+    1 and then decided by `vote`.
 
     Attributes:
         neighbors: Number of received neighbours of each lost anchor (query).
@@ -136,13 +140,17 @@ def kriging_weights(
     distance: Float[Tensor, "Q k"],
     fit: Correlogram,
 ) -> Float[Tensor, "Q k"]:
-    """Returns the weights of the neighbours in the conditional mean, `R^-1 r`.
+    """Computes the kriging weights of the neighbours: the linear prediction with the least expected squared error.
+
+    The weights are `R^-1 r`, where R has the correlations between the neighbours, and r the correlations between the
+    neighbours and the lost anchor (query). Correlations follow from distances by `fit`.
 
     Args:
         positions: Positions of all anchors.
         index: Anchor indices of the neighbours of each lost anchor (query).
         distance: Distances of the neighbours from the query, farthest last.
-        fit: The correlogram. A correlation below 1 keeps R regular even if two neighbours have the same position.
+        fit: Correlation as a function of distance. It is below 1 even at distance 0, so R is invertible although two
+            neighbours may have the same position.
     """
     if fit.correlation == 0 or index.shape[1] == 0:
         return torch.zeros_like(distance)
@@ -157,13 +165,13 @@ def kriging_weights(
 
 @dataclass(frozen=True, eq=False)
 class _Field:
-    """One attribute as a random field.
+    """Values of one attribute that kriging interpolates: deviations of all anchors from their expected values.
 
     Attributes:
         attribute: The attribute.
         mean: Expected values of every anchor, as selected by `Kriging.target`.
         residual: Received value minus mean; 0 for lost anchors and for offsets that do not exist.
-        exists: True for values that exist and are included in errors.
+        exists: True for values that were received and exist; other values are excluded from errors.
         spread: Variance of the residual of each channel.
     """
 
@@ -212,9 +220,10 @@ def regress(
 
 
 def _ridge(inputs: Float64[Tensor, "n P"], values: Float64[Tensor, "n D"]) -> Float64[Tensor, "P D"]:
-    """Fits a ridge regression whose penalty is chosen by generalised cross-validation; returns the coefficients.
+    """Fits a ridge regression and returns its coefficients.
 
-    Coefficients of zero are also a candidate.
+    The penalty is chosen by generalised cross-validation, which estimates the prediction error. If no penalty is
+    estimated to be better than a prediction of zero, all coefficients are zero.
     """
     count = len(inputs)
     power, axes = torch.linalg.eigh(inputs.T @ inputs)

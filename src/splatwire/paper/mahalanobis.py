@@ -42,7 +42,9 @@ class MahalanobisSearch:
         )  # fmt: skip
 
     def query(self, queries: Float[Tensor, "Q 3"], k: int) -> tuple[Int64[Tensor, "Q kept"], Float[Tensor, "Q kept"]]:
-        """Finds the `kept = min(k, S)` nearest points of each query, by ascending distance, then ascending index.
+        """Finds the k points that are nearest to each query by Mahalanobis distance, nearest first.
+
+        Of equally distant points, the lower index is first. If there are fewer than k points, all are returned.
 
         Args:
             queries: Query positions.

@@ -1,4 +1,7 @@
-"""The optional ridge regression that refines the features interpolated by CARI."""
+"""Optional refinement of the features that CARI interpolates: a local linear model instead of the weighted mean.
+
+The model is fitted to the neighbours' features by ridge regression, that is, least squares with a penalty on slopes.
+"""
 
 import torch
 from jaxtyping import Float

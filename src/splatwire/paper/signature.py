@@ -45,7 +45,10 @@ class Residuals:
 
 
 def residuals_of(context: ReceivedScene) -> Residuals:
-    """Computes the residuals of the attributes that a receiver has received; all other residuals are zero."""
+    """Subtracts the prior's mean from each received attribute; the differences of lost attributes are zero.
+
+    An offset counts as received only if the anchor's offset mask was received too.
+    """
     anchors, prior, received = context.scene.anchors, context[Prior], context.loss_mask.received
     exists = anchors.mask & received[:, int(Attribute.OFFSET), None] & received[:, int(Attribute.MASK), None]
     offset = (anchors.offsets - prior.offset.mean.view(anchors.offsets.shape)) * exists[:, :, None]

@@ -29,12 +29,14 @@ class ScoreExponents:
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """Properties of all N anchors from which scores of neighbours are computed.
+    """Inputs of `select_neighbors`, which scores candidate neighbours of lost anchors: properties of all N anchors.
 
     Attributes:
-        context: Hash-grid features, normalised to length 1; zero vectors remain zero.
-        signature: Residual signatures, normalised to length 1; zero vectors remain zero.
-        reliability: Product of the score's factors `w_unc` and `w_conf` (see `select_neighbors`), per attribute group.
+        context: Hash-grid feature of each anchor, normalised to length 1; zero vectors remain zero.
+        signature: Signature of each anchor's residuals (`splatwire.paper.signature.signatures`), normalised to length
+            1; zero vectors remain zero.
+        reliability: Factor of an anchor's score that does not depend on the lost anchor, per attribute group. It is
+            lower for an uncertain prior (`w_unc`) and for anchors that are themselves concealed (`w_conf`).
     """
 
     context: Float[Tensor, "N H"]

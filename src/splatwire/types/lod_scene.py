@@ -48,9 +48,10 @@ class Levels:
 
     @property
     def copied(self) -> Bool[np.ndarray, "N"]:
-        """Mask of Gaussians in coarser levels that are unchanged copies of finer Gaussians; the others are merged.
+        """Mask of the Gaussians of coarser levels that are copies of a Gaussian of the next finer level.
 
-        Coarser levels have two precision classes; unchanged Gaussians have the higher precision.
+        The other Gaussians of coarser levels replace several finer Gaussians. The encoder gives copies a more precise
+        class than merged Gaussians, so this method takes the most precise class in the coarser levels.
         """
         coarser = self.of > 0
         return coarser & (self.classes == self.classes[coarser].max()) if bool(coarser.any()) else coarser

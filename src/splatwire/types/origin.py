@@ -102,15 +102,15 @@ def check_precision(means: np.ndarray, name: str) -> None:
 
 
 def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
-    """Checks whether a declared origin is near the positions of a scene.
+    """Checks whether positions relative to an origin are small enough for float32.
 
     Args:
-        origin: The declared origin.
+        origin: The origin that a file declares.
         means: World coordinates, float64 (N, 3).
 
     Returns:
-        None if float32 is precise enough for positions relative to the origin. Otherwise the distance of the median
-        position from the origin along the axis on which it is largest, world units.
+        None if they are. Otherwise, the distance of the scene from the origin, world units: the largest absolute
+        component of the median position relative to the origin.
     """
     apart = means - np.array(origin)
     if choose_origin(apart, wide=False) == NO_ORIGIN:

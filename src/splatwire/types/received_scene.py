@@ -52,13 +52,13 @@ class ExpectedPlaces(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class TierSizes(CheckedFields):
-    """Typical size of each element, sent by the encoder as one number for each importance tier.
+    """Approximate size of every element, received or lost, for the concealment of losses.
 
-    The number is available for lost elements too, because the tier of every element is known.
+    The encoder sends one typical size per importance tier (group of elements of similar importance). The tier of each
+    element is known, also if the element is lost.
 
     Attributes:
-        sizes: Typical size of the elements in the tier of each element, above 0. Only ratios between tiers are
-            meaningful.
+        sizes: Typical size in the tier of each element, above 0, in an arbitrary unit: only ratios are meaningful.
     """
 
     sizes: Float[Any, "N"]
@@ -68,14 +68,14 @@ class TierSizes(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class Copies(CheckedFields):
-    """Redundant copies of some Gaussians, sent in the side information, and the sender's concealment parameters.
+    """Redundant coarse copies of some Gaussians, which a receiver draws if the originals are lost.
 
     Attributes:
-        places: Indices of the copied Gaussians in coding order, without duplicates.
+        places: Index of the original of each copy in coding order, without duplicates.
         splats: Attributes of the copies.
-        growth: Parameters of the enlargement of received Gaussians next to lost ones, chosen by the sender: exponents
-            of the factors on size and on opacity, and strength of the correction by the neural network of the concealer
-            `scene_free`.
+        growth: Three parameters, chosen by the sender, with which a receiver enlarges received Gaussians next to lost
+            ones. The first two are exponents of the enlargement of size and of opacity. The third is the strength of
+            the correction by the neural network of the concealer `scene_free`.
     """
 
     places: Int64[np.ndarray, "C"]
@@ -164,7 +164,10 @@ class ReceivedScene(Generic[S]):
 
     @property
     def expectation(self) -> Expectation | None:
-        """Prediction of every element, or None if the decoder already fills lost elements with expected values."""
+        """Prediction of every element from the side information (such as `Prior`), or None.
+
+        It is None if the stream has no prediction; the decoder then fills lost elements with expected values itself.
+        """
         return next((record for record in self.records if isinstance(record, Expectation)), None)
 
     @property
@@ -204,12 +207,12 @@ class ReceivedScene(Generic[S]):
 
 
 def _rows(records: tuple[Any, ...]) -> set[int]:
-    """Returns the different element counts of those side information records that have one entry per element.
+    """Returns the number of elements according to each side information record, to check that records agree.
 
-    All these records belong to one scene, so a consistent set of records gives at most one count.
+    Only records with one entry per element are considered. The result has at most one number if the records agree.
 
     Args:
-        records: Side information records of a received scene, of any type; other types are ignored.
+        records: Side information records of a received scene.
     """
     rows = set()
     for record in records:

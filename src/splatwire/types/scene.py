@@ -34,16 +34,15 @@ class RenderHints(CheckedFields):
 
 @dataclass(frozen=True)
 class Coverage(CheckedFields):
-    """Degree to which received elements are enlarged to cover lost ones, for one type of scene.
+    """How strongly the concealer `grow` enlarges received elements to cover lost ones, for one type of scene.
 
-    Let r be the share of an element's neighbours that was received. The concealer `grow` (`splatwire.concealment.Grow`)
-    multiplies the size of the element by `r ** -(exponent * size)`.
-
+    The enlargement depends on r, the share of an element's neighbours that was received, and on the parameter
+    `exponent` of the concealer (`splatwire.concealment.Grow`). The size is multiplied by `r ** -(exponent * size)`.
     The opacity o becomes `1 - (1 - o) ** (r ** -(exponent * opacity))`.
 
     Attributes:
-        size: Factor on the exponent for the size of elements.
-        opacity: Factor on the exponent for their opacity; 0 leaves opacities unchanged.
+        size: Factor on the exponent for the size; 0 leaves sizes unchanged.
+        opacity: Factor on the exponent for the opacity; 0 leaves opacities unchanged.
     """
 
     size: float

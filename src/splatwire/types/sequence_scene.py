@@ -56,21 +56,22 @@ class Timeline:
 
 @dataclass(frozen=True, eq=False)
 class GroupMotion:
-    """Received motion of one group of pictures (GOP).
+    """Received motion of one group of pictures (GOP): which tracks exist in it, and their states in its frames.
+
+    A state is the difference of a track (one Gaussian over time) from its keyframe Gaussian, its first state.
 
     Attributes:
-        tracks: Received tracks that exist in the group, ascending, int64 (n).
+        tracks: Indices of the received tracks that exist in the group, ascending, int64 (n).
         moving: Mask of moving tracks, bool (n); tracks that do not move stay at the position of their keyframe
             Gaussians.
         begins: First frame of each track, relative to the group's first frame, int64 (n).
-        ends: First frame after each track, relative to the group's first frame, int64 (n).
-        at: Returns the difference of each track from its keyframe Gaussian in a frame, float32 (n, C). The frame is
-            counted from the group's first. Channels: position (world units); rotation (axis times four times the
-            tangent of a quarter of the angle); natural logarithms of the scales (largest first) and of the opacity;
-            red, green and blue of the constant harmonic. Each call evaluates one frame, so that memory does not grow
-            with the group's length.
-        covered: Mask of tracks whose state in the group is known from received packets, bool (T). Of these, tracks that
-            are missing in `tracks` have ended.
+        ends: Frame after the last frame of each track, relative to the group's first frame, int64 (n).
+        at: Returns the states of the tracks in a frame, float32 (n, C). The frame is counted from the group's first.
+            The channels are: differences of position (world units); rotation vector of length `4 * tan(angle / 4)`;
+            differences of the natural logarithms of scales (largest first) and opacity; differences of red, green and
+            blue of the constant harmonic. Each call evaluates one frame only, which limits memory.
+        covered: Mask of tracks for which packets of the group were received, bool (T). Of these, tracks that are absent
+            in `tracks` have ended.
         complete: True if no packet is missing.
         unchanged: True if the group has no motion: every track keeps its state.
     """
@@ -89,19 +90,20 @@ class GroupMotion:
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """Tracks of a sequence, each of which is one Gaussian over time: keyframe Gaussians and lifetimes.
+    """Tracks of a sequence: first state and lifetime of each track. A track is one Gaussian over time.
 
     Attributes:
         splats: The keyframe Gaussian of each track, that is, its state in its first frame.
-        born: Group of pictures in which each track begins, int64 (T).
+        born: Index of the group of pictures in which each track begins (its birth group), int64 (T).
         received: Mask of received tracks, bool (T).
-        blocks: Index of the block (unit of packetisation) that contains each keyframe Gaussian, int64 (T).
+        blocks: Index of the block (run of consecutive elements of the stream) that contains each keyframe Gaussian,
+            int64 (T).
         rounding: Quantisation step of each track's position offsets, world units, float32 (T); 0 if the keyframe
             Gaussian was not received.
         begins: First frame of each track, relative to the first frame of its birth group, int64 (T). Read from the side
             information; 0 if absent.
-        ends: First frame of the sequence after each track, int64 (T). Read from the side information; one past the
-            sequence's last frame if absent.
+        ends: Frame of the sequence after the last frame of each track, int64 (T). Read from the side information; the
+            number of frames if absent.
     """
 
     splats: Splats
@@ -124,10 +126,10 @@ class SequenceScene:
     Attributes:
         timeline: Frame rate, number of frames, and groups of pictures.
         tracks: The keyframe Gaussians.
-        motion: Decodes the received motion of a group, given the mask of received keyframe Gaussians, bool (T). Packets
-            that refer to missing keyframe Gaussians are deferred. Every call decodes again, so that only the motion in
-            use takes memory.
-        count: Number of elements, N: keyframe Gaussians, and motions of a track in a group.
+        motion: Function that decodes the received motion of a group. Its arguments are the index of the group and the
+            mask of received keyframe Gaussians, bool (T). It skips packets with a track whose keyframe Gaussian is
+            missing. Every call decodes again, so that only the motion in use takes memory.
+        count: Number of elements, N: keyframe Gaussians, plus one element for each group and each track moving in it.
         background: RGB of the background.
         antialiased: True if training reduced opacity when Gaussians are widened to a pixel (Mip-Splatting).
         origin: World coordinates of the point that positions are relative to.

@@ -22,12 +22,12 @@ Own = TypeVar("Own", bound="SplatScene")
 
 @dataclass(frozen=True, eq=False)
 class SplatCoding(CheckedFields):
-    """Quantisation steps of a decoded scene of Gaussians, with which encoding it again is lossless.
+    """Quantisation steps that a scene of Gaussians was decoded with; encoding it again with them is lossless.
 
     Attributes:
         size_log: log2 of the scene's size in world units.
-        unit: Positions are multiples of the scene's size times `2 ** -unit` (the lattice spacing).
-        coarsest: The largest quantisation step of positions is `2 ** coarsest` lattice spacings.
+        unit: Decoded positions are multiples of a lattice spacing, which is `2 ** -unit` of the scene's size.
+        coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
         bases: `-log2` of the quantisation step of each attribute in the least precise class, in the order of the
             codec's side information.
         transform: Decorrelating transform of the spherical harmonics, integers as in the codec's side information.

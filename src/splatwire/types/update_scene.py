@@ -8,13 +8,16 @@ from splatwire.types.splat_scene import SplatScene
 
 @dataclass(frozen=True, eq=False)
 class UpdateScene(SplatScene):
-    """The new Gaussians of an update; drawing this scene shows these Gaussians only.
+    """Content of an update, which changes one stream (the base) into another: new Gaussians, and which are removed.
+
+    As a scene, it has the new Gaussians only.
 
     Attributes:
-        base_digest: SHA-256 of the manifest of the stream that the update changes, hexadecimal.
-        result_digest: SHA-256 of the manifest of the changed stream, hexadecimal.
-        writer: Program that wrote the changed stream, for its manifest.
-        removed: Mask of removed Gaussians of the changed stream, serialised (`splatwire.codec.update.removed`).
+        base_digest: SHA-256 of the manifest of the base, hexadecimal.
+        result_digest: SHA-256 of the manifest of the stream after the update, hexadecimal.
+        writer: Program that wrote the stream after the update, for its manifest.
+        removed: Mask of the Gaussians of the base that the update removes, serialised
+            (`splatwire.codec.update.removed`).
     """
 
     base_digest: str = ""

@@ -1,4 +1,7 @@
-"""Page of `splatwire view`: the page of `splatwire serve --page`, for one local stream or one running transfer."""
+"""Content of the web page with which `splatwire view` shows one stream in the browser.
+
+The stream is a local file, or is being received from another server. The page is the one of `splatwire serve --page`.
+"""
 
 import base64
 

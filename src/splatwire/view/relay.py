@@ -19,11 +19,12 @@ AT_ONCE = 1 << 16
 
 
 class Relay:
-    """Relay that receives a stream from another server and serves it to browser pages while it arrives.
+    """Receives a stream from another server and passes it on to browser pages while it arrives.
 
-    A live sequence does not continue on the page: the page gets the part of the current period that was received before
-    the page connected. The reason is that a file has one init segment, but a live sequence gets a new one with each
-    group of pictures. Only the current period is kept in memory.
+    A page gets the stream as one growing `.swz` file, which starts with one init segment (manifest and side
+    information). A live sequence sends a new init segment with each group of pictures. A page therefore shows only the
+    part of the current period that was received before the page connected, and nothing that follows. Memory contains
+    the current period only.
 
     Args:
         url: URL of the stream, for error messages.
@@ -89,7 +90,10 @@ class Relay:
         await self._begun.wait()
 
     async def headed(self) -> None:
-        """Waits until the side information is known, and thus `origin`, or the transfer has ended."""
+        """Waits until the side information has arrived, or the transfer has ended.
+
+        The attribute `origin` is valid once the side information has arrived.
+        """
         await self._headed.wait()
 
     async def pieces(self) -> AsyncIterator[bytes]:

@@ -68,7 +68,7 @@ LOSS_PRESETS = {"feature": LossWeights(), "full": LossWeights(scaling=1.0, offse
 
 
 def weighted_sum(terms: dict[str, Float[Tensor, ""]], weights: LossWeights) -> Float[Tensor, ""]:
-    """Returns the weighted sum of the terms of `parameter_losses`."""
+    """Adds up the loss terms of `parameter_losses`, each multiplied by the weight of the same name in `weights`."""
     total = sum(getattr(weights, name) * value for name, value in terms.items())
     assert isinstance(total, Tensor)
     return total
@@ -82,13 +82,19 @@ def charbonnier(x: Tensor) -> Tensor:
 def parameter_losses(
     parts: Branches, truth: Anchors, positions: Float[Tensor, "B 3"], weights: LossWeights
 ) -> dict[str, Float[Tensor, ""]]:
-    """Returns the terms of the training loss that compare attributes, by name and not yet weighted.
+    """Computes the training loss in attribute values, without rendering: one number per loss term.
+
+    The terms are errors against the true attributes, and penalties. Penalties are for the distance from the
+    interpolation and from the prior's mean, and for differences between neighbours.
 
     Args:
-        parts: Network outputs for the lost anchors (queries) of a batch.
+        parts: Attributes that the network estimates for the lost anchors (queries) of a batch.
         truth: True attributes of the queries.
         positions: Positions of the queries.
-        weights: Weights of the terms and attributes; those with weight 0 are omitted.
+        weights: Weights of the terms and attributes. Those with weight 0 are omitted; the result is not yet weighted.
+
+    Returns:
+        The loss terms by name, as in `LossWeights`.
     """
     trained = [(name, branch) for name, branch in parts.continuous() if weights.trains(name)]
     terms: dict[str, Tensor] = {}

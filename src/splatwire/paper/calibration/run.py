@@ -61,7 +61,10 @@ class CalibrationResult:
 
 
 def pseudo_graphs(data: CalibrationData, config: CalibrationConfig) -> Iterator[RepairGraph]:
-    """Yields the graph of each pseudo-loss (simulated packet loss); the held-out pseudo-losses are last."""
+    """Simulates packet losses (pseudo-losses) and yields, for each one, the graph from lost to received anchors.
+
+    Pseudo-losses for training come first, then those that are held out for validation.
+    """
     rates = [config.drop_rate] * (config.train_masks + config.validation_masks)
     for known in data.pseudo_losses(rates, config.seed):
         yield build_graph(data.complete.masked(known), config.settings)
@@ -209,12 +212,13 @@ class CalibrationRun:
             self.stale += 1
 
     def finished(self) -> bool:
-        """Returns True if the training is over; may first skip to the training steps with quantised weights.
+        """Returns True if the training is over; called before every training step.
 
-        The training ends after the last step. With `CalibrationConfig.selected`, it also ends if
-        `CalibrationConfig.patience` validations bring no improvement. If that happens before the steps with quantised
-        weights (`CalibrationConfig.bits`), the training continues with these steps instead, from the best network so
-        far.
+        The training ends after the last step. With `CalibrationConfig.selected`, it also ends early if
+        `CalibrationConfig.patience` validations bring no improvement.
+
+        With `CalibrationConfig.bits`, the last steps train with quantised weights. An early end before these steps
+        does not end the training: instead, this method loads the best network so far and skips to these steps.
         """
         stale = self.config.selected and self.stale >= self.config.patience
         if stale and self.config.bits and not self.rounding:

@@ -47,7 +47,16 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Branches:
-    """Estimates of all attributes of lost anchors (queries), before the choice between network and interpolation."""
+    """Two estimates of the attributes of lost anchors (queries): by the network and by the interpolation.
+
+    Function `fuse` chooses between them or blends them.
+
+    Attributes:
+        feature: Estimates of the features.
+        scaling: Estimates of the scalings.
+        offset: Estimates of the offsets.
+        mask_logit: Network's logits of the offset masks; positive if an offset exists.
+    """
 
     feature: Branch
     scaling: Branch
@@ -55,7 +64,7 @@ class Branches:
     mask_logit: Float[Tensor, "Q K"]
 
     def continuous(self) -> tuple[tuple[str, Branch], ...]:
-        """Returns the names and estimates of the three continuous attributes: feature, scaling and offset."""
+        """Returns the attributes except the mask, as pairs of name and estimates: feature, scaling and offset."""
         return ("feature", self.feature), ("scaling", self.scaling), ("offset", self.offset)
 
 
@@ -93,7 +102,15 @@ def _branch(
 
 
 def fuse(parts: Branches, interpolated: Anchors, settings: GnnSettings) -> Anchors:
-    """Chooses between the soft blend and the interpolation for each lost anchor (query) and attribute.
+    """Computes the final attributes of lost anchors (queries) from the network's and the interpolation's estimates.
+
+    Where the network's confidence reaches the attribute's threshold, both estimates are blended (`Branch.fused`).
+    Elsewhere, the interpolated value is used. The offset masks follow the confidence of the offsets.
+
+    Args:
+        parts: Estimates of the network and of the interpolation.
+        interpolated: The queries with attributes filled by the interpolation.
+        settings: Settings of the network; only the thresholds are used.
 
     Returns:
         The concealed anchors. With all thresholds above 1, they equal `interpolated` bit for bit.

@@ -47,11 +47,12 @@ def interpolator(settings: GnnSettings) -> Concealer:
 
 
 def build_graph(context: ReceivedScene, settings: GnnSettings, filled: Anchors | None = None) -> RepairGraph:
-    """Connects every lost anchor to its k nearest completely received (known) anchors.
+    """Connects every lost anchor to its k nearest completely received (known) anchors, as input of the network.
 
     Args:
         context: The received scene.
-        settings: Settings of the network; number of neighbours, metric and interpolations are used.
+        settings: Settings of the network. Used are the number of neighbours k, the metric of distances, and the
+            interpolations that fill lost attributes.
         filled: All anchors, with missing attributes filled by the interpolation; None to compute the interpolation.
 
     Returns:
@@ -91,10 +92,11 @@ def source_inputs(context: ReceivedScene, rows: Int64[Tensor, "S"]) -> Float[Ten
 
 
 def query_inputs(context: ReceivedScene, graph: RepairGraph) -> Float[Tensor, "Q D"]:
-    """Returns the network inputs of lost anchors: `[position, hash feature, prior means, 0, interpolation]`.
+    """Builds the inputs of the network for the lost anchors (queries), one row each.
 
-    The prior has no mean for the offset mask; zeros replace it. `interpolation` are all attributes, filled by the
-    interpolating concealer.
+    A row consists of the position, the feature from the hash grid, the means of all attributes predicted by the prior,
+    and the attributes with lost values filled (`RepairGraph.given`). The prior does not predict offset masks; zeros
+    take the place of their means.
     """
     rows, prior = graph.queries, context[Prior]
     no_mask = prior.context.new_zeros(len(rows), context[AnchorLayout].num_offsets)

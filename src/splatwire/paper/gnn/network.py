@@ -50,7 +50,7 @@ class RawResiduals:
     Attributes:
         feature: Residuals of the feature channels.
         scaling: Residuals of the scalings.
-        offset: Residuals of the offsets, offset-major.
+        offset: Residuals of the offsets: three components of the first offset, then three of the second, and so on.
         mask_logit: Logits of the offset masks; positive if an offset exists.
     """
 
@@ -103,7 +103,11 @@ class _EdgeLayer(nn.Module):
 
 
 class _CrossAttention(nn.Module):
-    """Cross-attention of a query to three tokens: its hash feature and its prior means of feature and scaling."""
+    """Attention layer of a lost anchor (query) to three vectors of its own.
+
+    These are its feature from the hash grid, and the means of feature and scaling that the prior predicts for it. The
+    result is added to the query's hidden vector.
+    """
 
     def __init__(self, hidden: int, heads: int, sizes: InputSizes) -> None:
         super().__init__()
@@ -157,7 +161,13 @@ class InpaintingNetwork(nn.Module):
             self.register_buffer(f"{name}_spread", torch.ones(width))
 
     def encode_sources(self, inputs: Float[Tensor, "S D"]) -> tuple[Float[Tensor, "S H"], ...]:
-        """Returns the contributions of known anchors to each EdgeConv layer; all queries share them."""
+        """Computes the part of each EdgeConv layer that depends on the known anchors only.
+
+        It is the same for all lost anchors (queries), so it is computed once for many batches of queries.
+
+        Args:
+            inputs: Network inputs of the S known anchors, from `source_inputs`.
+        """
         hidden = self.source((inputs - self.get_buffer("source_mean")) / self.get_buffer("source_spread"))
         return tuple(layer.project(hidden) for layer in self.edge_layers)
 
