@@ -35,7 +35,7 @@ _CONVERTED = ("Scene", "Elements")
 
 
 class Rule(NamedTuple):
-    """Check of the values that are passed where one type annotation stands.
+    """Check that decides whether a value matches one type annotation.
 
     Attributes:
         what: Description of accepted values; empty if every value is accepted.

@@ -1,7 +1,7 @@
 """Registries that installed packages extend: concealers, schemas, loss models, file formats and metrics.
 
-An installed package announces each of its entries as an entry point (`importlib.metadata`), whose name is the name of
-the entry and whose group belongs to the registry. Loading the entry point imports the module that calls
+An installed package announces each of its entries by an entry point (`importlib.metadata`) with the name of the entry.
+Each registry has its own group of entry points. Loading an entry point imports the module that calls
 `Registry.register`. Entry points are looked up only when a name is not registered yet, or when all names are listed.
 """
 
@@ -170,10 +170,7 @@ class Registry(Generic[Entry]):
         self._loaded.append(point)
 
     def _brought_by(self, point: "EntryPoint") -> bool:
-        """True if the registered entry with the name of an entry point comes from the entry point's package.
-
-        Otherwise, another package has registered an entry of this name.
-        """
+        """True if the package of an entry point has registered the entry of that name; False if another one has."""
         same = self._sources[point.name].partition(".")[0] == point.module.partition(".")[0]
         return same or point in self._loaded
 

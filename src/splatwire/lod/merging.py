@@ -86,7 +86,8 @@ def _merge_runs(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[S
         starts: Index of the first Gaussian of each run.
 
     Returns:
-        The merged Gaussians; and the sum over all Gaussians of mass times squared distance from the merged Gaussian.
+        The merged Gaussians, and the error: the squared distance of each Gaussian's centre from that of its merged
+        Gaussian, times its mass, summed over all Gaussians.
     """
     weight = np.maximum(mass, 1e-30)
     total = np.add.reduceat(weight, starts)

@@ -59,13 +59,14 @@ def nearest(queries, points, sizes, number, starts, low, high, reach, bound, ind
         queries: Query positions, float64 (Q, 3).
         points: Point positions, sorted by block, float64 (S, 3).
         sizes: Sizes of the points along the axes, positive, float64 (S, 3).
-        number: Original index of each sorted point, int64 (S); of equal distances, the lower index is first.
+        number: Index of each sorted point before sorting, int64 (S). Of equally distant points, the one with the lower
+            index is first.
         starts: Index of the first point of each block, then S, int64 (B + 1).
         low: Lower corner of each block's bounding box, float64 (B, 3).
         high: Upper corner of each block's bounding box, float64 (B, 3).
         reach: Largest size in each block along each axis, float64 (B, 3).
         bound: Upper bound of the squared distance from each query to its k-th neighbour, float64 (Q).
-        index: Output: original indices of the neighbours, int64 (Q, k).
+        index: Output: indices of the neighbours before sorting, int64 (Q, k).
         distance: Output: squared distances of the neighbours, float64 (Q, k), initialised with infinity.
     """
     last = index.shape[1] - 1

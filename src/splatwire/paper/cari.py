@@ -210,16 +210,18 @@ def _exponents(settings: Cari) -> ScoreExponents:
 def _candidates(
     settings: Cari, fixed: _ConstantData, received: Bool[Tensor, "N"], *, first: bool
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
-    """Yields lost anchors (queries) in chunks, with their nearest candidates for the interpolation.
+    """Finds the nearest anchors of each lost anchor (query): the candidates from which its neighbours are chosen.
 
-    Each item has the indices of the queries (Q), the indices of their candidates (Q, L) and the distances (Q, L). In
-    the first pass, only anchors whose attribute was received are candidates.
+    In the first pass, only anchors with the attribute received are candidates; later, concealed anchors are, too.
 
     Args:
         settings: Settings of the concealer.
         fixed: Data that does not change between the passes.
-        received: Mask of the anchors whose attribute was received.
+        received: Mask of the anchors with the attribute received.
         first: True in the first pass.
+
+    Yields:
+        Chunks of queries: their indices (Q), the indices of their candidates (Q, L), and the distances (Q, L).
     """
     positions = fixed.context.places
     support = received.nonzero()[:, 0]
@@ -251,7 +253,10 @@ def _estimate_masks(settings: Cari, mask: Bool[Tensor, "N K"], near: _Neighbors)
 def _interpolate(
     settings: Cari, fixed: _ConstantData, group: AttributeGroup, residuals: Residuals, near: _Neighbors
 ) -> Float[Tensor, "Q D"]:
-    """Interpolates the residuals of lost anchors (queries) for one attribute group: `r_q = sum_k w_k r_k`."""
+    """Estimates the residuals of one attribute group of lost anchors as the weighted sum of the neighbours' residuals.
+
+    For features, the optional ridge refinement is added.
+    """
     values = residuals.parts[group.part]
     if group.attribute is Attribute.OFFSET:
         return weighted_mean_of_existing(values, residuals.exists, near.index, near.weight)[0]
@@ -267,7 +272,7 @@ def _known_residuals(context: ReceivedScene, mask: Bool[Tensor, "N K"]) -> Bool[
     """Returns which offsets have a valid residual after a pass and can thus be used as neighbours in the next pass.
 
     Lost offsets have an interpolated residual. Received offsets have a residual only if the anchor's mask was received,
-    too, because the mask tells which offsets exist.
+    too, because the mask contains which offsets exist.
 
     Args:
         context: The received scene.

@@ -68,7 +68,7 @@ def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], t
     its anchors. Attributes without losses are omitted.
 
     Returns:
-        For each group, the mask of the anchors that received these attributes, and the attributes.
+        For each group, the mask of the anchors with these attributes received, and the attributes.
     """
     groups: list[tuple[Tensor, list[Attribute]]] = []
     for attribute in Attribute:

@@ -64,10 +64,11 @@ class Idw:
         return Concealed.filled(filled)
 
     def neighborhoods(self, context: ReceivedScene, received: Bool[Tensor, "N"]) -> Iterator[tuple[Tensor, ...]]:
-        """Yields lost anchors (queries) in chunks, with their nearest received anchors and interpolation weights.
+        """Finds the nearest received anchors of each lost anchor (query), and their weights for the interpolation.
 
-        Each item consists of the queries (Q), the indices of their nearest received anchors (Q, k), and the weights of
-        these neighbours (Q, k), which sum to 1.
+        Yields:
+            Chunks of queries: their indices (Q), the indices of their neighbours (Q, k), and the weights of the
+            neighbours (Q, k), with sum 1 per query.
         """
         context, received = to_tensors((context, received))
         support, lost = received.nonzero()[:, 0], (~received).nonzero()[:, 0]

@@ -198,17 +198,17 @@ def regression_inputs(context: ReceivedScene) -> Float64[Tensor, "N P"]:
 def regress(
     inputs: Float64[Tensor, "N P"], values: Float[Tensor, "N D"], exists: Bool[Tensor, "N D"]
 ) -> Float[Tensor, "N D"]:
-    """Fits `values = B inputs` by ridge regression; returns the fitted values.
+    """Predicts attribute values of all anchors by a linear function, fitted to the received values (ridge regression).
 
-    If B = 0 has a smaller estimated prediction error, the fitted values are 0.
+    If a prediction of 0 has a smaller estimated error, the result is 0.
 
     Args:
         inputs: Inputs of all anchors, from `regression_inputs`.
         values: Deviations of attribute values from their mean; 0 for values that were not received.
-        exists: True for received values. Channels received for the same anchors share one matrix factorisation.
+        exists: True for received values. Channels with equal columns are fitted together, which is faster.
 
     Returns:
-        The fitted values of all anchors.
+        The predicted deviations of all anchors, received or lost.
     """
     result = torch.zeros_like(values)
     patterns, group = exists.unique(dim=1, return_inverse=True)
@@ -271,7 +271,11 @@ def _combine(values: _Field, index: Int64[Tensor, "Q k"], weight: Float[Tensor, 
 def _neighborhoods(
     context: ReceivedScene, received: Bool[Tensor, "N"], neighbors: int
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
-    """Yields the indices of lost anchors (queries) in chunks, with their nearest received anchors and the distances."""
+    """Finds the nearest received anchors of each lost anchor (query).
+
+    Yields:
+        Chunks of queries: their indices (Q), the indices of their neighbours (Q, k), and the distances (Q, k).
+    """
     positions, support = context.places, received.nonzero()[:, 0]
     tree = TensorTree(positions[support])
     for queries in (~received).nonzero()[:, 0].split(_CHUNK):

@@ -154,10 +154,11 @@ class ReceivedScene(Generic[S]):
 
     @property
     def places(self) -> Float[Any, "N 3"]:
-        """Positions for neighbour search, which are equally precise for lost and received elements.
+        """Positions of all elements for neighbour searches, including lost elements.
 
-        If the side information contains approximate positions (`ExpectedPlaces`), these are returned, otherwise the
-        decoded positions.
+        Some streams code exact positions in packets and approximate ones in the side information (`ExpectedPlaces`).
+        The approximate positions are then returned, for received elements, too, so that all are equally precise.
+        Otherwise the decoded positions are returned.
         """
         expected = self.get(ExpectedPlaces)
         return self.scene.positions if expected is None else expected.positions

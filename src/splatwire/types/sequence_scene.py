@@ -127,8 +127,8 @@ class SequenceScene:
         timeline: Frame rate, number of frames, and groups of pictures.
         tracks: The keyframe Gaussians.
         motion: Function that decodes the received motion of a group. Its arguments are the index of the group and the
-            mask of received keyframe Gaussians, bool (T). It skips packets with a track whose keyframe Gaussian is
-            missing. Every call decodes again, so that only the motion in use takes memory.
+            mask of received keyframe Gaussians, bool (T). It skips packets that need a missing keyframe Gaussian. Every
+            call decodes again, so that only the motion in use takes memory.
         count: Number of elements, N: keyframe Gaussians, plus one element for each group and each track moving in it.
         background: RGB of the background.
         antialiased: True if training reduced opacity when Gaussians are widened to a pixel (Mip-Splatting).

@@ -227,10 +227,11 @@ class CalibrationRun:
         return self.iteration >= self.config.iterations or stale
 
     def result(self, seconds: float) -> CalibrationResult:
-        """Returns the result of the calibration.
+        """Ends the calibration: measures the final network on the held-out pseudo-losses and returns it.
 
-        Network outputs for untrained attributes are disabled by a threshold. With `CalibrationConfig.selected`, outputs
-        for attributes that the network predicts no better than the interpolation are disabled, too.
+        For attributes that were not trained, the confidence threshold is set so high that the network's output is never
+        used. With `CalibrationConfig.selected`, this also applies to attributes that the network predicts no better
+        than the interpolation.
 
         Args:
             seconds: Duration of the calibration, for the result.
@@ -257,7 +258,7 @@ class CalibrationRun:
 
 
 def _standardise(network: InpaintingNetwork, context: ReceivedScene, graph: RepairGraph) -> None:
-    """Sets the constants with which the network standardises its inputs, from the known anchors of a graph."""
+    """Sets the constants that normalise the network's inputs: mean and standard deviation of each input in a graph."""
     known = graph.index.unique()
     for name, inputs in (("source", source_inputs(context, known)), ("query", query_inputs(context, graph))):
         spread = inputs.std(dim=0, correction=0)

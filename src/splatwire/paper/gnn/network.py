@@ -103,10 +103,10 @@ class _EdgeLayer(nn.Module):
 
 
 class _CrossAttention(nn.Module):
-    """Attention layer of a lost anchor (query) to three vectors of its own.
+    """Attention of a lost anchor (query) to three vectors that are known for it in spite of the loss.
 
-    These are its feature from the hash grid, and the means of feature and scaling that the prior predicts for it. The
-    result is added to the query's hidden vector.
+    The vectors are its feature from the hash grid, and the means of its feature and scaling that the prior predicts.
+    The result is added to the query's hidden vector.
     """
 
     def __init__(self, hidden: int, heads: int, sizes: InputSizes) -> None:
