@@ -78,8 +78,8 @@ def encode(
     """Encodes a scene, or the frames of a sequence, into independently decodable packets.
 
     With `size`, `psnr` or `effort`, the encoder renders the scene and derives from the pictures how precisely each
-    Gaussian is coded, like `splatwire encode`. It then sets the options `classes` and `tiers` itself; the caller must
-    not give them.
+    Gaussian is coded, like `splatwire encode`. `classes` and `tiers` of the options must then be None: the encoder
+    chooses the classes, and uses a single tier.
 
     Args:
         scene: A scene, a decoded scene without losses, explicit Gaussians, or, with `SequenceOptions`, frames.

@@ -102,14 +102,14 @@ def check_precision(means: np.ndarray, name: str) -> None:
 
 
 def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
-    """Checks whether positions relative to an origin are small enough for float32.
+    """Checks whether float32 is precise enough for positions relative to an origin.
 
     Args:
         origin: The origin that a file declares.
         means: World coordinates, float64 (N, 3).
 
     Returns:
-        None if they are. Otherwise, the distance of the scene from the origin, world units: the largest absolute
+        None if it is. Otherwise, the distance of the scene from the origin, world units: the largest absolute
         component of the median position relative to the origin.
     """
     apart = means - np.array(origin)

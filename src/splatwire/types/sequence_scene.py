@@ -56,9 +56,9 @@ class Timeline:
 
 @dataclass(frozen=True, eq=False)
 class GroupMotion:
-    """Received motion of one group of pictures (GOP): which tracks exist in it, and their states in its frames.
+    """Received motion of one group of pictures (GOP): the tracks that exist in it, and their changes in its frames.
 
-    A state is the difference of a track (one Gaussian over time) from its keyframe Gaussian, its first state.
+    A track is one Gaussian over time. Changes are relative to its keyframe Gaussian, that is, to its first frame.
 
     Attributes:
         tracks: Indices of the received tracks that exist in the group, ascending, int64 (n).
@@ -66,12 +66,12 @@ class GroupMotion:
             Gaussians.
         begins: First frame of each track, relative to the group's first frame, int64 (n).
         ends: Frame after the last frame of each track, relative to the group's first frame, int64 (n).
-        at: Returns the states of the tracks in a frame, float32 (n, C). The frame is counted from the group's first.
+        at: Returns the changes of the tracks in a frame, float32 (n, C). The frame is counted from the group's first.
             The channels are: differences of position (world units); rotation vector of length `4 * tan(angle / 4)`;
             differences of the natural logarithms of scales (largest first) and opacity; differences of red, green and
             blue of the constant harmonic. Each call evaluates one frame only, which limits memory.
-        covered: Mask of tracks for which packets of the group were received, bool (T). Of these, tracks that are absent
-            in `tracks` have ended.
+        covered: Mask of tracks for which a packet of the group was received and decoded, bool (T). Of these, tracks that
+            are absent in `tracks` have ended.
         complete: True if no packet is missing.
         unchanged: True if the group has no motion: every track keeps its state.
     """
@@ -129,7 +129,7 @@ class SequenceScene:
         motion: Function that decodes the received motion of a group. Its arguments are the index of the group and the
             mask of received keyframe Gaussians, bool (T). It skips packets that need a missing keyframe Gaussian. Every
             call decodes again, so that only the motion in use takes memory.
-        count: Number of elements, N: keyframe Gaussians, plus one element for each group and each track moving in it.
+        count: Number of elements, N: keyframe Gaussians, and motions of one track in one group each.
         background: RGB of the background.
         antialiased: True if training reduced opacity when Gaussians are widened to a pixel (Mip-Splatting).
         origin: World coordinates of the point that positions are relative to.

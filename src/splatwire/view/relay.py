@@ -23,8 +23,8 @@ class Relay:
 
     A page gets the stream as one growing `.swz` file, which starts with one init segment (manifest and side
     information). A live sequence sends a new init segment with each group of pictures. A page therefore shows only the
-    part of the current period that was received before the page connected, and nothing that follows. Memory contains
-    the current period only.
+    part of the current period that was received before the page connected, and nothing that follows. Only the
+    current period is kept in memory.
 
     Args:
         url: URL of the stream, for error messages.
