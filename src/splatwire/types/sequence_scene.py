@@ -70,8 +70,8 @@ class GroupMotion:
             The channels are: differences of position (world units); rotation vector of length `4 * tan(angle / 4)`;
             differences of the natural logarithms of scales (largest first) and opacity; differences of red, green and
             blue of the constant harmonic. Each call evaluates one frame only, which limits memory.
-        covered: Mask of tracks for which a packet of the group was received and decoded, bool (T). Of these, tracks that
-            are absent in `tracks` have ended.
+        covered: Mask of tracks for which a packet of the group was received and decoded, bool (T). Of these, tracks
+            that are absent in `tracks` have ended.
         complete: True if no packet is missing.
         unchanged: True if the group has no motion: every track keeps its state.
     """
