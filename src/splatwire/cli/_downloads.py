@@ -196,7 +196,10 @@ def _opened_file(path: Path) -> _FinishedConversion:
 
 
 def _opened_folder(path: Path) -> _FinishedConversion:
-    """Returns the files of a folder without keeping them open, because there may be thousands."""
+    """Describes a finished conversion whose result is a folder: its size, and the entity tag of each file.
+
+    Files are not kept open, because there may be thousands.
+    """
     total, tags = 0, {}
     for file in path.rglob("*"):
         if file.is_file():

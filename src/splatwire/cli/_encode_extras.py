@@ -37,7 +37,10 @@ def cameras_of(command: Encode, scene: Scene) -> Cameras:
 
 
 def refiner(steps: int) -> Callable[..., Scene]:
-    """Returns the function that refits the context model to a scene.
+    """Returns a function that trains the context model of the entropy coder further, so that a scene takes fewer bits.
+
+    Args:
+        steps: Number of training steps.
 
     Raises:
         InvalidValueError: If there cannot be so many steps.

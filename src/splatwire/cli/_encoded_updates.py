@@ -1,4 +1,4 @@
-"""Updates of `splatwire encode --update`."""
+"""Implementation of `splatwire encode --update`: encodes only the changes of a scene since an earlier stream."""
 
 import time
 from typing import Any

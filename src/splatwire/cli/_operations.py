@@ -1,4 +1,4 @@
-"""Operation of the verbs that serve: log and monitoring."""
+"""Log output and HTTP monitoring of the servers that `splatwire serve` and `splatwire live` start."""
 
 import contextlib
 import logging

@@ -1,4 +1,4 @@
-"""Parity of `splatwire serve` and `splatwire live`: from a plan, or from options."""
+"""Amount of redundancy that `splatwire serve` and `splatwire live` send, from a plan file or from options."""
 
 import re
 from collections.abc import Sequence

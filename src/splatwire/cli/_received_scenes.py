@@ -29,7 +29,15 @@ def viewpoint_of_options(command: Receive) -> Viewpoint | None:
 
 
 def keep_preview(command: Receive, preview: bytes) -> str:
-    """Writes the received preview as a PLY if no scene was received; returns the end of the error message about it."""
+    """Writes a received preview as a PLY, for a transfer in which the scene itself did not arrive.
+
+    Args:
+        command: Options of `splatwire receive`.
+        preview: The received bytes of the preview.
+
+    Returns:
+        Text about the preview, with which the error message of the transfer ends.
+    """
     try:
         shown = preview_scene(preview)
     except BitstreamError as error:

@@ -1,4 +1,4 @@
-"""Reception of a stream over the transport of its address, with the certificates that the options accept."""
+"""Reception of streams over UDP, QUIC or Media over QUIC, with a check of the server's certificate."""
 
 from collections.abc import Awaitable, Callable
 from types import ModuleType
@@ -61,7 +61,7 @@ def _relayed(trusted: TrustOptions, address: Address) -> Transfer:
 
 
 def relay_trust(trusted: TrustOptions) -> RelayTrust:
-    """Returns the certificate checks for a relay.
+    """Converts command-line options to the rule that decides which certificates of a relay are accepted.
 
     Raises:
         InvalidValueError: If the fingerprint is invalid, or more than one of these options is set.

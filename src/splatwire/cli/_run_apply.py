@@ -1,4 +1,4 @@
-"""Implementation of `splatwire apply`: makes the changed stream of a stream and its update."""
+"""Implementation of `splatwire apply`: applies an update to a stream and writes the changed stream."""
 
 from splatwire.bitstream import read_stream, write_stream
 from splatwire.cli._files import STANDARD, input_path, output_path

@@ -268,7 +268,11 @@ def _print_result(
 
 
 def _up(command: Encode, scene: Scene, cameras: Cameras | None) -> str | None:
-    """Returns the up axis to store in the stream for viewers; None if the metadata or the default defines it."""
+    """Returns the axis that viewers should show as up; None if the stream need not store it.
+
+    It is not stored if the metadata of the scene states an up axis or a view, if cameras are given, or if the estimated
+    axis is the default, -y.
+    """
     if command.up != "auto":
         return command.up
     known = metadata_of(scene)

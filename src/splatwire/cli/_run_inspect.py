@@ -105,7 +105,11 @@ def _describe_levels(stream: SceneStream) -> dict[str, Any]:
 
 
 def _describe_update(stream: SceneStream) -> dict[str, Any]:
-    """Returns the streams before and after an update, by the digests of their manifests; empty for other streams."""
+    """Describes an update: to which stream it applies, which stream results, and the bytes of its list of removals.
+
+    Returns:
+        The description, with the streams given by the digests of their manifests; empty if the stream is no update.
+    """
     if UPDATE not in (sections := sections_of(stream)):
         return {}
     fields = read_update(sections[UPDATE])

@@ -23,7 +23,7 @@ class LookFrom:
 
 @dataclass(frozen=True)
 class StreamCalibration:
-    """Options of a calibration that renders pictures and writes a stream."""
+    """Options common to `calibrate sketch` and `calibrate preview`, which add data to a stream."""
 
     source: tyro.conf.Positional[Path]
     """Complete stream, or scene file (it is encoded first)."""

@@ -116,10 +116,11 @@ def _is_points(line: str) -> bool:
 
 
 def _has_pose(line: str) -> bool:
-    """True if a line of numbers begins like an image: with an identifier and a rotation of length 1.
+    """Returns True if a line of numbers describes an image, not 2D points.
 
-    Such lines are images with names of numbers, such as `12 34 56`. In a line of 2D points, a rotation would consist of
-    points within a pixel of the corner.
+    An image whose name consists of numbers, such as `12 34 56`, is such a line. Its second to fifth number are the
+    rotation, a quaternion of length 1. In a line of 2D points, these numbers have length 1 only if points are within a
+    pixel of the image corner.
     """
     words = line.split(maxsplit=9)
     if len(words) < 10 or not words[0].isdecimal() or not words[8].isdecimal():

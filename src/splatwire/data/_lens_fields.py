@@ -1,7 +1,7 @@
-"""Detection of fields in camera files that describe a lens or projection and that no reader applies.
+"""Detection of fields in camera files that describe a lens or a projection that no reader of this package supports.
 
-There is no standard for the names. Photos of a fisheye or a panorama that are taken for pinhole photos give a wrong
-scene.
+If fisheye photos or panoramas were read as pinhole photos, the trained scene would be wrong. There is no standard for
+the names of such fields, so they are found by patterns.
 """
 
 import re

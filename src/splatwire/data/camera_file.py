@@ -113,7 +113,7 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
 
 
 def _warn_of_lenses(path: Path, views: list[dict[str, Any]]) -> None:
-    """Logs fields of cameras that state a lens, because pictures are drawn by pinhole cameras."""
+    """Logs a warning about camera fields that describe a lens: they are ignored, and a pinhole camera is assumed."""
     if fields := sorted({name for view in views for name in unread_lens_fields(view)}):
         names = ", ".join(fields)[:120]
         LOG.warning("%s: fields about a lens are left out: %s; pictures are those of pinhole cameras", path, names)

@@ -277,9 +277,9 @@ def _warn_of_copies(
     split: str,
     tests: Sequence[ColmapView | TransformsView],
 ) -> None:
-    """Logs a warning about test photos that are copies of training photos, unless the training split is opened.
+    """Logs a warning about test photos that are copies of training photos.
 
-    A program that opens both splits therefore logs the warning once.
+    Does nothing if the training split is opened, so that a program that opens both splits logs the warning once.
 
     Args:
         source: File or folder with the list of views, for messages.

@@ -1,4 +1,4 @@
-"""Conversion of cameras in map coordinates for training, which does not support an origin."""
+"""Conversion of cameras with map coordinates to positions relative to (0, 0, 0), which training requires."""
 
 import logging
 from pathlib import Path

@@ -126,7 +126,13 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
 
 
 def _warn_of_conventions(path: Path, content: dict[str, Any], frames: list[dict[str, Any]]) -> None:
-    """Logs fields of the file and of its frames that state other axes of the poses, each once."""
+    """Logs a warning about each field that states other axes of the camera poses than OpenGL's, which are assumed.
+
+    Args:
+        path: The file, for the message.
+        content: JSON object of the file.
+        frames: JSON objects of the frames. Equal fields of several frames are logged once.
+    """
     stated = [(key, value) for key, value in content.items() if _CONVENTION.fullmatch(key)]
     for frame in frames:
         stated += [
@@ -263,7 +269,9 @@ def _intrinsics(path: Path, name: str, values: dict[str, Any], image_path: Path)
 
 
 def _with_intrinsics(path: Path, name: str, fields: dict[str, Any]) -> dict[str, Any]:
-    """Returns fields with the intrinsics that a matrix, `fx` or `fy` among them states as `fl_x`, `fl_y`, `cx`, `cy`.
+    """Returns the fields of a view with all intrinsics under their usual names `fl_x`, `fl_y`, `cx` and `cy`.
+
+    The usual names are added for intrinsics in a matrix, or under the names `fx` and `fy`.
 
     Raises:
         DatasetError: If a matrix is not that of a pinhole camera in pixels, or two fields contradict each other.

@@ -165,9 +165,9 @@ def remove_unfinished(folder: Path) -> None:
 
 @functools.lru_cache(maxsize=1024)
 def _tidy_once(folder: Path) -> None:
-    """Removes leftovers of killed writers in a folder (`remove_unfinished`), once per process and folder.
+    """Removes leftovers of killed writers in a folder (`remove_unfinished`) at the first call for this folder.
 
-    The folder must be listed for this purpose, which takes time.
+    Later calls do nothing, because listing a folder takes time.
     """
     remove_unfinished(folder)
 
@@ -212,7 +212,10 @@ def _is_workspace(space: int) -> bool:
 
 
 def _restore(space: int, parent: int) -> None:
-    """Moves folders that a killed writer had moved aside back to their names, unless the names are taken.
+    """Moves folders from the workspace of a killed writer back to their original paths.
+
+    A writer moves an existing output folder into its workspace before it replaces the folder. A folder is not moved
+    back if something else has its path by now.
 
     Args:
         space: File descriptor of the killed writer's workspace.

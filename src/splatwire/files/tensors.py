@@ -130,7 +130,8 @@ class _Tensor:
 def _read_archive(path: Path, error: type[SplatwireError]) -> tuple[Any, Callable[[_Storage], bytes]]:
     """Parses a file that `torch.save` wrote as a zip archive, without importing or calling anything.
 
-    Returns the content, in which tensors are still descriptions, and a function that reads the bytes of a storage.
+    Returns:
+        The content, with a description in place of each tensor, and a function that returns the bytes of a storage.
     """
     with open_archive(path, error) as archive:
         described = [name for name in archive.sizes if name.endswith("/data.pkl")]
@@ -173,7 +174,10 @@ def _tensors_in(content: Any) -> dict[str, _Tensor]:
 
 
 def _array(tensor: _Tensor, bytes_of: Callable[[_Storage], bytes]) -> np.ndarray:
-    """Converts a described tensor to a read-only array, a view of its storage, which tensors may share."""
+    """Converts the description of a tensor to a read-only array.
+
+    The array is a view of the tensor's storage, so arrays of tensors with the same storage share memory.
+    """
     numbers, shape, strides = np.frombuffer(bytes_of(tensor.storage), tensor.storage.kind), tensor.shape, tensor.strides
     last = tensor.first + sum((count - 1) * stride for count, stride in zip(shape, strides, strict=True))
     size = int(np.prod(shape, dtype=object))
@@ -237,7 +241,7 @@ def _interpreted(description: bytes | BinaryIO) -> Any:
 
 
 def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: Any) -> _Storage:
-    """Builds the description of a storage from the items of a pickle's persistent id, as PyTorch writes them.
+    """Parses a reference to a tensor's storage in a pickle of PyTorch: the items of a persistent id.
 
     Args:
         word: Always `storage`.
@@ -245,7 +249,7 @@ def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: A
         key: Name of the storage's data in the archive.
         place: Device of the storage; ignored.
         count: Number of elements.
-        views: Describe a view of another storage. Current releases do not write views.
+        views: Description of a view of another storage, which current releases of PyTorch do not write.
 
     Raises:
         ValueError: If the dtype is unknown, or the items describe a view of another storage.

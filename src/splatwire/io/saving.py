@@ -110,9 +110,10 @@ def _saved_as_own_type(scene: Scene, target: Path) -> bool:
 
 
 def _note_of(scene: Scene) -> PlyNote | None:
-    """Returns the quantisation steps of decoded Gaussians, which a PLY can store as a comment.
+    """Returns the quantisation steps of decoded Gaussians, which a PLY stores so that encoding it again is lossless.
 
-    Returns None if a concealer changed the Gaussians, because they are then no multiples of the steps.
+    Returns None if the steps are unknown, or if a concealer changed the Gaussians: their values are then no multiples
+    of the steps.
     """
     coding: SplatCoding | None = getattr(scene, "coding", None)
     if coding is None:

@@ -29,10 +29,12 @@ follows it."""
 
 @dataclass(frozen=True)
 class _Backbone:
-    """Structure of a backbone network: stages of convolutions, whose outputs are compared.
+    """Layers of the image network (VGG16 or AlexNet) whose features LPIPS compares.
+
+    The layers are divided into stages. LPIPS compares the outputs of each stage for two images.
 
     Attributes:
-        pool: Kernel size of the max pooling (stride 2) before each stage; 0 for none.
+        pool: Kernel size of the max pooling (stride 2) before each stage; 0 for a stage without pooling.
         stages: Convolutions of each stage.
     """
 

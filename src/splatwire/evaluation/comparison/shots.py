@@ -31,7 +31,9 @@ class Shot:
 
 @dataclass
 class Shots:
-    """Pictures of a file; memory is bounded by the number of kept views.
+    """Collects the pictures of a compared file that a report shows: fixed views, and the view with the lowest PSNR.
+
+    Pictures of other views are not stored, which limits the memory.
 
     Attributes:
         wanted: Indices of the views that are kept for all files.

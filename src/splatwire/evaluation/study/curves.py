@@ -1,4 +1,4 @@
-"""Rate-distortion curves of an evaluation: rows with the same curve name, on each scene and under each loss."""
+"""Rate-distortion curves of an evaluation, one per codec, scene and loss; each table row of a codec is one point."""
 
 import csv
 import io

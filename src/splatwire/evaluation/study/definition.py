@@ -287,9 +287,15 @@ class Study:
 
 
 def _difference(preset: Packetization, other: Packetization, name: str) -> list[str]:
-    """Describes a packetization as a preset and the parameters that differ from it.
+    """Returns the words of a stream's name that describe its packetization.
 
-    The result is a name of a stream.
+    Args:
+        preset: Packetization of a preset.
+        other: The packetization of the stream.
+        name: Name of the preset.
+
+    Returns:
+        The name of the preset, and each parameter that differs from the preset.
     """
     changed = {key: value for key, value in vars(other).items() if getattr(preset, key) != value}
     return [name, *(value if isinstance(value, str) else f"{key}={value}" for key, value in changed.items())]
@@ -301,9 +307,9 @@ def canonical(content: Mapping[str, Any]) -> str:
 
 
 def _settings(row: Row) -> str:
-    """Returns a text that contains all settings of a table row (method) that affect its results.
+    """Returns all settings of a table row (method) that affect its results, as JSON text.
 
-    Two rows with equal texts have equal results.
+    Rows with equal texts have equal results.
     """
     settings = dataclasses.asdict(dataclasses.replace(row, key="", label="", decoded=(), curve=""))
     return canonical(settings | {"decoded": [str(decoded) for decoded in row.decoded]})

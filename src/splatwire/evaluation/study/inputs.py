@@ -118,7 +118,7 @@ class Source:
 
     @cached_property
     def stream(self) -> SceneStream | None:
-        """Stream from which the named sections of side information are taken; None if the user gave no stream.
+        """Stream with additional sections of side information for the scene; None if the user gave no stream.
 
         This is the stream `SceneEntry.sections` if it is given, else the scene itself if it is a stream.
         """
@@ -156,7 +156,7 @@ class Source:
 
     @property
     def codec(self) -> str:
-        """Name of the codec schema for the scene's elements."""
+        """Name of the codec schema, which determines how the scene's elements are encoded."""
         if self.entry.kind == "model":
             return ANCHORS
         return schema_of(self.scene).name if self.stream is None else self.stream.manifest.codec

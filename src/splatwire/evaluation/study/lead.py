@@ -73,16 +73,16 @@ class Lead:
 def make_lead(
     result: StudyResult, pictures: Sequence[ViewPictures], curve: StudyResult | None, worst: Sequence[ViewPictures]
 ) -> Lead | None:
-    """Creates the first part of the report of one scene.
+    """Creates the first part of the report of one scene: summary sentence, image comparison and loss curve.
 
     Args:
-        result: The evaluation.
+        result: Results of the evaluation.
         pictures: Images of the views with the lowest PSNR.
-        curve: Results of the same scene at other loss rates, or None.
-        worst: Images at the highest of the additional loss rates.
+        curve: Results of the same scene at other loss rates; None if these were not measured.
+        worst: Images at the highest of these rates, shown instead of `pictures`; may be empty.
 
     Returns:
-        The first part; None for evaluations of several scenes or losses, or if no PSNR is finite.
+        The first part; None if the evaluation has several scenes or losses, or if no PSNR is finite.
     """
     if len(result.scenes) > 1 or len(result.study.losses) > 1:
         return None

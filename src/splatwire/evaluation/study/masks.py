@@ -1,4 +1,4 @@
-"""Loss masks for other tools: packet loss rates of datagram losses, and mask files for evaluating other codecs."""
+"""Losses for evaluations of other codecs: files that list the lost packets, and loss rates of packets."""
 
 import io
 import statistics
@@ -13,14 +13,14 @@ from splatwire.evaluation.study.definition import Loss
 
 @dataclass(frozen=True)
 class Equivalence:
-    """Packet loss rate of one stream that is equivalent to a datagram loss rate.
+    """Share of a stream's packets that are lost if a certain share of datagrams is lost.
 
-    A packet is lost if any of its datagrams is lost, so the packet loss rate depends on the size of the packets.
+    A packet is lost if any of its datagrams is lost, so the share depends on the size of the packets.
 
     Attributes:
         model: The loss model of datagrams.
         datagram_rate: Share of lost datagrams, mean over seeds.
-        pak_rate: Resulting share of lost packets of the stream, mean over seeds.
+        pak_rate: Share of the stream's packets that are lost as a result, mean over seeds.
     """
 
     model: str
@@ -29,7 +29,7 @@ class Equivalence:
 
 
 def equivalence(stream: SceneStream, model: str, seeds: tuple[int, ...], send_order: str) -> Equivalence:
-    """Measures the packet loss rate of a stream that is equivalent to a loss model of datagrams.
+    """Measures which share of a stream's packets is lost under a loss model of datagrams.
 
     Simulates one transmission for each seed. A packet is lost if any of its datagrams is lost.
 
@@ -86,10 +86,14 @@ def mask_bytes(stream: SceneStream, mask: PacketLossMask, loss: Loss, seed: int)
 
 
 def anchor_bytes(stream: SceneStream, positions: np.ndarray) -> bytes:
-    """Serialises the anchors of each packet as an npz file.
+    """Serialises as an npz file which anchors each packet of a stream contains.
 
-    Packet i, ascending by packet id, contains the anchors `ranks[starts[i]:starts[i + 1]]`. A rank is the index of an
-    anchor in coding order, and a row of the array `positions` (world units, float32, (N, 3)).
+    The file has these arrays:
+
+    * `positions`: positions of all anchors in coding order, world units, float32 (N, 3).
+    * `ranks`: indices of anchors in `positions`, packet after packet, int32.
+    * `starts`: index of each packet's first entry in `ranks`, and the length of `ranks`, int64. Packets are in
+      ascending order of their ids; packet i contains the anchors `ranks[starts[i]:starts[i + 1]]`.
 
     Args:
         stream: The complete stream.

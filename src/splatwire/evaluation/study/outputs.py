@@ -192,7 +192,7 @@ def _content(result: StudyResult, summaries: Sequence[Summary]) -> dict[str, Any
 
 
 def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, list[Equivalence]]:
-    """Measures the packet loss rate of each stream that is equivalent to each loss model of datagrams.
+    """Measures which share of each stream's packets is lost under each loss model of datagrams.
 
     Args:
         result: Results of the evaluation.
@@ -200,7 +200,7 @@ def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, li
         scene: Name of the scene.
 
     Returns:
-        One result for each loss model, by name of the packetization.
+        One result for each loss model, by name of the stream's packetization.
     """
     found = {}
     models = list(dict.fromkeys(model for loss in result.study.losses for model in _with_loss_rates(loss.model)))

@@ -54,14 +54,14 @@ class SceneSizes:
     attribute_files: Mapping[str, int]
 
     def growth(self, column: str, parts: Sequence[str] | None = None) -> float | None:
-        """Returns the size of an encoding relative to the official files: the excess in percent.
+        """Returns by how many percent an encoding of the scene is larger than the official HAC++ files.
 
         Args:
             column: Name of the encoding in `columns`.
             parts: Categories to count; None for all but the network weights.
 
         Returns:
-            The excess; None without official files.
+            The excess in percent; None if the scene has no official files.
         """
         if NATIVE not in self.columns:
             return None
@@ -70,9 +70,9 @@ class SceneSizes:
         return 100 * (ours / native - 1)
 
     def file_growth(self, column: str) -> float | None:
-        """Returns by how many percent an encoding's attributes (`attribute_files`) are larger than the official ones.
+        """Returns by how many percent the attributes in an encoding are larger than in the official HAC++ files.
 
-        Returns None without official files.
+        The compared sizes are those of `attribute_files`. Returns None if the scene has no official files.
 
         Args:
             column: Name of the encoding in `columns`.
@@ -124,7 +124,7 @@ def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, flo
 
 
 def our_parts(stream: PreparedStream) -> dict[str, int]:
-    """Returns the bytes of a stream by category (attributes, networks, headers), comparable to those of HAC++ files."""
+    """Returns the bytes of a stream in the same categories as those of official HAC++ files, such as networks."""
     parts = dict.fromkeys(_ORDER, 0)
     for name, size in stream.parts.items():
         parts[_OURS.get(name, _REST)] += size
@@ -148,7 +148,7 @@ def native_parts(entry: SceneEntry) -> dict[str, int] | None:
 
 
 def native_attribute_files(entry: SceneEntry) -> int:
-    """Returns the bytes of the official files of features, scalings and offsets, without masks."""
+    """Returns the total bytes of the official HAC++ files with features, scalings and offsets; masks do not count."""
     files = (entry.source / "bitstreams").iterdir()
     return sum(file.stat().st_size for file in files if file.name.startswith(_ATTRIBUTE_FILES))
 

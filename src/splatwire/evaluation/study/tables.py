@@ -163,11 +163,14 @@ def _where(scene: str, loss: Loss | None) -> str:
 
 
 def equivalence_table(scene: str, by_variant: Mapping[str, Sequence[Equivalence]]) -> Table | None:
-    """Returns the table of packet loss rates that are equivalent to loss rates of datagrams.
+    """Returns a table with the share of packets that are lost in each packetization if datagrams are lost.
 
     Args:
         scene: Name of the scene.
-        by_variant: Results of `masks.equivalence` for several loss models, by name of the packetization.
+        by_variant: Results of `masks.equivalence` by name of the packetization, for the same loss models in each.
+
+    Returns:
+        The table, with one row per loss model; None if `by_variant` is empty.
     """
     if not by_variant:
         return None

@@ -103,7 +103,7 @@ class ReceivedInput:
 
     @property
     def positions(self) -> Float[np.ndarray, "N 3"]:
-        """Decoded or expected positions of the elements."""
+        """Positions of the elements, world units; approximate for an element whose position was lost."""
         return np.empty((0, 3), np.float32) if self.scene is None else to_numpy(scene_of(self.scene).positions)
 
     @property
@@ -131,7 +131,10 @@ class UnitRunner:
     _lpips: Any = None
 
     def compute(self, unit: Unit) -> None:
-        """Computes one task: conceals losses, renders and scores each view, writes requested images, then records."""
+        """Computes the scores of each view and the requested images of one task, and writes them into the store.
+
+        Scores are written last, because they mark the task as finished.
+        """
         arrived = self.arrived(unit)
         started = time.perf_counter()
         views = keep(self._views, unit.references.digest, _VIEWS, lambda: unit.references.open(self.store.root))

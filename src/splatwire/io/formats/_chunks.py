@@ -46,10 +46,11 @@ def arrange(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
 
 
 def position_errors(means: np.ndarray) -> np.ndarray:
-    """Returns the largest rounding error of a coordinate of each Gaussian, world units, float64 (N).
+    """Returns the largest quantisation error of each Gaussian's position along an axis, world units, float64 (N).
 
     Args:
-        means: Centres in file order, float64 (N, 3); every 256 of them are a chunk.
+        means: Centres in the order of the file, float64 (N, 3). Every 256 of them form a chunk, whose extent determines
+            the quantisation steps.
     """
     starts = np.arange(0, len(means), CHUNK)
     spans = np.maximum.reduceat(means, starts) - np.minimum.reduceat(means, starts)

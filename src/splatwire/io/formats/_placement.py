@@ -255,7 +255,7 @@ def _number(word: str) -> float | None:
 
 
 def _is_identity(values: list[float]) -> bool:
-    """Returns True for numbers that describe no change: zeros, one flag, an identity matrix, or an identity rotation.
+    """Returns True for numbers that change nothing: zeros, a flag, an identity matrix, or an identity rotation.
 
     Args:
         values: Numbers of a comment or field, interpreted by their count. 1: a flag. 3: a vector. 9, 12 or 16: a matrix

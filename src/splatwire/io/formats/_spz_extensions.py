@@ -76,7 +76,11 @@ def split_records(path: Path, data: bytes | memoryview) -> list[tuple[int, bytes
 
 
 def records_by_type(path: Path, records: list[tuple[int, bytes]]) -> dict[int, bytes]:
-    """Returns the content of records by type.
+    """Returns extension records as a mapping from type to content.
+
+    Args:
+        path: The file, for messages.
+        records: Type and content of each record.
 
     Raises:
         DatasetError: If a type occurs twice.

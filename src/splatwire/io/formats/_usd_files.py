@@ -23,9 +23,10 @@ _CLIPS, _TEMPLATE = "clips", "templateAssetPath"
 
 
 def checked_layers(path: Path) -> tuple[list[Sdf.Layer], list[str]]:
-    """Opens all files that a scene is composed of; as long as they are held, usd-core does not read them again.
+    """Opens the files of an OpenUSD scene, and checks that all of them are in the folder of the scene.
 
-    A further file that is missing, or that usd-core cannot read, gives a warning.
+    A scene file may name further files (layers). usd-core reads no opened file again as long as its object exists. Logs
+    a warning about each further file that is missing or that usd-core cannot read.
 
     Returns:
         The opened files, and the paths of further files that are missing or that usd-core cannot read.
@@ -62,7 +63,12 @@ def checked_layers(path: Path) -> tuple[list[Sdf.Layer], list[str]]:
 
 
 def _named_files(layer: Sdf.Layer) -> Iterator[tuple[str, bool]]:
-    """Yields each file name in a layer, and True if the file is composed, which may name further ones."""
+    """Yields the names of the files that one file of an OpenUSD scene (a layer) refers to.
+
+    Yields:
+        Name of a file, and True if it is a layer that may name further files. False for a value clip, that is, a file
+        with time samples.
+    """
     for name in sorted(layer.GetCompositionAssetDependencies()):
         if name:  # else a reference within the layer
             yield name, True
@@ -76,7 +82,10 @@ def _named_files(layer: Sdf.Layer) -> Iterator[tuple[str, bool]]:
 
 
 def _clip_files(layer: Sdf.Layer, clips: Any) -> Iterator[str]:
-    """Yields the file names in the metadata about value clips (files with time samples) of a prim."""
+    """Yields the files with time samples (value clips) that the metadata `clips` of a prim names.
+
+    For a pattern of file names, also the folder is yielded.
+    """
     for key, value in clips.items():
         if isinstance(value, dict):
             yield from _clip_files(layer, value)
@@ -90,12 +99,15 @@ def _clip_files(layer: Sdf.Layer, clips: Any) -> Iterator[str]:
 
 
 def _resolved_file(path: Path, layer: Sdf.Layer, name: str) -> tuple[str, bool]:
-    """Returns the identifier of a file that a layer names, and True if the file exists.
+    """Finds a file that another file of an OpenUSD scene names; logs a warning if it does not exist.
 
     Args:
-        path: The scene.
-        layer: The layer that names the file.
-        name: The file's name in the layer.
+        path: Path of the scene.
+        layer: The file (layer) that contains the name.
+        name: The name, relative to the layer.
+
+    Returns:
+        Identifier of the found file in usd-core, and True if it exists.
 
     Raises:
         DatasetError: If the file is outside of the folder of the scene, or its name is an expression.

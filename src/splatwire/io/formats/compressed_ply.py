@@ -267,7 +267,11 @@ def _without_far(splats: Splats, path: Path) -> Splats:
 
 
 def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Clips or removes outliers of scales and colours that cause visible quantisation steps in their chunks."""
+    """Clips or removes extreme scales and colours, or keeps them, as given by `treatment`.
+
+    The range of the values in a chunk determines its quantisation steps. Outliers are treated, with a warning, only if
+    they make these steps visibly larger.
+    """
     logs = np.log(splats.scales.astype(np.float64)).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
     colours = splats.sh[:, 0].astype(np.float64) * DC
     kept = np.ones(splats.num_gaussians, bool)
@@ -291,9 +295,9 @@ def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, li
         top: Largest quantised value; the step is the range of a chunk divided by it.
 
     Returns:
-        The values with their outliers marked; the values with outliers clipped to the range of the other values; and
-        the largest quantisation step of the affected chunks in three cases: outliers kept, clipped, removed. The steps
-        are 0 if there are no outliers.
+        Three values. (1) The values with their outliers marked. (2) The values with outliers clipped to the range of
+        the other values. (3) The largest quantisation step in the affected chunks if outliers are kept, if they are
+        clipped, and if they are removed; all 0 without outliers.
     """
     found = []
     for share in SHARES:
@@ -329,7 +333,12 @@ def _with_values(splats: Splats, what: str, rows: np.ndarray, values: np.ndarray
 
 
 def _largest_span(values: np.ndarray, chunks: np.ndarray) -> float:
-    """Returns the largest range of any component within one of the given chunks; NaN is ignored."""
+    """Returns the largest range (maximum minus minimum) of a component of the values within a chunk.
+
+    Args:
+        values: Values in the order of the file, (N, C); NaN is ignored.
+        chunks: Indices of the chunks to examine, at least one.
+    """
     starts = np.arange(0, len(values), CHUNK)
     spans = np.fmax.reduceat(values, starts) - np.fmin.reduceat(values, starts)
     return float(np.nan_to_num(spans[chunks]).max())

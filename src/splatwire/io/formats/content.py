@@ -75,8 +75,8 @@ def warn_of_rounded_positions(path: Path, splats: Splats, origin: Origin) -> Non
 def warn_of_distant_sites(path: Path, splats: Splats, origin: Origin) -> None:
     """Logs a warning if many Gaussians are so far from the origin of the scene that float32 rounds them visibly.
 
-    A scene has one origin. Of two sites with map coordinates far apart, only one is near it. Large Gaussians, such as
-    those of a sky, are not rounded visibly.
+    This happens if a file contains two sites that are far apart, because the origin can be near one of them only. Large
+    Gaussians, such as those of a sky, are not rounded visibly.
 
     Args:
         path: The file.

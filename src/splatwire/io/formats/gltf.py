@@ -368,7 +368,7 @@ class _Gltf:
         return replaced
 
     def _rows(self, name: str, place: dict[str, Any], dtype: np.dtype, shape: tuple[int, int]) -> np.ndarray:
-        """Returns an array that a buffer contains; zeros if the document names no buffer view for it.
+        """Returns an array from a buffer of the document; zeros if the document names no data for it.
 
         Args:
             name: Name of the attribute, for messages.

@@ -65,7 +65,7 @@ class Column:
 
     @property
     def others(self) -> np.ndarray:
-        """Indices of the Gaussians whose value is not an outlier."""
+        """Values that are no outliers, float64 (n, C)."""
         return self.values[~self.outside]
 
 
@@ -103,17 +103,19 @@ def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
 
 
 def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> Column:
-    """Finds the fewest distant Gaussians whose removal makes the rounding of nearly all other positions invisible.
+    """Finds the distant Gaussians because of which the positions of the others would be rounded visibly.
 
-    If no set of up to half of the Gaussians suffices, at most one hundredth are marked.
+    Larger and larger shares of the Gaussians (`SHARES`) are marked as outliers, until nearly all others would be
+    written without visible errors. If the largest share does not suffice either, the smallest one is used.
 
     Args:
         splats: The Gaussians.
-        errors: Function that takes the positions of all Gaussians, some of which are marked as outliers. It returns the
-            rounding error of each other Gaussian (largest error of a coordinate), world units, float64 (n).
+        errors: Function that computes the position errors of a file without outliers. Its argument are the positions of
+            all Gaussians with the outliers marked. It returns the largest error of a coordinate of each of the n other
+            Gaussians, world units, float64 (n).
 
     Returns:
-        The positions with these Gaussians marked as outliers.
+        The positions of all Gaussians with the outliers marked.
     """
     known: list[np.ndarray] = []
 
@@ -160,9 +162,11 @@ def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
 
 
 def _are_visible(errors: np.ndarray, scales: np.ndarray) -> bool:
-    """True if too many Gaussians have visible rounding errors of their position.
+    """Returns True if the share of Gaussians with visible position errors exceeds `_FEW_COSTLY`.
 
-    An error is visible above the limit `FINE`.
+    Args:
+        errors: Largest position error of each Gaussian along an axis, world units, (n).
+        scales: Local scale of each Gaussian, world units, (n). Errors above `scales / FINE` are visible.
     """
     return bool(len(errors)) and float((errors > scales / FINE).mean()) > _FEW_COSTLY
 

@@ -356,8 +356,8 @@ def _reason(error: Exception) -> str:
 
 
 def _most_pixels(pixels: int) -> int:
-    """Returns how many pixels an image with `pixels` values may have.
+    """Returns the maximum number of pixels of an image that needs only `pixels` of them.
 
-    Writers pad images in different ways; a larger image is rejected.
+    Writers pad images in different ways, so some excess is accepted.
     """
     return 2 * pixels + _SPARE_PIXELS

@@ -232,12 +232,12 @@ def _with_capacity(joined: Splats | None, count: int, total: int, degree: int) -
 
 
 def _read_chunk(index: Path, folder: Path, runs: list[Piece], named: list[Piece]) -> tuple[Splats, int]:
-    """Reads one chunk; returns the Gaussians of some ranges in it, which must not overlap.
+    """Reads the Gaussians in selected ranges of one chunk.
 
     Args:
         index: Path of the `lod-meta.json`, for messages.
         folder: Path of the chunk.
-        runs: Ranges to select.
+        runs: Ranges to select, which must not overlap.
         named: Ranges of all levels of all leaves in this chunk.
 
     Returns:

@@ -86,7 +86,7 @@ def read_usd(path: Path) -> FileContent:
 
 
 def usd_frames(path: Path) -> UsdFrames | None:
-    """Returns the frames of an OpenUSD scene; None if no array of its Gaussians has more than one time sample.
+    """Returns the frames of a moving OpenUSD scene; None if its Gaussians have values at fewer than two times.
 
     Raises:
         DatasetError: If usd-core cannot open the file, there are too many frames, or their rate is no number above 0.
@@ -170,7 +170,7 @@ class _Stage:
             raise DatasetError(f"{path}: no visible prim of the type {PRIM}")
 
     def frames(self) -> UsdFrames | None:
-        """Returns the frames of the stage; None if no array of its Gaussians has more than one time sample.
+        """Returns the frames of a moving scene; None if its Gaussians have values at fewer than two times.
 
         Raises:
             DatasetError: If there are too many frames, or their rate is no number above 0.
@@ -220,9 +220,10 @@ class _Stage:
         return FileContent(concatenate(moved), origin, metadata=metadata.moved_origin(NO_ORIGIN, origin))
 
     def _axes(self) -> tuple[tuple[float, float, float], dict[str, Any]]:
-        """Returns the signs of x, y and z that convert positions to the axes of a PLY, and the file's metadata from us.
+        """Returns the signs of x, y and z that convert positions to PLY axes, and the JSON object of this package.
 
-        Files written by this package contain a JSON object, which also names the signs. Otherwise the up axis decides.
+        A file written by this package contains a JSON object with the signs and the metadata of the scene. For other
+        files, the object is empty, and the up axis of the stage determines the signs.
         """
         data = self._stage.GetRootLayer().customLayerData.get(_OWN)
         try:
@@ -286,7 +287,14 @@ def _attribute(prim: Usd.Prim, name: str) -> Usd.Attribute | None:
 
 
 def _transformed(splats: Splats, placement: np.ndarray, flips: tuple[float, float, float], origin: Origin) -> Splats:
-    """Applies the transform of a prim and the axes of the stage; the result is relative to `origin`."""
+    """Converts Gaussians from the coordinates of their prim to world coordinates relative to `origin`.
+
+    Args:
+        splats: The Gaussians.
+        placement: Transform from the prim to the world, float64 (4, 4), for column vectors.
+        flips: Signs of x, y and z that convert the axes of the stage to those of a PLY.
+        origin: World coordinates of the point that the result is relative to, in the axes of a PLY.
+    """
     signs = np.diag(flips)
     shift = signs @ placement[:3, 3] - np.array(origin)
     if np.array_equal(placement[:3, :3], np.eye(3)):
@@ -312,7 +320,7 @@ def _reason(error: BaseException) -> str:
 
 
 class _Writer:
-    """Stage in memory with one prim of Gaussians below a transform.
+    """Writer of an OpenUSD scene: a stage in memory with one prim (object) for all Gaussians.
 
     Attributes:
         origin: World coordinates that positions are relative to.
