@@ -38,7 +38,10 @@ def check_look(look: LookFrom) -> None:
 
 
 def views_of(look: LookFrom, scene: Scene) -> tuple[CalibrationViews, str]:
-    """Returns the training photos, the cameras of a file, or generated views, and a description of them."""
+    """Returns the views in which a calibration compares pictures, and their description for messages.
+
+    These are the training photos of `--data`, else the cameras of `--cameras`, else views on a sphere around the scene.
+    """
     behind = _behind(look, scene)
     if (photos := photos_of(look, "train", scene)) is not None:
         return photos, f"against training photos{'' if photos.mask is None else ' inside their masks'}"
@@ -65,7 +68,11 @@ def _behind(look: LookFrom, scene: Scene) -> Background:
 
 
 def stream_output(path: Path, what: str) -> Path:
-    """Checks the name of a stream to write.
+    """Returns the path of the stream that a calibration writes, after checking it.
+
+    Args:
+        path: The path.
+        what: What the calibration adds to the stream, such as `sketch`, for the message.
 
     Raises:
         InvalidValueError: If the name has not the suffix of a stream, or the file cannot be written.

@@ -65,7 +65,11 @@ class _Forward(logging.Filter):
 
 @contextmanager
 def rate_limited_warnings(warn: Callable[[str], None]) -> Iterator[None]:
-    """Context in which warnings about single frames are passed to a rate-limited function."""
+    """Context in which warnings about single frames are passed to a function instead of the log.
+
+    Args:
+        warn: Function that receives the text of a warning, and limits how many it prints.
+    """
     passed, loggers = _Forward(warn), [logging.getLogger(name) for name in LOGGERS]
     for logger in loggers:
         logger.addFilter(passed)

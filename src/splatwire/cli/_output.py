@@ -22,6 +22,11 @@ Reporter: TypeAlias = Callable[[str, float], None]
 def refuse_options(options: Any, names: Sequence[str], why: str) -> None:
     """Raises an error if any of the given options differs from its default.
 
+    Args:
+        options: Options of a verb.
+        names: Names of the fields to check.
+        why: End of the error message after the name of the option.
+
     Raises:
         InvalidValueError: If an option is set.
     """

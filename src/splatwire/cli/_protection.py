@@ -16,7 +16,11 @@ def plan_of_file(path: Path) -> tuple[Protection, int]:
 
 
 def protection_of(side_repair: float, texts: Sequence[str]) -> Protection:
-    """Parses redundancy options: motion=REPAIR for clips, or tierN=REPAIR for importance tiers (`parse_tiers`).
+    """Converts the options for redundancy to a `Protection`. A share is the number of repair symbols per source symbol.
+
+    Args:
+        side_repair: Share for the side information.
+        texts: `motion=SHARE` for the motion of clips, or `tierN=SHARE` for importance tier N (`parse_tiers`).
 
     Raises:
         InvalidValueError: If the text has another form, or a number is out of range.

@@ -22,7 +22,10 @@ from splatwire.sequence.written_frames import check_num_frames, write_frames
 
 
 def viewpoint_of_options(command: Receive) -> Viewpoint | None:
-    """Returns the viewpoint of the first camera in the cameras file; None without one. Checks the concealer, too."""
+    """Returns the viewpoint of the first camera in the file of `--camera`; None without this option.
+
+    Checks first that the concealer of `--conceal` exists.
+    """
     if command.conceal is not None:
         check_concealer(command.conceal)
     return None if command.camera is None else viewpoint_of(load_cameras(command.camera))

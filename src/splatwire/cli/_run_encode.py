@@ -110,7 +110,7 @@ def _check(command: Encode) -> None:
 
 
 def _tuning(command: Encode) -> "Tuning":
-    """Returns the options of the fine-tuning.
+    """Returns the options of the fine-tuning of Gaussians that `--effort best` does while encoding.
 
     Raises:
         InvalidValueError: If the loss model or the seed is not valid.

@@ -197,7 +197,11 @@ class TransferTimes:
 async def _stoppable(
     transfer: Callable[[asyncio.Future[None]], Awaitable[Receiver]],
 ) -> tuple[Receiver, bool]:
-    """Runs a transfer that SIGINT or SIGTERM stops; also returns True if it was stopped."""
+    """Runs a transfer until its end, or until SIGINT or SIGTERM stops it.
+
+    Returns:
+        The receiver, and True if a signal stopped the transfer.
+    """
     loop = asyncio.get_running_loop()
     stop = loop.create_future()
     for number in (signal.SIGINT, signal.SIGTERM):

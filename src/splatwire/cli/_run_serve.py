@@ -175,7 +175,10 @@ async def _serve(command: Serve, streams: dict[str, ServedStream], access: Acces
 
 
 async def _offer_downloads(command: Serve, opened: RunningServer, stack: contextlib.AsyncExitStack) -> None:
-    """Adds the files of `--downloads` to the page server; they are in a temporary folder."""
+    """Lets the page server offer streams for download in the formats of `--downloads`.
+
+    Converted files are stored in a temporary folder until the server stops.
+    """
     if not command.downloads or opened.page is None or not isinstance(opened.page.content, PageContent):
         return
     folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="splatwire-"))

@@ -102,7 +102,17 @@ def _initial_training(command: Train, place: str) -> tuple[TrainState, TrainConf
 def _continued_training(
     command: Train, scene: Any, model: str, details: str
 ) -> tuple[TrainState, TrainConfig, Dataset, Dataset | None]:
-    """Returns the state, the configuration and the views for training that continues from a finished scene."""
+    """Prepares a training that continues from a finished scene.
+
+    Args:
+        command: Options of `splatwire train`.
+        scene: The finished scene.
+        model: Name of the scene's model.
+        details: Text about the scene, at the end of the message that is printed.
+
+    Returns:
+        Initial state, configuration, training photos, and test photos or None.
+    """
     if command.voxel_size is not None or command.growth_interval is not None:
         raise InvalidValueError(
             "--voxel-size and --growth-interval do not apply to a finished scene, whose anchors stay"

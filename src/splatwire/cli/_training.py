@@ -141,7 +141,12 @@ def parsed_size(text: str) -> int:
 
 
 def checked_size(scene: AnchorScene, wanted: int) -> int | None:
-    """Returns the size of the scene's stream in bytes if a target size was given; prints a message if it was missed."""
+    """Returns the size of a trained scene's stream in bytes, and prints a message if it is far from the target size.
+
+    Args:
+        scene: The scene.
+        wanted: Target size, bytes; 0 for none, then None is returned and nothing is encoded.
+    """
     if not wanted:
         return None
     num_bytes = stream_bytes(scene)

@@ -249,12 +249,13 @@ def _background(first: PreparedStream, store: Store) -> Background:
 def _frame_views(source: Source, stamp: str, store: Store) -> SceneEntry:
     """Creates a camera for each frame of a sequence, and stores the cameras in a cameras file.
 
-    Returns the definition of the scene, in which this file replaces the user's cameras.
-
     Args:
         source: The sequence.
         stamp: Digest of the original frames.
         store: Store for the cameras file.
+
+    Returns:
+        Definition of the scene, in which this file replaces the user's cameras.
     """
     entry, stream = source.entry, source.stream
     assert stream is not None

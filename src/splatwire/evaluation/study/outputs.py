@@ -116,7 +116,14 @@ machine."""
 def _tables(
     result: StudyResult, store: Store, summaries: Sequence[Summary], everything: Sequence[Summary]
 ) -> dict[str, list[Table]]:
-    """Returns the tables of the report, by section."""
+    """Returns the tables of the report, by section.
+
+    Args:
+        result: Results of the evaluation.
+        store: Store of the evaluation.
+        summaries: Statistics of each scene.
+        everything: The same, or with means over scenes in addition.
+    """
     names = list(result.scenes)
     order = ordering_table(orderings(result, summaries))
     deltas = [bd_table(panel) for panel in panels(curves_of(result.study, everything))]

@@ -32,7 +32,7 @@ UNIT_SUFFIX = ".parquet"
 
 @dataclass(frozen=True)
 class Store:
-    """Paths and writers of a store.
+    """Folder with the inputs and results of an evaluation: gives the paths of its files, and reads and writes them.
 
     Attributes:
         root: The folder.
