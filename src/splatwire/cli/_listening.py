@@ -68,7 +68,15 @@ def public_origin(listening: Listening) -> str | None:
 
 
 def print_ready(listening: Listening, port: int, facts: "Mapping[str, str]", what: str, **more: Any) -> None:
-    """Prints the addresses of a server that is ready, and the information that clients need to connect."""
+    """Prints the addresses of a server that is ready, and the information that clients need to connect.
+
+    Args:
+        listening: Options of the server.
+        port: Port on which the server receives.
+        facts: Names and values to print, such as the fingerprint of the certificate.
+        what: Description of what is served, at the beginning of the text.
+        more: Further values, for JSON output only.
+    """
     if listening.json:
         print_json({"host": listening.host, "port": port, **more, **facts})
     else:

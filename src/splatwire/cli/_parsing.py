@@ -63,7 +63,14 @@ def parse_verb(verb: str, arguments: Sequence[str]) -> Any:
 
 
 def _parse_with_file(verb: str, settings: Any, words: Sequence[str], path: Path) -> Any:
-    """Parses options with the values of a configuration file as defaults, which command-line arguments override."""
+    """Parses the options of a verb from a configuration file and the command line, which takes precedence.
+
+    Args:
+        verb: Name of the verb.
+        settings: Class of its options.
+        words: Command-line arguments after the verb.
+        path: The configuration file.
+    """
     in_file = words_of_file(path, settings, "streams")
     configured = tyro.cli(settings, prog=f"splatwire {verb} --{OPTION} {path}:", args=in_file, config=_CONFIG)
     given = tyro.cli(

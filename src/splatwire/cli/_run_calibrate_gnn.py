@@ -117,7 +117,17 @@ def _data(command: CalibrateGnn, show: Reporter) -> tuple[SceneStream, Calibrati
 
 
 def _write(command: CalibrateGnn, stream: SceneStream, result: CalibrationResult, bits: int) -> dict[str, int | float]:
-    """Writes the network weights, to a separate file or into the stream; returns their size."""
+    """Writes the network weights to a separate file or into the stream.
+
+    Args:
+        command: Options of the verb.
+        stream: The stream of the scene.
+        result: The trained network.
+        bits: Number of bits per weight in the stream.
+
+    Returns:
+        Bytes of the weights, bytes of the stream, and their ratio, by name.
+    """
     if _embeds(command):
         bare = without_concealment(stream, SECTION)
         return write_with_section(bare, SECTION, write_section(result.weights, bits), command.output)

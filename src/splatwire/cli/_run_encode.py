@@ -282,7 +282,13 @@ def _up(command: Encode, scene: Scene, cameras: Cameras | None) -> str | None:
 
 
 def _tiers(command: Encode, scene: Scene, cameras: Cameras | None) -> np.ndarray | None:
-    """Returns the importance tier of each element; None for a single tier."""
+    """Returns the importance tier of each element, by the area that it covers in views; None for a single tier.
+
+    Args:
+        command: Options of the verb.
+        scene: The scene.
+        cameras: The views; None for views around the scene.
+    """
     if not command.tiers:
         return None
 

@@ -93,7 +93,17 @@ def _decoding_module() -> ModuleType:
 def _transfer(
     command: Receive, address: Address, options: ReceiverOptions, note: Callable[[Event], None]
 ) -> tuple[Receiver, bool]:
-    """Receives the stream, with a packet capture if requested; also returns True if the user stopped the transfer."""
+    """Receives the stream, and writes all datagrams to a capture file (pcap) if requested.
+
+    Args:
+        command: Options of the verb.
+        address: Address of the server.
+        options: Options of the receiver.
+        note: Called with each event of the transfer.
+
+    Returns:
+        The receiver, and True if the user stopped the transfer.
+    """
     transfer = transfer_of(command.trust, address)
     with contextlib.ExitStack() as stack:
         tap = None

@@ -64,6 +64,11 @@ def run(command: Serve) -> None:
 def _served_streams(command: Serve, protection: Protection, planned: int | None = None) -> dict[str, ServedStream]:
     """Reads the streams to serve and prepares them for sending; returns them by name.
 
+    Args:
+        command: Options of the verb.
+        protection: Amount of redundancy.
+        planned: Id of the stream for which the redundancy was planned; None without a plan.
+
     Raises:
         InvalidValueError: If two streams have one name, or the plan is for another stream.
     """

@@ -213,7 +213,7 @@ def _colmap_views(folder: Path, image_folder: Path, split: str, test_views: str)
 def _transforms_views(
     path: Path, split: str, images: str | None, test_views: str | None
 ) -> tuple[list[TransformsView], Path, Path | None]:
-    """Returns the views of a split, their source file, and the path of the point cloud, or None."""
+    """Returns the views of a split, the file that lists them, and the point cloud that the file names, or None."""
     if (path / bungee.FILE).is_file():
         views, rule = bungee.read_bungee(path / bungee.FILE, images), test_views or "first_31"
         photos, tests = [view.image_path for view in views], _chosen(len(views), "test", rule)
@@ -371,9 +371,9 @@ def _cameras(
     max_width: int | None,
     upright: bool,
 ) -> tuple[Cameras, tuple[Undistortion | None, ...]]:
-    """Returns the cameras for the photos as loaded, and the undistortion of each view.
+    """Returns the cameras, scaled to the size with which photos are loaded, and the lens undistortion of each view.
 
-    The list of undistortions is empty if no lens has distortion.
+    The undistortion of a pinhole view is None. The list is empty if all views are pinhole views.
     """
     first = photo_size(image_paths[0], upright=upright)
     width, height = limited_size(*first, max_width)

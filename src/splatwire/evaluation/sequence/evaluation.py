@@ -70,20 +70,29 @@ class SequenceScore:
         return float(self.change[self.later :].mean()) if len(self.change) > self.later else 0.0
 
     def worst_below(self, complete: "SequenceScore") -> float:
-        """Largest PSNR deficit of a frame against another configuration, decibels.
+        """Largest amount by which the PSNR of a frame is below that of the same frame without losses, decibels.
 
         The first group of pictures is excluded.
+
+        Args:
+            complete: Score of the sequence without losses.
         """
         return float(self._below(complete).max())
 
     def mean_below(self, complete: "SequenceScore") -> float:
-        """Mean PSNR deficit against another configuration, from the second group of pictures on, decibels."""
+        """Mean amount by which the PSNR of a frame is below that of the same frame without losses, decibels.
+
+        The first group of pictures is excluded.
+
+        Args:
+            complete: Score of the sequence without losses.
+        """
         return float(self._below(complete).mean())
 
     def _below(self, complete: "SequenceScore") -> np.ndarray:
-        """Returns by how many decibels the PSNR of this configuration is below that of another, for each frame.
+        """Returns by how many decibels the PSNR is below that of the complete sequence, from frame `later` on.
 
-        It is 0 where both are equal or infinite.
+        The difference of frames with equal PSNR, also infinite, is 0.
         """
         own, other = self.psnr[self.later :], complete.psnr[self.later :]
         differ = own != other

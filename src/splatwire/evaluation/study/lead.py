@@ -130,7 +130,13 @@ def _rate(loss: Loss) -> float:
 
 
 def _summary_sentence(found: dict[str, Summary], rows: ComparedRows | None, source: str) -> str | None:
-    """Summarises the result in one sentence; None if no PSNR is finite."""
+    """Summarises in one sentence how much concealment improves the PSNR; None if no PSNR is finite.
+
+    Args:
+        found: Statistics under the highest loss, by key of the method.
+        rows: The methods to compare; None to state only the PSNR of one method.
+        source: Kind of reference images, such as `photos`.
+    """
     shown = [found[row.key] for row in (rows.uncovered, rows.best)] if rows else list(found.values())[:1]
     figures = [s.figures.get("psnr") for s in shown]
     if not shown or any(figure is None for figure in figures):

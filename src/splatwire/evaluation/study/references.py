@@ -125,7 +125,20 @@ def _render_missing(
     name: str, cameras: Cameras, background: Background, pictures: Callable[[], Iterable[Any]],
     store: Store, folder: str, progress: Progress,
 ) -> str:  # fmt: skip
-    """Renders the reference images that are not in the store yet; returns a digest of the cameras and all images."""
+    """Renders the reference images of a scene and stores them, unless they are in the store already.
+
+    Args:
+        name: Name of the scene, for the display of progress.
+        cameras: Cameras of the images.
+        background: RGB of the background.
+        pictures: Function that renders the images, in the order of the cameras.
+        store: Store for the images.
+        folder: Folder of the images within the store.
+        progress: Called with the name of the current task and its finished share, 0 to 1.
+
+    Returns:
+        Digest of the cameras, the background and all images.
+    """
     about = store.root / folder / "views.json"
     if (known := read_json(about)) is None:
         digests = []

@@ -279,7 +279,10 @@ def _loss(location: str, table: dict[str, Any]) -> Loss:
 def _parse_published(location: str, table: dict[str, Any], metrics: Iterable[Any]) -> Published:
     """Parses one table `[[published]]` of a protocol file: the figures that a paper gives for a row and a dataset.
 
-    Allowed are the metrics of the protocol, the default metrics, and sizes.
+    Args:
+        location: Location of the table in the file, for error messages.
+        table: Content of the table. Figures may be default metrics, sizes, or one of `metrics`.
+        metrics: Metrics of the protocol.
     """
     figures = tuple(dict.fromkeys((*DEFAULT_METRICS, *SIZE_METRICS, *filter(_is_text, metrics))))
     _check_keys(location, table, {"row": str, "dataset": str, **dict.fromkeys(figures, float)}, ("row", "dataset"))

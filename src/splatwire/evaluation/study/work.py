@@ -159,7 +159,15 @@ class UnitRunner:
     def _images(
         self, unit: Unit, arrived: ReceivedInput, views: ReferenceViews
     ) -> Iterable[Float[np.ndarray, "H W 3"]]:
-        """Renders the views of a task after concealment, or reads the images that another codec has rendered."""
+        """Returns the image of each view of a task.
+
+        The received scene is concealed and rendered; if it consists of images of another codec, these are read.
+
+        Args:
+            unit: The task.
+            arrived: The received scene.
+            views: Cameras and reference images.
+        """
         if arrived.scene is None:
             paths = picture_paths(Path(unit.stream.path), unit.references)
             return read_pictures(paths, views.cameras.height, views.cameras.width)

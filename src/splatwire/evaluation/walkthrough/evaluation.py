@@ -117,8 +117,8 @@ class StreamedWalkthrough:
         scene: The decoded scene with all levels.
         tiles: The tiles of the scene.
         packet_of: Index of each Gaussian's packet, int64 (N).
-        replaced_tile: Index of the finer tile that each Gaussian replaces until that tile is received, int64 (N); -1
-            for the finest level.
+        replaced_tile: Index of the finer tile whose area each Gaussian covers until that tile is received, int64 (N);
+            -1 for Gaussians of the finest level.
         delivery: Arrival times of the packets.
         head_bytes: Bytes of the manifest and the side information.
     """
@@ -173,7 +173,13 @@ class StreamedWalkthrough:
 
 
 def _replaced_tile(tiles: Tiles, tile_of: np.ndarray, scene: Scene) -> np.ndarray:
-    """Returns for each Gaussian the index of the finer tile that replaces it when received; -1 for none."""
+    """Returns for each Gaussian the index of the finer tile that is drawn in its place once received; -1 for none.
+
+    Args:
+        tiles: All tiles.
+        tile_of: Index of each Gaussian's own tile, (N).
+        scene: The scene with all N Gaussians.
+    """
     splats = explicit_gaussians(scene)
     assert splats is not None  # only explicit Gaussians have levels
     order, means = np.argsort(tile_of, kind="stable"), splats.means.astype(np.float64)

@@ -244,7 +244,19 @@ def property_names(degree: int) -> list[str]:
 
 
 def _header(count: int, degree: int, note: PlyNote | None, digest: str, remarks: list[str], origin: Origin) -> bytes:
-    """Returns the header; a padding comment makes its length independent of the number of Gaussians."""
+    """Returns the header of a PLY file.
+
+    A padding comment makes its length independent of the number of Gaussians, so that it can be rewritten when the
+    number is known.
+
+    Args:
+        count: Number of Gaussians.
+        degree: Degree of their spherical harmonics.
+        note: Quantisation steps to store; None for none.
+        digest: Digest of the vertices, to which the steps apply.
+        remarks: Texts of further comments.
+        origin: World coordinates of the origin; positions are float64 unless it is (0, 0, 0).
+    """
     digits = str(count)
     lines = ["ply", "format binary_little_endian 1.0", "comment splatwire" + "." * (_COUNT_DIGITS - len(digits))]
     lines += [] if note is None else [note.line(digest[:DIGEST_DIGITS])]

@@ -223,7 +223,14 @@ def _read_pieces(
 
 
 def _with_capacity(joined: Splats | None, count: int, total: int, degree: int) -> Splats:
-    """Copies the Gaussians read so far to larger arrays, which have room for `total` Gaussians."""
+    """Allocates arrays for `total` Gaussians, and copies the `count` Gaussians that were read so far into them.
+
+    Args:
+        joined: Arrays of the Gaussians that were read so far; None for the first allocation.
+        count: Number of Gaussians to copy.
+        total: Number of all Gaussians.
+        degree: Degree of the spherical harmonics in the new arrays, not below that of `joined`.
+    """
     room = Splats.empty(total, degree)
     for begin in range(0, 0 if joined is None else count, ROWS):
         assert joined is not None
