@@ -270,8 +270,8 @@ def _print_result(
 def _up(command: Encode, scene: Scene, cameras: Cameras | None) -> str | None:
     """Returns the axis that viewers should show as up; None if the stream need not store it.
 
-    It is not stored if the metadata of the scene states an up axis or a view, if cameras are given, or if the estimated
-    axis is the default, -y.
+    The axis is that of `--up`, or estimated with `--up auto`. No axis is estimated if the metadata of the scene has an
+    up axis or a view, or if cameras are given. An estimated axis equal to the default, -y, is not stored either.
     """
     if command.up != "auto":
         return command.up

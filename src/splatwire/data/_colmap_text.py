@@ -118,9 +118,9 @@ def _is_points(line: str) -> bool:
 def _has_pose(line: str) -> bool:
     """Returns True if a line of numbers describes an image, not 2D points.
 
-    An image whose name consists of numbers, such as `12 34 56`, is such a line. Its second to fifth number are the
-    rotation, a quaternion of length 1. In a line of 2D points, these numbers have length 1 only if points are within a
-    pixel of the image corner.
+    The line of an image has numbers only if the name of the image consists of numbers, such as `12 34 56`. The second
+    to fifth number are its rotation, a quaternion of length 1. In a line of 2D points, these numbers have length 1 only
+    if points are within a pixel of the image corner.
     """
     words = line.split(maxsplit=9)
     if len(words) < 10 or not words[0].isdecimal() or not words[8].isdecimal():

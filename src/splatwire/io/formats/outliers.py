@@ -103,16 +103,16 @@ def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
 
 
 def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> Column:
-    """Finds the distant Gaussians because of which the positions of the others would be rounded visibly.
+    """Finds the distant Gaussians that would cause visible rounding of the other positions in a file.
 
     Larger and larger shares of the Gaussians (`SHARES`) are marked as outliers, until nearly all others would be
     written without visible errors. If the largest share does not suffice either, the smallest one is used.
 
     Args:
         splats: The Gaussians.
-        errors: Function that computes the position errors of a file without outliers. Its argument are the positions of
-            all Gaussians with the outliers marked. It returns the largest error of a coordinate of each of the n other
-            Gaussians, world units, float64 (n).
+        errors: Function that computes the position errors in a file without outliers. It takes the positions of all
+            Gaussians with the outliers marked. For each of the n other Gaussians, it returns the largest error of a
+            coordinate, world units, float64 (n).
 
     Returns:
         The positions of all Gaussians with the outliers marked.
