@@ -185,7 +185,7 @@ def check_inputs(*paths: Path | None) -> None:
 
 
 def read_report_json(report: ReadReport) -> dict[str, object]:
-    """Converts the report of reading a stream (missing and damaged packets) to JSON values."""
+    """Converts a report about the packets that were missing or damaged when a stream was read, to JSON values."""
     return {
         "num_expected": report.num_expected,
         "num_received": report.num_received,

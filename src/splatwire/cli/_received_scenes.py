@@ -57,7 +57,8 @@ def write_scene(command: Receive, stream: SceneStream, path: Path, show: Reporte
     """Decodes and conceals a received stream, and writes the scene or the frames of the clip.
 
     Raises:
-        InvalidValueError: If the name of the output is that of another kind of scene; the stream is kept beside it.
+        InvalidValueError: If the suffix of the output does not fit the kind of scene. The stream is then written to a
+            file next to the output.
     """
     explicit = command.explicit
     if stream.manifest.schema.timed and not explicit:

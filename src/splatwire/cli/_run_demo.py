@@ -56,7 +56,11 @@ def run(options: Demo) -> None:
 
 @contextmanager
 def _explicit(options: Demo) -> Iterator[Callable[[], dict[str, Any]]]:
-    """Starts evaluating the bundled explicit Gaussians in another process; yields a function that awaits it."""
+    """Context in which another process evaluates the bundled file of explicit Gaussians.
+
+    Yields:
+        Function that waits for the end of the evaluation and returns its result.
+    """
     source = ASSETS / SPLATS
     views = () if options.views is None else ("--views", options.views)
     with _subprocess.in_fresh_process(

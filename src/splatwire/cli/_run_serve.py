@@ -90,7 +90,9 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
 
 
 def protection(command: Serve) -> tuple[Protection, int | None]:
-    """Returns the amount of redundancy, and the id of the stream that a plan was made for (None without a plan).
+    """Returns the amount of redundancy, from a plan file (`--plan`) or from options.
+
+    Also returns the id of the stream for which the plan was made; None without a plan.
 
     Raises:
         InvalidValueError: If a number is out of range, the plan file is invalid, or both a plan and explicit

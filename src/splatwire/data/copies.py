@@ -37,9 +37,7 @@ def warn_of_copies(source: Path, names: Sequence[str], photos: Sequence[Path | N
 def _copied_views(
     views: list[int], photos: Sequence[Path | None], is_test: Sequence[bool]
 ) -> Iterable[tuple[int, int]]:
-    """Yields pairs of a test view and a training view whose photos are equal.
-
-    If several training views have the photo, the first of them is used.
+    """Yields each test view whose photo is a copy of a training photo, with the first training view of this photo.
 
     Args:
         views: Indices of the views to compare.

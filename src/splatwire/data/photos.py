@@ -131,12 +131,12 @@ def limited_size(width: int, height: int, max_width: int | None) -> tuple[int, i
 
 
 def _check_pixels(path: Path, image: Image.Image, free: int) -> None:
-    """Checks the number of pixels of an image, because a small file can decompress to a huge image.
+    """Rejects an image with too many pixels for its file size, because a small file can decompress to a huge image.
 
     Args:
         path: The file, for the message.
         image: The image, not yet decompressed.
-        free: Number of pixels that are always accepted.
+        free: Number of pixels that are accepted for any file size.
     """
     size = path.stat().st_size
     if image.width * image.height > max(free, _PIXELS_PER_BYTE * size):

@@ -271,7 +271,7 @@ def _iteration(folder: Path) -> int | None:
 
 
 def is_not(path: Path, wanted: str, why: str = "") -> str:
-    """Returns an error message about a path of the wrong format: the expected and the detected format.
+    """Returns the error message for a file of a wrong format; it names the expected and the detected format.
 
     Args:
         path: The file or folder.
@@ -424,7 +424,7 @@ def _torch_kind(head: bytes) -> Kind | None:
 
 
 def _weak_kind(head: bytes) -> Kind:
-    """Detects formats by bytes that also occur by chance in other binary data; called after all other checks."""
+    """Detects formats without a reliable signature; called last, because other data may begin with the same bytes."""
     if head.startswith(b"\x1f\x8b"):
         return SPZ if _unpacked(head).startswith(b"NGSP") else Kind("gzip", "a gzip archive")
     if re.match(rb"\x80[\x02-\x05]", head):

@@ -48,9 +48,9 @@ class OpenedFile(_NativePath):
         return super().stat(follow_symlinks=follow_symlinks)
 
     def reader(self) -> BufferedReader | None:
-        """Returns a reader at the first byte of the open file, to be closed by the caller; None if it is not open.
+        """Returns a file object to read the open file from its first byte; None if it is not open.
 
-        Readers share one position in the file: a new reader moves it for all of them.
+        The caller closes it. All file objects share one position in the file, so only the newest may be used.
         """
         if self._file is None:
             return None

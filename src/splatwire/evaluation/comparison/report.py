@@ -49,7 +49,7 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
 
 
 def comparison_headings(comparison: Comparison) -> tuple[str, ...]:
-    """Returns the headings of the table; LPIPS has a column only if it was computed."""
+    """Returns the column headings of the table of compared files; there is one for LPIPS only if it was computed."""
     lpips = ("LPIPS",) if comparison.lpips else ()
     return ("file", "Gaussians", "bytes", "of first", "PSNR dB", "SSIM", *lpips, "decode s")
 

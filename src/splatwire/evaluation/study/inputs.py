@@ -273,7 +273,7 @@ def _with_cameras(entry: SceneEntry, drawn: Callable[[], Scene], stamp: str, sto
 
     Args:
         entry: Definition of the scene.
-        drawn: Function that returns the scene around which cameras are generated.
+        drawn: Function that returns the scene around which cameras are generated; called only if needed.
         stamp: Digest of this scene.
         store: Store for the generated cameras file.
     """

@@ -129,7 +129,7 @@ def of_degree(splats: Splats, degree: int) -> Splats:
 
 
 def filled(path: Path, parts: Iterable[Splats]) -> Iterator[Splats]:
-    """Yields the non-empty batches of Gaussians for a writer; all must have the same degree of harmonics.
+    """Yields the batches of Gaussians that are not empty, after checking that all have the same degree of harmonics.
 
     Args:
         path: Path of the output, for messages.

@@ -40,8 +40,8 @@ def binary_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[
 def text_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[str, np.ndarray]:
     """Reads rows of a text PLY: numbers separated by white space.
 
-    Positions far from 0 that have more digits than their type `float` are returned as float64, because some programs
-    declare float and write all digits.
+    Some programs declare positions as `float` but write more digits. Such positions are returned as float64 if they are
+    far from 0.
 
     Raises:
         DatasetError: If there are fewer or more numbers than expected, or a word is not a number.

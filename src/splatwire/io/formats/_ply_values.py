@@ -56,7 +56,7 @@ def warn_of_other_units(vertices: PlyElement) -> None:
 
 
 def _warn_of_integers(some: PlyElement) -> None:
-    """Logs properties of Gaussians that are integers, because they are probably quantised with an unknown step."""
+    """Logs a warning about integer properties, which are probably quantised values with an unknown step."""
     whole = [name for name in some.names if some.rows.dtype[name].kind in "ui" and _PARTS.fullmatch(name)]
     if whole:
         LOG.warning(

@@ -200,7 +200,7 @@ def _read_ply(path: Path) -> FileContent:
 
 
 def _content(form: FileFormat, path: Path) -> FileContent:
-    """Reads a file of explicit Gaussians.
+    """Reads a file of explicit Gaussians with the reader of its format `form`, and checks the type of the result.
 
     Raises:
         DatasetError: If the file is damaged.
@@ -336,9 +336,9 @@ def kept_facts(
     metadata: SceneMetadata = NO_METADATA,
     note: PlyNote | None = None,
 ) -> dict[str, Any]:
-    """Returns the scene properties that a format can store, as keyword arguments of its writer.
+    """Selects the scene properties that a format can store; logs a warning about the others.
 
-    Logs a warning about properties that the format cannot store. See `write_splats` for the arguments.
+    See `write_splats` for the arguments. Returns the selected properties as keyword arguments for the format's writer.
     """
     treatment = check_outliers(outliers)
     facts: dict[str, Any] = {"outliers": treatment} if "outliers" in form.keeps else {}

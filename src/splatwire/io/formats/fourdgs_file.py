@@ -193,7 +193,7 @@ class _ConstantIntervals:
 
 
 def _splats_at(path: Path, scene: Any, time: float) -> Splats:
-    """Returns the Gaussians that are visible at a time, in the axes of the file."""
+    """Evaluates the moving Gaussians of a file at a time; returns the visible ones, in the axes of the file."""
     state, records = scene.state_at(time), scene.gaussians
     rows = state["indices"]
     degree = records.sh_degree if records.sh is not None else 0

@@ -356,7 +356,13 @@ class _Gltf:
         return np.maximum(rows.astype(np.float32) / np.float32(np.iinfo(dtype).max), -1)
 
     def _replaced(self, name: str, sparse: dict[str, Any], rows: np.ndarray) -> np.ndarray:
-        """Returns the rows of an accessor after replacing those that its `sparse` object lists."""
+        """Returns the rows of an accessor after replacing those that its `sparse` object lists.
+
+        Args:
+            name: Name of the attribute, for messages.
+            sparse: The `sparse` object: indices of rows, and their new values.
+            rows: Rows before the replacement.
+        """
         indices, values = sparse["indices"], sparse["values"]
         dtype = np.dtype(_INDICES[indices["componentType"]])
         places = self._rows(name, indices, dtype, (sparse["count"], 1))[:, 0]

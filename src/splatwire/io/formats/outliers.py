@@ -270,7 +270,7 @@ def treated_positions(
 def warn_of_outliers(
     path: Path, treatment: Outliers, what: str, column: Column, steps: tuple[float, float], count: int | None = None
 ) -> None:
-    """Logs the number of outliers, their distance, the quantisation steps of the other Gaussians, and what is done.
+    """Logs a warning that a scene has outliers: how many, how far, their effect on quantisation, and their treatment.
 
     Args:
         path: The file.

@@ -108,7 +108,7 @@ def write_splat4d(frames: Iterable[FileContent], path: Path, rate: float) -> int
 
 
 def _run(path: Path, *words: str) -> None:
-    """Runs the program of the package splats4d.
+    """Runs the command-line program of the package splats4d, which reads and writes `.splat4d` files.
 
     Args:
         path: The file, for messages.

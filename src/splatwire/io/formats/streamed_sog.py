@@ -189,8 +189,8 @@ def _read_pieces(
 ) -> Splats:
     """Reads the selected ranges of Gaussians from all chunks, and concatenates them.
 
-    Only one chunk is in memory at a time, besides the Gaussians outside the tree (the environment). Logs a warning if
-    chunks have Gaussians that no leaf of the tree names.
+    Chunks are read one after another to save memory; only the environment (Gaussians outside the tree) is read before.
+    Logs a warning if chunks have Gaussians that no leaf of the tree names.
 
     Args:
         index: Path of the `lod-meta.json`, for messages.
