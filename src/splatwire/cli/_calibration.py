@@ -54,7 +54,13 @@ def views_of(look: LookFrom, scene: Scene) -> tuple[CalibrationViews, str]:
 
 
 def photos_of(look: LookFrom, split: str, scene: Scene) -> CalibrationViews | None:
-    """Returns the photos of a split, `train` or `test`; None without a dataset."""
+    """Returns the photos of the dataset `--data` with their cameras; None without this option.
+
+    Args:
+        look: Options of the views in which pictures are compared.
+        split: `train` or `test`.
+        scene: The scene; the cameras become relative to its origin.
+    """
     if look.data is None:
         return None
     photos = open_dataset(look.data, split=split, background=_behind(look, scene))

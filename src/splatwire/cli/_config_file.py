@@ -55,10 +55,14 @@ def words_of_file(path: Path, settings: type, positional: str) -> list[str]:
 
 
 def without_flags(options: Any) -> Any:
-    """Returns the option values of a verb with every boolean option set to False.
+    """Returns a copy of options in which all flags (boolean options) are off.
 
-    A configuration file may set a flag to true. If the command-line parser saw this as the flag's default, its option
-    would be `--no-NAME` instead of `--NAME`.
+    The parser of the command line derives the name of a flag from its default: `--NAME` if it is off, `--no-NAME` if it
+    is on. The values of a configuration file are such defaults, so its flags are removed here before parsing.
+    `with_flags` adds them again.
+
+    Args:
+        options: Options as set by the configuration file; may contain nested dataclasses.
     """
     off = {field.name: False for field in dataclasses.fields(options) if getattr(options, field.name) is True}
     nested = {
@@ -70,7 +74,15 @@ def without_flags(options: Any) -> Any:
 
 
 def with_flags(options: Any, configured: Any) -> Any:
-    """Merges two sets of options of a verb: a flag is on if at least one of the sets has it on."""
+    """Adds the flags of a configuration file to the options from the command line; see `without_flags`.
+
+    Args:
+        options: Options after parsing the command line.
+        configured: Options as set by the configuration file, of which only flags are read.
+
+    Returns:
+        The options, in which a flag is on if it is on in one of the two.
+    """
     on = {field.name: True for field in dataclasses.fields(options) if getattr(configured, field.name) is True}
     nested = {
         field.name: with_flags(getattr(options, field.name), getattr(configured, field.name))

@@ -169,9 +169,12 @@ class MadeDownloads:
             raise SplatwireError(" ".join(errors.decode(errors="replace").split())[-500:])
 
     async def _evict(self, kept: tuple[str, str]) -> None:
-        """Removes the oldest files if all files together exceed the limit.
+        """Removes the oldest converted files until the total size of all is within the limit.
 
         Responses that are still sending a removed file are not affected.
+
+        Args:
+            kept: Key of a file that is not removed, because it is about to be sent.
         """
         done = {key: task for key, task in self._files.items() if task.done() and not task.exception()}
         total = sum(task.result().num_bytes for task in done.values())
@@ -196,9 +199,9 @@ def _opened_file(path: Path) -> _FinishedConversion:
 
 
 def _opened_folder(path: Path) -> _FinishedConversion:
-    """Describes a finished conversion whose result is a folder: its size, and the entity tag of each file.
+    """Prepares a folder, the result of a conversion, for download: computes its size and the entity tag of each file.
 
-    Files are not kept open, because there may be thousands.
+    Unlike a single file, the files of a folder are not kept open, because there may be thousands.
     """
     total, tags = 0, {}
     for file in path.rglob("*"):

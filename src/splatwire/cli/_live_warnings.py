@@ -57,7 +57,11 @@ class _Forward(logging.Filter):
         self._warn = warn
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Passes a record to the function; returns False, so that no handler receives it."""
+        """Passes the text of a warning or error to the function of this filter.
+
+        Returns:
+            False, so that no log handler receives the record.
+        """
         if record.levelno >= logging.WARNING:
             self._warn(record.getMessage())
         return False

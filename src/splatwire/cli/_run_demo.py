@@ -56,7 +56,7 @@ def run(options: Demo) -> None:
 
 @contextmanager
 def _explicit(options: Demo) -> Iterator[Callable[[], dict[str, Any]]]:
-    """Context in which another process evaluates the bundled file of explicit Gaussians.
+    """Evaluates the bundled file of explicit Gaussians in another process while the block of the context runs.
 
     Yields:
         Function that waits for the end of the evaluation and returns its result.
@@ -92,7 +92,11 @@ def study(options: Demo) -> Study:
 
 
 def _decode(stream: SceneStream) -> ReceivedScene:
-    """Decodes a received stream: in this process if complete or packed contiguously, otherwise in a new process."""
+    """Decodes a received stream of the demo.
+
+    A stream with losses is decoded in a new process, as proof that decoding needs nothing but the received bytes. The
+    exception is the stream with contiguous packets, which the demo only shows for comparison.
+    """
     manifest = stream.manifest
     here = len(stream.packets) == manifest.num_packets or manifest.packetization.grouping == "contiguous"
     return (decode_stream if here else _subprocess.decode_in_fresh_process)(stream)

@@ -133,7 +133,10 @@ def _read_back(options: Export, scene: Scene) -> Scene:
 
 
 def _views(options: Export, scene: Scene) -> "_Views | None":
-    """Returns the cameras for fitting and measuring; None for explicit Gaussians if no measurement is requested."""
+    """Returns the cameras in which exported Gaussians are fitted to the scene, and those in which errors are measured.
+
+    Returns None for a scene of explicit Gaussians, which needs no fitting, if no measurement is requested.
+    """
     if options.data is not None:
         test = open_dataset(options.data, split="test", background=scene.background)
         return _Views(open_dataset(options.data, split="train").cameras, test.cameras, test)

@@ -82,7 +82,7 @@ def _describe_sequence(stream: SceneStream) -> dict[str, Any]:
 
 
 def _describe_scene_sections(stream: SceneStream) -> dict[str, Any]:
-    """Returns the origin and the antialiasing flag of a stream's scene."""
+    """Returns the scene properties in the named sections of a stream: origin and antialiasing flag."""
     sections = sections_of(stream)
     return {"origin": list(ORIGIN.read(sections)), "antialiased": ANTIALIASED in sections}
 

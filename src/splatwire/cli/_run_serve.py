@@ -210,7 +210,7 @@ async def _reload(command: Serve, opened: RunningServer) -> None:
 
 
 def program_of(stream: SceneStream, protection: Protection) -> ServedStream:
-    """Prepares a stream, including its preview, for sending.
+    """Converts a stream to the form in which a server sends it, with redundancy and the preview of the scene.
 
     Raises:
         InvalidValueError: If the stream is incomplete, or its packets do not fit into datagrams.

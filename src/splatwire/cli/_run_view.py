@@ -45,7 +45,7 @@ def _read(command: View) -> SceneStream:
 
 
 async def _forward(command: View, cameras: Cameras | None) -> None:
-    """Receives a stream from another server and forwards it to the page while it arrives."""
+    """Receives a stream from another server, and serves the viewer page that shows it while it arrives."""
     name, url = parse_url(command.stream).name or "scene", without_token(command.stream)
     relay = _create_relay(command)
     receiving = asyncio.create_task(relay.run())
@@ -90,7 +90,12 @@ def _create_relay(command: View) -> Relay:
 
 
 def _warn_of_missing(url: str, relay: Relay) -> None:
-    """Prints a warning if a transfer ended before everything was received."""
+    """Prints a warning if the transfer ended before the whole stream was received.
+
+    Args:
+        url: Address of the stream, for the message.
+        relay: Object that received the stream and forwarded it to the page.
+    """
     if reason := relay.failure():
         print(
             f"splatwire: warning: {url}: the stream is incomplete ({reason}); the page shows what arrived",

@@ -35,7 +35,11 @@ class StartupProgress(logging.Handler):
         self._loading.cancel()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Prints a message for the first compiled kernel, then every few seconds the number of compiled kernels."""
+        """Reports the compilation of kernels on standard error, given the compiler's log record of one kernel.
+
+        A message is printed for the first kernel, then the number of compiled kernels every few seconds. Warnings are
+        printed as they are.
+        """
         if record.levelno > logging.INFO:
             print(f"splatwire: {record.getMessage()}", file=sys.stderr)
             return

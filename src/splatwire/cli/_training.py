@@ -65,7 +65,14 @@ def check_same_recipe(given: Iterable[str], asked: TrainConfig, kept: TrainConfi
 
 @contextmanager
 def watch(on_test: Any) -> Iterator[Listener]:
-    """Yields callbacks that print the progress of a training on standard error, and stop it after Ctrl-C."""
+    """Shows the progress of a training on standard error, and stops it with a checkpoint at Ctrl-C.
+
+    Args:
+        on_test: Called with the quality report of each test during the training.
+
+    Yields:
+        Callbacks for the training.
+    """
     shown = console(stderr=True)
     stop: list[bool] = []
     tests: list[str] = []

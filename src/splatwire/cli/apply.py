@@ -10,7 +10,10 @@ from splatwire.cli._options import JsonFlag
 
 @dataclass(frozen=True)
 class Apply:
-    """Apply an update to the stream that it changes; the result has the bytes of the changed stream."""
+    """Apply an update to the stream that it changes; the result has the bytes of the changed stream.
+
+    An update is the difference between two versions of a stream. It saves the transfer of the whole new version.
+    """
 
     stream: tyro.conf.Positional[str]
     """Complete stream that the update changes: a .swz file or a folder; - for standard input."""

@@ -11,7 +11,7 @@ from splatwire.cli._options import BackgroundOption, JsonFlag
 
 @dataclass(frozen=True)
 class LookFrom:
-    """Views for the comparison of pictures. Default: a sphere of views, compared with the complete scene."""
+    """Views in which calibration compares pictures with references; default: the complete scene from a sphere."""
 
     data: Path | None = None
     """Photos with poses; the training views are used."""

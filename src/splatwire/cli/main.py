@@ -199,9 +199,10 @@ def _parse(arguments: list[str]) -> Any:
 
 
 def _execute(verb: str, options: Any) -> None:
-    """Runs a verb after checking its output: calls `run(options)` of the module `_run_MODULE`.
+    """Checks that the output of a verb can be written, and runs the verb.
 
-    That module imports the libraries that the verb needs, so that `--help` imports only the options.
+    The verb's code is the function `run` of `_run_MODULE`. This module is imported only here, because its libraries
+    would delay `--help`.
     """
     from splatwire.cli._files import check_output  # imports numpy
 

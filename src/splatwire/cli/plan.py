@@ -11,7 +11,11 @@ from splatwire.cli._options import JsonFlag
 
 @dataclass(frozen=True)
 class PlanCommand:
-    """Choose the protection of side information and importance tiers for a byte budget, for `serve --plan`."""
+    """Choose the protection of side information and importance tiers for a byte budget, for `serve --plan`.
+
+    A tier is a group of elements of similar importance. The plan gives the amount of redundancy for each tier and for
+    the side information (data that all packets need), chosen for the best picture after the losses of the channel.
+    """
 
     streams: tyro.conf.Positional[list[str]]
     """Complete stream, preferably encoded with --tiers; - for standard input. Several streams of one scene are

@@ -42,7 +42,9 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def _warn_of_missing_entries(path: Path, count: int) -> None:
-    """Logs a warning if a file has another number of entries than its header states, as a file that was cut has.
+    """Logs a warning if the number of entries in a file differs from that in its header.
+
+    This is a sign that the file was truncated.
 
     Args:
         path: The file.
@@ -116,11 +118,11 @@ def _is_points(line: str) -> bool:
 
 
 def _has_pose(line: str) -> bool:
-    """Returns True if a line of numbers describes an image, not 2D points.
+    """Returns True if a line of `images.txt` that consists of numbers describes an image; False for 2D points.
 
-    The line of an image has numbers only if the name of the image consists of numbers, such as `12 34 56`. The second
-    to fifth number are its rotation, a quaternion of length 1. In a line of 2D points, these numbers have length 1 only
-    if points are within a pixel of the image corner.
+    The line of an image ends with its file name, which may also consist of numbers, such as `12 34 56`. The second to
+    fifth number of an image are its rotation, a quaternion of length 1. In a line of 2D points, these are coordinates
+    and an id, which practically never form a vector of length 1.
     """
     words = line.split(maxsplit=9)
     if len(words) < 10 or not words[0].isdecimal() or not words[8].isdecimal():

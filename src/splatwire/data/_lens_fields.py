@@ -25,17 +25,20 @@ _TERMS = re.compile(
 
 
 def unread_lens_fields(values: Mapping[str, object], known: Collection[str] = ()) -> list[str]:
-    """Returns the names of fields that state a lens other than a pinhole.
+    """Returns the names of fields that describe a lens other than a pinhole and that a reader does not apply.
 
     Args:
         values: Fields of a camera or of a whole camera file; may contain objects with further fields.
-        known: Names of fields that the reader applies, or that are examined apart.
+        known: Names of fields that are skipped, because the reader applies them or checks them itself.
     """
     return [name for name, value in values.items() if name not in known and _contains_lens(name, value)]
 
 
 def _contains_lens(name: str, value: object) -> bool:
-    """Returns True if a field, or a field of an object in it, such as `type` of `lens`, states a lens."""
+    """Returns True if a JSON field, or a field of an object in it, probably describes a lens other than a pinhole.
+
+    An example is the field `type` of an object `lens`.
+    """
     objects = [part for part in (value if isinstance(value, list) else [value]) if isinstance(part, dict)]
     inner = [(word, part) for fields in objects for word, part in fields.items()]
     return _states_lens(name, value) or any(

@@ -92,7 +92,12 @@ def load_cameras(path: str | os.PathLike[str]) -> Cameras:
 
 
 def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
-    """Converts the camera list of 3DGS."""
+    """Builds cameras from the parsed `cameras.json` of a 3DGS model folder.
+
+    Args:
+        path: The file, for messages.
+        views: Its content, one JSON object for each view.
+    """
     if not views:
         raise DatasetError(f"{path}: has no views")
     if not all(isinstance(view, dict) and {"position", "rotation", "fx", "fy"} <= set(view) for view in views):

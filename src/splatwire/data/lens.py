@@ -38,7 +38,10 @@ class LensModel(ABC):
         """
 
     def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Returns the determinant of the Jacobian of `distort`: not positive where several rays hit the same point."""
+        """Returns the determinant of the Jacobian of `distort`, the factor by which a small area is enlarged.
+
+        It is 0 or negative where the image folds, so that several rays hit the same point.
+        """
         step = _DERIVATIVE_STEP * (1 + np.hypot(x, y))
         right, left = self.distort(x + step, y), self.distort(x - step, y)
         below, above = self.distort(x, y + step), self.distort(x, y - step)
@@ -89,7 +92,10 @@ class Lens(LensModel):
         return x * radial + tangential_x, y * radial + tangential_y
 
     def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Returns the determinant of the Jacobian of `distort`: not positive where several rays hit the same point."""
+        """Returns the determinant of the Jacobian of `distort`, the factor by which a small area is enlarged.
+
+        It is 0 or negative where the image folds, so that several rays hit the same point.
+        """
         square = x * x + y * y
         above, below = self._fraction(square)
         above_slope = self.k1 + square * (2 * self.k2 + 3 * self.k3 * square)

@@ -145,13 +145,14 @@ def _replaceable(path: Path) -> bool:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Removes leftovers of killed writers in a folder, and restores folders that the writers had moved aside.
+    """Cleans up after killed writers: removes their temporary folders, and restores folders that they moved aside.
 
-    A workspace is the hidden folder of one writer (see the module). Running writers, in this process or another one,
-    lock their workspaces; these remain untouched. `folder` may have any origin, e.g. an archive with names crafted to
-    look like workspaces. Therefore a workspace must belong to this user, must be closed to other users, and may contain
-    only a writer's entries (`_is_workspace`). Symbolic links in it are neither followed nor restored, even if they
-    appear concurrently. Hidden folders are not restored: a planted `.git` could make programs run foreign code.
+    The temporary folder of a writer (workspace) is a hidden folder in `folder`. Workspaces of running writers are
+    locked, and remain untouched.
+
+    `folder` may be from an archive that imitates workspaces to gain control. Therefore only workspaces are accepted
+    that belong to this user and are closed to others (`_is_workspace`). Symbolic links are neither followed nor
+    restored. Hidden folders are not restored, because a planted `.git` could make programs run foreign code.
     """
     if fcntl is None:
         return

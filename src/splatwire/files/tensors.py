@@ -241,7 +241,9 @@ def _interpreted(description: bytes | BinaryIO) -> Any:
 
 
 def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: Any) -> _Storage:
-    """Parses a reference to a tensor's storage in a pickle of PyTorch: the items of a persistent id.
+    """Parses a reference from a pickled tensor to its data (storage).
+
+    In a file of PyTorch, such a reference is a tuple; the arguments are its items.
 
     Args:
         word: Always `storage`.

@@ -22,9 +22,10 @@ class Metric:
     """A metric of image quality.
 
     Attributes:
-        measure: Called with images and references, RGB in [0, 1], float32 (C, H, W, 3), and with masks, bool (C, H, W),
-            True for pixels that count, or None. Returns one number per view. None for LPIPS (`LPIPS_SCALED`), whose
-            reference features are cached between comparisons.
+        measure: Function that computes the metric of each of C views. Its arguments are images and references, RGB in
+            [0, 1], float32 (C, H, W, 3), and masks, bool (C, H, W), True for pixels that count, or None. It returns one
+            number per view. The attribute is None for LPIPS (`LPIPS_SCALED`), which `splatwire.metrics.lpips.Lpips`
+            computes.
         label: Name in tables.
         digits: Decimal places in tables.
     """

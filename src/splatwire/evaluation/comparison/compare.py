@@ -258,9 +258,9 @@ class _Extent:
 
 @dataclass(frozen=True, eq=False)
 class _TimedScene:
-    """A scene that was read from a file, with the score of the file.
+    """A scene that was read from a file, with size and reading time of the file.
 
-    The score has size and reading time; image quality is measured later.
+    Both are in `score`, whose image quality is not measured yet.
     """
 
     scene: Scene

@@ -1,4 +1,8 @@
-"""Evaluations as data: each combination of scene, method, loss and seed is an independent task with a stored result."""
+"""Evaluations (studies) that compare methods on the same scenes and losses.
+
+Each combination of scene, method, loss and seed is an independent task. Its result is stored, so an interrupted
+evaluation can be resumed.
+"""
 
 from splatwire.evaluation.study.curve import run_loss_curve as run_loss_curve
 from splatwire.evaluation.study.definition import Decoded as Decoded

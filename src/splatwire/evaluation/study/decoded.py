@@ -20,7 +20,9 @@ SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> PreparedStream | None:
-    """Prepares the scene or pictures that another codec has decoded for the evaluation, in place of a stream.
+    """Checks the decoded result of another codec, a scene or pictures, and describes it for the evaluation.
+
+    The evaluation uses the description like that of a stream.
 
     Args:
         row: The table row of the other codec.

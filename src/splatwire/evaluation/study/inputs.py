@@ -118,9 +118,10 @@ class Source:
 
     @cached_property
     def stream(self) -> SceneStream | None:
-        """Stream with additional sections of side information for the scene; None if the user gave no stream.
+        """The stream that the user gave for the scene; None without a stream.
 
-        This is the stream `SceneEntry.sections` if it is given, else the scene itself if it is a stream.
+        This is `SceneEntry.sections`, a stream of the scene with additional side information. Without it, this is the
+        scene itself, if it is a stream.
         """
         path = self.entry.sections or (self.entry.source if self.entry.kind == "stream" else None)
         if path is None:
@@ -135,9 +136,9 @@ class Source:
 
     @cached_property
     def scene(self) -> Scene:
-        """The complete scene.
+        """The complete scene to evaluate.
 
-        If it has a stream, this is the decoded stream, so that all rows use the same quantised values.
+        If the user gave a stream, the scene is decoded from it. All methods then have the same quantised values.
 
         Raises:
             BitstreamError: If the stream is incomplete.
@@ -247,7 +248,9 @@ def _background(first: PreparedStream, store: Store) -> Background:
 
 
 def _frame_views(source: Source, stamp: str, store: Store) -> SceneEntry:
-    """Creates a camera for each frame of a sequence, and stores the cameras in a cameras file.
+    """Assigns a camera to each frame of a sequence, because an evaluation compares one image per frame.
+
+    The cameras are stored in a cameras file.
 
     Args:
         source: The sequence.

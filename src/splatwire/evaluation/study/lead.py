@@ -110,7 +110,12 @@ def make_lead(
 
 
 def _lossless_lead(result: StudyResult, pictures: Sequence[ViewPictures]) -> Lead | None:
-    """Creates the first part of the report of one row without losses; None if it equals the reference."""
+    """Creates the first part of the report of an evaluation that has one table row and no losses.
+
+    Returns:
+        PSNR and size of the stream in a sentence, and a pair of images. None if there are several rows, or if the PSNR
+        is infinite because the images equal the references.
+    """
     found, *others = summarize(result)
     figure = found.figures.get("psnr")
     if others or figure is None:

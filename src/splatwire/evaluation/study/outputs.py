@@ -122,7 +122,7 @@ def _tables(
         result: Results of the evaluation.
         store: Store of the evaluation.
         summaries: Statistics of each scene.
-        everything: The same, or with means over scenes in addition.
+        everything: Statistics of each scene, followed by means over several scenes, if there are any.
     """
     names = list(result.scenes)
     order = ordering_table(orderings(result, summaries))
@@ -199,7 +199,10 @@ def _content(result: StudyResult, summaries: Sequence[Summary]) -> dict[str, Any
 
 
 def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, list[Equivalence]]:
-    """Measures which share of each stream's packets is lost under each loss model of datagrams.
+    """Measures how many packets of each stream are lost if datagrams are lost at certain rates.
+
+    The share of lost packets is higher than that of lost datagrams if a packet takes several datagrams. The loss models
+    are those of the evaluation, each at several rates.
 
     Args:
         result: Results of the evaluation.

@@ -1,4 +1,4 @@
-"""Simple evaluations: definition for one stream or scene file, execution, loss curve and report."""
+"""Simple evaluations of one stream or scene file: selection of the concealers, execution and report."""
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence

@@ -30,7 +30,7 @@ RENDERS = "renders of the complete scene"
 
 @dataclass(frozen=True)
 class References:
-    """Definition of a scene's reference images; opened by the worker.
+    """Description of a scene's reference images, with which a worker process loads the images.
 
     Attributes:
         entry: Definition of the scene with its photos or cameras.
@@ -179,7 +179,7 @@ def _camera_content(cameras: Cameras) -> dict[str, Any]:
 
 
 def digest_of(*texts: str) -> str:
-    """Returns a hash of texts that can be used as a file name."""
+    """Returns a hash of the texts, 24 hexadecimal digits, for use in file names."""
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:24]
 
 

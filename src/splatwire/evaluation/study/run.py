@@ -197,14 +197,14 @@ def _storing_hardest_views(study: Study, store: Store, unit: Unit) -> Unit:
 
 
 def _choose_images(study: Study, store: Store, judges: Sequence[Cell]) -> ReportImages:
-    """Chooses the loss, seed and views whose images the report shows.
+    """Chooses which images of a scene the report shows: one loss with its seed, and the views with the lowest PSNR.
 
     The loss with the lowest PSNR is chosen, because the effect of small losses is invisible in images.
 
     Args:
         study: The evaluation.
         store: Store with the results of the tasks.
-        judges: Finished tasks of one scene, whose PSNR determines the selection.
+        judges: Finished tasks of one scene, from which the one with the lowest PSNR is chosen.
     """
 
     def level(cell: Cell) -> float:

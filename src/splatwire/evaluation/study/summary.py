@@ -180,14 +180,14 @@ def dataset_means(result: StudyResult, summaries: Sequence[Summary]) -> list[Sum
 
 
 def _means(summaries: Sequence[Summary], what: str, baseline: str | None) -> list[Summary]:
-    """Averages the results of each method over all scenes.
+    """Averages the results of each method and loss over all scenes.
 
     Methods that were not evaluated on every scene are left out.
 
     Args:
         summaries: Statistics per scene and method.
-        what: Description of the scenes, for the results.
-        baseline: Key of the baseline's row, if any.
+        what: Description of the scenes, which stands in place of the name of a scene in the results.
+        baseline: Key of the table row of the baseline; None without a baseline.
 
     Returns:
         Means by method; empty for a single scene.

@@ -68,9 +68,9 @@ class Unit:
 
     @cached_property
     def key(self) -> str:
-        """Hash that identifies the task; equal for tasks with equal results.
+        """Hash of all inputs that affect the scores of the task, under which its results are stored.
 
-        The hash depends on contents, not on paths or on the selection of stored images.
+        Files count by their contents, not by their paths. The selection of images to store does not count.
         """
         content = {
             "code": CODE,

@@ -173,12 +173,15 @@ class StreamedWalkthrough:
 
 
 def _replaced_tile(tiles: Tiles, tile_of: np.ndarray, scene: Scene) -> np.ndarray:
-    """Returns for each Gaussian the index of the finer tile that is drawn in its place once received; -1 for none.
+    """Finds the tile of the next finer level that covers each Gaussian; once received, it is drawn instead.
 
     Args:
         tiles: All tiles.
         tile_of: Index of each Gaussian's own tile, (N).
         scene: The scene with all N Gaussians.
+
+    Returns:
+        Index of the finer tile for each Gaussian, int64 (N); -1 for Gaussians of the finest level.
     """
     splats = explicit_gaussians(scene)
     assert splats is not None  # only explicit Gaussians have levels

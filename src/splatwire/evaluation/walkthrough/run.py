@@ -26,13 +26,13 @@ def evaluate_path(
     renderer: str = "cpu", background: Background | None = None, output: Path | None = None, title: str = "walk",
     progress: Callable[[str, float], None] = lambda task, share: None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Evaluates the image quality along a camera path; returns JSON values, and writes a report if requested.
+    """Evaluates the image quality for a viewer who moves through a scene while it is received.
 
     Args:
-        stream: Complete stream with levels.
-        path: Cameras file: the path.
-        link: Simulated link.
-        reference: Scene that images are compared with.
+        stream: Complete stream with levels of detail.
+        path: File with the cameras between which the viewer moves.
+        link: Simulated network link.
+        reference: File of the scene whose images are the references.
         lossy: True if the link loses packets, so that packets must fit into datagrams.
         seconds: Duration of the walk; None for a second from each camera to the next.
         renderer: Name of the renderer.
@@ -40,6 +40,9 @@ def evaluate_path(
         output: Folder of the report; None for no report.
         title: Title of the report.
         progress: Called with the name of the current task and its finished share, 0 to 1.
+
+    Returns:
+        The results as JSON values.
 
     Raises:
         SplatwireError: If reference or cameras cannot be read, or the stream has no levels or is not complete.

@@ -129,7 +129,7 @@ def of_degree(splats: Splats, degree: int) -> Splats:
 
 
 def filled(path: Path, parts: Iterable[Splats]) -> Iterator[Splats]:
-    """Yields the batches of Gaussians that are not empty, after checking that all have the same degree of harmonics.
+    """Leaves out empty batches of Gaussians before writing, and checks that all others have the same degree.
 
     Args:
         path: Path of the output, for messages.

@@ -25,11 +25,12 @@ _CLIPS, _TEMPLATE = "clips", "templateAssetPath"
 def checked_layers(path: Path) -> tuple[list[Sdf.Layer], list[str]]:
     """Opens the files of an OpenUSD scene, and checks that all of them are in the folder of the scene.
 
-    A scene file may name further files (layers). usd-core reads no opened file again as long as its object exists. Logs
-    a warning about each further file that is missing or that usd-core cannot read.
+    A scene file may name further files (layers). Logs a warning about each of them that is missing or that usd-core
+    cannot read.
 
     Returns:
-        The opened files, and the paths of further files that are missing or that usd-core cannot read.
+        The opened files, and the paths of files that are missing or that usd-core cannot read. While the caller refers
+        to the opened files, usd-core uses them and does not read them again.
 
     Raises:
         DatasetError: If a file is outside of the folder of the scene (`is_in_folder_of`), is named by an expression, or
@@ -84,7 +85,7 @@ def _named_files(layer: Sdf.Layer) -> Iterator[tuple[str, bool]]:
 def _clip_files(layer: Sdf.Layer, clips: Any) -> Iterator[str]:
     """Yields the files with time samples (value clips) that the metadata `clips` of a prim names.
 
-    For a pattern of file names, also the folder is yielded.
+    For a pattern of file names, such as `clip.###.usd`, yields its folder and all files that match it.
     """
     for key, value in clips.items():
         if isinstance(value, dict):

@@ -288,16 +288,18 @@ def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Spla
 
 
 def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, list[float]]:
-    """Finds the fewest outliers of scales or colours whose clipping makes the rounding of all other values invisible.
+    """Finds a few extreme scales or colours whose clipping makes the rounding errors of all others invisible.
+
+    An extreme value (outlier) enlarges the range of its chunk, and so the quantisation steps of all values in it. The
+    smallest sufficient share of `SHARES` is marked as outliers; the first share if none suffices.
 
     Args:
         values: Logarithms of scales, or colours, in the order of the file, float64 (N, 3).
         top: Largest quantised value; the step is the range of a chunk divided by it.
 
     Returns:
-        Three values. (1) The values with their outliers marked. (2) The values with outliers clipped to the range of
-        the other values. (3) The largest quantisation step in the affected chunks if outliers are kept, if they are
-        clipped, and if they are removed; all 0 without outliers.
+        The values with their outliers marked. The values with the outliers clipped to the range of all others. The
+        largest quantisation steps in the affected chunks if outliers are kept, clipped or removed; 0 without outliers.
     """
     found = []
     for share in SHARES:
@@ -345,7 +347,11 @@ def _largest_span(values: np.ndarray, chunks: np.ndarray) -> float:
 
 
 def _normalised(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scales values to the range of their chunk; returns minimum and maximum of each chunk, and scaled values."""
+    """Scales values to 0 to 1 within the range of each chunk of consecutive Gaussians, before they are quantised.
+
+    Returns:
+        Minimum and maximum of each of C chunks, (C, 6), and the scaled values, (N, 3).
+    """
     starts = np.arange(0, len(values), CHUNK)
     low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
     chunk = np.arange(len(values)) // CHUNK

@@ -212,7 +212,7 @@ class _Gltf:
         return own
 
     def _count(self, primitive: dict[str, Any]) -> int:
-        """Returns the number of Gaussians of a primitive according to the document, and locates its buffers.
+        """Returns the number of Gaussians that the document states for a primitive; opens the buffers with their data.
 
         Raises:
             DatasetError: If an attribute has no accessor, or the number is invalid.

@@ -103,16 +103,16 @@ def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
 
 
 def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> Column:
-    """Finds the distant Gaussians that would cause visible rounding of the other positions in a file.
+    """Finds the distant Gaussians (outliers) that would cause visible rounding of all other positions in a file.
 
-    Larger and larger shares of the Gaussians (`SHARES`) are marked as outliers, until nearly all others would be
-    written without visible errors. If the largest share does not suffice either, the smallest one is used.
+    The shares of `SHARES` are tried in ascending order, until nearly all Gaussians that are no outliers would have
+    invisible position errors. If no share suffices, the smallest one is used.
 
     Args:
         splats: The Gaussians.
-        errors: Function that computes the position errors in a file without outliers. It takes the positions of all
-            Gaussians with the outliers marked. For each of the n other Gaussians, it returns the largest error of a
-            coordinate, world units, float64 (n).
+        errors: Function that computes position errors in a file without the outliers. Its argument is the positions
+            with outliers marked. It returns the largest error along an axis of each of the n other Gaussians, world
+            units, float64 (n).
 
     Returns:
         The positions of all Gaussians with the outliers marked.
@@ -207,7 +207,7 @@ def spatial_order(positions: Column) -> np.ndarray:
 def morton_order(means: np.ndarray) -> np.ndarray:
     """Returns the order of points along a Morton curve of 42 bits per axis.
 
-    With so many bits, the points within an object are sorted even if another object is a million times its size away.
+    The bits suffice for a small object in a scene that is a million times as large: its points are still sorted.
 
     Args:
         means: Finite, float64 (N, 3), at least one.

@@ -81,7 +81,9 @@ def read_note(path: Path) -> PlyNote | None:
 
 
 def marked(rows: np.ndarray, marks: np.ndarray) -> np.ndarray:
-    """Returns vertices with the precision class of each Gaussian as first component of the normal.
+    """Stores the precision class of each Gaussian in its vertex, in a copy of the vertices.
+
+    It replaces the first component of the normal, which 3DGS ignores.
 
     Args:
         rows: Properties of the vertices in file order, (N, P).

@@ -356,8 +356,8 @@ def _reason(error: Exception) -> str:
 
 
 def _most_pixels(pixels: int) -> int:
-    """Returns the maximum number of pixels of an image that needs only `pixels` of them.
+    """Returns the maximum size, in pixels, of an image in which `pixels` pixels are used.
 
-    Writers pad images in different ways, so some excess is accepted.
+    Larger images are rejected. Some excess is accepted, because writers pad images in different ways.
     """
     return 2 * pixels + _SPARE_PIXELS

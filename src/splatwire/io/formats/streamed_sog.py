@@ -244,11 +244,11 @@ def _read_chunk(index: Path, folder: Path, runs: list[Piece], named: list[Piece]
     Args:
         index: Path of the `lod-meta.json`, for messages.
         folder: Path of the chunk.
-        runs: Ranges to select, which must not overlap.
-        named: Ranges of all levels of all leaves in this chunk.
+        runs: Ranges to read, which must not overlap.
+        named: All ranges in this chunk that the tree names, including coarser levels, which are not read.
 
     Returns:
-        The selected Gaussians, and the number of Gaussians of the chunk that are in no range.
+        The Gaussians that were read, and the number of Gaussians of the chunk that are in none of the ranges.
 
     Raises:
         DatasetError: If ranges overlap or end after the chunk.

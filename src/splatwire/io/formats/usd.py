@@ -378,7 +378,15 @@ class _Writer:
                 raise DatasetError(f"{path}: usd-core cannot write it")
 
     def _export(self, target: Path, *, packed: bool) -> bool:
-        """Writes the stage to a file or package; returns False if usd-core reports a failure."""
+        """Writes the stage to a file.
+
+        Args:
+            target: Path of the file.
+            packed: True to write a package (`.usdz`), False for a single layer.
+
+        Returns:
+            False if usd-core reports a failure.
+        """
         layer = self._stage.GetRootLayer()
         if not packed:
             return bool(layer.Export(str(target)))
