@@ -8,7 +8,9 @@ from splatwire.errors import InvalidValueError
 
 
 def in_datagrams(stream: SceneStream, path: str) -> SceneStream:
-    """Returns a stream whose packets fit into datagrams; repacks it if necessary and reports that on standard error.
+    """Returns a stream whose packets fit into datagrams.
+
+    A stream with larger packets is divided into packets again, which is reported on standard error.
 
     Args:
         stream: The stream.

@@ -40,7 +40,7 @@ class Warnings:
 
 
 def print_if_read(text: str) -> None:
-    """Prints a line on standard error, unless that is a full pipe, on which printing would block the encoder."""
+    """Prints a line on standard error; drops it if this would block, because nobody reads a pipe that is full."""
     try:
         writable = bool(select.select([], [sys.stderr], [], 0)[1])
     except (OSError, ValueError, TypeError, AttributeError):  # not a file with a descriptor
@@ -50,7 +50,11 @@ def print_if_read(text: str) -> None:
 
 
 class _Forward(logging.Filter):
-    """Log filter that passes warnings to a function, and keeps all records from the log handlers."""
+    """Log filter that passes warnings to a function instead of the log handlers.
+
+    Args:
+        warn: Function that receives the text of a warning.
+    """
 
     def __init__(self, warn: Callable[[str], None]) -> None:
         super().__init__()

@@ -17,15 +17,16 @@ Transfer = Callable[..., Awaitable[Receiver]]
 
 
 def transfer_of(trusted: TrustOptions, address: Address) -> Transfer:
-    """Returns the function that receives a stream over the transport of an address (UDP, QUIC or Media over QUIC).
+    """Returns a function that receives the stream at an address, over UDP, QUIC or Media over QUIC.
 
     Args:
         trusted: Options that determine which certificates are accepted.
         address: Address of the server or relay.
 
     Returns:
-        Function of the receive options and an event listener. Optional keywords are `tap`, a function that is
-        called with each datagram, and `stop`, a future that ends the transfer.
+        The function. Its arguments are the options of the receiver and a function that is called with each event.
+        Optional keywords are `tap`, a function that is called with each datagram, and `stop`, a future that ends the
+        transfer.
 
     Raises:
         InvalidValueError: If these options are set for an address without certificates, or the options are invalid.

@@ -278,9 +278,11 @@ def _is_timed(path: Path) -> bool:
 
 
 def _in_process(chosen: Conversion, *, accept_damage: bool) -> dict[str, Any]:
-    """Converts one input in a separate process.
+    """Converts one of several inputs in a separate process, whose errors do not end the other conversions.
 
-    The memory is freed afterwards, and an error does not end other conversions.
+    Args:
+        chosen: The conversion.
+        accept_damage: True to convert also a stream with damaged bytes.
 
     Returns:
         Source, output, exit status, facts printed by the verb, size of the output in bytes (None if it failed), and

@@ -99,7 +99,7 @@ def decode_complete(stream: SceneStream, source: Path) -> Scene:
 
 
 def complete_scene(found: SceneFile, source: Path) -> Scene:
-    """Returns the scene of a file without unconcealed losses.
+    """Returns the scene of a file; rejects a scene whose losses are not concealed.
 
     Args:
         found: The content of the file.

@@ -89,10 +89,10 @@ def compared_rows(result: StudyResult, summaries: list[Summary]) -> ComparedRows
 
 
 def curve_losses(result: StudyResult, curve: StudyResult) -> tuple[Loss, ...]:
-    """Returns all loss models of a loss curve, sorted by loss rate.
+    """Returns the loss models at which a loss curve has points, sorted by loss rate.
 
     Args:
-        result: Results of the evaluation, under one loss.
+        result: Results of the evaluation, under one loss, which is one of the points.
         curve: Results at other loss rates, from `run_loss_curve`.
     """
     losses = (*result.study.losses[:1], *curve.study.losses)

@@ -223,9 +223,12 @@ def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, li
 
 
 def _with_loss_rates(spec: str) -> list[str]:
-    """Returns the specifications of a loss model with each of the loss rates of `RATES`.
+    """Returns the specifications of a loss model at several loss rates (`RATES`).
 
-    A loss model without a loss rate is returned unchanged.
+    A model without a loss rate gives only its own specification.
+
+    Args:
+        spec: Specification of the model, such as `bernoulli:0.1`.
     """
     model = parse_loss(spec)
     if isinstance(model, Bernoulli):

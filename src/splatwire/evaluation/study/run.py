@@ -220,14 +220,12 @@ def _shown(look: ReportImages, cell: Cell) -> Unit:
 
 
 def _by_mask(cells: Sequence[Cell], first: Sequence[Cell] = ()) -> list[Cell]:
-    """Sorts tasks so that all tasks with the same stream and the same loss mask are adjacent.
-
-    What is received is equal in these tasks, so it needs to be decoded only once.
+    """Sorts tasks so that tasks with the same stream and loss mask are adjacent, which saves decoding it again.
 
     Args:
         cells: Tasks to sort.
-        first: Tasks whose streams and loss masks come first. The result begins with all tasks of `cells` that have the
-            stream and loss mask of `first[0]`, then come those of `first[1]`, and so on.
+        first: Tasks that determine the order of these groups: first the group with stream and loss mask of `first[0]`,
+            then that of `first[1]`, and so on; all other groups follow.
     """
     place: dict[tuple[str, str], int] = {}
     for cell in (*first, *cells):

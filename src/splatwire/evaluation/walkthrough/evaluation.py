@@ -97,9 +97,9 @@ def score_walk(
 
 
 def time_to_quality(moments: Sequence[QualitySample]) -> float | None:
-    """Returns the first time from which on every view has nearly the quality of the completely received scene.
+    """Returns the time after which all images look nearly like those of the completely received scene, seconds.
 
-    The PSNR deficit is then at most `SETTLED_DB`. Returns None if the last view has a larger deficit.
+    From then on, the PSNR is at most `SETTLED_DB` lower. Returns None if this is not even true of the last image.
     """
     found = None
     for moment in reversed(moments):

@@ -68,7 +68,9 @@ _DEGREES = {3 * (num_functions(degree) - 1): degree for degree in range(4)}
 
 
 def content_of_chunks(elements: dict[str, PlyElement]) -> FileContent:
-    """Builds Gaussians from the elements of a compressed PLY; comments may contain an offset and antialiasing.
+    """Decodes the Gaussians of a compressed PLY, given its elements.
+
+    An offset of the positions and the antialiasing flag are read from the comments.
 
     Raises:
         DatasetError: If an element or property is missing or of wrong size, or values are invalid.

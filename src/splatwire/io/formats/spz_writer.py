@@ -179,7 +179,10 @@ def _columns(splats: Splats, bits: int, harmonic_bits: tuple[int, int]) -> list[
 
 
 def _quantise_harmonics(values: np.ndarray, bits: int) -> np.ndarray:
-    """Quantises spherical harmonics to bytes with lowest bits of zero, which compress better."""
+    """Quantises spherical harmonics to bytes, of which only the `bits` highest bits may differ from 0.
+
+    Zero low bits make the file smaller, because the bytes are compressed afterwards.
+    """
     step = 1 << (8 - bits)
     return rounded_bytes(np.floor((np.rint(values * 128 + 128) + step / 2) / step) * step)
 

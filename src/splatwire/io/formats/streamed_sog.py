@@ -129,10 +129,9 @@ def _finest(
         chunks: Paths of the chunks (`_chunks`).
 
     Returns:
-        Four values. (1) Ranges of Gaussians to read, by index of the chunk. The environment, if present, is a range
-        with the count -1, which stands for all its Gaussians. (2) Ranges of all levels of all leaves, by index of the
-        chunk, including those that are not read. (3) Names of the missing chunks. (4) Number of leaves whose finest
-        level is missing.
+        The ranges of Gaussians to read, by index of the chunk; a count of -1 stands for all Gaussians of a chunk (the
+        environment). All ranges that the tree names, by index of the chunk, also those that are not read. The names of
+        missing chunks. The number of leaves whose finest level is missing.
     """
     here = [_is_here(chunk) for chunk in chunks]
     pieces: dict[int, list[Piece]] = {}
