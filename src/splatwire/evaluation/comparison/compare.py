@@ -169,10 +169,10 @@ def _with_metrics(
     score: FileScore, references: ReferenceViews, drawn: Iterable[np.ndarray], lpips: Lpips | None, pictures: bool,
     progress: Progress,
 ) -> FileScore:  # fmt: skip
-    """Returns a file's score with the metrics of its pictures added.
+    """Measures the image quality of a file, and returns its score with the results.
 
     Args:
-        score: The score so far.
+        score: Score of the file with its size and reading time.
         references: Reference images.
         drawn: Pictures of the file, in the order of the references.
         lpips: The LPIPS metric; None to leave it out.

@@ -183,14 +183,14 @@ class _ReceivedSequence:
 
 
 def available_by_group(stream: SceneStream, arrival: np.ndarray) -> Callable[[int], np.ndarray]:
-    """Returns a function that gives the mask of keyframe Gaussians received before a group of pictures is displayed.
+    """Determines which keyframe Gaussians have been received when a group of pictures is displayed.
 
     Args:
         stream: The complete stream.
-        arrival: Index of the group of pictures during which each packet arrives, -1 for never, int64.
+        arrival: Index of the group of pictures during which each packet arrives, int64; -1 if it never arrives.
 
     Returns:
-        Function from the index of a group of pictures to a mask of received keyframe Gaussians, bool (T).
+        Function that maps the index of a group of pictures to a mask of received keyframe Gaussians, bool (T).
     """
     plan = stream.manifest.plan
     starts: dict[int, int] = {}

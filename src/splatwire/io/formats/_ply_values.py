@@ -68,8 +68,8 @@ def _warn_of_integers(some: PlyElement) -> None:
 def _look_like_sizes(some: PlyElement, scales: np.ndarray, several: bool) -> bool:
     """Returns True if the scales in a file are probably sizes instead of logarithms of sizes.
 
-    As logarithms, they would give Gaussians too large for the scene, or have an implausible distribution: all from 0 to
-    1, or a minimum far below the median.
+    If they were logarithms, the Gaussians would be too large for the scene, or the distribution would be implausible:
+    all values from 0 to 1, or a minimum far below the median.
 
     Args:
         some: Rows of the file.
