@@ -165,8 +165,8 @@ def _smoothed(log_scales: np.ndarray, opacities: np.ndarray, sizes: np.ndarray) 
         sizes: Standard deviation of the filter of each Gaussian, float64 (N, 1).
 
     Returns:
-        Logarithms of the standard deviations after filtering, and opacities reduced so that wider Gaussians are not more
-        prominent: times the square root of the ratio of the covariances' determinants before and after.
+        Logarithms of the standard deviations after filtering, and opacities. Opacities are lower where the filter
+        enlarges a Gaussian: times the square root of the ratio of the covariances' determinants before and after.
     """
     logs = np.maximum(log_scales.astype(np.float64), -MAX_LOG_SCALE)
     with np.errstate(divide="ignore"):
