@@ -182,7 +182,12 @@ class TransferTimes:
         return time.perf_counter() - self._began if self.end is None else self.end
 
     def note(self, event: Event, show: Reporter) -> None:
-        """Processes an event of the receiver: records first times, prints interruptions, updates the progress."""
+        """Records the time of an event of the receiver; also prints interruptions and reports the progress.
+
+        Args:
+            event: The event.
+            show: Called with the name of the task and the received share of the packets, 0 to 1.
+        """
         match event:
             case Welcomed():
                 self._expected = max(event.num_packets, 1)

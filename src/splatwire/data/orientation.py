@@ -21,9 +21,9 @@ def shape_fits(photo: tuple[int, int], camera: tuple[int, int]) -> bool:
 
 
 def views_are_upright(views: Sequence[ColmapView | TransformsView], image_paths: Sequence[Path]) -> bool:
-    """True if the cameras refer to photos rotated by their EXIF orientation.
+    """Returns True if the cameras refer to photos as rotated by EXIF, False if to the stored pixels.
 
-    Only photos whose aspect ratio distinguishes both cases are considered; their result applies to all photos.
+    This is decided by comparing the aspect ratios of photos and cameras. The result applies to all photos.
 
     Args:
         views: The cameras.

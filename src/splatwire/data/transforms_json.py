@@ -126,7 +126,9 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
 
 
 def _warn_of_conventions(path: Path, content: dict[str, Any], frames: list[dict[str, Any]]) -> None:
-    """Logs a warning about each field that states other axes of the camera poses than OpenGL's, which are assumed.
+    """Logs a warning about each field that names another axis convention of camera poses than that of OpenGL.
+
+    Poses are read with the axes of OpenGL nevertheless.
 
     Args:
         path: The file, for the message.

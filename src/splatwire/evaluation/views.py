@@ -100,7 +100,7 @@ def spread(num_views: int, count: int | None) -> list[int]:
 
 
 def held_out_cameras(scene: Scene) -> Cameras:
-    """Places cameras around a scene, near and far, at poses that encoders do not use.
+    """Places test cameras around a scene, near and far; encoders measure in other views.
 
     Args:
         scene: The scene.

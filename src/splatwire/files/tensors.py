@@ -263,9 +263,10 @@ def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: A
 
 
 def _construct(maker: Any, arguments: tuple[Any, ...]) -> Any:
-    """Interprets a constructor call in a pickle, without calling it.
+    """Returns what a call in a pickle would construct, without calling it.
 
-    Only types that plain tensors need are supported.
+    Only the calls of plain tensors are supported: those for dictionaries, parameters and tensors. A tensor is returned
+    as its description.
     """
     name = maker.name if isinstance(maker, _Name) else ""
     if name == "collections OrderedDict":  # Python 2 passes its pairs as the argument

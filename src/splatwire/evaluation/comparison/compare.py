@@ -232,7 +232,7 @@ class _Extent:
         return cls(path, middle + origin_of(scene), float(lower_median(np.linalg.norm(places - middle, axis=1))))
 
     def check(self, scene: Scene, path: Path) -> None:
-        """Checks by position and size that another file probably contains the same scene.
+        """Checks that another file probably contains the same scene, by comparing position and size.
 
         Args:
             scene: The scene in the other file.

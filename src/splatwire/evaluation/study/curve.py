@@ -30,10 +30,10 @@ class ComparedRows(NamedTuple):
 
 
 def run_loss_curve(result: StudyResult, store: Store, engine: Engine, progress: Progress) -> StudyResult | None:
-    """Evaluates the methods of `compared_rows` at other loss rates.
+    """Evaluates a few methods, those of `compared_rows`, at other loss rates for a chart of PSNR against loss.
 
     Args:
-        result: Result of an evaluation of one scene under one loss.
+        result: Results of an evaluation of one scene under one loss.
         store: Store of the evaluation.
         engine: Engine that executes the tasks.
         progress: Called with the name of the current task and its finished share, 0 to 1.

@@ -287,7 +287,7 @@ class Study:
 
 
 def _difference(preset: Packetization, other: Packetization, name: str) -> list[str]:
-    """Returns the words of a stream's name that describe its packetization.
+    """Describes a packetization by a preset and its differences from it, as words for the name of a stream.
 
     Args:
         preset: Packetization of a preset.

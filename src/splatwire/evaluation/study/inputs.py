@@ -276,8 +276,8 @@ def _with_cameras(entry: SceneEntry, drawn: Callable[[], Scene], stamp: str, sto
 
     Args:
         entry: Definition of the scene.
-        drawn: Function that returns the scene around which cameras are generated; called only if needed.
-        stamp: Digest of this scene.
+        drawn: Function that loads the scene around which cameras are generated; called only if needed.
+        stamp: Digest of this scene, by which cameras of an earlier run are found in the store.
         store: Store for the generated cameras file.
     """
     if entry.cameras is not None or entry.photos is not None:

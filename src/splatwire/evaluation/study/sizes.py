@@ -70,9 +70,9 @@ class SceneSizes:
         return 100 * (ours / native - 1)
 
     def file_growth(self, column: str) -> float | None:
-        """Returns by how many percent the attributes in an encoding are larger than in the official HAC++ files.
+        """Returns how much larger the attributes in an encoding are than in the official HAC++ files, percent.
 
-        The compared sizes are those of `attribute_files`. Returns None if the scene has no official files.
+        Compares the sizes in `attribute_files`. Returns None if the scene has no official files.
 
         Args:
             column: Name of the encoding in `columns`.

@@ -84,7 +84,7 @@ class Unit:
 
     @property
     def concealer(self) -> str:
-        """Name of the concealer, including the path of its weights."""
+        """Specification of the concealer: its name, with the path of its weights if it needs any."""
         return self.conceal.replace(WEIGHTS, self.weights)
 
     def picture(self, view: int) -> str:

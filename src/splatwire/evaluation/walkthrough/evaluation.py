@@ -134,7 +134,14 @@ class StreamedWalkthrough:
     def of(
         stream: SceneStream, walk: Walk, link: Link, progress: Callable[[float], None] | None = None
     ) -> "StreamedWalkthrough":
-        """Simulates the transmission of a complete stream along a camera path; see `deliver`."""
+        """Simulates how a viewer who moves along a camera path receives a stream.
+
+        Args:
+            stream: Complete stream with levels of detail.
+            walk: Camera path of the viewer.
+            link: Network link to the viewer.
+            progress: Called with the simulated share of the duration.
+        """
         tiles, delivery = tiles_of(stream), deliver(stream, walk.viewpoint, walk.seconds, link, progress)
         packet_of, first = np.empty(stream.manifest.num_elements, dtype=np.int64), 0
         for block in arrived_blocks(stream.manifest.plan, stream.packets):  # ordered by id, as in `Delivery`

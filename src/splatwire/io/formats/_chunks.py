@@ -62,9 +62,9 @@ def _half_steps(spans: np.ndarray) -> np.ndarray:
 
 
 def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tuple[np.ndarray, np.ndarray]:
-    """Divides some Gaussians into chunks; the positions of a chunk are quantised within one range.
+    """Sorts Gaussians and divides them into chunks, so that quantising the positions of a chunk causes small errors.
 
-    They are sorted by local scale and along a space-filling curve, so that the Gaussians of a chunk are similar.
+    Gaussians are sorted by local scale and along a space-filling curve. A chunk then covers a small range.
 
     Args:
         splats: All Gaussians.
@@ -98,8 +98,8 @@ def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tupl
 def _chunk_lengths(means: np.ndarray, limits: np.ndarray) -> list[int]:
     """Divides sorted Gaussians into chunks; returns the number of Gaussians of each chunk.
 
-    Each chunk ends before the first Gaussian that would enlarge the quantisation steps beyond the error limit of any
-    Gaussian in it.
+    A larger range of positions means larger rounding errors in a chunk. A chunk therefore ends before the Gaussian that
+    would make the error of any of its Gaussians exceed its limit.
 
     Args:
         means: Centres in the order of the file, world units, float64 (n, 3).

@@ -208,9 +208,10 @@ def _warn(path: Path, comment: str, meaning: str, kind: str = "comment") -> None
 
 
 def _unapplied_meaning(comment: str) -> str | None:
-    """Returns what a comment probably states, if this package does not apply it, such as `a shift of the positions`.
+    """Describes a comment that probably changes the meaning of a file's values, but is not applied.
 
-    Returns None for all other comments.
+    Returns:
+        Description for a warning, such as `a shift of the positions`; None for all other comments.
     """
     if comment.startswith("splatwire") or is_metadata(comment):
         return None

@@ -319,13 +319,13 @@ def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, li
 
 
 def _with_values(splats: Splats, what: str, rows: np.ndarray, values: np.ndarray) -> Splats:
-    """Returns a copy of Gaussians in which one attribute of some Gaussians has other values.
+    """Returns a copy of Gaussians with new scales or new colours for some of them.
 
     Args:
         splats: All Gaussians.
-        what: Attribute: logarithms of scales, or colours minus 0.5.
+        what: `scales`, or otherwise the colours.
         rows: Mask of the Gaussians to change, bool (N).
-        values: New values of all Gaussians, (N, 3); only the values of Gaussians in the mask `rows` are used.
+        values: New values, (N, 3), used in the rows of the mask: logarithms of scales, or colours minus 0.5.
     """
     if what == "scales":
         scales = splats.scales.copy()

@@ -165,7 +165,7 @@ class _Gltf:
         return FileContent(concatenate(moved), origin, antialiased, metadata)
 
     def _instances(self, found: dict[int, list[dict[str, Any]]]) -> list[Instance]:
-        """Returns the placed meshes that contain Gaussians, and logs unsupported properties.
+        """Returns all meshes with Gaussians and their transforms; logs what is left out, such as animations.
 
         Args:
             found: Primitives with Gaussians by index of the mesh.

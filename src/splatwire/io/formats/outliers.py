@@ -275,8 +275,8 @@ def warn_of_outliers(
     Args:
         path: The file.
         treatment: What is done with the outliers.
-        what: Name of the values, such as `positions`.
-        column: The values with their outliers marked.
+        what: Name of the attribute that has outliers, such as `positions`.
+        column: Values of the attribute with their outliers marked.
         steps: Quantisation steps of the other Gaussians if the outliers are kept, and if they are moved or removed.
         count: Number of outliers that are moved or removed; None for all.
     """
