@@ -51,9 +51,10 @@ def checked_except(*own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 def _checking(function: Callable[P, R], own: tuple[str, ...]) -> Callable[P, R]:
     @functools.cache
     def known() -> tuple[list[str], dict[str, Rule]]:
-        """Returns names and rules of the parameters.
+        """Returns the names of the decorated function's parameters, and by name the rules that check their values.
 
-        They are built in the first call, because annotations may refer to classes that are defined later.
+        Rules are built at the first call of the function, because its annotations may name classes that are defined
+        after it.
         """
         parameters = inspect.signature(function).parameters.values()
         names = [parameter.name for parameter in parameters if parameter.kind not in _VARIADIC]

@@ -26,9 +26,10 @@ class BuiltLevels:
     Attributes:
         scene: Gaussians of all levels.
         order: Index in the original scene of each Gaussian of the finest level, int64.
-        old: Mask of Gaussians copied from the next finer level instead of merged, bool (N).
-        errors: Error of each tile, float64 (tiles of all levels, coarsest first): root mean square distance between the
-            centres of the finest Gaussians and of the Gaussians that replace them, world units. 0 for the finest level.
+        old: Mask of Gaussians in coarser levels that are unchanged copies of a finer Gaussian, bool (N). The others in
+            coarser levels were merged from several Gaussians.
+        errors: Error of each tile, world units, float64 (tiles of all levels, coarsest first). It is the root mean
+            square distance from the centre of an original Gaussian to that of the Gaussian that replaces it.
     """
 
     scene: LevelScene
@@ -95,7 +96,7 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
 
 
 def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Decides for each tile how many Gaussians of the next coarser level represent it.
+    """Decides for each tile by how many Gaussians it is represented in the next coarser level.
 
     Args:
         level: Gaussians of the finer level.
@@ -103,8 +104,8 @@ def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterat
         shape: Sizes of the next coarser level and its tiles.
 
     Yields:
-        For each finer tile: index of the coarser tile that replaces it, its own index, number of Gaussians that
-        represent it, and `footprints` of its Gaussians.
+        For each finer tile: index of the coarser tile that replaces it, index of the finer tile, number of Gaussians
+        that represent it there, and area times opacity of each of its own Gaussians (`footprints`).
     """
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):
@@ -117,10 +118,10 @@ def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterat
 
 
 def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Decides how many Gaussians of a coarser tile represent each of the finer tiles that it replaces.
+    """Divides the Gaussians of a coarser tile among the finer tiles that it replaces.
 
-    A fraction `EVEN` of them is divided in proportion to the number of Gaussians of the finer tiles (`counts`). The
-    rest is divided in proportion to the size of these Gaussians (`extents`).
+    The share of a finer tile grows with its number of Gaussians (`counts`, with the weight `EVEN`) and with their size
+    (`extents`, with the weight 1 - `EVEN`).
 
     Args:
         size: Number of Gaussians of the coarser tile, at most the number of Gaussians of all finer tiles.

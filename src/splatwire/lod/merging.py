@@ -62,9 +62,11 @@ def reduced(splats: Splats, count: int, mass: np.ndarray | None = None) -> tuple
 def _num_unchanged(mass: np.ndarray, count: int) -> int:
     """Returns how many of the largest Gaussians stay unchanged when the others are merged.
 
+    A Gaussian stays unchanged if it is larger than the Gaussians into which the rest is merged are on average.
+
     Args:
-        mass: Area of each Gaussian times its opacity.
-        count: Number of Gaussians after reduction.
+        mass: Size of each Gaussian: its area times its opacity.
+        count: Number of Gaussians after the reduction, unchanged and merged ones.
     """
     ordered = -np.sort(-mass)[:count]
     left = np.maximum(mass.sum() - np.append(0, np.cumsum(ordered)[:-1]), 0)

@@ -118,10 +118,14 @@ def write_sog_levels(
 
 
 def _num_levels(count: int, leaf: int) -> int:
-    """Returns the number of levels of detail, at most `_MOST_LEVELS`.
+    """Returns how many levels of detail a scene needs, at most `_MOST_LEVELS`.
 
-    Each level has a quarter of the Gaussians of the finer one. Levels are added until the coarsest one, over the whole
-    scene, has at most a quarter of the Gaussians that fit into one leaf.
+    Each level has a quarter of the Gaussians of the next finer one. The coarsest level of the whole scene has at most a
+    quarter of `leaf`.
+
+    Args:
+        count: Number of Gaussians of the scene.
+        leaf: Maximum number of Gaussians per leaf of the k-d tree.
     """
     levels = 1
     while levels < _MOST_LEVELS and count > FACTOR and count * FACTOR > leaf:
@@ -130,7 +134,15 @@ def _num_levels(count: int, leaf: int) -> int:
 
 
 def _levels_of(finest: Splats, num_levels: int) -> list[Splats]:
-    """Returns the levels of a leaf, finest first, each with its Gaussians in Morton order."""
+    """Builds the levels of detail of one leaf of the k-d tree: each level has a quarter of the Gaussians of the last.
+
+    Args:
+        finest: Gaussians of the leaf.
+        num_levels: Number of levels.
+
+    Returns:
+        The levels, finest first, each with its Gaussians in Morton order.
+    """
     levels = [finest]
     for _ in range(num_levels - 1):
         last = levels[-1]
@@ -177,7 +189,12 @@ def _joined(parts: list[Splats]) -> Splats:
 
 
 def _write_chunk(folder: Path, files: dict[str, bytes]) -> int:
-    """Writes a SOG folder; returns its bytes."""
+    """Writes the files of one SOG data set to a new folder, and returns their total size in bytes.
+
+    Args:
+        folder: Folder to create.
+        files: Content of each file, by name.
+    """
     folder.mkdir()
     for name, data in files.items():
         (folder / name).write_bytes(data)

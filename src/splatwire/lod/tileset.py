@@ -159,7 +159,13 @@ def _document(root: dict[str, Any], scene: SplatScene) -> dict[str, Any]:
 
 
 def _node(splats: Splats, error: float, name: str) -> dict[str, Any]:
-    """Returns the JSON object of a tile; its box contains the Gaussians up to three standard deviations."""
+    """Returns the JSON object of a tile of 3D Tiles.
+
+    Args:
+        splats: Gaussians of the tile. The tile's bounding box contains each of them up to three standard deviations.
+        error: Geometric error of the tile, world units, by which a viewer decides whether to load finer tiles.
+        name: File name of the tile's content.
+    """
     reach = _REACH * splats.scales.max(axis=1, keepdims=True).astype(np.float64)
     centers = splats.means.astype(np.float64) @ _TO_TILES.T
     low, high = (centers - reach).min(axis=0), (centers + reach).max(axis=0)

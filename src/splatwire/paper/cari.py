@@ -269,10 +269,10 @@ def _interpolate(
 
 
 def _known_residuals(context: ReceivedScene, mask: Bool[Tensor, "N K"]) -> Bool[Tensor, "N K"]:
-    """Returns which offsets have a valid residual after a pass and can thus be used as neighbours in the next pass.
+    """Returns which offsets have a residual after a pass, so that the next pass can interpolate others from them.
 
-    Lost offsets have an interpolated residual. Received offsets have a residual only if the anchor's mask was received,
-    too, because the mask contains which offsets exist.
+    Lost offsets have an interpolated residual. A received offset has one only if the mask of its anchor was received,
+    because the mask determines which offsets exist.
 
     Args:
         context: The received scene.

@@ -62,13 +62,13 @@ class MaskVote:
 
 
 def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], tuple[Attribute, ...]]]:
-    """Groups the attributes with losses; attributes in a group were lost for exactly the same anchors.
+    """Groups attributes that are missing in the same anchors, so that one neighbour search serves the whole group.
 
-    One neighbour search then suffices for each group. There is a single group if each packet contains all attributes of
-    its anchors. Attributes without losses are omitted.
+    If each packet contains all attributes of its anchors, all attributes are in one group. Attributes without losses
+    are omitted.
 
     Returns:
-        For each group, the mask of the anchors with these attributes received, and the attributes.
+        For each group, the mask of the anchors whose attributes of this group were received, and these attributes.
     """
     groups: list[tuple[Tensor, list[Attribute]]] = []
     for attribute in Attribute:

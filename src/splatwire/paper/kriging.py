@@ -140,10 +140,10 @@ def kriging_weights(
     distance: Float[Tensor, "Q k"],
     fit: Correlogram,
 ) -> Float[Tensor, "Q k"]:
-    """Computes the kriging weights of the neighbours: the linear prediction with the least expected squared error.
+    """Computes with which weights the neighbours of a lost anchor (query) predict it with the least expected error.
 
-    The weights are `R^-1 r`, where R has the correlations between the neighbours, and r the correlations between the
-    neighbours and the lost anchor (query). Correlations follow from distances by `fit`.
+    These kriging weights are `R^-1 r`. R has the correlations between the neighbours, and r their correlations with the
+    query; `fit` gives the correlation at each distance.
 
     Args:
         positions: Positions of all anchors.
@@ -188,7 +188,10 @@ class _Field:
 
 
 def regression_inputs(context: ReceivedScene) -> Float64[Tensor, "N P"]:
-    """Returns the regression inputs of each anchor: its prior means of all attributes, standardised over the scene."""
+    """Returns the inputs from which `regress` predicts the attributes of each anchor, received or lost.
+
+    These are the means of all attributes that the prior predicts, standardised over the scene.
+    """
     prior = context[Prior]
     means = torch.cat([prior.feature.mean, prior.scaling.mean, prior.offset.mean], dim=1).double()
     spread = means.std(dim=0, correction=0)
@@ -198,14 +201,15 @@ def regression_inputs(context: ReceivedScene) -> Float64[Tensor, "N P"]:
 def regress(
     inputs: Float64[Tensor, "N P"], values: Float[Tensor, "N D"], exists: Bool[Tensor, "N D"]
 ) -> Float[Tensor, "N D"]:
-    """Predicts attribute values of all anchors by a linear function, fitted to the received values (ridge regression).
+    """Predicts attribute values of all anchors, to be used as expected values for kriging.
 
-    If a prediction of 0 has a smaller estimated error, the result is 0.
+    The prediction is a linear function of `inputs`, fitted to the received values (ridge regression). It is 0 if the
+    function is estimated to be no better than that.
 
     Args:
         inputs: Inputs of all anchors, from `regression_inputs`.
         values: Deviations of attribute values from their mean; 0 for values that were not received.
-        exists: True for received values. Channels with equal columns are fitted together, which is faster.
+        exists: True for received values.
 
     Returns:
         The predicted deviations of all anchors, received or lost.
@@ -284,6 +288,6 @@ def _neighborhoods(
 
 
 def _with_floor(context: ReceivedScene, scalings: Float[Tensor, "N 6"]) -> Float[Tensor, "N 6"]:
-    """Clamps the estimated sizes in `scalings` to at least the smallest received size."""
+    """Raises estimated scalings of lost anchors to at least the smallest received scaling; they may be negative."""
     missing = ~context.loss_mask.column(Attribute.SCALING)[:, None]
     return torch.where(missing, plausible_scalings(context.scene.anchors, context.loss_mask, scalings), scalings)

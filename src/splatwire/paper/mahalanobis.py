@@ -78,10 +78,10 @@ class MahalanobisSearch:
 
 
 def _local_order(places: np.ndarray, extents: np.ndarray) -> np.ndarray:
-    """Sorts points so that consecutive points are close to each other and of similar size.
+    """Returns an order of the points in which consecutive points are close to each other and of similar size.
 
-    Points are sorted by the rounded-down binary logarithm of their largest extent, then along the Z-order curve. The
-    sorted points are then divided into blocks.
+    Consecutive points form the blocks of the search; a search skips most blocks if their points are alike. Points are
+    sorted by the power of two of their largest extent, then along the Z-order curve.
     """
     low = places.min(axis=0, initial=np.inf)
     width = max(float((places - low).max(initial=0.0)), np.finfo(np.float64).tiny)

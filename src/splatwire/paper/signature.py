@@ -11,12 +11,12 @@ from splatwire.types import AnchorLayout, Anchors, Attribute, Prior, ReceivedSce
 
 @dataclass(frozen=True)
 class AttributeGroup:
-    """Channels of an anchor attribute that are interpolated with the same neighbours and weights (CARI).
+    """Channels of an anchor attribute for which CARI uses the same neighbours and weights, such as a feature group.
 
     Attributes:
         attribute: The attribute that the channels belong to.
-        part: Index in `Residuals.parts` of the residuals of these channels. Offset masks have no residuals; their group
-            has the next free index, `len(Residuals.parts)`.
+        part: Index of the group: its residuals are at this index in `Residuals.parts`. The offset masks, which have no
+            residuals, are the last group.
     """
 
     attribute: Attribute

@@ -29,14 +29,14 @@ class ScoreExponents:
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """Inputs of `select_neighbors`, which scores candidate neighbours of lost anchors: properties of all N anchors.
+    """Properties of all N anchors from which CARI scores them as neighbours of a lost anchor (`select_neighbors`).
 
     Attributes:
         context: Hash-grid feature of each anchor, normalised to length 1; zero vectors remain zero.
         signature: Signature of each anchor's residuals (`splatwire.paper.signature.signatures`), normalised to length
             1; zero vectors remain zero.
-        reliability: Factor of an anchor's score that does not depend on the lost anchor, per attribute group. It is
-            lower for an uncertain prior (`w_unc`) and for anchors that are themselves concealed (`w_conf`).
+        reliability: Factor of the score that depends on the neighbour only, for each of G attribute groups. It is lower
+            if the neighbour's prior is uncertain (`w_unc`) or the neighbour is itself concealed (`w_conf`).
     """
 
     context: Float[Tensor, "N H"]

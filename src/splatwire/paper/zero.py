@@ -10,13 +10,13 @@ from splatwire.types import Anchors, ReceivedScene
 @register_concealer("zero", needs=[Anchors], listed=False)
 @dataclass(frozen=True)
 class Zero:
-    """Draws every anchor with its decoded values, and zeros in place of missing values; for comparison only.
+    """Draws lost anchors with zeros in place of missing values; for comparison only.
 
-    Decoded channels of incomplete feature groups are kept. An anchor with a missing offset mask has no offsets and is
-    not drawn.
+    Received values remain, also those of a feature of which only some channels arrived. An anchor without its offset
+    mask is not drawn.
 
-    If each packet contains all attributes of its anchors, the result equals that of the concealer `drop`. To avoid
-    evaluating both, `concealer_names` does not list `zero`; it can still be created by its name.
+    If each packet contains all attributes of its anchors, the result equals that of the concealer `drop`. For this
+    reason `concealer_names` does not list `zero`, but it can be created by its name.
     """
 
     @property

@@ -1,7 +1,7 @@
 """Sequences of moving Gaussians: encoding by group of pictures, and decoding by frame.
 
-Submodules are imported when one of their names is first used. Checking if a path is a sequence (`is_sequence`) thus
-does not import encoder and decoder.
+Submodules are imported when one of their names is first used. For example, `is_sequence`, which checks if a path is a
+sequence, does not import the encoder and the decoder.
 """
 
 from splatwire.lazy_names import lazy_names

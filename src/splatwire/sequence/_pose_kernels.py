@@ -51,13 +51,14 @@ def _scale(scales, offset, found):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def move(bases, tracks, offsets, found):
-    """Applies motion to keyframe Gaussians.
+    """Computes the Gaussians of some tracks in one frame: their keyframe Gaussians, moved by decoded motion.
 
     Args:
         bases: Keyframe means (T, 3), quaternions (T, 4), scales (T, 3), opacities (T), harmonics (T, 3 B); float32.
-        tracks: Indices of the tracks to move, int64 (n).
-        offsets: Motion parameters, float32 (n, C); see `splatwire.types.sequence_scene.GroupMotion.at`.
-        found: Output arrays with the same attributes for the moved Gaussians.
+        tracks: Indices of the n tracks in `bases`, int64 (n).
+        offsets: Changes of these tracks since their keyframe, float32 (n, C), with the channels of
+            `splatwire.types.sequence_scene.GroupMotion.at`.
+        found: Output: arrays of the same attributes for the n moved Gaussians.
     """
     means, quats, scales, opacities, harmonics = bases
     for n in range(len(tracks)):

@@ -153,7 +153,7 @@ class SequenceDecoder:
 def pose_frame(
     sequence: SequenceScene, poses: GroupPoses, index: int, number: int, hints: RenderHints | None
 ) -> SequenceFrame:
-    """Returns the moved Gaussians of one frame of a group of pictures.
+    """Builds one frame of a sequence: the Gaussians of all tracks that exist in the frame, moved to it.
 
     Args:
         sequence: Received sequence.
@@ -182,12 +182,13 @@ def pose_frame(
 
 
 def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Splats:
-    """Returns copies of keyframe Gaussians with motion applied.
+    """Computes the Gaussians of some tracks in one frame: their keyframe Gaussians, moved by decoded motion.
 
     Args:
-        splats: All keyframe Gaussians.
-        tracks: Indices of the tracks, int64 (n).
-        offsets: Motion parameters, float32 (n, C); see `splatwire.types.sequence_scene.GroupMotion.at`.
+        splats: Keyframe Gaussians of all tracks.
+        tracks: Indices of the n tracks in `splats`, int64 (n).
+        offsets: Changes of these tracks since their keyframe, float32 (n, C), with the channels of
+            `splatwire.types.sequence_scene.GroupMotion.at`.
     """
     found = Splats.empty(len(tracks), splats.degree)
     bases, offsets, whole = _arrays(splats), np.ascontiguousarray(offsets), _arrays(found)
@@ -200,7 +201,7 @@ def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Spl
 
 
 def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
-    """Returns the attributes of Gaussians as contiguous arrays, the arguments of the kernel `move`."""
+    """Returns the attributes of Gaussians as contiguous arrays, in the form that the compiled kernel `move` takes."""
     means, quats, scales, opacities, sh = (np.ascontiguousarray(values) for values in vars(splats).values())
     return means, quats, scales, opacities, sh.reshape(len(sh), 3 * sh.shape[1])
 

@@ -282,14 +282,13 @@ class SequenceEncoder:
         return classes
 
     def _median_classes(self, count: int) -> np.ndarray:
-        """Returns an array of length `count` filled with the median of the precision classes so far."""
+        """Returns precision classes for `count` tracks that are not analysed: the median class of the tracks so far."""
         return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:
-        """Adds the last frame to the extent of the sequence, and checks the last group for changes of harmonics.
+        """Does the work that was put off so that the packets of the last group could be sent earlier.
 
-        No packet of the group depends on this work. It is done only after the packets were returned, to send these
-        earlier.
+        Adds the group's last frame to the extent of the sequence, and checks if view-dependent colours change.
         """
         ball = None if self._last is None else bounding_sphere(self._last)
         self._extent, self._last = self._extent.union(ball) if self._extent and ball else self._extent or ball, None

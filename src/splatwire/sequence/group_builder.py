@@ -67,9 +67,10 @@ class GroupBuilder:
             self._find_neighbors(number)
 
     def _rows_of(self, keys: np.ndarray) -> np.ndarray:
-        """Returns the index of each track in the arrays of the group, given the keys of the tracks.
+        """Returns the index of each track in the arrays of the group; adds tracks whose key is new.
 
-        A track with a new key is added.
+        Args:
+            keys: Keys of the tracks in the latest frame.
         """
         by, number = self._by, len(self.frames) - 1
         at = np.searchsorted(self._keys, keys, sorter=by)

@@ -163,9 +163,9 @@ class LiveDecoder:
         """Decodes the keyframe packets that were received since the last call, and stores their Gaussians.
 
         Args:
-            decoder: Decoder in which the packets are stored.
+            decoder: Decoder that stores the Gaussians.
             manifest: Current manifest.
-            whole: True to decode only completely received blocks (groups of packets that are decoded together).
+            whole: True to decode only blocks (packets that are decoded together) of which every packet was received.
         """
         there = {block: sum(packet.num_elements for packet in self._blocks[block]) for block in self._fresh}
         keyframes = {

@@ -11,12 +11,13 @@ from splatwire.transport import Event, Welcomed
 
 
 class LiveFrames:
-    """Writes each frame of a live stream to a file while the stream is received.
+    """Decodes a live stream while it is received, and writes each frame to a file of its own.
 
-    No frames are written if the stream is not live, or if the stream itself is recorded to one file.
+    Writes nothing if the stream is not live, or if `path` is the file of a recording.
 
     Args:
-        path: Output folder for frames, or the stream file of a recording (recognised by its suffix).
+        path: Output folder for frames. A path with the suffix of stream files belongs to a recording of the stream,
+            which other code writes.
         concealer: Concealer for tracks with lost motion; None for the default.
         show: Called with progress messages.
     """

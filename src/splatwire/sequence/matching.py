@@ -50,10 +50,10 @@ class Match:
 
 
 def tracked(previous: Splats, current: Splats) -> bool:
-    """True if the i-th Gaussian is the same in both frames.
+    """True if two frames have their Gaussians in the same order: the i-th Gaussian is the same one in both.
 
-    This is assumed if Gaussians with equal index have far more similar appearance than random pairs, or if they move
-    like their neighbours.
+    This is assumed if Gaussians with equal index look far more alike than random pairs, or if the motion between them
+    resembles that of their neighbours.
 
     Args:
         previous: Previous frame.
@@ -118,10 +118,10 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
 
 
 def aligned(previous: Splats, current: Splats, partner: np.ndarray) -> Splats:
-    """Returns a frame with quaternions and scales as close as possible to those of the previous frame.
+    """Rewrites quaternions and scales of a frame so that they change little since the previous frame.
 
-    A Gaussian has 24 equivalent parameterisations, which differ in order and signs of its axes. Each Gaussian gets the
-    one most similar to its match in the previous frame. Positions, opacities and harmonics do not change.
+    The same ellipsoid can be written in 24 ways, with its axes in another order or with other signs. Each Gaussian gets
+    the form most similar to its match in the previous frame. Positions, opacities and harmonics do not change.
 
     Args:
         previous: Previous frame.
@@ -234,7 +234,7 @@ def _implausible_matches(
 
 
 def _distance_scale(values: np.ndarray) -> float:
-    """Returns a typical distance, by which distances are divided: 1.5 times their median, always above 0."""
+    """Returns the unit in which some distances are compared: 1.5 times their median, always above 0."""
     return max(float(np.median(values)) * 1.5, float(values.mean()) * 1e-3, 1e-12)
 
 

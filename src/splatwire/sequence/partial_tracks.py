@@ -74,9 +74,9 @@ class NeighborSet:
         return NeighborSet(*(np.concatenate(values[name]) for name in names))
 
     def only(self, exists: np.ndarray, means: np.ndarray) -> "NeighborSet":
-        """Restricts the neighbours to allowed tracks; of these, at most the nearest `NUM_AROUND` are kept.
+        """Returns the nearest `NUM_AROUND` neighbours of each track among the allowed tracks.
 
-        The result omits tracks that have fewer than `NUM_AROUND` allowed neighbours.
+        Tracks with fewer than `NUM_AROUND` allowed neighbours are omitted from the result.
 
         Args:
             exists: Mask of the tracks that are allowed as neighbours, bool (T).
@@ -166,19 +166,14 @@ def sampled(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
 def extrapolate_partial_tracks(
     means: np.ndarray, begins: np.ndarray, ends: np.ndarray, known: Sequence[NeighborSet], sample: NeighborSet | None
 ) -> bool:
-    """Computes positions of partial tracks for the frames before they begin and after they end.
+    """Gives tracks that appear or disappear within a group of pictures positions for the frames without them.
 
-    A partial track does not exist in all frames of the group. In the frames without the track, it is assumed to move
-    like its neighbours, which are the nearest tracks that exist in all frames.
+    In these frames, such a partial track is assumed to move like its neighbours: the nearest tracks that exist in all
+    frames. The decoder conceals lost motion in the same way (`concealment.temporal.extrapolation`), so it finds nearly
+    the true position in the first frame of the track.
 
-    First, a sample of the tracks that exist in all frames is tested. If most of these do not move like their
-    neighbours, no positions change. Otherwise, each partial track that moves like its neighbours while it exists is
-    extrapolated. Every other partial track keeps its first position before it begins, and its last position after it
-    ends.
-
-    If the motion of a track is lost, the decoder also extrapolates the track from its neighbours
-    (`concealment.temporal.extrapolation`). The position that the decoder computes for the track's first frame is then
-    close to the true position.
+    Only partial tracks that move like their neighbours during their lifetime are changed. None is changed if most
+    tracks of a sample do not move like their neighbours.
 
     Args:
         means: Positions of all tracks in the F frames of the group, float32 (n, F, 3); modified in place.

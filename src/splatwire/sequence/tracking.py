@@ -156,8 +156,5 @@ class Tracker:
 
 
 def _drawn(frame: Frame) -> Splats:
-    """Returns the visible Gaussians of a frame.
-
-    If all are visible, they are returned without a copy.
-    """
+    """Returns the visible Gaussians of a frame; avoids a copy if all are visible."""
     return frame.splats if frame.drawn.all() else frame.splats.select(frame.drawn)

@@ -28,7 +28,11 @@ class Importance:
 
     @staticmethod
     def of_footprints(footprint: Float[np.ndarray, "N"]) -> "Importance":
-        """Normalises the opacity times projected area of each anchor (any unit) to fractions of the total."""
+        """Computes the importance of anchors from the area of the pictures that each of them covers.
+
+        Args:
+            footprint: Opacity times projected area of each anchor, summed over the views, in any unit.
+        """
         total = footprint.sum(dtype=np.float64)
         share = footprint / max(total, 1e-300) if total > 0 else np.zeros(len(footprint))
         return Importance(share.astype(footprint.dtype))
@@ -53,7 +57,8 @@ class Importance:
 
         Args:
             fractions: Share of the anchors in each tier except the last, 0 to 1; (0.05, 0.15) makes three tiers.
-            among: Mask of the anchors to classify, e.g. those that are encoded; the others get the last tier.
+            among: Mask of the anchors to which the shares refer, e.g. those that are encoded. The other anchors get the
+                last tier. None for all anchors.
 
         Raises:
             ValueError: If a fraction is not in [0, 1], the sum exceeds 1, or there are more than 255 fractions.

@@ -34,11 +34,11 @@ class LevelScene(SplatScene):
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """Level of detail and precision class of each Gaussian of a scene with levels of detail.
+    """Level of detail and precision of each Gaussian of a scene with levels of detail.
 
     Attributes:
-        of: Level of each element; 0 is the finest level, the scene itself.
-        classes: Precision class of each element, 0 for the lowest precision.
+        of: Level of each Gaussian; 0 is the finest level, the scene itself.
+        classes: Precision class of each Gaussian, the index of its set of quantisation steps; 0 is the coarsest.
     """
 
     of: UInt8[np.ndarray, "N"]
@@ -48,10 +48,10 @@ class Levels:
 
     @property
     def copied(self) -> Bool[np.ndarray, "N"]:
-        """Mask of the Gaussians of coarser levels that are copies of a Gaussian of the next finer level.
+        """Mask of the Gaussians in coarser levels that are unchanged copies of one Gaussian of the next finer level.
 
-        The other Gaussians of coarser levels replace several finer Gaussians. The encoder gives copies a more precise
-        class than merged Gaussians, so this method takes the most precise class in the coarser levels.
+        All others in coarser levels were merged from several finer Gaussians. Copies are recognised by their precision
+        class: the encoder gives them a more precise class than merged Gaussians.
         """
         coarser = self.of > 0
         return coarser & (self.classes == self.classes[coarser].max()) if bool(coarser.any()) else coarser

@@ -71,11 +71,11 @@ class Copies(CheckedFields):
     """Redundant coarse copies of some Gaussians, which a receiver draws if the originals are lost.
 
     Attributes:
-        places: Index of the original of each copy in coding order, without duplicates.
+        places: For each copy, index of its original Gaussian in coding order, without duplicates.
         splats: Attributes of the copies.
-        growth: Three parameters, chosen by the sender, with which a receiver enlarges received Gaussians next to lost
-            ones. The first two are exponents of the enlargement of size and of opacity. The third is the strength of
-            the correction by the neural network of the concealer `scene_free`.
+        growth: Three parameters for the enlargement of received Gaussians next to lost ones, chosen by the sender. The
+            first two determine how strongly size and opacity grow. The third is the strength of the correction by the
+            neural network of the concealer `scene_free`.
     """
 
     places: Int64[np.ndarray, "C"]
@@ -154,20 +154,20 @@ class ReceivedScene(Generic[S]):
 
     @property
     def places(self) -> Float[Any, "N 3"]:
-        """Positions of all elements for neighbour searches, including lost elements.
+        """Positions of all elements, received or lost, for neighbour searches.
 
-        Some streams code exact positions in packets and approximate ones in the side information (`ExpectedPlaces`).
-        The approximate positions are then returned, for received elements, too, so that all are equally precise.
-        Otherwise the decoded positions are returned.
+        In some streams, the exact position of an element is lost with its packet, and the side information has only
+        approximate positions (`ExpectedPlaces`). All elements then have their approximate positions here, so that
+        received and lost ones are equally precise.
         """
         expected = self.get(ExpectedPlaces)
         return self.scene.positions if expected is None else expected.positions
 
     @property
     def expectation(self) -> Expectation | None:
-        """Prediction of every element from the side information (such as `Prior`), or None.
+        """Values that the side information predicts for every element (such as `Prior`), used to fill lost elements.
 
-        It is None if the stream has no prediction; the decoder then fills lost elements with expected values itself.
+        None if the stream has no such prediction. Lost elements then have the expected values that the decoder chose.
         """
         return next((record for record in self.records if isinstance(record, Expectation)), None)
 

@@ -61,11 +61,11 @@ class Elements(Protocol):
         """Returns the elements at `index`."""
 
     def arrived(self: Own, known: Bool[np.ndarray, "N"], places: Float[np.ndarray, "N 3"]) -> Own:
-        """Simulates reception: returns the elements with placeholder values for lost ones.
+        """Simulates a loss: returns the elements as a decoder would, with placeholder values for the lost ones.
 
         Args:
             known: Mask of received elements.
-            places: Positions for the lost elements; rows of received elements are ignored.
+            places: Position to give each lost element; rows of received elements are ignored.
         """
 
     def kept(self: Own, loss_mask: LossMask, proposed: Own) -> Own:

@@ -1,4 +1,4 @@
-"""Scenes of explicit Gaussians, the same for every view."""
+"""Scenes of explicit Gaussians, as in 3DGS files: all views draw the same Gaussians."""
 
 import functools
 from dataclasses import dataclass, replace

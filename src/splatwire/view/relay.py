@@ -113,7 +113,11 @@ class Relay:
             yield b"".join(pieces[begin:given])
 
     def _is_growing(self, pieces: list[bytes]) -> bool:
-        """True if a `.swz` file is still being received, and was not replaced by the file of another stream."""
+        """True if more data may follow for a `.swz` file: the transfer runs, and no other stream has begun.
+
+        Args:
+            pieces: List with the pieces of the file that were received so far.
+        """
         return not self._over and pieces is self._pieces
 
     async def _forward(self) -> None:

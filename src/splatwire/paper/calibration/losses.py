@@ -25,8 +25,8 @@ class LossWeights:
     """Weights of the loss terms; the defaults are the paper's feature-focused configuration.
 
     Attributes:
-        feature: w_f, weight of the error of the features. The terms `distill`, `smooth` and `prior` include the
-            features only if w_f is positive; likewise for scalings and offsets.
+        feature: w_f, weight of the error of the features. If it is 0, the features are not trained: the terms
+            `distill`, `smooth` and `prior` omit them, too. The same applies to scalings and offsets.
         scaling: w_s, weight of the error of the scalings.
         offset: w_o, weight of the error of the offsets.
         mask: w_m, weight of the error of the masks.
@@ -82,19 +82,19 @@ def charbonnier(x: Tensor) -> Tensor:
 def parameter_losses(
     parts: Branches, truth: Anchors, positions: Float[Tensor, "B 3"], weights: LossWeights
 ) -> dict[str, Float[Tensor, ""]]:
-    """Computes the training loss in attribute values, without rendering: one number per loss term.
+    """Computes all terms of the training loss that need no rendering.
 
-    The terms are errors against the true attributes, and penalties. Penalties are for the distance from the
-    interpolation and from the prior's mean, and for differences between neighbours.
+    Some terms are errors of estimated attributes against the true ones. The others penalise estimates that are far from
+    the interpolation or from the prior's mean, or that differ between neighbours.
 
     Args:
         parts: Attributes that the network estimates for the lost anchors (queries) of a batch.
         truth: True attributes of the queries.
         positions: Positions of the queries.
-        weights: Weights of the terms and attributes. Those with weight 0 are omitted; the result is not yet weighted.
+        weights: Weights of the terms and attributes. Terms and attributes with weight 0 are omitted.
 
     Returns:
-        The loss terms by name, as in `LossWeights`.
+        The loss terms by name, as in `LossWeights`, not yet multiplied by their weights.
     """
     trained = [(name, branch) for name, branch in parts.continuous() if weights.trains(name)]
     terms: dict[str, Tensor] = {}

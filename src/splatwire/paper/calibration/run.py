@@ -268,9 +268,15 @@ def _standardise(network: InpaintingNetwork, context: ReceivedScene, graph: Repa
 
 
 def _batch(count: int, size: int, rng: torch.Generator) -> Int64[Tensor, "B"]:
-    """Draws a batch: returns indices of lost anchors (queries), in groups of consecutive queries.
+    """Draws the lost anchors (queries) of a training step; returns their indices, in runs of consecutive queries.
 
-    Consecutive queries are close to each other, because a stream sorts anchors by position.
+    Queries of a run are close to each other, because a stream sorts anchors by position. The smoothness term of the
+    loss needs such neighbours.
+
+    Args:
+        count: Number of queries to draw from.
+        size: Approximate number of queries to draw.
+        rng: Random generator.
     """
     if count <= size:
         return torch.arange(count)

@@ -114,7 +114,11 @@ def repair(context: ReceivedScene, graph: RepairGraph, network: InpaintingNetwor
 
 
 def _replace_invalid(context: ReceivedScene, anchors: Anchors, interpolated: Anchors) -> Anchors:
-    """Replaces network predictions that are NaN or infinite by the interpolated values, and limits scalings."""
+    """Makes the network's predictions valid.
+
+    Anchors with a prediction that is NaN or infinite get the interpolated values. Predicted scalings are raised to the
+    smallest received scaling, because they may be negative.
+    """
     good = anchors.features.isfinite().all(dim=1) & anchors.scalings.isfinite().all(dim=1)
     good &= anchors.offsets.flatten(1).isfinite().all(dim=1)
     same = (anchors.scalings == interpolated.scalings).all(dim=1, keepdim=True)

@@ -75,7 +75,7 @@ def build_graph(context: ReceivedScene, settings: GnnSettings, filled: Anchors |
 
 
 def _graph_idw(settings: GnnSettings) -> Idw:
-    """Returns the IDW concealer that defines the graph's neighbourhoods, with the metric of the settings."""
+    """Returns an IDW concealer; the neighbours that it finds are the neighbours of each lost anchor in the graph."""
     return Idw(neighbors=settings.neighbors, metric=settings.metric)
 
 

@@ -29,7 +29,7 @@ class InputSizes:
 
     @property
     def attributes(self) -> int:
-        """Number of attribute values of an anchor: features, scalings, offsets and mask."""
+        """Number of values of an anchor: all features, scalings, offsets and mask bits."""
         return self.layout.feature_dim + 6 + 4 * self.layout.num_offsets
 
     @property
@@ -45,7 +45,7 @@ class InputSizes:
 
 @dataclass(frozen=True, eq=False)
 class RawResiduals:
-    """Outputs of the network's heads for lost anchors: residuals in prior standard deviations, and mask logits.
+    """Raw outputs of the network for lost anchors: residuals, in units of the prior's standard deviation, and masks.
 
     Attributes:
         feature: Residuals of the feature channels.
@@ -63,15 +63,16 @@ class RawResiduals:
 def strongest_edge(
     query_terms: Float[Tensor, "Q H"], source_terms: Float[Tensor, "S H"], index: Int64[Tensor, "Q k"]
 ) -> Float[Tensor, "Q H"]:
-    """Returns the EdgeConv output `max_j phi(center h_i + edge (h_j - h_i) + bias)` of each lost anchor (query) i.
+    """Computes the graph convolution EdgeConv: each lost anchor (query) takes the strongest message of its neighbours.
 
-    `phi` is a leaky ReLU, and the maximum is over the neighbours j. Both matrix products are computed per node, not per
-    edge. `phi` is applied after the maximum, because it is monotone.
+    The output of query i is `max_j phi(center h_i + edge (h_j - h_i) + bias)`. Here h are the hidden vectors of the
+    nodes, j are the neighbours of i, `center` and `edge` are trained matrices, and `phi` is a leaky ReLU. The caller
+    computes the matrix products once per node.
 
     Args:
         query_terms: `(center - edge) h_i + bias` of the queries.
         source_terms: `edge h_j` of the known anchors.
-        index: Neighbours of each query, as rows of `source_terms`; without neighbours the maximum is 0.
+        index: Neighbours of each query, as rows of `source_terms`; without neighbours, their term is 0.
     """
     strongest = source_terms[index].amax(dim=1) if index.shape[1] else 0.0
     return functional.leaky_relu(query_terms + strongest, _SLOPE)

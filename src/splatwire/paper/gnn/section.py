@@ -7,9 +7,10 @@ Layout:
 * neighbours, width, layers and heads (`GnnSettings`) as varints;
 * cross-attention (0 or 1), metric, interpolation, query input and baseline (`GnnSettings`), one byte each;
 * clip, sharpness and three thresholds as `f64`;
-* standard deviations of the inputs of known anchors, each as the `index` of
-  `(1 + (index mod 8) / 8) * 2 ** floor(index / 8)`, then their means in sixteenths of the standard deviation;
-* standard deviations and means of the inputs of lost anchors, in the same form;
+* constants that standardise the network's inputs for known anchors: the standard deviation of each input, then its mean
+  in sixteenths of the standard deviation. A standard deviation is stored as an integer `index`, which stands for
+  `(1 + (index mod 8) / 8) * 2 ** floor(index / 8)`;
+* the same constants for lost anchors;
 * all parameters in the order of the network, except heads of attributes with a threshold above 1.
 
 Parameters that are vectors are integers in units of 1/128. A parameter that is a matrix consists of the index of its

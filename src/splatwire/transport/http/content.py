@@ -453,10 +453,7 @@ def served_stream_file(stream: ServedStream) -> bytes:
 
 
 def _head(stream: ServedStream) -> tuple[Manifest, bytes]:
-    """Returns the manifest and the side information of a prepared stream.
-
-    Both are parsed from its init segment.
-    """
+    """Parses the init segment of a prepared stream, and returns the stream's manifest and side information."""
     segments = Segments(stream.head_bytes, stream.symbol_bytes)
     symbols = (symbol for number, segment in enumerate(stream.head) for symbol in segment[: segments.size(number)])
     manifest, side_info, _ = split_init_segment(b"".join(symbols)[: stream.head_bytes])

@@ -12,11 +12,11 @@ TILESET = "tileset.json"
 
 
 def prefixed_tileset(data: bytes, prefix: str) -> bytes:
-    """Returns a `tileset.json` for another folder: all addresses of tiles in it begin with a prefix.
+    """Rewrites a `tileset.json` that is served outside the folder of its tiles: adds the folder to all tile addresses.
 
     Args:
-        data: Content of the file, whose addresses are relative to its own folder.
-        prefix: Relative URL of that folder, with `/` at its end.
+        data: Content of the file, with addresses relative to the folder of the tiles.
+        prefix: Relative URL of the folder of the tiles, with `/` at its end.
     """
     document = json.loads(data)
     waiting: list[dict[str, Any]] = [document["root"]]

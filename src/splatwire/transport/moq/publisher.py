@@ -180,13 +180,13 @@ async def _requests(asked: Any) -> AsyncIterator[Any]:
 
 
 def _frames_of(name: str, head: bytes, parts: list[range], packets: list[bytes]) -> list[bytes] | None:
-    """Returns the MoQ frames of a track, or None if there is no track of that name.
+    """Returns the content of a MoQ track as the frames to publish; None if the scene has no track of that name.
 
     Args:
-        name: Name of the track.
+        name: Name of the track: `HEAD` for manifest and side information, or `part/N` for packets.
         head: Bytes of manifest and side information.
-        parts: Packet indices of each track `part/N`.
-        packets: Packets in sending order.
+        parts: For each N, the indices in sending order of the packets of the track `part/N`.
+        packets: All packets in sending order.
     """
     if name == HEAD:
         return [head[at : at + FRAME_BYTES] for at in range(0, len(head), FRAME_BYTES)]

@@ -55,10 +55,9 @@ def choose_eviction(held: Mapping[Network, int], newcomer: Network) -> Network |
     """Chooses the network that loses a connection slot to a new connection when all slots are in use.
 
     Slots are shared fairly between IP prefixes, so that the owner of many addresses gets no more slots than the owner
-    of one. The comparison starts with the widest prefixes (for IPv4, /24). The new connection is counted as if it
-    already had a slot. If another prefix has more slots than the prefix of the new connection, the network with the
-    most slots inside that other prefix loses one. Otherwise, the next narrower prefixes inside the prefix of the new
-    connection are compared in the same way.
+    of one. First, the widest prefixes are compared (for IPv4, /24). If another prefix has more slots than that of the
+    new connection would have, the network with the most slots in that other prefix loses one. Otherwise, the narrower
+    prefixes inside the prefix of the new connection are compared in the same way.
 
     Args:
         held: Number of slots per network, each above 0.

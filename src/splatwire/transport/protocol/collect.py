@@ -210,14 +210,15 @@ class PacketCollector:
         return self._intake
 
     def open(self, manifest: Manifest, bundled: Sequence[bytes] = ()) -> tuple[PacketIntake, list[Packet]]:
-        """Creates the packet filter from the manifest and passes the packets received so far through the filter.
+        """Checks the packets that arrived before the manifest, which is known now.
 
         Args:
-            manifest: Manifest of the stream.
+            manifest: Manifest of the stream; it lists the valid packets.
             bundled: Packets bundled in the init segment.
 
         Returns:
-            The filter, and the packets that it has accepted.
+            The filter that checks all packets, including later ones, against the manifest; and the packets that it has
+            accepted so far.
         """
         if self._intake is None:
             self._intake = PacketIntake(manifest)

@@ -49,12 +49,12 @@ class GapTracker:
                 del self._starts[0], self._stops[0]
 
     def due(self, before: int, now: float) -> list[int]:
-        """Returns the missing sequence numbers to request in a feedback report now (`Feedback.lost_sequences`).
+        """Returns the missing sequence numbers to request in the next feedback report (`Feedback.lost_sequences`).
 
         Each sequence number is requested at most `MAX_ATTEMPTS` times.
 
         Args:
-            before: Only sequence numbers below this limit are returned. Later datagrams may still arrive out of order.
+            before: First sequence number that is not requested yet, because its datagram may still be on its way.
             now: Time, seconds.
         """
         for number in [number for number in self._below(before) if self._attempts(number) >= MAX_ATTEMPTS]:

@@ -13,9 +13,9 @@ class KnownPackets:
         self._head = False
 
     def take(self, frame: Have, stream: ServedStream) -> int:
-        """Adds packets that a client lists as received; returns the total size of the newly listed packets in bytes.
+        """Records what a client lists as received; returns how many bytes the server therefore need not send.
 
-        Lists about another stream, or about a live stream, are ignored.
+        Only data that were not listed before count. Lists about another stream, or about a live stream, are ignored.
 
         Args:
             frame: List of received packets.

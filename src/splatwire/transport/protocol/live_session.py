@@ -124,8 +124,8 @@ class LiveSession:
     def _protect(self, tiers: tuple[TierHead, ...]) -> None:
         """Computes the repair symbols and the sending order of the newest group of pictures.
 
-        The repair symbols of earlier groups of pictures are dropped. Their parity groups keep their numbers, so that
-        the numbers of new parity groups continue.
+        The repair symbols of earlier groups of pictures are dropped. The numbers of their parity groups are not used
+        again.
 
         Args:
             tiers: Parity of each run of the newest packets, in sending order.

@@ -83,7 +83,10 @@ class Protection:
             )
 
     def motion_of(self, group: int) -> tuple[float, float]:
-        """Returns, for a group of pictures, the share of motion packets with parity and the repair symbols per packet.
+        """Returns how the motion packets of a group of pictures are protected, as two numbers.
+
+        The first is the share of these packets that get parity (repair symbols), 0 to 1. The second is the number of
+        repair symbols per packet with parity.
 
         Args:
             group: Index of the group of pictures, from 0.

@@ -91,7 +91,7 @@ class ReceiveState:
 
     @property
     def is_live(self) -> bool:
-        """True if the stream was live and grew during reception, so that earlier motion packets are unavailable."""
+        """True if the received stream is a live stream; remains True after the live stream has ended."""
         return self._grew
 
     @property

@@ -135,10 +135,10 @@ class SendQueue:
 
     @property
     def _num_scheduled(self) -> int:
-        """Number of datagrams at the start of the schedule that are sent in the order of the schedule.
+        """Number of datagrams that are sent in scheduled order; the viewpoint determines the order of all later ones.
 
-        As long as the client has sent no viewpoint, this is the number of all datagrams. Otherwise, it is the number of
-        datagrams with the init segment and the coarsest tiles; the viewpoint determines the order of the other tiles.
+        Without a viewpoint of the client, these are all datagrams. Otherwise, they are those with the init segment and
+        the coarsest tiles.
         """
         return self._schedule.opening_end if self.viewed else len(self._schedule.items)
 
@@ -199,16 +199,16 @@ class SendQueue:
         self._run.extend(range(max(first, self._passed) if if_begun else first, end))
 
     def update(self, stream: ServedStream, reliable: bool, welcome: Item, known: int) -> None:
-        """Continues with the new state of a live stream.
+        """Fills the queue for the new state of a live stream, which has grown.
 
-        The queue then has the new init segment, the unsent packets of the earlier state, and the new packets.
+        The queue then contains the new init segment, the packets of the earlier state that are still to be sent, and
+        the new packets.
 
         Args:
             stream: New state of the prepared stream.
             reliable: True if the init segment is sent on a reliable (QUIC) stream.
-            welcome: Queue item of the welcome, which is the datagram that declares the new state to the client. It is
-                sent three times because datagrams can be lost: before and after the init segment, and before the new
-                packets.
+            welcome: Queue item of the welcome, the datagram that declares the new state to the client. Because it can
+                be lost, it is queued three times: before the init segment, after it, and before the new packets.
             known: Number of packets in the earlier state.
         """
         self._stream = stream

@@ -19,8 +19,9 @@ def build_send_schedule(
 ) -> tuple[tuple[int, int, int], ...]:
     """Returns the sending order of all datagrams of a stream: symbols of the init segment, packets, repair symbols.
 
-    Symbols of the init segment are sent between the first packets. The repair symbols of a run of packets are sent from
-    the middle of the run on. Symbols of different segments and parity groups are interleaved.
+    Symbols of the init segment are spread over the first packets. The repair symbols of a run (consecutive packets with
+    equal protection) are sent from the middle of the run on. Different segments, and different parity groups, take
+    turns.
 
     Args:
         head: Number of source and repair symbols to send of each segment (source block) of the init segment.

@@ -78,8 +78,8 @@ class ServedStream:
         packet_bytes: Maximum size of a packet in bytes.
         bundled: Number of packets bundled in the init segment: the first in sending order. These are sent separately
             only after a NACK.
-        tiers: Parity of each run of packets in sending order.
-        parity: Repair symbols of each parity group.
+        tiers: Parity of each run (consecutive packets with equal protection), in sending order.
+        parity: Repair symbols of each parity group (packets that share repair symbols).
         schedule: Datagrams in sending order, with three integers each (see `SendSchedule.items`).
         preview: Preview, sent to clients with the first response (welcome); empty without a preview.
         resend: Maximum retransmitted bytes as a share of the bytes of the complete stream; None for no limit.
@@ -158,10 +158,10 @@ class ServedStream:
 
     @functools.cached_property
     def proactive_symbols(self) -> int:
-        """Number of symbols per segment (source block) of the init segment that are always sent.
+        """Number of symbols of each segment (source block) of the init segment that every client gets without request.
 
-        The further symbols of a segment are a reserve, sent only if the client reports missing symbols. If the number
-        differs between segments, the smallest is returned.
+        The further symbols of a segment are a reserve for clients that report missing symbols. If the number differs
+        between segments, this is the smallest number.
         """
         counts = Counter(segment for kind, segment, _ in self.schedule if kind == SIDE)
         return min(counts.values())
@@ -173,9 +173,9 @@ class ServedStream:
 
     @property
     def counts_bytes(self) -> bool:
-        """True if retransmissions are limited, by bytes or to the first packets.
+        """True if retransmission to each client is limited, by a number of bytes or to the first packets.
 
-        A client that needs n further symbols of the init segment then gets n + 1 symbols instead of a larger reserve.
+        The server then saves bytes: a client that lacks n symbols of the init segment gets only n + 1 further symbols.
         """
         return self.resend is not None or self.num_retransmittable < len(self.packets)
 

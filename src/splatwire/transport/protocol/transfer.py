@@ -106,9 +106,9 @@ class ServerTransfer:
     def update(self, stream: ServedStream) -> None:
         """Continues with the new state of a live stream, or with a different stream.
 
-        Sends the new init segment first, then the remaining packets of the earlier state, then the new packets. Drops
-        queued packets that are no longer useful (`ServedStream.may_retransmit`). If a different stream follows, the
-        whole queue is dropped.
+        For a new state, sends the new init segment, then the remaining packets of the earlier state, then the new
+        packets. Queued packets that are no longer useful are dropped (`ServedStream.may_retransmit`). For a different
+        stream, everything that is queued is dropped.
 
         Args:
             stream: New state of the prepared live stream, or another prepared stream.
@@ -342,11 +342,11 @@ class ServerTransfer:
             yield self._left.packet_index(number, self._feedback_tracker.sequence), number
 
     def _further_head_symbols(self, missing: int) -> list[tuple[int, int, int]]:
-        """Returns init segment symbols to send because the client reports missing symbols.
+        """Returns further symbols of the init segment for a client that reports missing symbols.
 
-        Some of these symbols will be lost, so that about 50 % more are returned than are missing. If retransmission is
-        limited, it is only one more. Repair symbols that were never sent are used first, because each of them is useful
-        to the client. Symbols of different segments (source blocks) are interleaved.
+        About 50 % more symbols are returned than are missing, because some will be lost. If retransmission is limited
+        (`ServedStream.counts_bytes`), only one more is returned. Repair symbols that were never sent come first: any of
+        them can replace any missing symbol of its segment (source block). Segments take turns.
 
         Args:
             missing: Number of symbols that the client needs.

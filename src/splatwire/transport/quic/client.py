@@ -294,11 +294,11 @@ def _end_message(event: events.ConnectionTerminated, *, established: bool) -> st
 class _Connected:
     """Adapter that sends the datagrams of aioquic over a connected UDP socket, and reports each one to a function.
 
-    aioquic passes a destination with every datagram. Connected sockets accept no destination: it is left out.
+    aioquic passes a destination with every datagram, but a connected socket accepts none, so the adapter drops it.
 
     Args:
         transport: asyncio transport of the connected socket.
-        tap: Called with True (for sent) and the bytes of each datagram, for example to capture the traffic.
+        tap: Called with True and the bytes of each datagram, for example to capture the traffic; True means "sent".
     """
 
     def __init__(self, transport: Any, tap: Callable[[bool, bytes], None]) -> None:

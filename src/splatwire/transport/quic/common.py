@@ -135,12 +135,11 @@ def configuration(*, is_client: bool, alpn: list[str], idle_s: float) -> Any:
 
 @functools.cache
 def _register_rate_control() -> None:
-    """Registers a congestion controller in aioquic that leaves the sending rate to the transfer's rate control.
+    """Registers a congestion controller in aioquic that only bounds the bytes in flight, by the delivery rate.
 
-    QUIC's usual controllers treat every random loss as congestion. Here `pacing.RateControl` sets the rate of
-    everything that a session sends, including symbols on the reliable stream, by the receiver's feedback. This feedback
-    covers neither the reliable stream nor QUIC's retransmissions. The registered controller therefore bounds the bytes
-    in flight by the delivery rate.
+    The sending rate is set by `pacing.RateControl` from the receiver's feedback, because QUIC's usual controllers treat
+    every random loss as congestion. The bound is needed because that feedback covers neither the reliable stream nor
+    QUIC's retransmissions.
     """
 
     class Bounded(QuicCongestionControl):

@@ -245,10 +245,10 @@ class _LimitedEndpoint(AioquicServer):
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
         """Passes a UDP datagram to aioquic, or drops it if it starts a connection and the server is overloaded.
 
-        The limit on connections is not enforced here: a new connection above it still completes its handshake, so that
-        the client can be refused with a reason. Above twice the limit (plus `SPARE`), the datagram of a new connection
-        is dropped, unless the connection can replace one of a network with more connections. Before that, the client
-        must return a token (QUIC Retry).
+        A few connections above the limit are passed on: they complete their handshake, so that the client can be
+        refused with a reason. Above twice the limit (plus `SPARE`), the client must first return a token (QUIC Retry).
+        A datagram with such a token is dropped unless the new connection can replace one of a network with more
+        connections.
 
         Args:
             data: Payload of the datagram.
