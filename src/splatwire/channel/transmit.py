@@ -190,7 +190,7 @@ def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *
 
 
 def _group_of_packets(stream: SceneStream) -> np.ndarray:
-    """Returns the index of the group of pictures that each packet of a sequence belongs to, int64."""
+    """Returns for each packet of a sequence the index of its group of pictures, int64, in the order of the packets."""
     plan = stream.manifest.plan
     return np.array([plan.tier_of(packet.id.block) // 2 for packet in stream.packets], np.int64)
 

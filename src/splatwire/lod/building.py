@@ -82,10 +82,10 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
 
 
 def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
-    """Returns where each tile begins and ends in the sorted original Gaussians, for each level, coarsest level first.
+    """Returns which original Gaussians each tile represents, for each level, coarsest level first.
 
-    A tile of a coarser level covers a run of several tiles of the finest level. A boundary is the index of the first
-    Gaussian of a tile; the last boundary is the number of Gaussians.
+    Each tile represents a run of consecutive Gaussians of the finest level. A level's array has the index of the first
+    of these for each tile, and at its end the number of Gaussians.
     """
     bounds, edges = [shapes[0].edges], np.arange(shapes[0].num_tiles + 1)
     for finer, shape in itertools.pairwise(shapes):

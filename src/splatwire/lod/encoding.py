@@ -86,10 +86,10 @@ def encode_levels(
 def _precision_classes(
     built: BuiltLevels, classes: np.ndarray | None, quality: str | int | float | Quality | None
 ) -> np.ndarray:
-    """Returns the precision class, that is, the set of quantisation steps, of each Gaussian of all levels.
+    """Decides how precisely each Gaussian of all levels is quantised; returns its precision class.
 
-    Gaussians of coarser levels get one of two classes: a more precise one for unchanged copies of finer Gaussians, a
-    less precise one for merged Gaussians.
+    A class is a set of quantisation steps. In coarser levels, unchanged copies of finer Gaussians get a more precise
+    class than merged Gaussians.
 
     Args:
         built: The levels of detail.

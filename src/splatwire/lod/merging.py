@@ -62,7 +62,7 @@ def reduced(splats: Splats, count: int, mass: np.ndarray | None = None) -> tuple
 def _num_unchanged(mass: np.ndarray, count: int) -> int:
     """Returns how many of the largest Gaussians stay unchanged when the others are merged.
 
-    A Gaussian stays unchanged if it is larger than the Gaussians into which the rest is merged are on average.
+    A Gaussian stays unchanged if it is larger than an average merged Gaussian would be.
 
     Args:
         mass: Size of each Gaussian: its area times its opacity.

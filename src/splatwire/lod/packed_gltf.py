@@ -30,7 +30,9 @@ def write_packed_gltf(stream: SceneStream, fallback: Splats, path: Path) -> None
 
 
 def fallback_of(path: Path) -> Splats:
-    """Returns at most `FALLBACK` Gaussians that approximate the scene of a stream.
+    """Returns a coarse version of a stream's scene for programs that cannot read the stream.
+
+    It has at most `FALLBACK` Gaussians, without view-dependent colour.
 
     Args:
         path: Path of the stream.

@@ -152,14 +152,13 @@ def _levels_of(finest: Splats, num_levels: int) -> list[Splats]:
 
 
 def _nodes(leaves: list[list[Splats]], files: list[int]) -> list[dict[str, Any]]:
-    """Describes leaves of the tree as JSON objects of streamed SOG: bounding box, and location of each level's data.
+    """Builds the JSON objects from which a viewer of streamed SOG finds the data of each leaf of the k-d tree.
 
-    A file contains the Gaussians of one level of all given leaves, one leaf after the other. A location is the index of
-    the file, the index of the leaf's first Gaussian in it, and the number of Gaussians.
+    An object has the bounding box of the leaf, and for each level the file, the first Gaussian in it and their number.
 
     Args:
-        leaves: Gaussians of each level, for each leaf.
-        files: Index of the file of each level.
+        leaves: For each leaf, the Gaussians of each level.
+        files: For each level, index of the file with its Gaussians of all these leaves, one leaf after the other.
     """
     offsets, nodes = [0] * len(files), []
     for levels in leaves:
@@ -202,7 +201,12 @@ def _write_chunk(folder: Path, files: dict[str, bytes]) -> int:
 
 
 def _tree(nodes: list[dict[str, Any]]) -> dict[str, Any]:
-    """Returns a binary tree over leaves in k-d order; each inner node has the bounds of its children."""
+    """Joins the leaves of the k-d tree to a binary tree for streamed SOG, and returns its root.
+
+    Args:
+        nodes: JSON objects of the leaves, in the order of the k-d tree. A node of the tree has a bounding box around
+            those of its two children.
+    """
     if len(nodes) == 1:
         return nodes[0]
     children = [_tree(half) for half in (nodes[: len(nodes) // 2], nodes[len(nodes) // 2 :])]

@@ -32,7 +32,7 @@ class LevelShape:
 
     @property
     def edges(self) -> np.ndarray:
-        """Index of the first Gaussian of each tile, and the end of the last tile, int64 (tiles + 1)."""
+        """Index of the first Gaussian of each tile in the level, then the number of Gaussians, int64 (tiles + 1)."""
         return np.minimum(np.arange(self.num_tiles + 1) * self.size, self.count).astype(np.int64)
 
 

@@ -173,9 +173,14 @@ def _node(splats: Splats, error: float, name: str) -> dict[str, Any]:
 
 
 def _attach(nodes: list[dict[str, Any]], finer: list[dict[str, Any]]) -> None:
-    """Makes finer tiles the children of the coarser tiles that they replace.
+    """Makes finer tiles the children of the coarser tiles that they replace in a viewer.
 
-    The box and the geometric error of each coarser tile are increased to at least those of its children.
+    3D Tiles requires that a tile's box contains the boxes of its children, and that its geometric error is not smaller
+    than theirs. Both are increased where necessary.
+
+    Args:
+        nodes: JSON objects of the coarser tiles, changed in place.
+        finer: JSON objects of the finer tiles.
     """
     for node, place in zip(finer, parents_of(len(finer), len(nodes)).tolist(), strict=True):
         parent = nodes[place]

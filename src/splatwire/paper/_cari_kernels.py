@@ -111,9 +111,9 @@ def score_and_keep(
     keep: int,
     exponents: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Chooses the candidates with the highest scores for each lost anchor and attribute group.
+    """Chooses the neighbours from which CARI interpolates each lost anchor: the candidates with the highest scores.
 
-    The score is the product in `splatwire.paper.weighting.select_neighbors`.
+    The choice is made for each attribute group. `splatwire.paper.weighting.select_neighbors` describes the score.
 
     Args:
         context: Hash-grid feature of each anchor, a unit vector, float32 (N, H).

@@ -53,7 +53,9 @@ def _insert(index, distance, candidate, gap):
 @njit(parallel=True)
 @no_type_check
 def nearest(queries, points, sizes, number, starts, low, high, reach, bound, index, distance):
-    """Finds the k nearest points of each query; writes their indices and squared Mahalanobis distances, nearest first.
+    """Finds the k nearest points of each query by Mahalanobis distance, nearest first.
+
+    Points are divided into blocks; blocks that are too far from a query are skipped.
 
     Args:
         queries: Query positions, float64 (Q, 3).

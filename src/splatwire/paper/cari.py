@@ -170,10 +170,14 @@ def _prepare(context: ReceivedScene, settings: Cari) -> _ConstantData:
 
 
 def _refine(settings: Cari, fixed: _ConstantData, old: _Estimate, *, first: bool) -> _Estimate:
-    """Performs one pass: interpolates all lost attributes from neighbours, and returns the new estimate of the scene.
+    """Performs one pass of CARI: interpolates all lost attributes from neighbours, and returns the new estimate.
 
-    The values of neighbours are taken from the estimate before this pass (`old`), so the order of the lost anchors
-    (queries) has no influence.
+    Args:
+        settings: Settings of the concealer.
+        fixed: Data that does not change between the passes.
+        old: Estimate before this pass. The values of neighbours are taken from it, so that the order in which anchors
+            are processed has no influence.
+        first: True in the first pass, in which only received anchors are neighbours.
     """
     context = fixed.context
     signature = unit_rows(signatures(old.residuals))

@@ -100,18 +100,17 @@ def weighted_mean_of_existing(
     index: Int64[Tensor, "Q k"],
     weight: Float[Tensor, "Q k"],
 ) -> tuple[Float[Tensor, "Q D"], Float[Tensor, "Q K"]]:
-    """Returns the weighted sum of the neighbours' offsets for each lost anchor (query).
-
-    If a neighbour lacks an offset, its weight is distributed over the neighbours that have this offset.
+    """Averages each of the K offsets of a lost anchor (query) over those of its neighbours that have this offset.
 
     Args:
         values: K offsets of each anchor, D / K values each; zero if the offset does not exist.
         exists: True for offsets that exist.
         index: Neighbours of each query.
-        weight: Weights of the neighbours, not negative.
+        weight: Weights of the neighbours, not negative. If they do not sum to 1, the averages are multiplied by their
+            sum.
 
     Returns:
-        The weighted sums, zero if no neighbour has the offset; and for each offset the share of the total weight that
+        The averages, zero for offsets that no neighbour has. And for each offset the share of the total weight that
         belongs to neighbours with this offset, 0 to 1.
     """
     total = weight.sum(dim=1, keepdim=True)

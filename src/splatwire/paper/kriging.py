@@ -27,14 +27,15 @@ _RIDGES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
 
 @dataclass(frozen=True)
 class Correlogram:
-    """Correlation of two anchors at distance d: `correlation * exp(-d / range)`; 1 for an anchor with itself.
+    """Correlation between the attributes of two anchors as a function of their distance d, for kriging.
 
-    `1 - correlation` is the nugget: the share of the variance that even the closest neighbours do not predict.
+    It is `correlation * exp(-d / range)` for different anchors, and 1 for an anchor with itself. Even the closest
+    neighbour thus leaves the share `1 - correlation` of the variance unexplained (nugget).
 
     Attributes:
-        correlation: Limit for distance 0, from 0 (no correlation) to less than 1.
-        range: Correlation length in units of the query's distance to its farthest neighbour, positive. A length in
-            world units would not fit both the dense foreground and the sparse background of a scene.
+        correlation: Correlation of different anchors at distance 0, from 0 (no correlation) to less than 1.
+        range: Distance at which the correlation falls to 1 / e of that, positive. Its unit is the distance from a lost
+            anchor to its farthest neighbour, which adapts it to the dense foreground and the sparse background.
     """
 
     correlation: float
@@ -224,10 +225,10 @@ def regress(
 
 
 def _ridge(inputs: Float64[Tensor, "n P"], values: Float64[Tensor, "n D"]) -> Float64[Tensor, "P D"]:
-    """Fits a ridge regression and returns its coefficients.
+    """Fits a linear function from `inputs` to `values` by ridge regression, and returns its coefficients.
 
-    The penalty is chosen by generalised cross-validation, which estimates the prediction error. If no penalty is
-    estimated to be better than a prediction of zero, all coefficients are zero.
+    The penalty on large coefficients is the one with the least prediction error, as estimated by generalised
+    cross-validation. If a prediction of zero has an even smaller error, all coefficients are zero.
     """
     count = len(inputs)
     power, axes = torch.linalg.eigh(inputs.T @ inputs)

@@ -65,9 +65,14 @@ class MahalanobisSearch:
         return torch.from_numpy(index), torch.from_numpy(np.sqrt(squared)).to(queries.dtype)
 
     def _bound(self, queries: Float[Tensor, "Q 3"], x: np.ndarray, kept: int) -> np.ndarray:
-        """Returns an upper bound of the squared Mahalanobis distance from each query to its farthest kept neighbour.
+        """Returns for each query a squared Mahalanobis distance within which its `kept` nearest neighbours must be.
 
-        The bound is computed from the points nearest to the query by Euclidean distance.
+        The search skips points beyond this bound. It is computed from points near the query by Euclidean distance.
+
+        Args:
+            queries: Query positions.
+            x: The same positions, float64 (Q, 3).
+            kept: Number of neighbours.
         """
         index = self._tree.query(queries, 2 * kept)[0]
         own = np.empty_like(self._order)

@@ -14,18 +14,18 @@ def ridge_correction(
     weight: Float[Tensor, "Q k"],
     strength: float,
 ) -> Float[Tensor, "Q D"]:
-    """Returns the correction that a local linear model adds to the weighted mean of the neighbours' residuals.
+    """Improves the interpolated residual of a lost anchor (query): returns a correction to add to the weighted mean.
 
-    The paper mentions only a "lightweight ridge-refinement"; this is our interpretation. The model
-    `r(x) = mean + B (x - mean x)` of the residual r at position x is fitted by weighted least squares with the penalty
-    `strength * |B| ** 2` and evaluated at the lost anchor (query). Positions are divided by the standard deviation of
-    the neighbours' positions. With a large `strength`, the correction approaches 0.
+    The mean ignores that residuals change from place to place. Here a linear function of the position, with slope B, is
+    fitted to the neighbours' residuals by weighted least squares, with the penalty `strength * |B| ** 2`. The
+    correction is its value at the query, minus the mean. Positions are in units of the standard deviation of the
+    neighbours' positions. The paper mentions only a "lightweight ridge-refinement"; this is our interpretation.
 
     Args:
         offsets: Positions of the neighbours relative to the query.
         residuals: Residuals of the neighbours.
         weight: Weights of the neighbours.
-        strength: Weight of the penalty, positive.
+        strength: Weight of the penalty, positive; with a large weight, the correction approaches 0.
     """
     share = weight / weight.sum(dim=1, keepdim=True).clamp(min=torch.finfo(weight.dtype).tiny)
     center = torch.einsum("qk,qkd->qd", share, offsets)

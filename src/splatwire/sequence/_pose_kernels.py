@@ -32,10 +32,13 @@ def _rotate(quat, offset, found):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _scale(scales, offset, found):
-    """Multiplies the three scales of a Gaussian by exponentials of motion parameters; writes the result to `found`.
+    """Applies the change of a track's size in one frame to the three scales of its keyframe Gaussian.
 
-    `offset` has the motion parameters of the track. Its entry 6 applies to the largest scale, 7 to the next, and 8 to
-    the smallest. Of equal scales, the one with the lower index counts as larger.
+    Args:
+        scales: Scales of the keyframe Gaussian.
+        offset: Changes of the track, as in `move`. Entries 6, 7 and 8 are the changes of the natural logarithms of the
+            largest, the middle and the smallest scale. Of equal scales, the one with the lower index counts as larger.
+        found: Output: the changed scales.
     """
     if offset[6] == 0.0 and offset[7] == 0.0 and offset[8] == 0.0:
         for a in range(3):

@@ -19,7 +19,7 @@ _ORDERS = np.array(list(itertools.permutations(range(3))))
 def continued(
     previous: Splats, current: Splats, partner: np.ndarray
 ) -> tuple[Float[np.ndarray, "M 4"], Float[np.ndarray, "M 3"]]:
-    """Returns quaternions and scales of a frame, rewritten to differ as little as possible from the previous frame.
+    """Rewrites quaternions and scales of a frame so that they change little since the previous frame.
 
     The shapes of the Gaussians do not change: only the order and the signs of each Gaussian's axes do.
 

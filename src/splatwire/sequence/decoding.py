@@ -59,8 +59,8 @@ def decode_frames(
         sequence: Received sequence.
         concealer: Concealer for tracks with lost motion, or the name of a concealer.
         first: Number of the first frame to decode; earlier groups of pictures are not decoded.
-        available: Function that returns the mask of keyframe Gaussians available at the start of a group, bool (T),
-            given the group index. None uses all received keyframe Gaussians for all groups.
+        available: Function that simulates late arrival: returns, given the index of a group, the mask of the keyframe
+            Gaussians that have arrived by then, bool (T). None uses all received ones for all groups.
 
     Raises:
         InvalidValueError: If the sequence has no such frame.
@@ -209,10 +209,9 @@ def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
 def covering_gains(
     sequence: SequenceScene, available: np.ndarray, group: int, poses: GroupPoses, hidden: GroupPoses
 ) -> RenderHints | None:
-    """Returns factors that enlarge the drawn Gaussians of a group of pictures, so that missing ones leave no holes.
+    """Conceals missing tracks of a group of pictures: returns factors that enlarge the others to cover their holes.
 
-    Two kinds of Gaussians are missing: those with a lost keyframe packet, and those that the concealer hides because
-    their motion was lost.
+    A track is missing if its keyframe packet was lost, or if the concealer hides it because its motion was lost.
 
     Args:
         sequence: Received sequence of T tracks.
@@ -243,7 +242,8 @@ def _growth_factors(splats: Splats, index: np.ndarray, known: np.ndarray) -> tup
 
     Args:
         splats: All T Gaussians.
-        index: Indices of the Gaussians to process, received and missing ones, ascending, int64.
+        index: Indices of the Gaussians that belong in the picture, received or missing, ascending, int64. All others
+            are ignored.
         known: Mask of received Gaussians, bool (T).
 
     Returns:

@@ -248,10 +248,10 @@ class SequenceEncoder:
         return packets
 
     def _precision(self, group: TrackGroup, scenes: list[int], new: np.ndarray) -> np.ndarray | None:
-        """Chooses the precision class (quantisation step) of each track of a group by rendering new scenes.
+        """Chooses from renderings how precisely each track of a group is quantised (its precision class).
 
-        Rendering takes time, so that only groups with scene cuts are analysed; of a live sequence, only the first
-        group. For other groups, the result is None: new tracks then get the median class.
+        Rendering takes time, so only groups with scene cuts are rendered; of a live sequence, only the first group.
+        The result is None for other groups: their new tracks get the median class.
 
         Args:
             group: Tracks of the group.

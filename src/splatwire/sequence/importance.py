@@ -15,12 +15,12 @@ from splatwire.codec.sequence.side_info import open_side_info
 def packet_importance(
     manifest: Manifest, side_info: bytes, packets: Sequence[Packet], weights: np.ndarray
 ) -> list[float]:
-    """Estimates the importance of each packet: the visible motion of its tracks; 0 for keyframe packets.
+    """Estimates how much the loss of each motion packet would be seen, so that a server can protect the important ones.
 
-    The estimate was compared with the distortion measured after losing only this packet, in the sequence `monkey` and
-    in the scene `guitar` with synthetic bending. A quarter of the packets causes 0.4 to 0.8 of the total distortion,
-    and the estimate finds most of these packets. The size of a packet is a worse estimate: motion that differs from the
-    neighbours' motion takes many bits, but is less visible.
+    The estimate is the visibility of the packet's moving tracks; it is 0 for keyframe packets. In two test sequences,
+    it finds most of the quarter of the packets whose loss causes 0.4 to 0.8 of the total distortion. The size of a
+    packet is a worse estimate, because motion that differs from the neighbours' motion takes many bits but is
+    less visible.
 
     Args:
         manifest: Manifest of the sequence.

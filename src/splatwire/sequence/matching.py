@@ -52,8 +52,8 @@ class Match:
 def tracked(previous: Splats, current: Splats) -> bool:
     """True if two frames have their Gaussians in the same order: the i-th Gaussian is the same one in both.
 
-    This is assumed if Gaussians with equal index look far more alike than random pairs, or if the motion between them
-    resembles that of their neighbours.
+    This is assumed if Gaussians with equal index look far more similar than random pairs, or if they move like their
+    neighbours.
 
     Args:
         previous: Previous frame.
@@ -211,10 +211,9 @@ def _match_one_to_one(
 def _implausible_matches(
     expected: np.ndarray, now: np.ndarray, appearance: np.ndarray, appearance_now: np.ndarray, partner: np.ndarray
 ) -> np.ndarray:
-    """Returns the indices of matches that differ too much in both position and appearance.
+    """Finds matches that are probably wrong, because position and appearance of the two Gaussians differ too much.
 
-    Differences in appearance are divided by their typical size, but by at least 1, because smaller differences are
-    rounding errors.
+    Returns the indices of the current Gaussians with such a match.
 
     Args:
         expected: Predicted positions in the current frame of the previous frame's Gaussians, (N, 3).
@@ -271,7 +270,8 @@ def _smooth(
 ) -> np.ndarray:
     """Improves a prediction of where the Gaussians of the previous frame are in the current frame.
 
-    The correction of a Gaussian is the median error of the prediction at its nearest neighbours with confident matches.
+    Confident matches show the error of the prediction at some Gaussians. Each Gaussian is corrected by the median error
+    at the nearest of these.
 
     Args:
         positions: Positions of N Gaussians in the previous frame, (N, 3).

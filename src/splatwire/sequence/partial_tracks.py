@@ -208,9 +208,9 @@ def extrapolate_partial_tracks(
 
 
 def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, around: NeighborSet) -> None:
-    """Extrapolates tracks beyond their first or last frame with the motion of their neighbours.
+    """Gives tracks positions before their first and after their last frame: they move there like their neighbours.
 
-    Tracks that do not move like their neighbours stay unchanged.
+    Tracks that do not move like their neighbours during their lifetime stay unchanged.
 
     Args:
         means: Positions of all tracks, float32 (n, F, 3); modified in place.

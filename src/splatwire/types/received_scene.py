@@ -185,10 +185,10 @@ class ReceivedScene(Generic[S]):
 
     @property
     def sizes(self) -> Float[np.ndarray, "N"]:
-        """Size of each element for use as its weight in averages over neighbours, float64 (N), scene units.
+        """Approximate size of each element, received or lost, by which averages over neighbours weight it, float64 (N).
 
-        This is the typical size of the elements in the same importance tier, if the stream contains typical sizes.
-        Otherwise it is the size expected for this element alone.
+        This is the typical size in the element's importance tier, in an arbitrary unit, if the stream contains typical
+        sizes (`TierSizes`). Otherwise it is the size expected for this element, world units.
         """
         tiers = self.tier_sizes
         return np.exp(self.log_sizes.astype(np.float64)) if tiers is None else to_numpy(tiers).astype(np.float64)
@@ -208,9 +208,10 @@ class ReceivedScene(Generic[S]):
 
 
 def _rows(records: tuple[Any, ...]) -> set[int]:
-    """Returns the number of elements according to each side information record, to check that records agree.
+    """Returns for how many elements the side information records have entries, to check that the records agree.
 
-    Only records with one entry per element are considered. The result has at most one number if the records agree.
+    The result is the set of these numbers; it has at most one number if the records agree. Records without an entry for
+    each element are ignored.
 
     Args:
         records: Side information records of a received scene.

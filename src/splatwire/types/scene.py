@@ -34,15 +34,15 @@ class RenderHints(CheckedFields):
 
 @dataclass(frozen=True)
 class Coverage(CheckedFields):
-    """How strongly the concealer `grow` enlarges received elements to cover lost ones, for one type of scene.
+    """Strength of the enlargement with which the concealer `grow` covers lost elements, for one type of scene.
 
-    The enlargement depends on r, the share of an element's neighbours that was received, and on the parameter
-    `exponent` of the concealer (`splatwire.concealment.Grow`). The size is multiplied by `r ** -(exponent * size)`.
-    The opacity o becomes `1 - (1 - o) ** (r ** -(exponent * opacity))`.
+    A received element is enlarged more if fewer of its neighbours were received. With the share r of received
+    neighbours and the concealer's parameter `exponent` (`splatwire.concealment.Grow`), the size is multiplied by
+    `r ** -(exponent * size)`, and the opacity o becomes `1 - (1 - o) ** (r ** -(exponent * opacity))`.
 
     Attributes:
-        size: Factor on the exponent for the size; 0 leaves sizes unchanged.
-        opacity: Factor on the exponent for the opacity; 0 leaves opacities unchanged.
+        size: Strength for sizes; 0 leaves them unchanged.
+        opacity: Strength for opacities; 0 leaves them unchanged.
     """
 
     size: float
@@ -69,11 +69,11 @@ class Elements(Protocol):
         """
 
     def kept(self: Own, loss_mask: LossMask, proposed: Own) -> Own:
-        """Combines received values of this object with estimates of lost values.
+        """Returns the received values of these elements, and for lost values the estimates of a concealer.
 
         Args:
             loss_mask: Mask of received values.
-            proposed: All elements, with estimates of lost values.
+            proposed: All elements, with estimates of the lost values; its other values are ignored.
         """
 
 

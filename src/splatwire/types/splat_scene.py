@@ -44,7 +44,11 @@ class SplatCoding(CheckedFields):
     __repr__ = summary_repr
 
     def select(self, index: np.ndarray) -> "SplatCoding":
-        """Returns the quantisation steps of the Gaussians at `index`."""
+        """Returns the quantisation steps of a selection of Gaussians.
+
+        Args:
+            index: Indices or mask of the selected Gaussians.
+        """
         return replace(self, classes=self.classes[index])
 
 

@@ -21,10 +21,10 @@ AT_ONCE = 1 << 16
 class Relay:
     """Receives a stream from another server and passes it on to browser pages while it arrives.
 
-    A page gets the stream as one growing `.swz` file, which starts with one init segment (manifest and side
-    information). A live sequence sends a new init segment with each group of pictures. A page therefore shows only the
-    part of the current period that was received before the page connected, and nothing that follows. Only the
-    current period is kept in memory.
+    A page gets the stream as one growing `.swz` file, which has a single init segment (manifest and side information).
+    Of a live sequence, a page therefore shows only what was received before the page connected: later groups of
+    pictures need a new init segment. Only the current period, the newest independent part of a live sequence, is kept
+    in memory.
 
     Args:
         url: URL of the stream, for error messages.

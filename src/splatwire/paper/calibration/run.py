@@ -151,8 +151,11 @@ class CalibrationRun:
     def _loss(self, part: RepairGraph) -> Float[Tensor, ""]:
         """Returns the training loss of a batch of lost anchors (queries).
 
-        The terms that compare attributes are sums over the queries. The rendering term is a mean over pixels, so it is
-        multiplied by the number of queries.
+        The rendering term is a mean over pixels. It is multiplied by the number of queries, because the other terms are
+        sums over the queries.
+
+        Args:
+            part: Graph of the batch: its queries and their neighbours.
         """
         config, context = self.config, self.context
         used, place = part.index.unique(return_inverse=True)
@@ -214,11 +217,11 @@ class CalibrationRun:
     def finished(self) -> bool:
         """Returns True if the training is over; called before every training step.
 
-        The training ends after the last step. With `CalibrationConfig.selected`, it also ends early if
-        `CalibrationConfig.patience` validations bring no improvement.
+        The training ends after the last step. With `CalibrationConfig.selected`, it ends early after
+        `CalibrationConfig.patience` validations without improvement.
 
-        With `CalibrationConfig.bits`, the last steps train with quantised weights. An early end before these steps
-        does not end the training: instead, this method loads the best network so far and skips to these steps.
+        With `CalibrationConfig.bits`, the last steps train with quantised weights, and an early end does not omit them:
+        this method then loads the best network so far and continues with these steps.
         """
         stale = self.config.selected and self.stale >= self.config.patience
         if stale and self.config.bits and not self.rounding:
@@ -227,11 +230,11 @@ class CalibrationRun:
         return self.iteration >= self.config.iterations or stale
 
     def result(self, seconds: float) -> CalibrationResult:
-        """Ends the calibration: measures the final network on the held-out pseudo-losses and returns it.
+        """Ends the calibration: returns the final network with its errors on the held-out pseudo-losses.
 
-        For attributes that were not trained, the confidence threshold is set so high that the network's output is never
-        used. With `CalibrationConfig.selected`, this also applies to attributes that the network predicts no better
-        than the interpolation.
+        The network is disabled, by a confidence threshold that is never reached, for attributes that were not trained.
+        With `CalibrationConfig.selected`, it is also disabled for those that it predicts no better than the
+        interpolation.
 
         Args:
             seconds: Duration of the calibration, for the result.

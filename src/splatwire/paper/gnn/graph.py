@@ -17,14 +17,14 @@ from splatwire.types import AnchorLayout, Anchors, Attribute, Prior, ReceivedSce
 
 @dataclass(frozen=True, eq=False)
 class RepairGraph:
-    """Graph of a scene with losses: each lost anchor (query) is connected to completely received (known) anchors.
+    """Graph on which the network repairs a scene: each lost anchor (query) is connected to received (known) anchors.
 
     Attributes:
         queries: Indices of the anchors with at least one missing attribute.
-        index: Anchor indices of the neighbours of each query, all known.
-        interpolated: The queries with missing attributes filled by the interpolation; used as teacher and as fallback.
-        given: The queries with missing attributes filled by the interpolation for the network's inputs
-            (`GnnSettings.query_input`).
+        index: Anchor indices of the neighbours of each query, all completely received.
+        interpolated: The queries with missing attributes interpolated (`GnnSettings.interpolation`): the values that
+            the network is trained against, blended with, or replaced by.
+        given: The queries with missing attributes interpolated as inputs of the network (`GnnSettings.query_input`).
     """
 
     queries: Int64[Tensor, "Q"]
@@ -86,7 +86,14 @@ def attribute_columns(anchors: Anchors) -> Float[Tensor, "N D"]:
 
 
 def source_inputs(context: ReceivedScene, rows: Int64[Tensor, "S"]) -> Float[Tensor, "S D"]:
-    """Returns the network inputs of known anchors: `[position, hash feature, feature, scaling, offset, mask]`."""
+    """Returns the network's inputs for some completely received (known) anchors, one row per anchor.
+
+    A row has the position, the feature from the hash grid, and the attributes: feature, scalings, offsets and mask.
+
+    Args:
+        context: The received scene.
+        rows: Indices of the known anchors.
+    """
     anchors = context.scene.anchors.select(rows)
     return torch.cat([context.places[rows], context[Prior].context[rows], attribute_columns(anchors)], dim=1)
 

@@ -107,12 +107,14 @@ async def session(address: Address, trust: RelayTrust, **origins: Any) -> AsyncI
 
 
 def parts_of(manifest: Manifest, tiles: Tiles | None) -> list[range]:
-    """Returns the packets of each MoQ track `part/N` of a scene, as indices in sending order.
+    """Divides the packets of a scene into MoQ tracks; returns for each track `part/N` its packets.
+
+    Packets are given by their indices in sending order.
 
     Args:
         manifest: Manifest of the stream.
-        tiles: Tiles of the stream: each is a track. None for a stream without levels of detail: each track then has
-            `RUN` packets.
+        tiles: Tiles of the stream; each becomes a track. None for a stream without levels of detail, of which each
+            track gets `RUN` packets.
     """
     total = manifest.num_packets
     edges = [*range(0, total, RUN), total] if tiles is None else tiles.first_packets.tolist()

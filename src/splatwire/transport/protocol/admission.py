@@ -97,12 +97,12 @@ def _places(held: Mapping[Network, int], within: Network) -> int:
 def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
     """Finds the IP prefix of a given width that uses the most connection slots.
 
-    A prefix is given as a tuple that also contains all wider prefixes around it, widest first (see `network_of`).
+    A network is a tuple of nested prefixes, widest first (see `network_of`); the first items of it are a prefix.
 
     Args:
         held: Number of slots per network.
         within: Prefix to search in; empty for all addresses.
-        depth: Width of the prefixes that are compared, as the length of their tuples: 1 for the widest.
+        depth: Number of items of the prefixes to compare: 1 for the widest prefixes, such as /24 for IPv4.
 
     Returns:
         The prefix and its number of slots; None if no slot in `within` is used.

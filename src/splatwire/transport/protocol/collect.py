@@ -184,10 +184,10 @@ class PacketCollector:
         self.highest = -1
 
     def update(self, welcome: Welcome) -> None:
-        """Adopts the new declaration of a live stream with more packets; packets received so far are kept.
+        """Prepares for more packets after a live stream has grown; packets received so far are kept.
 
-        New packets are accepted only after the new manifest is known. If the new declaration has no repair symbols for
-        a parity group, received repair symbols of that group are discarded.
+        New packets are accepted only after the new manifest is known. Received repair symbols of a parity group are
+        discarded if the group does not exist unchanged in the new state of the stream.
 
         Args:
             welcome: New declaration of the stream by the server, already checked.

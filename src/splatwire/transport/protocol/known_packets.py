@@ -38,9 +38,8 @@ class KnownPackets:
     def has(self, kind: int, symbol: int) -> bool:
         """True if a scheduled datagram need not be sent to this client.
 
-        This is the case for a packet that the client already has. If the client has the init segment, it is also the
-        case for all symbols of the init segment and for all repair symbols. The client then sends NACKs for missing
-        packets.
+        These are the packets that the client already has. If it has the init segment, they are also all symbols of the
+        init segment, and all repair symbols: the client then requests missing packets by NACKs instead.
 
         Args:
             kind: Kind of the datagram: `DATA` (packet), `SIDE` (init segment), `PARITY` (repair symbol) or `WELCOME`.

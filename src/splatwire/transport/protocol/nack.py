@@ -1,10 +1,10 @@
 """NACK tracker of a receiver: decides when a missing packet is requested again.
 
-Limits of a receiver:
+Several modules limit requests and retransmissions. Limits of a receiver:
 
 * interval between NACKs for a packet: `NACK_INTERVAL_S`;
-* number of NACKs per packet of a live stream: `MAX_ATTEMPTS`; of a view-dependent stream, whose receivers request
-  sequence numbers instead of packets: `gap_tracker.MAX_ATTEMPTS`;
+* number of NACKs per packet of a live stream: `MAX_ATTEMPTS`;
+* number of NACKs per sequence number, for streams with view-dependent order: `gap_tracker.MAX_ATTEMPTS`;
 * number of NACKs per feedback datagram: `datagrams.MAX_NACKS`;
 * number of later packets after which a packet counts as missing: `receiver.REORDER`;
 * number of successive `End` datagrams without a new packet, after which the receiver gives up:

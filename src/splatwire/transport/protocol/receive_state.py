@@ -143,10 +143,10 @@ class ReceiveState:
 
 
 def _order_parameters(welcome: Welcome) -> tuple[object, ...]:
-    """Returns the parameters of a stream that determine the index of each packet in sending order.
+    """Returns parameters of a stream; if two transfers have equal ones, their packets have the same sending order.
 
-    A receiver stores packets by this index. When it resumes a transfer, it may keep the packets of the earlier transfer
-    only if the server declares the same parameters as before.
+    A receiver stores packets by their index in sending order. When it resumes a transfer, it may keep the packets of
+    the earlier transfer only if these parameters are unchanged.
 
     Args:
         welcome: Declaration of the stream by the server.

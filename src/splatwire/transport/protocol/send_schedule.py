@@ -58,11 +58,13 @@ def build_send_schedule(
 
 
 def _packet_times(present: Sequence[int], spread: float | int) -> list[float]:
-    """Returns the due time of each packet, 0 to 1; the packets of a tier are spread evenly over the tier's interval.
+    """Returns when each packet is sent, as a fraction of the whole transfer, 0 to 1.
+
+    Each importance tier has an interval of the transfer, over which its packets are spread evenly.
 
     Args:
         present: Number of packets of each importance tier.
-        spread: Overlap of the tiers in time: 0 sends the tiers one after another, 1 sends each during the whole time.
+        spread: Overlap of the intervals: 0 sends the tiers one after another, 1 sends each during the whole transfer.
     """
     num_packets, first, times = max(sum(present), 1), 0, list[float]()
     for size in present:

@@ -189,7 +189,7 @@ class ServedStream:
         return index < self.num_retransmittable
 
     def wants(self, kind: int, group: int, symbol: int) -> bool:
-        """True if a queued packet or repair symbol is still useful after the live stream was updated.
+        """True if a packet or repair symbol that was queued before the live stream grew is still useful in this state.
 
         Args:
             kind: Kind of the datagram: `DATA` (packet) or `PARITY` (repair symbol).
@@ -322,12 +322,12 @@ def head_symbols(
     Args:
         data: Bytes of the init segment.
         symbol_bytes: Size of a symbol in bytes.
-        protection: Redundancy. With repair symbols or with a limit on retransmission, a reserve of further repair
-            symbols is computed; these are sent only after NACKs.
+        protection: Redundancy. With repair symbols or with a limit on retransmission, each segment gets a reserve of
+            further repair symbols.
 
     Returns:
-        Symbols of each segment (source block): source symbols, then repair symbols. And the number of symbols of each
-        segment that are always sent; the others are the reserve.
+        Symbols of each segment (source block): source symbols, then repair symbols. And how many symbols of each
+        segment every client gets; the others are the reserve for clients that report missing symbols.
     """
     segments = Segments(len(data), symbol_bytes)
     out, scheduled = [], []
