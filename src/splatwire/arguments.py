@@ -34,9 +34,9 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def checked_except(*own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Returns a decorator like `checked` that does not check some parameters.
+    """Returns a decorator that checks arguments as `checked` does, except those that the function checks itself.
 
-    The decorated function checks these parameters itself, for example to raise a more specific error.
+    A function checks an argument itself, for example, to raise a more specific error.
 
     Args:
         own: Names of the parameters that are not checked.

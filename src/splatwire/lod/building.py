@@ -29,7 +29,8 @@ class BuiltLevels:
         old: Mask of Gaussians in coarser levels that are unchanged copies of a finer Gaussian, bool (N). The others in
             coarser levels were merged from several Gaussians.
         errors: Error of each tile, world units, float64 (tiles of all levels, coarsest first). It is the root mean
-            square distance from the centre of an original Gaussian to that of the Gaussian that replaces it.
+            square distance from the centre of an original Gaussian to that of the Gaussian that replaces it; 0 for the
+            finest level.
     """
 
     scene: LevelScene

@@ -101,7 +101,9 @@ class NeighborSet:
         return NeighborSet(self.tracks[some], self.frames[some], self.neighbors[some], self.weights[some])
 
     def interpolated_motion(self, means: np.ndarray) -> np.ndarray:
-        """Predicts the positions of the tracks in all frames, (n, F, 3), from the mean motion of their neighbours.
+        """Predicts the positions of the tracks in all frames, (n, F, 3), as if they moved like their neighbours.
+
+        A track has its own position in its frame of `frames`, and the weighted mean motion of its neighbours from there.
 
         Args:
             means: Positions of all tracks, float32 (T, F, 3).

@@ -22,8 +22,8 @@ class RepairGraph:
     Attributes:
         queries: Indices of the anchors with at least one missing attribute.
         index: Anchor indices of the neighbours of each query, all completely received.
-        interpolated: The queries with missing attributes interpolated (`GnnSettings.interpolation`): the values that
-            the network is trained against, blended with, or replaced by.
+        interpolated: The queries with missing attributes interpolated (`GnnSettings.interpolation`). The training
+            penalises differences from these values, and results are blended with them or replaced by them.
         given: The queries with missing attributes interpolated as inputs of the network (`GnnSettings.query_input`).
     """
 
