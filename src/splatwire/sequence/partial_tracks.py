@@ -103,7 +103,7 @@ class NeighborSet:
     def interpolated_motion(self, means: np.ndarray) -> np.ndarray:
         """Predicts the positions of the tracks in all frames, (n, F, 3), as if they moved like their neighbours.
 
-        A track has its own position in its frame of `frames`, and the weighted mean motion of its neighbours from there.
+        Starting from its position in one frame (`frames`), each track gets the weighted mean motion of its neighbours.
 
         Args:
             means: Positions of all tracks, float32 (T, F, 3).
