@@ -156,9 +156,10 @@ def _read_records(file: io.BufferedIOBase, size: int, position: int, stream_id: 
 
 
 def _record_end(file: io.BufferedIOBase, size: int, position: int) -> int | None:
-    """Returns the end of a packet in a file, given the position of its size field; None if the size is impossible.
+    """Returns the position of the end of a packet in a stream file; None if its stored size is impossible.
 
-    Leaves the file position at the packet's first byte.
+    `position` is that of the size field, and `size` the size of the file. Afterwards, the file is positioned at the
+    packet's first byte.
     """
     start = position + RECORD_PREFIX.size
     if start > size:

@@ -92,9 +92,10 @@ class Packetization:
 
     @property
     def hashed(self) -> bool:
-        """True for hashed grouping: each packet gets as many elements as fit into `packet_bytes`.
+        """True if packets are filled up to a size limit with elements in the order of a hash (grouping `hashed`).
 
-        The number of elements then differs between packets, and only the header of a packet contains it.
+        The hash of the elements' indices spreads each packet over its block. A packet gets as many elements as fit into
+        `packet_bytes`. Their number differs between packets, and only the packet's header contains it.
         """
         return self.grouping == "hashed"
 

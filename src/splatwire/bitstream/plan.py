@@ -203,7 +203,7 @@ class PacketPlan:
         return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
 
     def run(self, packet_id: PacketId, num_elements: int) -> slice:
-        """Returns the range of a packet's elements among the elements of its block, as indices into `block_ranks`.
+        """Returns where the elements of a packet are in the list of its block's elements (`block_ranks`), as a slice.
 
         Args:
             packet_id: The packet.

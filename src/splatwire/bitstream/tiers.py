@@ -111,10 +111,10 @@ def tier_order(tiers: np.ndarray) -> np.ndarray:
 
 
 def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
-    """Checks the tiers of a stream: their number for a sequence, their sizes for a static scene.
+    """Checks the tiers of a stream: their number for a sequence, and that no tier is empty for a static scene.
 
-    A static scene must not have an empty tier. A sequence has two tiers for each group of pictures, one for keyframe
-    Gaussians and one for motion. Both may be empty.
+    A sequence has a pair of tiers for each group of pictures, one for keyframe Gaussians and one for motion. Both may
+    be empty.
 
     Args:
         tiers: Sizes of the tiers; empty for a single tier.

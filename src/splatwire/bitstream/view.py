@@ -54,11 +54,13 @@ class Viewpoint(CheckedFields):
 
 @dataclass(frozen=True)
 class Cut(CheckedFields):
-    """Tiles of a scene to draw and tiles to request for a viewpoint.
+    """Result of the selection of tiles for a viewpoint: tiles to draw and tiles to request.
+
+    Each Gaussian of a coarse tile is replaced by one finer tile (`replaces_tile`). It is drawn only if this finer tile
+    is not drawn. Coarse tiles therefore stay in the list if only some of their finer tiles were received.
 
     Attributes:
-        drawn: Received tiles to draw. A tile can be in this list together with finer tiles that replace some of its
-            Gaussians. A Gaussian is drawn unless the finer tile that replaces it (`replaces_tile`) is in the list.
+        drawn: Received tiles to draw.
         wanted: Tiles to request: those not yet received, most useful first.
     """
 
@@ -76,9 +78,10 @@ def pixel_errors(tiles: Tiles, viewpoint: Viewpoint | None) -> np.ndarray:
 
 
 def _errors_and_usefulness(tiles: Tiles, viewpoint: Viewpoint | None) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the results of `pixel_errors`, and the usefulness of each tile, float64 (B) each.
+    """Returns the error in the picture and the usefulness of each tile, for selecting tiles, float64 (B) each.
 
-    The usefulness is the visible area of the tile in square pixels per byte. It is infinite in the coarsest level.
+    The errors are those of `pixel_errors`. The usefulness is the visible area of the tile in square pixels per byte. It
+    is infinite in the coarsest level.
     """
     errors = np.where(tiles.parents < 0, np.inf, tiles.errors[tiles.parents])
     if viewpoint is None:
@@ -90,10 +93,13 @@ def _errors_and_usefulness(tiles: Tiles, viewpoint: Viewpoint | None) -> tuple[n
 
 
 def _project_boxes(tiles: Tiles, viewpoint: Viewpoint) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Projects tile boxes: returns distances, a mask of boxes in the picture, and areas in the picture, square pixels.
+    """Projects the boxes of tiles into the picture, to estimate how large and how near each tile appears.
 
-    For a box in the picture, the area is that of its bounding rectangle, clipped to the picture. For a box outside, it
-    is the estimated area if the camera were turned towards the box, averaged over all orientations of the box.
+    Returns:
+        Distance of each box from the camera; mask of boxes that are at least partly in the picture; and area of each
+        box in the picture, square pixels. For a box in the picture, the area is that of its bounding rectangle, clipped
+        to the picture. For other boxes, it is the mean area over all orientations of the box if the camera were turned
+        towards it.
     """
     middle, half = (tiles.low + tiles.high) / 2, (tiles.high - tiles.low) / 2
     eye = np.array(

@@ -252,25 +252,25 @@ def _decode_outside(words, state, half):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_between(coder, scale, place, start, after, target, eighths):
-    """Decodes a residual whose distribution has too many symbols for a complete table.
+    """Decodes a prediction residual with a wide distribution, for which only a sparse table of probabilities exists.
 
-    A bound is the start of a symbol's probability interval. The table contains only the bound of every `1 << shift`-th
-    symbol (`shift` is in the distribution's row of `coder.windows`). The code lies between two consecutive bounds of
-    the table. The search begins at the symbol found by linear interpolation between these bounds, because the density
-    is nearly constant there.
+    The table contains a bound (start of the probability interval) for every `2**k`-th residual only. Two of these
+    bounds limit the search for the residual. The bounds in between are computed.
 
     Args:
         coder: Entropy coder.
         scale: Scale of the context.
-        place: Index of the last bound that does not exceed `target`, among the tabulated bounds of this distribution.
-        start: Value of this bound.
-        after: Value of the following tabulated bound.
-        target: Position of the code, from `start` to `after` (exclusive).
+        place: Index of the bound `start` among the tabulated bounds of this distribution.
+        start: Last tabulated bound that does not exceed `target`.
+        after: The next tabulated bound.
+        target: Position of the code, from `start` to `after` (exclusive), for which the residual is searched.
         eighths: Mean of the distribution, in eighths of a quantisation step.
 
     Returns:
         The residual in quantisation steps.
     """
+    # The search begins with linear interpolation between the tabulated bounds, because the density is nearly constant
+    # there.
     half, shift, mean = coder.windows[scale, HALF], coder.windows[scale, SHIFT], eighths << (MEAN_BITS - EIGHTHS)
     narrow, wide = coder.inverses[scale], coder.inverses[min(scale + WIDE, NUM_SCALES - 1)]
     steps = np.int64(np.float64((target - start) << shift) / np.float64(after - start))
@@ -290,33 +290,35 @@ def _decode_between(coder, scale, place, start, after, target, eighths):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _bound(coder, symbol, half, mean, narrow, wide):
-    """Computes the start of a symbol's probability interval, for distributions that are not tabulated completely.
-
-    The kernel is not inlined, because it is called several times.
+    """Computes the start of a residual's probability interval, if the tables do not contain it.
 
     Args:
         coder: Entropy coder.
-        symbol: The symbol, from `-half` to `half + 1`.
-        half: Largest magnitude of a symbol with a probability interval.
+        symbol: The residual, from `-half` to `half + 1`.
+        half: Largest magnitude of a residual with a probability interval.
         mean: Common mean of the two normals of the mixture, `MEAN_BITS` fractional bits.
         narrow: Reciprocal of the standard deviation of the narrower normal.
         wide: Reciprocal of the standard deviation of the wider normal.
     """
+    # Not inlined, because the callers call it several times.
     return cumulative(symbol, -half, half, mean, narrow, mean, wide, WEIGHT, coder.normal)
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_wide(coder, scale, q, eighths):
-    """Encodes a residual without the tables of `residual_windows`; returns it, limited to the coder's range.
+    """Encodes a residual by computing its probability, for cases that the tables of `residual_windows` do not cover.
 
-    This is needed for mixtures with many symbols, and for residuals outside the window of directly coded symbols.
+    These are wide distributions with sparse tables, and residuals too large to have a probability interval.
 
     Args:
         coder: Entropy coder.
         scale: Scale of the context.
         q: The residual in quantisation steps.
         eighths: Mean of the mixture, in eighths of a step.
+
+    Returns:
+        The encoded residual, which is limited to the coder's range.
     """
     mean = eighths << (MEAN_BITS - EIGHTHS)
     wide = min(scale + WIDE, NUM_SCALES - 1)

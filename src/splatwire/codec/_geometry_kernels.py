@@ -27,7 +27,9 @@ NUM_CONTEXTS = TREE + 3 * SMALL * SMALL
 @njit(borrows=True)
 @no_type_check
 def large_count_normal(n):
-    """Returns the normal distribution with which `encode_count` codes the number of zeros in a node of many points.
+    """Returns the normal distribution with which a large node of the position tree is coded, see `encode_count`.
+
+    The coded integer is the number of points that have a zero in the next bit of their Morton code.
 
     Args:
         n: Number of points of the node.

@@ -34,10 +34,9 @@ and log2 of the number of guesses of each mixture.
 @njit(error_model="numpy")
 @no_type_check
 def residual_windows(scales, inverses, widths, normal):
-    """Tabulates the probability distributions of residuals in all contexts.
+    """Tabulates the probability distributions of residuals in all contexts, so that coding needs only table look-ups.
 
-    A distribution is a mixture of two normals. The tables are small enough for the processor's caches, because they are
-    accessed at random.
+    A distribution is a mixture of two normals.
 
     Args:
         scales: int64 (contexts), scale table index of the narrower normal of each context.
@@ -51,6 +50,7 @@ def residual_windows(scales, inverses, widths, normal):
         2**`TOTAL_BITS`, int32. Guesses, uint16: the bound at which a decoder starts its search, by mixture and by the
         highest bits of the code's position.
     """
+    # The tables are accessed at random. They are small enough for the processor's caches.
     windows = np.zeros((NUM_SCALES, 6), np.int64)
     num_bounds = num_guesses = np.int64(0)
     for scale in scales:

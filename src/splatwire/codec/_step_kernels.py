@@ -9,7 +9,10 @@ from splatwire.ops.compiled import njit
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def exponent(bases, which, level, area, long, thin, opacity):
-    """Returns `-log2` of the quantisation step of one quantity of a Gaussian, rounded.
+    """Computes how fine the quantisation step of one attribute of a Gaussian is: `-log2` of the step, rounded.
+
+    The result grows by one from each precision class to the next higher one. It also depends linearly on the logarithms
+    of the scales and of the opacity, with the factors in `gaussians.layout.COEFFICIENTS`.
 
     Args:
         bases: Exponents of the lowest precision class, by quantity, `STEP_BITS` fractional bits.
@@ -29,7 +32,10 @@ def exponent(bases, which, level, area, long, thin, opacity):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def shift_of(bases, which, level, area, long, thin, opacity, most):
-    """Returns log2 of a quantisation step in units of `2**-BITS`, clipped to 0 to `most`.
+    """Computes the quantisation step of one attribute of a Gaussian, which depends on its size, shape and opacity.
+
+    The step halves from each precision class to the next higher one. It also varies with powers of the scales and of
+    the opacity, whose exponents are `gaussians.layout.COEFFICIENTS`.
 
     Args:
         bases: Exponents of the lowest precision class, by quantity, `STEP_BITS` fractional bits.
@@ -40,6 +46,9 @@ def shift_of(bases, which, level, area, long, thin, opacity, most):
         thin: log2 of the ratio of the second to the third scale.
         opacity: log2 of the opacity.
         most: Maximum result.
+
+    Returns:
+        log2 of the step in units of `2**-BITS`, clipped to the range from 0 to `most`.
     """
     return min(max(BITS - exponent(bases, which, level, area, long, thin, opacity), 0), most)
 
@@ -47,7 +56,10 @@ def shift_of(bases, which, level, area, long, thin, opacity, most):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def place_shift(bases, level, s0, long, thin, opacity, unit, most):
-    """Returns log2 of the quantisation step of a position in lattice units, clipped to the range from 0 to `most`.
+    """Computes the quantisation step of a Gaussian's position, which depends on its size and shape.
+
+    The step halves from each precision class to the next higher one. It also varies with powers of the scales, whose
+    exponents are `gaussians.layout.COEFFICIENTS`. It is at most half the second scale.
 
     Args:
         bases: Exponents of the lowest precision class, by quantity, `STEP_BITS` fractional bits.
@@ -58,6 +70,9 @@ def place_shift(bases, level, s0, long, thin, opacity, unit, most):
         opacity: log2 of the opacity.
         unit: `-log2` of the lattice spacing, relative to the scene's size.
         most: Maximum result.
+
+    Returns:
+        log2 of the step in lattice units, clipped to the range from 0 to `most`.
     """
     e = max(exponent(bases, S_POSITION, level, 2 * s0 - long, long, thin, opacity), 1 - ((s0 - long) >> BITS))
     return min(max(unit - e, 0), most)

@@ -17,17 +17,16 @@ STATES = 4 * COUNTS
 @njit(borrows=True)
 @no_type_check
 def tier_context(tier, count, recent):
-    """Returns the context of the bit that indicates whether an anchor is in tier `tier`.
+    """Returns the context of the bit that indicates whether an anchor is in a given tier.
 
-    The context depends on the preceding anchors: on how many of them were in this tier or in a more important one.
+    The context depends on the number of preceding anchors that were in this tier or in a more important one.
 
     Args:
         tier: Index of the tier.
-        count: Decaying share of these anchors, out of 2**16 (see `remember`); the context distinguishes small shares
-            finely.
-        recent: Number from 0 to 3 with one bit for each of the last two anchors: 1 if the anchor was in this tier or in
-            a more important one.
+        count: Decaying average over the preceding anchors, out of 2**16, see `remember`.
+        recent: The last two of these bits, 0 to 3, see `remember`.
     """
+    # Contexts distinguish small shares finely.
     step, value = 0, count >> 4
     while value and step < COUNTS - 1:
         value = value * 5 // 8
@@ -38,13 +37,13 @@ def tier_context(tier, count, recent):
 @njit(borrows=True)
 @no_type_check
 def remember(counts, recents, tier, important):
-    """Updates the context statistics of a tier with the flag of the next anchor.
+    """Updates the statistics of preceding anchors, from which the bit of the next anchor is predicted (`tier_context`).
 
     Args:
-        counts: Decaying average of the flags `important` of each tier, out of 2**16.
-        recents: The last two flags of each tier, as a number from 0 to 3.
+        counts: Decaying average of the bits `important` of each tier, out of 2**16; changed in place.
+        recents: The last two bits of each tier, as a number from 0 to 3; changed in place.
         tier: Index of the tier.
-        important: True if the anchor is in this tier or in a more important one.
+        important: Bit of the anchor just coded: True if it is in this tier or in a more important one.
     """
     counts[tier] += ((65535 if important else 0) - counts[tier]) >> 3
     recents[tier] = (2 * recents[tier] + (1 if important else 0)) & 3

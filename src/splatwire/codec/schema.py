@@ -127,9 +127,9 @@ class Decoder(Protocol):
         """
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
-        """Adds the decoded integers of a complete run to a hash.
+        """Adds the decoded integers of a run without losses to a hash, to compare it with the hash in the manifest.
 
-        The hash of all runs is compared with that in the manifest. The division into runs does not change the hash.
+        The division of the elements into runs does not change the hash.
         """
 
     def scene(self) -> ReceivedScene:

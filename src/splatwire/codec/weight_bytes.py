@@ -114,11 +114,14 @@ def _write_linear(writer: ByteWriter, layer: QuantisedLinear) -> None:
 
 
 def _fitted_scales(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fits the scale of each row and column of a matrix of integers, by alternating maximum-likelihood estimates.
+    """Estimates the standard deviations with which the integers of a matrix are coded, by row and column.
 
     Returns:
-        Scale table index of each row; and for each column a difference that is added to these indices.
+        For each row, the index of its standard deviation in the scale table. For each column, a number that is added to
+        these indices.
     """
+    # Alternating maximum-likelihood estimates.
+    # Alternating maximum-likelihood estimates.
     square = symbols.astype(np.float64) ** 2 + 1e-3
     column = np.ones(symbols.shape[1])
     for _ in range(FIT_ROUNDS):

@@ -210,13 +210,16 @@ def _round_in_turn(weight: np.ndarray, unit: np.ndarray, unit_factor: np.ndarray
     """Rounds a weight matrix column by column; each column compensates the rounding errors of earlier columns.
 
     Args:
-        weight: float (out, in).
-        unit: Steps, float (out, in).
-        unit_factor: The factor R of the inputs' covariance (see the module), each column divided by its diagonal entry,
-            float (in, in).
+        weight: Weights before quantisation, float (out, in).
+        unit: Quantisation step of each weight, float (out, in).
+        unit_factor: Factor R of the inputs' covariance (see the module), each column divided by its diagonal entry,
+            float (in, in). It describes how an input can compensate for errors of another one.
 
     Returns:
         Symbols, int32 (out, in), and rounding errors, float (out, in).
+
+    Returns:
+        Quantised weights in steps, int32 (out, in), and rounding errors, float (out, in).
     """
     symbols, error = np.zeros(weight.shape, dtype=np.int32), np.zeros_like(weight)
     for j in range(weight.shape[1]):

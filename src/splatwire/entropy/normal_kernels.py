@@ -55,10 +55,10 @@ def normal_cdf(boundary, mean, inverse, table):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, table):
-    """Returns the start of a symbol's probability interval: the normal CDF, adjusted so that no interval is empty.
+    """Returns the start of a symbol's probability interval, which is also the end of the preceding symbol's interval.
 
-    The start is the CDF of the mixture at the lower boundary of the symbol, plus one unit per symbol from `low` on. It
-    is also the end of the preceding symbol's interval.
+    It is the CDF of the mixture at the lower boundary of the symbol, scaled and increased by one unit per preceding
+    symbol, so that no interval is empty.
 
     Args:
         symbol: The symbol, from `low` to `high + 1`.

@@ -130,12 +130,12 @@ def weight_table() -> np.ndarray:
 
 @functools.cache
 def step_table(cells_per_unit: int, limit: int, bits: int) -> np.ndarray:
-    """Returns the factors `1 + tanh(q)` of adaptive quantisation steps (HAC++) by q, in units of `2**-bits`.
+    """Tabulates the factor `1 + tanh(q)` by which HAC++ adapts an anchor's quantisation steps; a network predicts q.
 
     Args:
         cells_per_unit: Table entries per unit of q.
-        limit: The table covers q from -limit to limit.
-        bits: Fractional bits of the entries.
+        limit: The table has entries for q from -limit to limit.
+        bits: Fractional bits of the entries; an entry is in units of `2**-bits`.
 
     Returns:
         int64 of length `2 * limit * cells_per_unit + 1`.

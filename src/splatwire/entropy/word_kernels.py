@@ -40,9 +40,10 @@ def words_of(data):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def advance(words, state, start, size, total_bits):
-    """Continues after a symbol with the probability interval `[start, start + size)`; see `decode_advance`.
+    """Moves a decoder past a symbol with the probability interval `[start, start + size)`; see `decode_advance`.
 
-    `total_bits` is at most 24, so that a symbol consumes at most three bytes.
+    The interval is in units of `2**-total_bits`. `total_bits` is at most 24, so that a symbol consumes at most three
+    bytes.
     """
     unit = state[1] >> total_bits
     span = unit * size

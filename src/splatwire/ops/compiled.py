@@ -128,14 +128,13 @@ def _sources_digest(module: str) -> str:
 
 
 def _follow(module: str, found: dict[str, list[str]]) -> None:
-    """Collects the constants that kernels of a module may be compiled with, as text, for a digest.
+    """Collects the values of constants that compiled kernels may depend on, so that the cache notices changes.
 
-    These are the constants of the module and of all modules of the same package that it imports, directly or
-    indirectly.
+    These are the constants of a module and of all modules of the same package that it imports, directly or indirectly.
 
     Args:
         module: Full name of the module.
-        found: Output: texts of the constants by full name of the module, extended in place.
+        found: Output: the constants as texts, by full name of the module; extended in place.
     """
     constants: list[str] = []
     found[module] = constants
@@ -179,10 +178,9 @@ def _only_ours(folder: Path) -> bool:
 
 
 def _is_safe_parent(parent: Path) -> bool:
-    """True if no other user can rename or replace this user's files and folders in a folder.
+    """True if only this user (and root) can rename, replace or delete this user's files in a folder.
 
-    That is the case if the folder belongs to this user or root, and other users cannot write to it or it is sticky like
-    /tmp.
+    That requires a folder of this user or root. It must not be writable for other users, unless it is sticky like /tmp.
     """
     status = parent.stat()
     shared = status.st_mode & 0o022 and not status.st_mode & stat.S_ISVTX

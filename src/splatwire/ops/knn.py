@@ -62,12 +62,12 @@ class NeighborTree:
 def nearest_neighbors(
     support: Float[Any, "S 3"], queries: Float[Any, "Q 3"], k: int
 ) -> tuple[Int64[np.ndarray, "Q kept"], Float[np.ndarray, "Q kept"]]:
-    """Finds the `kept = min(k, S)` support points nearest to each query, nearest first; ties go to the lower index.
+    """Finds the k nearest support points of each query, nearest first; on equal distances, lower indices are first.
 
     Args:
         support: Points to choose from.
         queries: Query points.
-        k: Number of neighbours.
+        k: Number of neighbours; all S points are returned if there are fewer.
 
     Returns:
         Indices into `support`, and Euclidean distances.

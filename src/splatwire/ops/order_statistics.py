@@ -41,12 +41,24 @@ def order_statistics(pieces: Pieces, ranks: Sequence[int]) -> np.ndarray:
 
 
 def middle_ranks(count: int) -> list[int]:
-    """Returns the two ranks whose numbers are averaged for the median of `count` numbers; equal for odd counts."""
+    """Returns the ranks of the two middle numbers among `count` sorted numbers; their mean is the median.
+
+    The two ranks are equal if `count` is odd.
+    """
     return [(count - 1) // 2, count // 2]
 
 
 def quantiles(pieces: Pieces, count: int, shares: Sequence[float]) -> np.ndarray:
-    """Returns quantiles of `count` numbers with linear interpolation, bit-exact with `np.quantile`."""
+    """Computes quantiles of numbers that are too many for memory, with the same results as `np.quantile`.
+
+    Args:
+        pieces: Function that yields the numbers, see `order_statistics`.
+        count: Count of the numbers.
+        shares: The quantiles to compute, from 0 to 1.
+
+    Returns:
+        The quantiles, linearly interpolated, float64.
+    """
     at = (count - 1) * np.array(shares)
     low = np.floor(at).astype(int)
     ends = order_statistics(pieces, [*low.tolist(), *np.minimum(low + 1, count - 1).tolist()])
@@ -55,10 +67,8 @@ def quantiles(pieces: Pieces, count: int, shares: Sequence[float]) -> np.ndarray
 
 
 def _keys(values: np.ndarray) -> np.ndarray:
-    """Maps floats to unsigned integers that sort in the same order.
-
-    The sign bit is inverted; for negative numbers all bits.
-    """
+    """Maps floats to unsigned integers that sort in the same order."""
+    # Of positive floats the sign bit is inverted, of negative floats all bits.
     bits = np.ascontiguousarray(values).view(f"u{values.dtype.itemsize}")
     top = bits.dtype.type(1 << (8 * values.dtype.itemsize - 1))
     return np.where(bits & top, ~bits, bits | top)

@@ -42,7 +42,10 @@ class Twister:
 
 
 def _normal(uniform: np.ndarray) -> np.ndarray:
-    """Converts uniform to normal random numbers in blocks of sixteen (eight radii, eight angles; Box-Muller)."""
+    """Converts uniform random numbers to normal ones by the Box-Muller method.
+
+    In each block of sixteen, the first eight numbers become radii and the other eight angles.
+    """
     first, second = uniform.reshape(-1, 2, _BLOCK // 2).swapaxes(0, 1)
     radius, angle = np.sqrt(-2 * np.log(1 - first)), np.float32(2 * np.pi) * second
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1).ravel()

@@ -86,16 +86,16 @@ def prepare_anchor_repack(
     manifest_fields: Mapping[str, Any],
     *own: str,
 ) -> Prepared:  # fmt: skip
-    """Prepares the anchors of a decoded stream for encoding into other packets.
+    """Prepares a decoded stream of anchors for encoding into other packets.
 
     Args:
         stream: The complete stream.
-        scene: Its decoded scene.
+        scene: The scene decoded from it.
         packetization: New split into packets.
         coder: Function that returns the encoder of the anchors, and the side information of the new stream.
         manifest_fields: Further fields of the new manifest.
-        own: Names of the sections that `coder` writes again. All other sections must not depend on the order of
-            anchors, if the new packetization changes this order.
+        own: Names of the named sections that `coder` writes anew. If the new packetization changes the order of the
+            anchors, the stream must have no others except the background, because they refer to the old order.
 
     Raises:
         InvalidValueError: If the stream has sections that depend on another order of anchors.

@@ -99,11 +99,9 @@ def _quotient(number, divisor):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_axis(coder, row, primary, source, shift, near, count, running, axis, other, absolute):
-    """Encodes or decodes the primary axis of a Gaussian relative to the mean axis of its neighbours.
+    """Encodes or decodes the primary axis of a Gaussian, predicted as the mean axis of its neighbours.
 
-    The axis is scaled so that the magnitudes of its coordinates add up to `UNIT` (octahedral mapping). The coordinate
-    in which the mean axis is largest follows from the other two coordinates, which are coded. In streams of version 2,
-    their sum and difference are coded instead.
+    The axis is represented by two coordinates after an octahedral mapping; the third one follows from them.
 
     Args:
         coder: Entropy coder.
@@ -121,6 +119,8 @@ def code_axis(coder, row, primary, source, shift, near, count, running, axis, ot
     Returns:
         The updated moving average of magnitudes.
     """
+    # The axis is scaled so that the magnitudes of its coordinates add up to `UNIT`. The coordinate in which the mean
+    # axis is largest is left out. In streams of version 2, sum and difference of the other two are coded.
     deviation, same = predict_axis(near, count, primary, axis)
     spread, pole = deviation_context(same, deviation, shift), largest_of(axis)
     if axis[pole] < 0:

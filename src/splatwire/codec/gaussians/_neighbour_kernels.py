@@ -2,8 +2,8 @@
 
 Neighbours are Gaussians of the same packet that are coded earlier, so that a decoder knows them.
 
-Sums and quotients are float64. All operands are integers below 2**53, so that sums are exact. The quotient of such
-integers, rounded down, is exact, too: an inexact quotient is farther from the next integer than the rounding error.
+Predictions are equal on every machine: sums and rounded quotients in float64 are exact, because all operands are
+integers below 2**53.
 """
 
 from typing import NamedTuple, no_type_check
@@ -30,11 +30,11 @@ OCTAVES = np.array([value.bit_length() for value in range(256)], dtype=np.int64)
 
 
 class Near(NamedTuple):
-    """Neighbours of the current Gaussian, the attributes predicted from them, and working arrays of the search.
+    """Working memory for predicting Gaussians from their nearest neighbours in the packet.
 
-    The search compares keys. The key of a preceding Gaussian is its squared distance from the current one, times 64,
-    plus its age. The age is the number of Gaussians between the two in coding order. The nearest neighbours have the
-    smallest keys.
+    It contains data of all Gaussians of the packet, the neighbours of the current Gaussian, and the attributes
+    predicted from these neighbours. The neighbours are those with the smallest keys. A key is the squared distance from
+    the current Gaussian times 64, plus the number of Gaussians between the two in coding order.
 
     Attributes:
         cells: int64 (3, n), coordinates of the grid cells of the packet's Gaussians.
@@ -108,15 +108,13 @@ def find_neighbours(near, i, bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _find_narrow(near, i):
-    """Finds the six nearest neighbours of a Gaussian; only for coordinates of few bits, see `Near.narrow`.
+    """Finds the six nearest neighbours of a Gaussian; fast, but only for coordinates of few bits (see `Near.narrow`).
 
-    The neighbours are the Gaussians with the six smallest keys (see `Near`). Only a few keys are sorted. To find these,
-    the window is divided into eight groups, and the smallest key of each group is determined. At least six keys do not
-    exceed the sixth smallest of these eight minima, so larger keys are ignored.
-
-    The loops have few branches and compile to vector instructions. Coordinates are float32, because numba computes with
-    int32 in 64 bits; all distances are exact.
+    The nearest neighbours are the Gaussians with the smallest keys (see `Near`). The distances are exact.
     """
+    # The window is divided into eight groups. At least six keys do not exceed the sixth smallest of the groups' minima,
+    # so larger keys need not be sorted. The loops have few branches and compile to vector instructions. Coordinates are
+    # float32, because numba computes with int32 in 64 bits.
     keys, close, lanes, indices, weights = near.keys, near.close, near.lanes, near.indices, near.weights
     narrow = near.narrow
     xs, ys, zs = narrow[0, i : i + WINDOW], narrow[1, i : i + WINDOW], narrow[2, i : i + WINDOW]

@@ -64,9 +64,10 @@ def _spread_cells(codes, cells, narrow):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def slot_of(code, bits):
-    """Returns the slot of a grid cell: the lowest bits of its Morton code in reverse order (see `layout.SLOT_BITS`).
+    """Returns the slot of a grid cell, by which the Gaussians of a block are distributed to packets.
 
-    Neighbouring cells thus get distant slots, and the cells of one slot are spread evenly over the block.
+    Cells with equal slots are spread evenly over the block, and neighbouring cells have distant slots. The slot
+    consists of the lowest bits of the cell's Morton code in reverse order (see `layout.SLOT_BITS`).
 
     Args:
         code: Morton code of the cell.
@@ -81,10 +82,10 @@ def slot_of(code, bits):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _code_codes(coder, codes, bits, spread, slots, stack):
-    """Encodes or decodes the Morton codes of a packet's grid cells.
+    """Encodes or decodes the Morton codes of the grid cells that contain a packet's Gaussians.
 
-    If the packet is spread over its block, slots (the lowest bits of the codes, see `slot_of`) are within a narrow
-    range and are coded separately.
+    The Gaussians of a packet can be spread over a whole block. Then the lowest bits of their codes (slots, see
+    `slot_of`) have similar values, and are coded separately to save bits.
 
     Args:
         coder: Entropy coder.
@@ -113,9 +114,9 @@ def _code_codes(coder, codes, bits, spread, slots, stack):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_place(coder, row, cell, place, cells_at, shift, absolute):
-    """Encodes or decodes the position of a Gaussian within its cell of the packet's grid, as raw bits.
+    """Encodes or decodes the position of a Gaussian within its grid cell, as bits without a probability model.
 
-    The cells of the grid have been coded before. The bits refine the cell to the Gaussian's quantisation step.
+    The grid cells of the packet have been coded before. The bits refine the cell to the Gaussian's quantisation step.
 
     Args:
         coder: Entropy coder.
@@ -124,8 +125,8 @@ def _code_place(coder, row, cell, place, cells_at, shift, absolute):
         place: Position relative to the block's bounding box, in lattice units; only used by an encoder.
         cells_at: log2 of the cell size of the packet's grid, in lattice units.
         shift: log2 of the quantisation step of the position, in lattice units.
-        absolute: True to decode the centre of a cube with the size of the step, even if the grid cell is smaller. False
-            (stream version 2) to decode the centre of the grid cell in this case.
+        absolute: False in streams of version 2. It matters if the step is larger than the cell: True decodes the centre
+            of a cube of the size of the step, False the centre of the cell.
     """
     low = min(cells_at, shift)
     for a in range(3):
@@ -160,12 +161,16 @@ def _code_spin(coder, row, axes, primary, bits):
 def turn_of(row, axes, primary):
     """Returns the rotation of a Gaussian about its decoded primary axis, as an angle in radians, -pi to pi.
 
-    It is the angle from a reference direction to the Gaussian's second axis, which is the column `(primary + 1) % 3` of
-    `axes`. The reference direction is the coordinate axis that is closest to perpendicular to the primary axis,
-    projected onto the plane perpendicular to it. The arguments are those of `_code_spin`.
+    It is the angle between a reference direction and another principal axis of the Gaussian. The reference direction is
+    the coordinate axis that is closest to perpendicular to the primary axis, projected onto the plane perpendicular to
+    it.
 
-    The code is written element by element, because numba takes seconds longer to compile `np.cross` and array sums.
+    Args:
+        row: Decoded integers of the Gaussian, int64 (COLUMNS), with the primary axis.
+        axes: Exact principal axes as columns, float64 (3, 3).
+        primary: Index of the primary axis; the angle is that of column `(primary + 1) % 3`.
     """
+    # Written element by element, because numba takes seconds longer to compile `np.cross` and array sums.
     x, y, z = np.float64(row[AXIS]), np.float64(row[AXIS + 1]), np.float64(row[AXIS + 2])
     norm = np.sqrt(x * x + y * y + z * z)
     x, y, z = x / norm, y / norm, z / norm

@@ -124,17 +124,18 @@ def _rotation(row, axes, quat):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def convert_harmonics(numbers, places, transform, colours, room, sh):
-    """Computes the spherical harmonics of some Gaussians from decoded integers, and writes them to the scene.
+    """Converts decoded integers of Gaussians to spherical harmonics, and writes them to the scene.
 
-    Most integers are 0 and are skipped.
+    The coded integers are coefficients along K axes of a decorrelating transform, separately for Y, Co and Cg. This
+    kernel inverts the transform, and converts the result to red, green and blue.
 
     Args:
-        numbers: Decoded integers, int32 (n, 3 K): for each of K axes of the transform, its Y, Co and Cg.
+        numbers: Decoded integers, int32 (n, 3 K): Y, Co and Cg of the first axis, then of the second, and so on.
         places: Index of each Gaussian in the output, int64 (n).
-        transform: Numerators of the transform, one axis per row, whole numbers, float64 (K, K). Sums of products are
-            exact.
-        colours: Orthonormal matrix from RGB to Y Co Cg, times the factor from products of integers to harmonics,
-            float64 (3, 3).
+        transform: Transform of the harmonics, one axis per row, in fixed point (see `SideInfo`), as whole numbers in
+            float64 (K, K).
+        colours: Factors from Y, Co and Cg (rows) to red, green and blue (columns), float64 (3, 3). They include the
+            conversion from fixed point.
         room: Working array, float64 (3 K).
         sh: Output, float32 (N, K + 1, 3): red, green and blue of each harmonic; degree 0 is not written.
     """

@@ -119,9 +119,9 @@ def cell_shift(places: np.ndarray, bits: int) -> int:
 
 
 def _extent_bits(places: np.ndarray) -> int:
-    """Number of bits of the extent of lattice positions, int64 (n, 3).
+    """Returns the number of bits of the largest extent of lattice positions, int64 (n, 3), over the three axes.
 
-    A few Gaussians far away from the others have only a limited influence on the result.
+    A few Gaussians far away from the others enlarge the result only to a limited degree.
     """
     ends = [(len(places) - 1) // _OUTSIDE, len(places) - 1 - (len(places) - 1) // _OUTSIDE]
     axes = np.ascontiguousarray(places.T)

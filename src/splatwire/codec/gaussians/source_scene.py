@@ -178,12 +178,12 @@ class SourceScene:
         return slice(int(self.edges[block]), int(self.edges[block + 1]))
 
     def pick(self, where: slice | np.ndarray) -> Splats:
-        """Returns some Gaussians of the scene, given by their indices in `order`."""
+        """Returns some Gaussians of the scene; `where` selects positions in `order`."""
         # numpy's `take` is several times as fast as indexing a tensor.
         return self.splats.select(self.order[where])
 
     def classes_at(self, where: slice | np.ndarray) -> np.ndarray:
-        """Returns the precision classes of some Gaussians, given by their indices in `order`, int64."""
+        """Returns the precision classes of some Gaussians, int64; `where` selects positions in `order`."""
         return self.classes[self.order[where]].astype(np.int64)
 
     def places(self, block: int) -> np.ndarray:

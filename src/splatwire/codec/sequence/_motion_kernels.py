@@ -91,12 +91,13 @@ def _code_headers(coder, headers, n, frames, first_new):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _magnitude_context(magnitude):
-    """Converts the magnitude of neighbouring residuals to a context index for a motion coefficient.
-
-    The index is the number of bits of the magnitude, at most `LEVELS - 1`.
+    """Returns the context of a motion coefficient's residual: a class of the magnitude of residuals coded before it.
 
     Args:
-        magnitude: Magnitude of the neighbouring residuals, an integer.
+        magnitude: Magnitude of residuals of neighbouring coefficients, an integer.
+
+    Returns:
+        Number of bits of the magnitude, at most `LEVELS - 1`.
     """
     level = 0
     while magnitude >> level and level < LEVELS - 1:

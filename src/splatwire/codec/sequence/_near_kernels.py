@@ -18,7 +18,7 @@ _PLACE_BITS, _MOST = 13, np.int64((1 << 63) - 1)
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def add_known(places, i, known, around, count):
-    """Adds a track to the tracks with known motion, among which neighbours are searched.
+    """Adds a track to the list of tracks with known motion, from which the motion of later tracks is predicted.
 
     Args:
         places: Positions of the packet's tracks, int64 (M, 3).
@@ -40,11 +40,9 @@ def add_known(places, i, known, around, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _find_candidates(squares, count, lanes, some):
-    """Finds a small set of candidates that contains the `NUM_NEIGHBOURS` smallest squared distances.
+    """Quickly excludes most tracks from the search for nearest neighbours, by their squared distances.
 
-    The distances are divided into `NUM_NEIGHBOURS` groups, and the smallest distance of each group is determined. No
-    distance above the largest of these minima can be among the smallest, so all other distances are candidates. If
-    there are only a few distances, all of them are candidates.
+    The remaining candidates contain the `NUM_NEIGHBOURS` nearest tracks.
 
     Args:
         squares: Squared distances, float64.
@@ -55,6 +53,8 @@ def _find_candidates(squares, count, lanes, some):
     Returns:
         Number of candidates.
     """
+    # The distances are divided into `NUM_NEIGHBOURS` groups. No distance above the largest of the groups' minima can be
+    # among the smallest.
     if count <= 2 * LANES:
         for m in range(count):
             some[m] = m
@@ -80,11 +80,14 @@ def _find_candidates(squares, count, lanes, some):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _smallest_candidates(squares, some, count):
-    """Finds the `NUM_NEIGHBOURS` smallest squared distances among the candidates; returns them as keys, ascending.
+    """Finds the `NUM_NEIGHBOURS` nearest candidates by their squared distances, for the prediction of motion.
 
-    A key is an integer with the squared distance in its high bits and the candidate's index in its low bits. The keys
-    stay in registers. No branch depends on a comparison of keys, because processors would often predict it wrongly.
+    Returns:
+        One integer for each of them, in ascending order: the squared distance in the high bits, and the index of the
+        candidate in the low bits.
     """
+    # The keys stay in registers. No branch depends on a comparison of keys, because processors would often predict it
+    # wrongly.
     a = b = c = d = e = f = g = h = _MOST
     for n in range(count):
         key = (np.int64(squares[some[n]]) << _PLACE_BITS) | some[n]

@@ -81,11 +81,11 @@ def _needed_orders(targets, rows, states, shifts, frames, orders):
 @njit(error_model="numpy")
 @no_type_check
 def _trim(quantised, orders):
-    """Reduces the number of coded coefficients per channel while all residuals of the highest degree are 0.
+    """Leaves out coefficients of high polynomial degrees whose residuals are 0 in all tracks of a packet.
 
     Args:
         quantised: Residuals in quantisation steps, int32 (n, channels, frames).
-        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds); changed in place.
+        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds); reduced in place.
     """
     for kind in range(NUM_KINDS):
         while orders[kind]:
@@ -127,14 +127,12 @@ def _encode_packet(models, counts, frames, first_new, dead, headers, places, shi
 @njit(error_model="numpy")
 @no_type_check
 def _candidates(headers, begin, n):
-    """Returns how many consecutive tracks can share one packet.
-
-    A packet can represent a limited range of track numbers only; tracks beyond this range need another packet.
+    """Returns how many of the next `n` tracks can be in one packet, whose range of track numbers is limited.
 
     Args:
         headers: Headers of the tracks, int64 (tracks, HEAD).
         begin: Index of the first track of the packet.
-        n: Maximum number to return.
+        n: Number of tracks available from `begin` on, at least one.
     """
     while n > 1 and headers[begin + n - 1, TRACK] - headers[begin, TRACK] >= MAX_CANDIDATES:
         n -= 1

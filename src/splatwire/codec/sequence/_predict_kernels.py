@@ -63,15 +63,19 @@ def relative_positions(places):
 @njit(error_model="numpy")
 @no_type_check
 def coarse_to_fine(places, moving, shifts):
-    """Returns the moving tracks in the order in which their motion is predicted, as indices, int64 (n).
+    """Orders the moving tracks of a packet for prediction from each other: spatially from coarse to fine.
 
-    Tracks with the finest quantisation steps are first, because their motion is the most precise. Tracks of similar
-    steps are visited along a Z-order curve with decreasing strides, so that most tracks have neighbours on all sides.
+    The first tracks are spread over the whole packet, and later tracks fill the gaps between them. Most tracks thus
+    have neighbours on all sides that are already known. This order applies among tracks with similar quantisation
+    steps. Tracks with finer steps come first, because their motion is more precise.
 
     Args:
         places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
         moving: Indices of the moving tracks, int64 (n).
         shifts: log2 of the quantisation steps of motion, int64 (M, channels).
+
+    Returns:
+        Indices of the moving tracks in this order, int64 (n).
     """
     n = len(moving)
     codes = np.zeros(n, np.int64)

@@ -18,19 +18,25 @@ _ZERO, _ONE = np.float64(0.0), np.float64(1.0)
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _turns(quats, base, begin, end, last, far, values):
-    """Computes the rotation of a track relative to its keyframe Gaussian in frames `begin` to `end` (exclusive).
+    """Computes the rotation of a track relative to its keyframe Gaussian, in some frames of a group.
+
+    Signs of quaternions are chosen so that the rotation continues that of the preceding frame.
 
     Args:
         quats: Rotation of the track in each frame, as quaternions.
         base: Rotation of the keyframe Gaussian, as a quaternion.
         begin: First frame.
         end: End of the frames (exclusive).
-        last: Relative rotation in the frame before `begin`, as a quaternion; updated to that in the last frame.
-        far: Tangent of a quarter of the track's largest rotation angle in earlier frames.
-        values: Output: rotation vectors, see `layout.CHANNELS`.
+        last: Relative rotation in the frame before `begin`, as a quaternion. It is replaced by the rotation in the last
+            frame.
+        far: Largest rotation of the track in earlier frames, as the tangent of a quarter of the angle.
+        values: Output: rotation vectors in these frames, by channel (`layout.CHANNELS`).
 
     Returns:
         Tangent of a quarter of the track's largest rotation angle so far.
+
+    Returns:
+        Largest rotation of the track so far, as the tangent of a quarter of the angle.
     """
     length, b0, b1, b2, b3 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
     for f in range(begin, end):
@@ -70,9 +76,7 @@ def _turns(quats, base, begin, end, last, far, values):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _sizes(scales, opacities, base, opacity, begin, end, values):
-    """Computes logarithms of a track's scales and opacity relative to its keyframe Gaussian.
-
-    Equal values give exactly 0 without computing a logarithm.
+    """Computes logarithms of a track's scales and opacity relative to its keyframe Gaussian, in some frames of a group.
 
     Args:
         scales: Scales of the track in each frame, (F, 3).
@@ -81,9 +85,10 @@ def _sizes(scales, opacities, base, opacity, begin, end, values):
         opacity: Opacity of the keyframe Gaussian.
         begin: First frame.
         end: End of the frames (exclusive).
-        values: Output: logarithms in these frames, by channel (`layout.CHANNELS`). The first of the three channels of
-            scale has the axis along which the keyframe Gaussian is largest, and so on.
+        values: Output: logarithms in these frames, by channel (`layout.CHANNELS`). The axes are sorted by decreasing
+            scale of the keyframe Gaussian.
     """
+    # Equal values give exactly 0 without computing a logarithm.
     for rank in range(3):
         here = 0
         for axis in range(3):  # rank of an axis: number of larger scales, plus equal ones with a smaller index
@@ -127,10 +132,11 @@ def _project(values, table, begin, end, own):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def fit_targets(moves, keyframes, numbers, unit, luma, table, begin, end, targets, largest, turns, last):
-    """Adds some frames of tracks' trajectories to their motion coefficients.
+    """Fits polynomials over time to the motion of tracks relative to their keyframe Gaussians.
 
-    The frames of a group are added in ascending order, in one or more calls. Most of the work can thus be done before
-    the last frame of the group is available.
+    The coefficients of the polynomials are what an encoder quantises. Frames of a group are passed in ascending order,
+    in one or more calls. Each call adds the contribution of some frames, so that little work remains after the last
+    frame of the group.
 
     Args:
         moves: Trajectories of n tracks: means, quaternions, scales, opacities and colours, float32 (n, F, ...).
@@ -140,9 +146,9 @@ def fit_targets(moves, keyframes, numbers, unit, luma, table, begin, end, target
         unit: Units of the position channels per scene unit (half lattice units).
         luma: Matrix from colours to Y Co Cg, float64 (3, 3).
         table: Basis polynomials, float64 (F, F).
-        begin: First frame to add.
-        end: End of the frames to add (exclusive).
-        targets: Motion coefficients, float64 (n, channels, frames), zero before the first call; changed in place.
+        begin: First frame of this call.
+        end: End of the frames of this call (exclusive).
+        targets: Polynomial coefficients, float64 (n, channels, frames), zero before the first call; changed in place.
         largest: Output: largest magnitude of each channel's coefficients, float64 (n, channels). It is written in the
             call that adds the last frame.
         turns: Largest rotation angle of each track so far, as the tangent of a quarter of the angle, float64 (n); zero

@@ -260,13 +260,15 @@ class TracksDecoder:
 
 
 def _sorted(headers: np.ndarray, offsets: Offsets, covered: np.ndarray, complete: bool, unchanged: bool) -> GroupMotion:
-    """Merges the tracks of all packets of a group in ascending order of track number; of duplicates, the first is kept.
+    """Combines the decoded tracks of all packets of a group, in ascending order of track number.
+
+    If packets contain the same track, the first one counts.
 
     Args:
         headers: Headers of the tracks of all packets, int64 (n, HEAD).
         offsets: Motion of the moving tracks of all packets.
-        covered: Mask of tracks whose number is in the range of track numbers of a received packet, bool (T). Of these,
-            tracks without a header have ended.
+        covered: Mask of tracks whose number is within the range of a received packet, bool (T). A track in this range
+            that is not in the packet has ended.
         complete: True if all motion packets of the group were received.
         unchanged: True if the group contains no motion packets because nothing changes.
     """

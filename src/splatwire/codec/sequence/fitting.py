@@ -55,7 +55,7 @@ class Fitting:
         return last == frames and len(keys) <= room and np.array_equal(keys[: len(self._keys)], self._keys)
 
     def add_frames(self, moves: Trajectories, end: int) -> None:
-        """Adds frames to the fit, up to `end`.
+        """Continues the fit with all frames before `end` that were not added yet.
 
         Args:
             moves: Trajectories over the whole group.
@@ -66,15 +66,15 @@ class Fitting:
         self._end = end
 
     def finish(self, keys: np.ndarray, moves: Trajectories, stay: np.ndarray) -> Targets:
-        """Returns the motion of all tracks relative to their keyframe Gaussians, after all frames were added.
+        """Completes the fit of a group; returns the motion of all tracks relative to their keyframe Gaussians.
 
-        Motion of tracks without a keyframe Gaussian is zero.
+        All frames must have been added. Motion of tracks without a keyframe Gaussian is zero.
 
         Args:
-            keys: Keys of all tracks of the group, beginning with those of this fit.
+            keys: Keys of all tracks of the group: first the tracks of this fit, then tracks that appeared later.
             moves: Trajectories of all tracks over the group.
-            stay: Mask of tracks present in all frames, bool (n). Other tracks are fitted again, because some of their
-                positions may have been unknown before.
+            stay: Mask of tracks present in all frames, bool (n). All other tracks are fitted again, because some of
+                their positions may have been unknown when the frames were added.
         """
         self.numbers = np.concatenate([self.numbers, self._known.numbers_of(keys[len(self._keys) :])])
         again, found = np.flatnonzero(~stay), self._targets.select(slice(len(keys)))
@@ -84,7 +84,7 @@ class Fitting:
         return found
 
     def _add(self, some: Targets, moves: Trajectories, numbers: np.ndarray, begin: int, end: int) -> None:
-        """Adds frames `begin` to `end` (exclusive) to the motion coefficients of tracks."""
+        """Continues the fit of motion with frames `begin` to `end` (exclusive); changes `some` in place."""
         fit(some, moves, self._known, self._info, numbers, (begin, end), self._threads)
 
 
@@ -92,10 +92,10 @@ def fit(
     found: Targets, moves: Trajectories, known: KnownTracks, info: KeyframeInfo, numbers: np.ndarray,
     frames: tuple[int, int], threads: int | None,
 ) -> None:  # fmt: skip
-    """Adds a range of frames to the motion coefficients of tracks.
+    """Continues the fit of polynomials to the motion of tracks with a range of frames.
 
     Args:
-        found: Motion of the n tracks, changed in place.
+        found: Polynomial coefficients of the motion of n tracks, changed in place.
         moves: Trajectories of the n tracks over the group of frames.
         known: All tracks that have a keyframe Gaussian so far.
         info: Side information of the keyframe Gaussians.

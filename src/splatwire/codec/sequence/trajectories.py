@@ -67,15 +67,15 @@ class Trajectories:
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """Coefficients of the motion of n tracks relative to their keyframe Gaussians, before quantisation.
+    """Motion of n tracks relative to their keyframe Gaussians, as coefficients of polynomials before quantisation.
 
     Attributes:
-        coefficients: Polynomial coefficients of each channel, float64 (n, channels, frames), in the units that
-            `layout.CHANNELS` lists.
+        coefficients: Coefficients by channel of motion and degree of the polynomial, float64 (n, channels, frames), in
+            the units that `layout.CHANNELS` lists.
         largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
         turns: Largest rotation of each track, as the tangent of a quarter of the angle, float64 (n).
-        last: Rotation of each track in the last frame added, as a unit quaternion with the sign that continues the
-            preceding frames, float64 (n, 4).
+        last: Rotation of each track in the last frame added, float64 (n, 4). It is a unit quaternion, with the sign
+            chosen for continuity with the preceding frames.
     """
 
     coefficients: np.ndarray
@@ -109,12 +109,14 @@ def add_frames(
     found: Targets, moves: Trajectories, keyframes: Trajectories, numbers: np.ndarray, begin: int, end: int,
     unit: int, size_log: int, threads: int | None = None,
 ) -> None:  # fmt: skip
-    """Adds frames to motion coefficients fitted to earlier frames.
+    """Continues the fit of polynomials to the motion of tracks with further frames of the group.
 
-    The result is bit-identical to adding all frames at once.
+    An encoder can thus do most of the fit before the last frame is available. The result is bit-identical to a fit of
+    all frames at once.
 
     Args:
-        found: Coefficients of n tracks, changed in place; the attribute `largest` is set with the last frame.
+        found: Polynomial coefficients of n tracks, changed in place; the attribute `largest` is set with the last
+            frame.
         moves: Trajectories of the n tracks over all F frames of the group; frames from `end` on are ignored.
         keyframes: Keyframe Gaussians, as trajectories of one frame.
         numbers: Index in `keyframes` of the keyframe Gaussian of each track, int64 (n); tracks with a negative index

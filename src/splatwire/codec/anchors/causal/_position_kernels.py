@@ -1,14 +1,10 @@
-"""Numba kernels that code the positions of anchors, given as sorted Morton codes.
+"""Numba kernels that code the positions of anchors: the high bits in the side information, the low bits in the packets.
 
-The high bits of all positions are a binary tree in the side information; the low bits are in the packets.
+Positions are sorted Morton codes. The high bits form a binary tree: a node is a range of codes that agree in all higher
+bits, and is divided by the next bit. A node with at most `leaf` codes is not divided further.
 
-A node of the tree is a range of Morton codes that agree in all higher bits. It is divided by the next bit. A flag
-indicates that all Morton codes of the node agree in the next bit, too. Otherwise, the number of Morton codes whose next
-bit is 0 is coded. A node of at most `leaf` Morton codes is not divided further.
-
-A packet contains the low bits of each anchor's Morton code as triples (one bit per axis). The index of the lowest
-non-zero triple is coded in unary, because anchors lie on grids of several widths. The bits above this triple follow as
-raw bits, then the triple itself, one of seven.
+The low bits of a code are divided into triples (one bit per axis). The lowest triple that is not 0 is coded by its
+index and its value, because anchors lie on grids of several widths. The bits above it are coded without a model.
 """
 
 from typing import no_type_check

@@ -100,11 +100,11 @@ class CodingContext:
 
 
 class Chain:
-    """Predicts anchors in stages: the attributes of one stage are inputs of the networks that predict later stages.
+    """Predicts the distributions of anchors' attributes in stages, each from the attributes of earlier stages.
 
     Args:
-        context: The coding context.
-        place: Outputs of the position network for n anchors, int32 (n, context).
+        context: The coding context, which contains one network per stage.
+        place: Outputs of the first network, which depends on the positions of the n anchors only, int32 (n, context).
     """
 
     def __init__(self, context: CodingContext, place: np.ndarray) -> None:

@@ -67,15 +67,15 @@ def quantise(
 ) -> Quantised:
     """Quantises attributes of anchors, as differences from the predicted means in whole quantisation steps.
 
-    Offsets are stored relative to the scale of their anchor. They are quantised after the scale, so they compensate for
-    its rounding error.
+    Offsets are relative to the scale of their anchor. The rounding error of the scale is known when the offsets are
+    quantised, and they compensate for it.
 
     Args:
         context: Coding context.
         positions: Positions of the anchors, with all bits.
         masks: 1 for offsets that exist, uint8 (n, K).
         values: Attribute values in quantisation steps, float64 (n, attributes).
-        octaves: Step of the scale's logarithm, in octaves.
+        octaves: Quantisation step of the binary logarithm of the scale.
     """
     values = values.copy()
     found, chain = _empty(context, positions, masks), context.start(positions.voxels)
@@ -203,10 +203,10 @@ def decode_packets(
 
 
 def expected(context: CodingContext, voxels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Predicts the distributions of all attributes of anchors from their positions alone.
+    """Predicts the distributions of all attributes of anchors from their positions alone, for lost anchors.
 
-    A network that needs decoded attributes as inputs gets their predicted means instead. The standard deviations are
-    therefore those for attributes exactly equal to these means.
+    The causal model predicts some attributes from others. Here, networks get predicted means in place of decoded
+    attributes. The uncertainty of these means is not included in the standard deviations.
 
     Args:
         context: Coding context.

@@ -41,14 +41,15 @@ class AnchorPositions:
 
 @dataclass(frozen=True, eq=False)
 class SharedPositions:
-    """Positions of all anchors, except for the low bits, which packets contain.
+    """High bits of the positions of all anchors, sent as side information; the packets contain the low bits.
 
     Attributes:
-        section: Bytes of the position section of the side information.
-        known: Positions of all anchors, without the bits in packets.
-        chances: Probabilities in units of 1 / `CHANCES`, int64 (T + 1, T + 1), for at most T unknown triples of
-            bits (one bit per axis). Entry (u, t) is the probability that triple t is the lowest non-zero one of u
-            unknown triples, given that all lower ones are 0.
+        section: Bytes of the section of the side information.
+        known: Positions of all anchors with the high bits; the low bits are estimated.
+        chances: Probabilities for coding the low bits, in units of 1 / `CHANCES`, int64 (T + 1, T + 1). The low bits of
+            a Morton code form triples (one bit per axis), numbered from the lowest bits. Entry (u, t) is for a code
+            with u unknown triples, at most T. It is the probability that triple t is not 0, given that all lower
+            triples are 0.
     """
 
     section: bytes
@@ -113,13 +114,14 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
 
 
 def triple_levels(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Finds the lowest bits that are set among the unknown low bits of Morton codes.
+    """Determines the precision of positions: how many of the lowest bits of each Morton code are zero.
 
-    The unknown bits of a code are divided into triples (one bit per axis), numbered from the least significant triple.
+    Low bits are often zero, because anchors lie on grids of several widths. The low bits of a code that the packets
+    contain are divided into triples (one bit per axis), numbered from the lowest bits.
 
     Args:
         codes: int64 (N), the exact codes.
-        unknown: int64 (N), number of unknown low bits of each code.
+        unknown: int64 (N), number of low bits of each code that the packets contain.
 
     Returns:
         Number of triples of each code, and index of its lowest non-zero triple, int64 (N) each. If all triples are 0,

@@ -74,10 +74,11 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
-    """Converts outputs of a channel network to table indices of the entropy coder, for one feature group.
+    """Converts outputs of a channel network to distributions of one feature group, as table indices.
 
-    The distribution of a channel is a mixture of two normals. The prior network predicts the first one. The channel
-    network predicts the second one, and both networks together the weight.
+    The entropy coder uses these indices. The distribution of a channel is a mixture of two normals. The prior network
+    predicts the first one, and the channel network the second one. The weight of the mixture is computed from outputs
+    of both networks.
 
     Args:
         outputs: Outputs of the channel network: means, standard deviations and weight logits of the group's channels.
