@@ -20,15 +20,15 @@ class PacketGroups(NamedTuple):
     """Elements of each packet, in one array; the elements of one packet form a group.
 
     Elements are identified by their ranks, the indices in coding order. In a stream with importance tiers, they are
-    identified by their places instead, the indices after sorting by tier and, within a tier, by rank. `tier_order` maps
-    places to ranks.
+    identified by their places instead (see `bitstream.tiers`). `tier_order` maps places to ranks.
+
+    If packets contain whole elements, group g is the packet `PacketPlan.ids[g]`. If each packet contains one attribute,
+    a group has `len(parts)` packets, from `ids[g * len(parts)]` on.
 
     Attributes:
         ranks: Ranks (or places) of all elements, group after group, int64 (N). Group g has the elements
             `ranks[starts[g]:starts[g + 1]]`, ascending.
-        starts: Start of each group in `ranks` and the end of the last, int64 (G + 1). Empty groups are left out. With
-            atomic packaging (whole elements), group g is the packet `PacketPlan.ids[g]`. With separated packaging, a
-            group has one packet per attribute: the `len(parts)` packets from `ids[g * len(parts)]` on.
+        starts: Start of each group in `ranks` and the end of the last, int64 (G + 1). Empty groups are left out.
     """
 
     ranks: np.ndarray

@@ -1,8 +1,8 @@
 """Importance tiers: elements grouped by importance, in separate packets, so that each tier has its own protection.
 
-With tiers, each element has a *place* in addition to its rank (index in coding order): the index after sorting by tier,
-then rank. A packet plan is computed from places, blocks are ranges of consecutive places, and no block contains two
-tiers: a packet's block determines its tier. With one tier, place and rank are equal.
+Every element has a rank (index in coding order) and a *place*: its index after sorting by tier and, within a tier, by
+rank. A packet plan is computed from places. A block is a range of consecutive places within one tier, so the block of a
+packet determines its tier. With one tier, place and rank are equal.
 """
 
 from dataclasses import dataclass

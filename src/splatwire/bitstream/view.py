@@ -69,10 +69,11 @@ class Cut(CheckedFields):
 
 
 def pixel_errors(tiles: Tiles, viewpoint: Viewpoint | None) -> np.ndarray:
-    """Returns each tile's error in the picture if its coarser parent is drawn instead, pixels, float64 (B).
+    """Returns the error in the picture that a viewer sees while a tile is missing, pixels, float64 (B).
 
-    Errors of tiles outside the picture are multiplied by `BEHIND`. Without a viewpoint, errors are in world units. The
-    error of tiles of the coarsest level is infinite, because these tiles have no parent.
+    The coarser tile that the missing tile refines is then drawn instead. Errors of tiles outside the picture are
+    multiplied by `BEHIND`. Without a viewpoint, errors are in world units. The error of tiles of the coarsest level is
+    infinite, because nothing can be drawn instead.
     """
     return _errors_and_usefulness(tiles, viewpoint)[0]
 

@@ -163,7 +163,7 @@ def code_escape(coder, excess):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_value(coder, stream, spread, second, mean, value, shift, absolute):
-    """Encodes or decodes a value as the difference from its prediction, in quantisation steps of `1 << shift`.
+    """Encodes or decodes a value, predicted as `mean`, in whole quantisation steps of `1 << shift`.
 
     Args:
         coder: Entropy coder.
@@ -173,8 +173,8 @@ def code_value(coder, stream, spread, second, mean, value, shift, absolute):
         mean: Predicted value.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step.
-        absolute: True to decode a multiple of the step. False to decode a value that differs from `mean` by a multiple
-            of the step.
+        absolute: True if values are multiples of the step. False (stream version 2) if their differences from `mean`
+            are.
 
     Returns:
         The decoded value, and its residual in steps.

@@ -91,7 +91,7 @@ def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int | None = N
 
 
 def runs_of(decoder: Decoder, manifest: Manifest, packets: Iterable[Packet], *, gaps: bool = False) -> Iterator[Run]:
-    """Groups packets into runs, that is, packets that are decoded by one call, in the order of the packet plan.
+    """Yields groups of packets (runs) that a decoder decodes in one call, in the order of the packet plan.
 
     Args:
         decoder: The stream's decoder, which determines the size of runs.

@@ -22,10 +22,12 @@ from splatwire.types.received_scene import ReceivedScene
 class ProgressiveDecoder(Arrivals):
     """Decoder of a stream during its transfer, for packets in any order.
 
-    The decoded integers are the same as with `decode_stream`. Side information is read once; afterwards the cost of a
-    packet depends on its own elements only. Packets may be added from several threads. Duplicate, damaged and foreign
-    packets are counted in `report`. Before `partial` is first read, only received elements take memory; reading it
-    predicts all elements.
+    The decoded integers are the same as with `decode_stream`. The cost of a packet depends on its own elements only,
+    not on the size of the scene. Packets may be added from several threads. Duplicate, damaged and foreign packets are
+    counted in `report`.
+
+    The scene, `partial`, is allocated when it is first read, and includes predicted values of all elements. Until then,
+    only received elements take memory.
 
     Args:
         manifest: The stream's manifest.

@@ -135,10 +135,10 @@ def exact_mlp(
 
 
 def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None:
-    """Converts a layer to quantised form without rounding; None if that is impossible.
+    """Converts a layer to quantised form without rounding, such as one that was decoded; None if that is impossible.
 
-    The steps are not unique: any steps that divide the weights of their row and column represent the same numbers. Two
-    choices are tried, and the one whose integers take fewer bits is returned.
+    Several combinations of steps represent the same numbers. Two of them are tried, and the one whose integers take
+    fewer bits is returned.
 
     Args:
         weight: float (out, in).
@@ -164,14 +164,14 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
 
 
 def _common_trailing_zeros(twos: np.ndarray, some: np.ndarray, axis: int) -> np.ndarray:
-    """Returns the number of trailing zero bits that all non-zero weights of a row or column have in common.
+    """Returns log2 of the largest power of two that divides all weights of a row or column.
 
-    It is the exponent of the largest power of two that divides all of them.
+    Weights that are 0 are ignored.
 
     Args:
-        twos: Number of trailing zero bits of each weight.
+        twos: log2 of the largest power of two that divides each weight.
         some: Mask of non-zero weights.
-        axis: Axis over which the minimum is taken.
+        axis: Axis over which the minimum is taken: 0 for a result by column, 1 for a result by row.
     """
     least = np.where(some, twos, MAX_SHIFT).min(axis=axis, initial=MAX_SHIFT)
     return np.maximum(np.where(some.any(axis=axis), least, 0), 0)

@@ -53,7 +53,7 @@ def follow(running, steps):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def octave_of(running):
-    """Returns a class of the average magnitude of a Gaussian's preceding residuals: the context of the next residual.
+    """Returns the context of a residual: a class of the average magnitude of the Gaussian's preceding residuals.
 
     The limits between the classes are powers of two.
 

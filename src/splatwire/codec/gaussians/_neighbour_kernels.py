@@ -254,10 +254,10 @@ def remember(near, row, i):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def deviation_context(count, deviation, shift):
-    """Returns the context of a residual, which depends on how much the Gaussian's neighbours differ from each other.
+    """Returns the context of a residual: a class of how much the Gaussian's neighbours differ from each other.
 
-    The context is 0 without neighbours, and 1 for one or two neighbours. Otherwise it is 2 plus log2 of their mean
-    deviation, in eighths of a quantisation step, rounded down.
+    The context is 0 without neighbours, and 1 for one or two neighbours. Otherwise it grows with the logarithm of their
+    mean deviation in quantisation steps.
 
     Args:
         count: Number of neighbours.

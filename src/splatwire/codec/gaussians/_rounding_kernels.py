@@ -44,9 +44,9 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def round_rows(places, logs, axes, colours, levels, bases, unit, coarsest, thinness, harmonics, rows):
-    """Quantises Gaussians to the integers that are coded and that a decoder obtains.
+    """Quantises Gaussians to the integers that a decoder would obtain, without encoding them.
 
-    This kernel is for streams in which these integers do not depend on the division into packets.
+    It supports streams in which these integers do not depend on the division into packets.
 
     Args:
         places: Lattice coordinates, int64 (n, 3).

@@ -173,7 +173,7 @@ def block_codes(places: np.ndarray, bits: int) -> np.ndarray:
 
 
 def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
-    """Estimates the cell size of the coarse position grid (see `cell_shift`) for a typical block of a scene.
+    """Estimates the typical cell size of the grids on which packets code positions (see `cell_shift`).
 
     The estimate uses a sample of the scene, because it is needed before the scene is divided into blocks.
 

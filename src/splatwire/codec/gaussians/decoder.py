@@ -129,7 +129,9 @@ class GaussianDecoder:
 
 
 def coding_of(info: SideInfo, classes: np.ndarray) -> SplatCoding | None:
-    """Returns the quantisation parameters with which a decoded scene can be encoded to the same integers.
+    """Returns the quantisation parameters of a decoded scene, with which it can be encoded again without further loss.
+
+    The encoder then obtains the same integers.
 
     Args:
         info: The stream's side information.

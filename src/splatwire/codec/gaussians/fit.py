@@ -82,10 +82,9 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
 def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
     """Estimates the mean magnitude of the residuals in each context, also for contexts with few residuals.
 
-    The means of one kind of value (a stream) form a table, with a row for each class `spread` and a column for each
-    class `second` of the context. The table is modelled as the product of a factor for each row and a factor for each
-    column (a matrix of rank one). The factors are fitted so that the sum of magnitudes over each row and column stays
-    unchanged.
+    The means of one kind of value (a stream) are modelled as a product of two factors. One depends on the class
+    `spread` of the context, the other one on the class `second`. The factors are fitted so that the sum of magnitudes
+    stays unchanged for each value of `spread`, and for each value of `second`.
 
     Args:
         number: Number of residuals in each context, float64 (streams, spreads, seconds).

@@ -68,7 +68,10 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Recomputes the index of tiles (a named section) after repacketization, which changes the sizes of tiles."""
+    """Returns a repacketized stream with a new index of tiles, because the sizes of tiles have changed.
+
+    `stream` is the stream before repacketization, and `packed` the stream after it.
+    """
     return with_tile_index(packed, read_tile_index(stream.manifest, sections_of(stream)).errors)
 
 

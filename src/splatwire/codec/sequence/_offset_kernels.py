@@ -16,16 +16,16 @@ _COLOURS = NUM_CHANNELS - 3
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def offsets(coefficients, starts, packets, orders, widths, weights, factors, colours, found):
-    """Computes the offsets of tracks from their keyframe Gaussians in one frame, from motion coefficients.
+    """Evaluates the decoded motion of tracks in one frame: their offsets from their keyframe Gaussians.
 
     Args:
-        coefficients: Coefficients of the moving tracks of all packets, one after another, float32.
+        coefficients: Polynomial coefficients of the moving tracks of all packets, one after another, float32.
         starts: Index of each track's first coefficient, int64 (n); -1 for a track that does not move.
         packets: Index of each track's packet, int64 (n).
         orders: Number of coefficients of each channel in a packet, int64 (packets, channels).
         widths: Number of coefficients stored per channel in a packet, int64 (packets).
         weights: Value of each basis polynomial in this frame, float64 (F).
-        factors: Factor from fixed point to floats of each channel, float64 (channels).
+        factors: Factor from fixed point to floats, by channel, float64 (channels).
         colours: Matrix from Y Co Cg to red, green, blue, float64 (3, 3).
         found: Output: offsets, float32 (n, channels).
     """

@@ -203,9 +203,9 @@ def _means(known, moving, neighbours, weights, found, means):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _quantise(wanted, means, octaves, dead, steps):
-    """Computes the residuals of a track's coefficients in quantisation steps, with a widened dead zone.
+    """Computes the residuals of a track's motion coefficients: differences from the prediction, in quantisation steps.
 
-    Differences smaller than half a step plus `dead` / 64 of a step become 0.
+    Differences below half a step plus `dead` / 64 of a step become 0, which saves bits (a widened dead zone).
 
     Args:
         wanted: Coefficients before quantisation, float64 (U) for U coded coefficients.
@@ -280,10 +280,10 @@ def pack_coefficients(values, rows, states, orders, flat):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, dead, coefficients):
-    """Predicts the motion of each track of a packet from neighbouring tracks, to encode or to decode it.
+    """Predicts the motion of each track of a packet from neighbouring tracks, and codes the difference or decodes it.
 
     A decoder adds the residuals to the predictions, and thus reconstructs the motion coefficients. An encoder computes
-    the residuals of given coefficients. The direction depends on `wanted`, which is empty in a decoder.
+    the residuals of given coefficients (`wanted`).
 
     Args:
         places: Positions of the keyframe Gaussians of the packet's M tracks, in half lattice units, int64 (M, 3).

@@ -98,7 +98,7 @@ class MotionCoder:
         return MotionCoder(headers, places, shifts, targets, rows, first_new, most, np.zeros(count))
 
     def fitted(self, blocks: list[tuple[int, int]], threads: int | None) -> np.ndarray:
-        """Fits the initial probability of a zero of each adaptive bit model to some of the blocks.
+        """Fits the initial states of the adaptive bit models, which all packets share, to a sample of the blocks.
 
         Args:
             blocks: First track and end (exclusive) of each block, as indices of the coder's tracks.
@@ -106,6 +106,9 @@ class MotionCoder:
 
         Returns:
             int64 (contexts), out of 2**8.
+
+        Returns:
+            Initial probability of a zero of each model, out of 2**8, int64 (contexts).
         """
         zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
         some = [

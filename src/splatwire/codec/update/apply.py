@@ -144,12 +144,12 @@ def changed_stream(
 def _with_copies(
     stream: SceneStream, base: SceneStream, info: SideInfo, kept: np.ndarray, splats: Splats
 ) -> SceneStream:
-    """Adds redundant copies to a changed stream: those of the old stream whose Gaussians were not removed.
+    """Adds redundant copies of Gaussians to a changed stream: the copies of the old stream whose originals remain.
 
     Args:
         stream: The changed stream without copies.
         base: The old stream.
-        info: Side information of the old stream.
+        info: Side information of the old stream, which contains its copies.
         kept: Indices in the old stream of the Gaussians that stay, ascending.
         splats: Gaussians of the changed scene: first those that stay, then the new ones.
     """

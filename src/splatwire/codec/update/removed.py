@@ -30,11 +30,11 @@ def curve_order(means: np.ndarray, coding: SplatCoding) -> np.ndarray:
 
 
 def write_removed(removed: np.ndarray) -> bytes:
-    """Serialises a mask of removed Gaussians in groups of two sizes, for which flags are coded.
+    """Serialises a mask of removed Gaussians; long runs of equal bits take few bits.
 
-    For each large group (`GROUPS` groups), a flag indicates that at least one bit is set. For each group in such a
-    large group, a flag indicates the same. For each group with a set bit, a flag indicates that all of its bits are
-    set. The bits of the remaining groups are coded one by one.
+    The mask is divided into groups of `GROUP` bits, and into large groups of `GROUPS` groups. Flags indicate the large
+    groups and the groups with a set bit. Of the latter, further flags indicate the groups with all bits set. The bits
+    of the remaining groups are coded one by one.
 
     Args:
         removed: Mask of removed Gaussians in the order of `curve_order`, bool (N).

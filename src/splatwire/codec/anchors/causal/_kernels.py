@@ -69,10 +69,9 @@ def scale_indices(spreads, powers, indices):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_predicted_means(symbols, outputs, first, numbers):
-    """Reconstructs attributes: the predicted mean plus the decoded symbol, both in quantisation steps.
+    """Reconstructs attributes of anchors: the mean that a network predicts plus the decoded difference from it.
 
-    A symbol is the quantised difference of an attribute from its predicted mean. It is clipped to the range of the
-    format.
+    Both are in quantisation steps. The differences (symbols) are clipped to the range of the format.
 
     Args:
         symbols: Symbols of one stage, (n, size).
@@ -89,7 +88,9 @@ def add_predicted_means(symbols, outputs, first, numbers):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def mask_size(weights, logit):
-    """Returns the predicted probability that an offset exists, in units of 2**-16.
+    """Returns the predicted probability that an offset exists, as the size of the range coder's interval.
+
+    The unit is 2**-16.
 
     Args:
         weights: Table of the logistic function, the probability for each of 256 quantised logits.

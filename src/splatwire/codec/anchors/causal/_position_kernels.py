@@ -54,8 +54,8 @@ def _context(n, run):
 def _num_raw_bits(count):
     """Returns how many low bits of a number below `count` are coded without a probability model.
 
-    The range coder supports probabilities of at most 16 bits. A larger number is split into a high part with a model,
-    and raw low bits.
+    The range coder supports probabilities of at most 16 bits. A larger number is split: a model predicts its high part,
+    and the low bits are coded with equal probabilities.
     """
     shift = 0
     while ((count - 1) >> shift) >> RAW_BITS:
@@ -153,9 +153,10 @@ def decode_tree(data, bits, leaf, models, codes, unknown):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def center_of_part(i, n, bits):
-    """Estimates the low bits of a Morton code in a leaf of the tree, which the side information does not contain.
+    """Estimates the low bits of an anchor's position, which are unknown until its packet is decoded.
 
-    The range of possible values is divided into n equal parts, and the estimate is the centre of part i.
+    The n anchors of a tree leaf are assumed to divide its range of Morton codes evenly: the estimate is the centre of
+    the i-th of n equal parts.
 
     Args:
         i: Index of the Morton code in the leaf, in ascending order.

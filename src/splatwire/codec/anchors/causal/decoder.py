@@ -168,9 +168,10 @@ class CausalDecoder(AnchorDecoder):
         return CausalCoding(networks, steps, centres, middle, spread, info.voxel_size, info.config)
 
     def _prior(self) -> Prior:
-        """Returns the predicted distribution of every anchor: means, standard deviations and quantisation steps.
+        """Returns the predicted distribution of every anchor's attributes, for the concealment of lost anchors.
 
-        The quantisation step of a scaling is relative to its mean.
+        It consists of means, standard deviations and quantisation steps. The step of a scaling is proportional to its
+        mean.
         """
         num, info = len(self._place), self._info
         relative = self._means["scaling"].mean(axis=1, keepdims=True)

@@ -68,7 +68,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
 def _sampled(
     coding: CausalCoding, voxels: np.ndarray, features: np.ndarray, scalings: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Evaluates every network for a sample of anchors.
+    """Evaluates every network for a sample of anchors, to measure the effect of quantising its weights.
 
     Args:
         coding: The networks before quantisation, with quantisation steps.
@@ -97,10 +97,10 @@ def _sampled(
 
 
 def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarray:
-    """Returns the tolerated error of each network output.
+    """Returns the tolerated quantisation error of each output of a network, up to a common factor.
 
-    An error of this size costs about the same number of bits in every output. The tolerance of a mean is its typical
-    standard deviation.
+    An error of this size costs about the same number of bits in every output. The tolerance of a predicted mean is the
+    standard deviation typically predicted with it.
     """
     if name == "position":
         return PLACE_SHARE * np.maximum(outputs.std(axis=0, dtype=np.float64, ddof=1), 1e-3)

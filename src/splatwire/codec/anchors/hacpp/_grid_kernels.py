@@ -89,7 +89,7 @@ def inside_box(units, n, axes, level, dims):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def cell_of(units, n, axes, level, dims, resolution):
-    """Returns the grid cell that contains an anchor in a level of the hash grid.
+    """Returns the cell of the hash grid that contains an anchor, in one level of the grid.
 
     Args:
         units: Positions of the anchors in the grid's bounding box, see `lookup`.

@@ -234,14 +234,12 @@ def anchor_bits(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def cut(masks, bits, mask_model, budget, counts):
-    """Divides consecutive anchors into packets of limited size.
-
-    Each packet begins with the same models of mask bits and adapts them, so the code length of a mask depends on the
-    anchors before it in the packet.
+    """Divides consecutive anchors into packets of limited size, each with as many anchors as fit.
 
     Args:
         masks: Offset masks of the anchors, uint8 (n, K).
-        bits: Code length of each anchor without its mask, from `anchor_bits`.
+        bits: Code length of each anchor without its mask, from `anchor_bits`. The code lengths of masks are computed
+            here, because they depend on the preceding anchors of the packet.
         mask_model: Initial state of the adaptive models of mask bits, for each packet.
         budget: Maximum size of a packet in bits.
         counts: Output: number of anchors of each packet.
