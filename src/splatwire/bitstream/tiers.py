@@ -148,7 +148,7 @@ def check_tiers(tiers: tuple[TierShape, ...], num_elements: int, packetization: 
 
 
 def spans_of(tiers: tuple[TierShape, ...], num_elements: int, packetization: Packetization) -> tuple[Span, ...]:
-    """Divides each tier into blocks of nearly equal size; returns the blocks of each tier as a range."""
+    """Divides each tier into blocks of nearly equal size; returns one `Span` (range of blocks) per tier."""
     if not tiers:
         return (Span(0, num_elements, packetization.block_size, packetization.lanes, 0),)
     spans: list[Span] = []

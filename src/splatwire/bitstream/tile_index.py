@@ -41,7 +41,10 @@ class TileIndex:
 
     @property
     def offsets(self) -> np.ndarray:
-        """Byte offset of each tile from the end of the side information, and the end of the last, int64 (B + 1)."""
+        """Position of each tile in the stream file, as byte offset from the end of the side information, int64 (B + 1).
+
+        The last entry is the end of the last tile.
+        """
         return np.concatenate([[0], np.cumsum(self.sizes)]).astype(np.int64)
 
 

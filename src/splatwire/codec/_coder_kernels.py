@@ -173,8 +173,8 @@ def code_value(coder, stream, spread, second, mean, value, shift, absolute):
         mean: Predicted value.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step.
-        absolute: True if values are multiples of the step. False (stream version 2) if their differences from `mean`
-            are.
+        absolute: True if the value itself is a multiple of the step. False (stream version 2) if its difference from
+            `mean` is a multiple of the step.
 
     Returns:
         The decoded value, and its residual in steps.

@@ -23,8 +23,8 @@ def tier_context(tier, count, recent):
 
     Args:
         tier: Index of the tier.
-        count: Decaying average over the preceding anchors, out of 2**16, see `remember`.
-        recent: The last two of these bits, 0 to 3, see `remember`.
+        count: Decaying average of this property over the preceding anchors, out of 2**16, see `remember`.
+        recent: This property of the last two anchors, as two bits, 0 to 3, see `remember`.
     """
     # Contexts distinguish small shares finely.
     step, value = 0, count >> 4

@@ -41,15 +41,15 @@ MAX_GAUSSIANS = (MAX_PREVIEW_BYTES - _HEADER_BYTES) * 8 // _GAUSSIAN_BITS
 
 @dataclass(frozen=True)
 class PreviewFrame:
-    """Ranges of the quantised values of a preview.
+    """Ranges of a preview's positions and sizes, from which quantised values are converted back.
 
     A coordinate x is quantised as `asinh((x - middle) / spread)`, which is precise near the centre and coarse far away.
 
     Attributes:
         middle: Centre of the scene, world units.
         spread: Distance up to which positions have nearly uniform precision, world units.
-        low: Minima of four values: the three coordinates after the asinh above, and the natural logarithm of a size
-            divided by `spread`.
+        low: Minima of four values before quantisation: the three coordinates after the asinh above, and the natural
+            logarithm of a size divided by `spread`.
         high: Maxima of these four values.
     """
 

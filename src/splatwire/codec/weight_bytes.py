@@ -121,7 +121,6 @@ def _fitted_scales(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         these indices.
     """
     # Alternating maximum-likelihood estimates.
-    # Alternating maximum-likelihood estimates.
     square = symbols.astype(np.float64) ** 2 + 1e-3
     column = np.ones(symbols.shape[1])
     for _ in range(FIT_ROUNDS):

@@ -94,8 +94,9 @@ def prepare_anchor_repack(
         packetization: New split into packets.
         coder: Function that returns the encoder of the anchors, and the side information of the new stream.
         manifest_fields: Further fields of the new manifest.
-        own: Names of the named sections that `coder` writes anew. If the new packetization changes the order of the
-            anchors, the stream must have no others except the background, because they refer to the old order.
+        own: Names of the named sections that `coder` computes again. Other sections, except the background, may depend
+            on the order of the anchors. Streams with such sections are rejected if the new packetization changes this
+            order.
 
     Raises:
         InvalidValueError: If the stream has sections that depend on another order of anchors.

@@ -73,10 +73,10 @@ def largest_of(axis):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def round_axis(source, shift, axis):
-    """Rounds an axis to multiples of `1 << shift` with magnitudes that add up to `UNIT`.
+    """Quantises an axis to integers, multiples of `1 << shift`, whose magnitudes add up to `UNIT`.
 
     Args:
-        source: The axis, float64 (3).
+        source: The axis, float64 (3), of any length.
         shift: log2 of the quantisation step.
         axis: Output, int64 (3).
     """

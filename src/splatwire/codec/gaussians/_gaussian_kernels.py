@@ -84,9 +84,10 @@ def code_class(coder, context, value):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def thinness_of(ratio, thinness):
-    """Returns the code of a ratio of scales: the index of the nearest entry of `thinness_table` (companding).
+    """Returns the integer with which the ratio of the second to the third scale of a Gaussian is coded.
 
-    Decoded ratios are entries of the table, and give their index exactly.
+    It is the index of the nearest entry of `thinness_table`, which makes the coding non-uniform (companding). A decoded
+    ratio is an entry of the table, and gives its index exactly.
 
     Args:
         ratio: Base-2 logarithm of the ratio of the second to the third scale, in fixed point.

@@ -86,7 +86,7 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
     def near(some: np.ndarray) -> np.ndarray:
-        """Moves very distant Gaussians closer to the centre, so that they do not coarsen the grid of Morton codes."""
+        """Compresses coordinates far from the centre, so that distant Gaussians do not coarsen the Morton codes."""
         return np.arcsinh((some - middle) / spread * 2)
 
     first, last = near(np.array([means.min(axis=0), means.max(axis=0)], dtype=np.float64))

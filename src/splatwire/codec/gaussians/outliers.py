@@ -30,10 +30,10 @@ step.
 
 
 def within_reach(splats: Splats, size_log: int) -> Splats:
-    """Moves very distant Gaussians (outliers) closer to the centre of the scene, which is logged.
+    """Moves very distant Gaussians (outliers) closer to the centre of the scene, and logs a warning.
 
-    With outliers, the lattice of positions would be too coarse for all other Gaussians. They are moved towards the
-    centre and scaled by the same factor, so that they look the same from the centre.
+    With outliers, the lattice of positions would be too coarse for all other Gaussians. Distance and scales of an
+    outlier are multiplied by the same factor, so that it looks the same from the centre.
 
     Args:
         splats: The Gaussians.

@@ -55,13 +55,16 @@ class Quality:
         return min(self.classes, _SHADED_CLASSES) if degree else self.classes
 
     def bases(self, degree: int) -> np.ndarray:
-        """Returns the quantisation steps of the lowest precision class, as `-log2`, one per attribute in `STEPS`.
+        """Returns the quantisation steps of Gaussians of the lowest precision class, one per entry of `STEPS`.
 
         Args:
             degree: Degree of the scene's spherical harmonics.
 
         Returns:
             int64 (steps), in fixed point with `STEP_BITS` fractional bits.
+
+        Returns:
+            `-log2` of the steps, int64 (steps), in fixed point with `STEP_BITS` fractional bits.
         """
         classes = self.num_classes(degree)
         offsets = np.array(_SHADED if degree else _FLAT) + self.level - (self.classes - classes) / 4 - (classes - 1)

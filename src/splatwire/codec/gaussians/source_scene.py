@@ -237,12 +237,12 @@ class SourceScene:
         return arrange_block(codes >> 3 * (at - max(bits - MAX_CELL_BITS, 0)), self.contiguous)
 
     def arranged(self, block: int, info: SideInfo, some: slice | np.ndarray = slice(None)) -> BlockSource:
-        """Returns the encoding kernels' input for Gaussians of a block, in the order in which packets are filled.
+        """Returns Gaussians of a block as input of the encoding kernels, in the order in which packets are filled.
 
         Args:
             block: Index of the block.
             info: Side information with the bounding boxes and the transform of spherical harmonics.
-            some: Positions in that order of the Gaussians to return; by default all.
+            some: Selects Gaussians by their positions in that order; by default all.
         """
         bits = int(info.boxes.bits[block])
         places = self.places(block) - info.boxes.corners[block]
@@ -299,9 +299,8 @@ def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
 def levels_of_flat(splats: Splats, levels: np.ndarray, most: int, bases: np.ndarray, size_log: int) -> np.ndarray:
     """Assigns a finer precision class to flat Gaussians that rounding would make much thicker.
 
-    The smallest scale is coded as its ratio to the second scale. If the quantisation step of this ratio is coarse, a
-    flat Gaussian cannot be represented. With a step of `1 << _FLAT_SHIFT`, its decoded smallest scale is at most 0.4 %
-    of the second scale; with a step of `1 << 11`, it is up to 31 %.
+    The smallest scale is coded as its ratio to the second scale. With a coarse quantisation step of this ratio, a flat
+    Gaussian is decoded with up to 31 % of the second scale. With the precision classes returned, it is at most 0.4 %.
 
     Args:
         splats: The N Gaussians.

@@ -142,7 +142,7 @@ def _candidates(headers, begin, n):
 @njit(error_model="numpy")
 @no_type_check
 def _expected_tracks(costs, begin, end, scale, aim):
-    """Returns the number of tracks from index `begin` on that are expected to fill a packet, at least one.
+    """Estimates how many of the next tracks fit into a packet of a given size, at least one.
 
     Args:
         costs: Expected number of bytes for each track, float64.

@@ -134,9 +134,9 @@ def _project(values, table, begin, end, own):
 def fit_targets(moves, keyframes, numbers, unit, luma, table, begin, end, targets, largest, turns, last):
     """Fits polynomials over time to the motion of tracks relative to their keyframe Gaussians.
 
-    The coefficients of the polynomials are what an encoder quantises. Frames of a group are passed in ascending order,
-    in one or more calls. Each call adds the contribution of some frames, so that little work remains after the last
-    frame of the group.
+    An encoder then quantises the coefficients of the polynomials. Frames of a group are passed in ascending order, in
+    one or more calls. Each call adds the contribution of some frames, so that little work remains after the last frame
+    of the group.
 
     Args:
         moves: Trajectories of n tracks: means, quaternions, scales, opacities and colours, float32 (n, F, ...).
@@ -185,15 +185,16 @@ def fit_targets(moves, keyframes, numbers, unit, luma, table, begin, end, target
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def find_moving(largest, turns, shifts, numbers, limits, far, moving):
-    """Finds tracks whose motion is too large to be coded relative to their keyframe Gaussian, and tracks that move.
+    """Finds tracks that move, and tracks whose motion is too large to be coded relative to their keyframe Gaussian.
 
     Args:
         largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
-        turns: Tangent of a quarter of the largest rotation angle of each track, float64 (n).
+        turns: Largest rotation of each track, as the tangent of a quarter of the angle, float64 (n).
         shifts: log2 of the quantisation steps of motion of all T tracks, int64 (T, channels).
         numbers: Index into `shifts` of each of the n tracks, int64 (n).
         limits: Four thresholds, float64 (4), see `fitting.LIMITS`: maximum coefficient in quantisation steps; maximum
-            coefficient; maximum rotation; and minimum coefficient of a moving track, in quantisation steps.
+            coefficient; maximum rotation, as in `turns`; and minimum coefficient of a moving track, in quantisation
+            steps.
         far: Output: mask of tracks that exceed one of the three maxima, bool (n).
         moving: Output: mask of tracks with a coefficient of at least the minimum, bool (n).
     """

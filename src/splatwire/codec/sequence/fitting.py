@@ -109,7 +109,7 @@ def fit(
 def motion_masks(
     largest: np.ndarray, turns: np.ndarray, shifts: np.ndarray, numbers: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Finds tracks whose motion is too large to be coded relative to their keyframe Gaussian, and tracks that move.
+    """Finds tracks that move, and tracks whose motion is too large to be coded relative to their keyframe Gaussian.
 
     A track moves if at least one of its motion coefficients is not quantised to 0.
 

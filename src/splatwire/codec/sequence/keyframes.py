@@ -47,7 +47,7 @@ class CodedKeyframes:
 
 
 def span_size(count: int, block_size: int) -> int:
-    """Returns the size of blocks of nearly equal size, as few as possible, into which elements are divided.
+    """Returns the block size for dividing elements into as few blocks of nearly equal size as possible.
 
     Args:
         count: Number of elements, at least one.

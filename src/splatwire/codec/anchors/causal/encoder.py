@@ -83,9 +83,9 @@ def _check_common(packetization: Packetization) -> None:
 def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> SharedPositions:
     """Chooses which bits of the anchors' positions are sent in side information, and which in packets.
 
-    Side information delays the first picture, so bits are moved to the packets until its share is at most `HEAD_SHARE`.
-    No more bits are moved than necessary. At most `MOST_LEAF` anchors share a leaf of the position tree, even if the
-    side information is then larger.
+    Side information delays the first picture. Bits are therefore moved to the packets until the share of the side
+    information is at most `HEAD_SHARE` of all bytes. No more bits are moved than necessary. At most `MOST_LEAF` anchors
+    share a leaf of the position tree, even if the share is then larger.
 
     Args:
         info: Side information with nearly all position bits.

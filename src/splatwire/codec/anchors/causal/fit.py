@@ -68,7 +68,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
 def _sampled(
     coding: CausalCoding, voxels: np.ndarray, features: np.ndarray, scalings: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Evaluates every network for a sample of anchors, to measure the effect of quantising its weights.
+    """Evaluates every network for a sample of anchors, to determine how coarsely its weights can be quantised.
 
     Args:
         coding: The networks before quantisation, with quantisation steps.
@@ -100,7 +100,7 @@ def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarr
     """Returns the tolerated quantisation error of each output of a network, up to a common factor.
 
     An error of this size costs about the same number of bits in every output. The tolerance of a predicted mean is the
-    standard deviation typically predicted with it.
+    typical predicted standard deviation.
     """
     if name == "position":
         return PLACE_SHARE * np.maximum(outputs.std(axis=0, dtype=np.float64, ddof=1), 1e-3)

@@ -67,8 +67,8 @@ def quantise(
 ) -> Quantised:
     """Quantises attributes of anchors, as differences from the predicted means in whole quantisation steps.
 
-    Offsets are relative to the scale of their anchor. The rounding error of the scale is known when the offsets are
-    quantised, and they compensate for it.
+    Offsets are relative to the scale of their anchor. They are quantised last, so that they compensate for the rounding
+    error of the scale.
 
     Args:
         context: Coding context.
