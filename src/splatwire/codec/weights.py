@@ -216,9 +216,6 @@ def _round_in_turn(weight: np.ndarray, unit: np.ndarray, unit_factor: np.ndarray
             float (in, in). It describes how an input can compensate for errors of another one.
 
     Returns:
-        Symbols, int32 (out, in), and rounding errors, float (out, in).
-
-    Returns:
         Quantised weights in steps, int32 (out, in), and rounding errors, float (out, in).
     """
     symbols, error = np.zeros(weight.shape, dtype=np.int32), np.zeros_like(weight)

@@ -58,16 +58,16 @@ def fit_bits(counts: np.ndarray) -> np.ndarray:
 
 
 def fit_scales(residuals: np.ndarray) -> np.ndarray:
-    """Chooses the scale of the residual distribution of each context from the mean magnitude of its residuals.
+    """Chooses the width of the residual distribution in each context, from the mean magnitude of its residuals.
 
-    A context without residuals gets the scale of the preceding context, which costs nothing to code.
+    A context without residuals gets the width of the preceding context, which costs nothing to code.
 
     Args:
         residuals: Number and sum of magnitudes of residuals by context, int64 (streams, spreads, seconds, 2).
 
     Returns:
-        Scale of each context, int64 (streams, spreads, seconds): the index in the scale table of the narrower normal of
-        its mixture distribution, divided by `SCALE_UNIT`.
+        Scale of each context, int64 (streams, spreads, seconds). It is a scale table index divided by `SCALE_UNIT`:
+        that of the narrower of the two normals in the mixture distribution.
     """
     number, total = residuals[..., 0].astype(np.float64), residuals[..., 1].astype(np.float64)
     mean = (total + _TRUST * _rank_one_means(number, total)) / (number + _TRUST)

@@ -61,9 +61,6 @@ class Quality:
             degree: Degree of the scene's spherical harmonics.
 
         Returns:
-            int64 (steps), in fixed point with `STEP_BITS` fractional bits.
-
-        Returns:
             `-log2` of the steps, int64 (steps), in fixed point with `STEP_BITS` fractional bits.
         """
         classes = self.num_classes(degree)

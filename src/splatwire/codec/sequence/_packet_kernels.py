@@ -53,10 +53,9 @@ def _no_tables():
 @njit(error_model="numpy")
 @no_type_check
 def _needed_orders(targets, rows, states, shifts, frames, orders):
-    """Computes how many motion coefficients of each channel a packet must contain.
+    """Determines how many polynomial coefficients of motion a packet must contain for each channel.
 
-    The coefficients of higher degrees are omitted, because they would be quantised to 0 for all moving tracks of the
-    packet.
+    Coefficients of higher degrees are omitted if they would be quantised to 0 in all moving tracks of the packet.
 
     Args:
         targets: Motion coefficients before quantisation, float64 (N, channels, frames).

@@ -42,7 +42,10 @@ ONE = np.int64(1)
 @njit(error_model="numpy")
 @no_type_check
 def relative_positions(places):
-    """Returns positions relative to their lowest corner, int64 (M, 3), with at most `PLACE_BITS` bits per axis."""
+    """Returns positions relative to the corner of their bounding box, int64 (M, 3); coarser if necessary.
+
+    Coordinates have at most `PLACE_BITS` bits, so that later computations are exact.
+    """
     out, extent = places.copy(), np.int64(0)
     for a in range(3):
         low, high = places[0, a], places[0, a]
@@ -258,7 +261,7 @@ def _unpack_coefficients(flat, orders, rows):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def pack_coefficients(values, rows, states, orders, flat):
-    """Packs the coded coefficients of M tracks into rows, without the entries that are not coded.
+    """Copies the motion coefficients that are coded into one short row per track, without those that are omitted.
 
     Args:
         values: Coefficients by channel and degree, (N, channels, frames).

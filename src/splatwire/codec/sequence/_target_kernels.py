@@ -33,9 +33,6 @@ def _turns(quats, base, begin, end, last, far, values):
         values: Output: rotation vectors in these frames, by channel (`layout.CHANNELS`).
 
     Returns:
-        Tangent of a quarter of the track's largest rotation angle so far.
-
-    Returns:
         Largest rotation of the track so far, as the tangent of a quarter of the angle.
     """
     length, b0, b1, b2, b3 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO

@@ -238,8 +238,7 @@ class TracksDecoder:
             received: Mask of tracks with a received keyframe Gaussian, bool (T) for T tracks.
 
         Returns:
-            Headers and motion of each packet; None for a packet without valid tracks, or with a track that lacks a
-                keyframe Gaussian.
+            Headers and motion of each packet; None for a packet that is skipped or has no valid tracks.
         """
         group, _ = self._spans.of(packets[0].id.block)
         counts = np.array([packet.num_elements for packet in packets])

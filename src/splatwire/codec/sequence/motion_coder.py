@@ -105,9 +105,6 @@ class MotionCoder:
             threads: Number of threads, which does not affect the result; None for one per processor.
 
         Returns:
-            int64 (contexts), out of 2**8.
-
-        Returns:
             Initial probability of a zero of each model, out of 2**8, int64 (contexts).
         """
         zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)

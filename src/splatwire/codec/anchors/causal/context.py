@@ -36,8 +36,8 @@ class Stage:
 
     Attributes:
         name: Name of the network that predicts them.
-        first: Column of the first attribute value.
-        size: Number of columns.
+        first: Index of the first of these attribute values among all attribute values of an anchor.
+        size: Number of attribute values.
         masks: Number of mask logits (one per offset) among the network outputs, before means and spreads; 0 in stages
             without masks.
     """

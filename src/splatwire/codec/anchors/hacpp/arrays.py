@@ -79,13 +79,13 @@ def store_symbols(
     context: CodingContext,
     received: np.ndarray | bool = True,
 ) -> None:
-    """Writes the attributes of decoded anchors.
+    """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene.
 
     Args:
         arrays: Destination.
         ranks: Indices in coding order (ranks) of the anchors, int64 (n).
         symbols: Quantised attributes of the anchors.
-        factors: Step factors of the anchors' feature, scaling and offset, int64 (n, 3).
+        factors: Factors on the quantisation steps of the anchors' feature, scaling and offset, int64 (n, 3).
         context: Coding context.
         received: Mask of received attributes, bool (n, 4); True for all.
     """

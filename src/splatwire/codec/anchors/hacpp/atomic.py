@@ -91,7 +91,9 @@ def predict_packets(context: CodingContext, outputs: np.ndarray) -> Predictions:
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Second component of the features' mixture distributions, given preceding features, as table indices.
+    """Second component of the features' mixture distributions, as table indices of the entropy coder.
+
+    It is predicted from the feature groups that are decoded before.
 
     Attributes:
         mean: Means in quantisation steps with 12 fractional bits, int32 (n, F).
@@ -105,7 +107,9 @@ class Mixture:
 
 
 def predict_mixture(context: CodingContext, predicted: Predictions, feature: np.ndarray) -> Mixture:
-    """Evaluates the channel networks of all feature groups at once; only possible if all features are known.
+    """Predicts the second component of the features' mixture distributions, for all feature groups at once.
+
+    A group is predicted from the groups before it, so all features must be known, as in an encoder.
 
     Args:
         context: Coding context.

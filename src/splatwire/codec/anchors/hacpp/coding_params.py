@@ -91,30 +91,30 @@ def step_indices(outputs: np.ndarray, config: ModelConfig) -> np.ndarray:
 
 
 def dequantise(symbols: np.ndarray, factors: np.ndarray, base: float) -> np.ndarray:
-    """Dequantises symbols to `symbol * base * factor`, with one rounding to float64 and one to float32.
+    """Dequantises an attribute of anchors to `symbol * base * factor`, identically on every machine.
 
     Args:
-        symbols: int32 (N, D).
-        factors: int64 (N), `FACTOR_BITS` fractional bits.
-        base: The attribute's base step.
+        symbols: The attribute in quantisation steps, int32 (N, D).
+        factors: Factor on the quantisation step of each anchor, int64 (N), `FACTOR_BITS` fractional bits.
+        base: Quantisation step of the attribute before multiplication with this factor.
 
     Returns:
-        float32 (N, D).
+        The attribute, float32 (N, D), rounded once to float64 and once to float32.
     """
     whole = symbols.astype(np.int64) * factors[:, None]
     return (whole.astype(np.float64) * (base / (1 << FACTOR_BITS))).astype(np.float32)
 
 
 def quantise(values: np.ndarray, factors: np.ndarray, base: float) -> np.ndarray:
-    """Quantises values: returns the symbols that `dequantise` converts to the nearest values.
+    """Quantises an attribute of anchors to integers; `dequantise` is the inverse.
 
     Args:
-        values: float (N, D).
-        factors: int64 (N), `FACTOR_BITS` fractional bits.
-        base: The attribute's base step.
+        values: The attribute, float (N, D).
+        factors: Factor on the quantisation step of each anchor, int64 (N), `FACTOR_BITS` fractional bits.
+        base: Quantisation step of the attribute before multiplication with this factor.
 
     Returns:
-        int32 (N, D).
+        The attribute in quantisation steps, int32 (N, D).
     """
     step = factors.astype(np.float64)[:, None] * (base / (1 << FACTOR_BITS))
     return np.rint(values.astype(np.float64) / step).astype(np.int32)
