@@ -59,8 +59,8 @@ def predict_causal(
 ) -> CausalPrediction:
     """Predicts the distributions of all attributes of M anchors with the networks of the causal context model.
 
-    The first network reads an anchor's position. Each further network also reads the attributes that were predicted
-    before. The result is differentiable if the networks and `join` are functions of torch.
+    The first network reads an anchor's position. Each further network also reads the attributes for which the networks
+    before it have made predictions. The result is differentiable if the networks and `join` are functions of torch.
 
     Args:
         networks: The networks by name.
@@ -69,9 +69,9 @@ def predict_causal(
         feature: Features in units of their quantisation steps.
         form: Logarithms of offset scale and base size, minus `CausalCoding.centres`, in units of their quantisation
             steps.
-        quantised: Function that converts true values to those that a decoder reconstructs; further networks read its
-            results. Its arguments are the name of a network, the means that it predicts, and the true values. None to
-            use the true values.
+        quantised: Function that converts attributes to the values that a decoder reconstructs, for the further
+            networks. Its arguments are the name of a network, the means that it predicts, and the attributes. None if
+            the further networks read `feature` and `form` unchanged.
         join: Concatenates arrays along an axis; `torch.cat` for tensors.
     """
     known = networks["position"](inputs)

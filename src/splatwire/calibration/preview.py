@@ -175,11 +175,13 @@ class _Fit:
         return self._behind.values * np.float32(BACKGROUND_RATE)
 
     def _initial_gaussians(self, scene: Scene, count: int) -> tuple[PreviewFrame, Float[np.ndarray, "G 10"]]:
-        """Returns the initial Gaussians of the fit as parameters, and the value ranges for their quantisation.
+        """Chooses the Gaussians with which the fit begins, at the positions of random visible elements of the scene.
 
-        The initial Gaussians are at the positions of random elements of the scene. The probability of an element is
-        proportional to its share of the blending weights in all pictures. Sizes follow from the distances to the
-        nearest neighbours.
+        The probability of an element is proportional to its footprint in all views. Sizes follow from the distances to
+        the nearest neighbours.
+
+        Returns:
+            The value ranges for quantisation; and the parameters of the Gaussians, as in `PreviewFrame.values`.
         """
         share = footprint_importance(scene, self._pictures.cameras).share.astype(np.float64)
         shown = int((share > 0).sum())

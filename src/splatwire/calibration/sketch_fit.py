@@ -56,19 +56,20 @@ class SketchFit(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class SketchMaterial:
-    """Scene data for choosing the anchors to copy; it does not depend on the size of the sketch.
+    """Scene data for choosing which anchors are copied into a sketch, and how precisely, for any size of the sketch.
+
+    A cost is a squared error in the rendered pictures.
 
     Attributes:
         candidates: Indices of the anchors that may be copied (candidates), ascending, int64 (M).
-        channels: Features and logarithms of relative scalings of the candidates, float64 (M, D).
+        channels: Features, and logarithms of scalings relative to the prior, of the candidates, float64 (M, D).
         mean: Mean of the channels over the most important anchors, float64 (D).
-        forward: Transform of the channels to coordinates in the order of their variance, largest first, float64 (D, D).
-            A squared error of 1 in any of these coordinates has the same cost, `weight`.
+        forward: Decorrelating transform of the channels to coordinates in the order of their variance, largest first,
+            float64 (D, D). An error of 1 in any of these coordinates has the same cost.
         backward: Inverse of `forward`, float64 (D, D).
         spread: Standard deviation of each coordinate, float64 (D).
-        weight: Cost (squared error in the pictures) of a squared error of 1 in the transformed channels of each
-            candidate, float64 (M).
-        offset_weight: Cost of a squared error of 1 in a coordinate of each offset, float64 (M, K).
+        weight: Cost of an error of 1 in a transformed coordinate of each candidate, float64 (M).
+        offset_weight: Cost of an error of 1 in a coordinate of each offset, float64 (M, K).
         removal: Cost of the loss of each candidate, float64 (M).
         offset_removal: Cost of the loss of each Gaussian of a candidate, float64 (M, K).
         offsets: Offsets from the position that a receiver assumes for the lost anchor, float64 (M, 3 K).
@@ -145,11 +146,11 @@ def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivi
 
 
 def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray, "N O"]:
-    """Returns the offsets that the copy of each anchor must contain so that its Gaussians appear in the right places.
+    """Returns the offsets of each anchor relative to the position at which a receiver would draw the anchor's copy.
 
     An offset is the position of a Gaussian relative to its anchor, in units of the anchor's first three scalings. In
     some streams, only packets contain the exact positions of anchors. A receiver then draws the copy of a lost anchor
-    at an approximate position (`ExpectedPlaces`), so the offsets are changed to be relative to this position.
+    at an approximate position (`ExpectedPlaces`). The changed offsets compensate for this difference.
     """
     anchors, guessed = to_arrays(complete.scene.anchors), complete.get(ExpectedPlaces)
     offsets, rows = anchors.offsets.astype(np.float64), anchors.num_anchors
@@ -189,11 +190,9 @@ def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> Sk
 
 
 def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[SketchBasis, float]:
-    """Chooses how copies are quantised: a basis for their features and scalings, and the coarsest quantisation step.
+    """Chooses how finely copies of anchors are quantised, given the price of a bit.
 
-    The step follows from the price of a bit: one more bit of precision costs as much as the error that it saves. For a
-    small quantisation step s and a weight w, the error is `w s^2 / 12`, and one more bit reduces the error to a
-    quarter.
+    With the chosen quantisation steps, one more bit of precision costs as much as the error that it saves.
 
     Args:
         material: Data of the scene and of the candidate anchors.
@@ -201,8 +200,10 @@ def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[
         options: Settings for the choice and quantisation.
 
     Returns:
-        The quantised basis with the steps of the offsets, and the coarsest step of the coefficients.
+        The quantised basis for features and scalings, with the steps of the offsets; and the coarsest step of the basis
+        coefficients.
     """
+    # For a small step s and a weight w, the error is `w s^2 / 12`, and one more bit reduces the error to a quarter.
     likely = options.crowding * material.removal > price * BITS_OF_COPY
     weight = np.quantile(material.weight[likely], 0.1) if likely.any() else material.weight.max()
     ideal = 6 / math.log(2) * price

@@ -148,10 +148,10 @@ class GaussianSketch:
 
 
 def _as_many_as_fit(size: Callable[[int], int], most: int, limit: int) -> int:
-    """Searches for the largest number of copies whose encoded size is within a limit, approximately.
+    """Returns approximately the largest number of copies whose encoded size is within a limit, never more.
 
     Args:
-        size: Function that returns the bytes of a given number of copies; nearly proportional to the number.
+        size: Function that encodes a given number of copies and returns the bytes; nearly proportional to the number.
         most: Maximum number of copies.
         limit: Maximum size in bytes.
 

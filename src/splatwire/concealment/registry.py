@@ -141,7 +141,13 @@ def temporal_names() -> tuple[str, ...]:
 
 
 def check_needs(method: Concealer, partial: ReceivedScene) -> None:
-    """Checks that a received scene has the side information records that a registered concealer requires.
+    """Raises an error if a received scene lacks the side information that a concealer needs.
+
+    Concealers that are not registered are not checked.
+
+    Args:
+        method: The concealer.
+        partial: The received scene.
 
     Raises:
         InvalidValueError: If required side information is missing; the message names usable concealers.

@@ -54,13 +54,12 @@ _AHEAD_ROWS = 16
 @njit(borrows=True, inline="never", error_model="numpy")
 @no_type_check
 def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row):
-    """Computes the gradient sums of one Gaussian over a tile; blends it in the same way as `_cpu_kernels._blend`.
+    """Computes the gradient of the loss with respect to one projected Gaussian, summed over some pixel rows of a tile.
 
-    The colour behind a Gaussian is the finished image minus everything blended so far. Sums are accumulated per pixel
-    column, and multiplied at the end by dx, the column's distance from the centre.
+    The function is called for the Gaussians of a tile in drawing order, and blends them as `_cpu_kernels._blend` does.
 
     Args:
-        buf: Pixel buffer of the tile.
+        buf: Pixel buffer of the tile; changed in place.
         low: First pixel row.
         high: End of the pixel rows (exclusive).
         x: Centre of the Gaussian in the tile, pixels.
@@ -75,6 +74,8 @@ def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row
         out: Output: gradient sums, one row for each pair of Gaussian and tile.
         row: Row of `out` to write.
     """
+    # The colour behind a Gaussian is the finished image minus everything blended so far. Sums are accumulated per pixel
+    # column, and multiplied at the end by dx, the column's distance from the centre.
     dx = load(buf, COLUMN) - x
     still, slope = dx * dx * A + level, dx * B
     dy = spread(np.float32(low) - y)

@@ -30,11 +30,11 @@ ZERO, ONE = np.float32(0), np.float32(1)
 def _blend(buf, low, high, x, y, A, B, C, level, red, green, blue):
     """Blends one Gaussian over some pixel rows of a tile.
 
-    The transmittance of a pixel becomes negative when the next Gaussian would reduce it below the limit; later
-    Gaussians do not change such a pixel.
+    If the Gaussian would reduce the transmittance of a pixel below the minimum, the pixel is finished. The
+    transmittance of a finished pixel is stored with a negative sign, and later Gaussians do not change the pixel.
 
     Args:
-        buf: Pixel buffer of the tile.
+        buf: Pixel buffer of the tile; changed in place.
         low: First pixel row.
         high: End of the pixel rows (exclusive).
         x: Centre of the Gaussian in the tile, pixels.

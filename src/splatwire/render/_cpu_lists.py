@@ -78,11 +78,11 @@ def depth_order(splats, tiles, first_row, last_row):
 @njit(inline="always", error_model="numpy")
 @no_type_check
 def _covered_rows(splats, g, left, columns, top, bottom, strips, strip):
-    """Computes which pixel rows a Gaussian covers in each column of tiles, and writes them to `strips`.
+    """Computes the pixel rows that a Gaussian covers in each column of tiles, and writes them to `strips`.
 
-    A Gaussian covers the pixels inside the ellipse with alpha >= 1/255. For each column of tiles, the rows range from
-    the highest to the lowest pixel of the ellipse in that column. If the Gaussian overlaps a single column, the full
-    height of the ellipse is used instead, which needs less computation and adds few rows.
+    A Gaussian covers the pixels inside the ellipse with alpha >= 1/255. The rows range from the highest to the lowest
+    such pixel in the column. In a single column, the full height of the ellipse is used, which is faster and adds few
+    rows.
 
     Args:
         splats: Projected Gaussians.
@@ -92,7 +92,7 @@ def _covered_rows(splats, g, left, columns, top, bottom, strips, strip):
         top: Smallest possible pixel row.
         bottom: End of the possible pixel rows (exclusive).
         strips: Output: first row and end of the rows (exclusive) for each column.
-        strip: Index in `strips` of the first column.
+        strip: Row of `strips` for the first column.
     """
     y, first_row, end_row = np.float64(splats[g, 1]), np.float64(top), np.float64(bottom)
     if columns == 1:
@@ -129,10 +129,7 @@ def _rows_between(low, high, top, bottom):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
-    """Lists the Gaussians of each tile, in the given order, for some rows of tiles.
-
-    Rows are shifted instead of divided, and array views (which are reference-counted) are avoided: together this halves
-    the time.
+    """Lists the Gaussians that each tile draws, nearest first, for some rows of tiles.
 
     Args:
         splats: Projected Gaussians.
@@ -145,12 +142,14 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     Returns:
         Five arrays:
 
-        * Start of each tile's list, and the end of the last.
-        * Lists of all tiles: indices of Gaussians.
+        * Start of each tile's list in the next two arrays, and the end of the last list.
+        * Lists of all tiles, one after another: indices of Gaussians.
         * Pixel rows of the tile that the Gaussian of each list entry covers.
-        * Indices of the list entries of each Gaussian, Gaussian after Gaussian in the given order.
-        * Start of each Gaussian's indices in the previous array, and the end of the last.
+        * For the gradient, the positions of each Gaussian in the lists, Gaussian after Gaussian in the given order.
+        * Start of each Gaussian's positions in the previous array, and the end of the last.
     """
+    # Rows are shifted instead of divided, and array views (reference-counted) are avoided: together this halves the
+    # time.
     strips, starts = np.empty((num_columns, 2), np.int32), np.zeros((last_row - first_row) * grid_x + 1, np.int64)
     corners = np.empty((order.shape[0], 2), np.int32)  # tile of the first column in the first row; number of columns
     place_starts, place, strip = np.zeros(order.shape[0] + 1, np.int64), 0, 0

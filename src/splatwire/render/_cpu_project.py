@@ -54,10 +54,10 @@ def _clamped(value, focal, center, size, margin):
 @njit(borrows=True, error_model="numpy", fastmath={"nsz", "arcp", "contract"})
 @no_type_check
 def _project_chunk(work, pose, intrinsics, width, height, constants):
-    """Projects `CHUNK` Gaussians in place: reads their parameters from the buffer `work` and writes the results to it.
+    """Projects `CHUNK` Gaussians to the image, without branches, so that the compiler can vectorise the loop.
 
-    Rows of the buffer start at the offsets `QUAT`, `SCALE`, `LEVEL` (inputs), `OUT`, `BOX` and `DRAWN` (results). The
-    code is free of branches, so that the compiler can vectorise it.
+    Parameters are read from the buffer `work` and results are written to it, `CHUNK` numbers for each quantity. Inputs
+    begin at 0 (centres), `QUAT`, `SCALE` and `LEVEL`; results at `OUT`, `BOX` (tiles) and `DRAWN`.
     """
     fx, fy, cx, cy = intrinsics
     near, dilation, margin, side = constants
@@ -250,7 +250,7 @@ def _project_back_one(
 @njit(inline="always")
 @no_type_check
 def _coordinate_gradient(pose, axis, by, slope):
-    """Returns the gradient of one image coordinate of a projected point with respect to the point in world axes.
+    """Returns a row of the projection's Jacobian: the gradient of an image coordinate with respect to the world point.
 
     `axis` is the image axis (0 or 1), `slope` the tangent of the viewing angle along it (x/z or y/z), and `by` the
     focal length divided by the depth.

@@ -15,9 +15,10 @@ POSITION, SCALE, DIRECTION, SPIN, OPACITY, COLOUR, NUM_SUMS = 0, 1, 4, 5, 6, 7, 
 def add_squared(
     means, rotations, scales, opacities, colors, splat_scales, quats, levels, order, spun, sums, first, last
 ):
-    """Adds the squared gradients of one image, by Gaussian and attribute, to sums.
+    """Accumulates how strongly an image reacts to changes of each Gaussian, from the gradients of the image.
 
-    Rotation about one axis is counted as spin, rotation about the other two as change of direction.
+    Adds the squared gradient with respect to each attribute to `sums`. Rotations have two parts: spin, a rotation about
+    the axis of symmetry of a flat or a long Gaussian, and changes of direction of this axis.
 
     Args:
         means: Gradients with respect to the centres.
@@ -29,7 +30,7 @@ def add_squared(
         quats: Unit quaternions of the Gaussians, (w, x, y, z).
         levels: Opacities of the Gaussians.
         order: Axes of each Gaussian sorted by length, longest first.
-        spun: Index in `order` of each Gaussian's spin axis: 2 for flat Gaussians, 0 for long ones.
+        spun: Index in `order` of the axis of symmetry of each Gaussian: 2 for flat Gaussians, 0 for long ones.
         sums: Sums to increase, (N, 8), with the columns `POSITION` to `COLOUR`.
         first: Index of the first Gaussian.
         last: End of the Gaussians (exclusive).

@@ -196,7 +196,14 @@ class Picture:
         _cpu_project.project_back(*mine, *self.camera, self.splats[piece], self.tiles[piece], sums[piece], *results)
 
     def _add_gradients(self, band: _Band, image: np.ndarray, d_image: np.ndarray, sums: np.ndarray) -> None:
-        """Adds the gradients of the pixels in a band of tile rows to the sums of each Gaussian."""
+        """Adds the gradients of the pixels in one band of tile rows to the gradient sums of the projected Gaussians.
+
+        Args:
+            band: The band.
+            image: The rendered image.
+            d_image: Gradient of the loss with respect to the image.
+            sums: Gradient sums of all projected Gaussians; changed in place.
+        """
         rows = np.zeros(band.ids.shape[0] * _cpu_gradients.SUMS + _cpu_gradients.SPARE, np.float32)
         lists = (band.starts, band.ids, band.spans, self.grid_x, band.first_row)
 

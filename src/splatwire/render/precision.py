@@ -123,9 +123,8 @@ class MeasuredGaussians:
 
     Attributes:
         classes: Precision class of each Gaussian, which selects its quantisation steps (`precision_classes`).
-        removal: Estimated mean squared error of the pictures if the Gaussian is removed. The estimate assumes that the
-            colour behind the Gaussian differs by a further `_HIDDEN_CONTRAST` from what is measured, so that visible
-            Gaussians count even if they have the colour of their background.
+        removal: Estimated mean squared error of the pictures if the Gaussian is removed. Visible Gaussians with the
+            colour of what is behind them count, too: `_HIDDEN_CONTRAST` is added to the measured difference of colours.
     """
 
     classes: Int8[np.ndarray, "N"]

@@ -1,9 +1,11 @@
 """Pruning: removal of the elements with the least effect on images.
 
-The effect of removing a Gaussian follows from the derivative of the image by its opacity, because an image is affine in
-the opacity of each single Gaussian. Let J be the derivatives of all pixel values by one parameter. The sum of their
-squares, `J . J`, is the mean of `(e . J) ** 2` over images e of random signs, -1 or 1. One back-propagation of e gives
-`e . J` for all parameters at once.
+The effect of removing a Gaussian follows from the gradient of the image with respect to its opacity, because an image
+is an affine function of the opacity of each single Gaussian.
+
+The squared gradients of all pixels are summed without computing the gradient of each pixel. The pixels are multiplied
+by random signs (-1 or 1) and added up; one back-propagation gives the gradient of this number with respect to all
+parameters. The mean of its square over many random signs is the sum of the squared gradients of all pixels.
 """
 
 import math

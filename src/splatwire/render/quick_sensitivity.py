@@ -1,12 +1,12 @@
-"""Fast estimate of the sensitivity of images to anchors: a quarter of the time of `render_sensitivity`.
+"""Estimates the effect of changes of anchors on the pictures four times as fast as `render_sensitivity`.
 
-The error of removing each Gaussian is estimated from gradients of images, without the networks. The first half of the
-views selects the anchors with the largest error. For these, the second half also back-propagates gradients through the
-networks, to estimate the errors of changing features, scalings and offsets.
+The effect of removing a Gaussian is measured without the networks. The first half of the views measures it to select
+the most important anchors. For these anchors, the second half also measures the effect of changing features, scalings
+and offsets, by back-propagation through the networks.
 
-A few views give no reliable estimate of these errors for a single anchor. An anchor with a small estimate by chance
-would be quantised too coarsely in the sketch (low-quality copy of the scene). Therefore the errors are summed over the
-selected anchors, and the sum is divided among them in proportion to their removal errors (`_distribute`).
+A few views measure the sum of these effects over all selected anchors well, but not the effect of a single anchor. An
+anchor with a small measured effect by chance would get too coarse a copy in the side information. The sum is therefore
+divided among the anchors in proportion to the effect of removing them (`_distribute`).
 """
 
 from collections.abc import Callable, Iterator
@@ -87,15 +87,15 @@ def quick_sensitivity(
 
 @dataclass(frozen=True, eq=False)
 class _NetworkErrors:
-    """Image errors in one view that changes of anchor attributes would cause, summed over the selected anchors.
+    """Estimated picture errors in one view if attributes of the selected anchors change, summed over these anchors.
 
     Attributes:
-        metric: Matrix M of the error of changing features and logarithms of scalings: `d . M d` is the error of
-            changing an anchor's values by d.
-        offset: Error per squared change of a coordinate of an offset (position of a Gaussian relative to its anchor).
-        offset_share: Squared removal errors of Gaussians, weighted by `_relative_size`. `offset` is assumed to be
-            proportional to it.
-        removal: Squared removal errors of Gaussians.
+        metric: Matrix M for features and logarithms of scalings: `d . M d` is the error if the values of one anchor
+            change by the vector d, summed over the anchors.
+        offset: Error if a coordinate of an offset (position of a Gaussian relative to its anchor) changes by 1.
+        offset_share: Sum over Gaussians of the squared error of removal, times `_relative_size` of the anchor. `offset`
+            is divided among the Gaussians in proportion to these products.
+        removal: Sum over Gaussians of the squared error of removal.
     """
 
     metric: Float64[np.ndarray, "D D"]
@@ -111,17 +111,16 @@ def _back_propagate(
     drawn: tuple[SpawnedGaussians, list[np.ndarray]],
     each: Float64[np.ndarray, "R K"],
 ) -> _NetworkErrors:
-    """Estimates the errors of changing attributes of the selected anchors, from the gradients of a view's Gaussians.
+    """Estimates the picture errors in one view if features, scalings or offsets of the selected anchors change.
 
-    The gradients are back-propagated through the networks.
+    Gradients of the Gaussians are back-propagated through the networks that generate the Gaussians.
 
     Args:
         scene: The complete scene.
         camera_center: Position of the camera.
         rows: Indices of the selected anchors.
-        drawn: Gaussians of the view, and their gradients.
-        each: Effect of removing each Gaussian of the selected anchors, for one random sign image
-            (`GatheredGradients.presence`). Its square estimates the squared error of removing the Gaussian.
+        drawn: Gaussians of the view; gradients with respect to these of the sum of all pixels with random signs.
+        each: Effect of removing each Gaussian of the selected anchors on the same sum (`GatheredGradients.presence`).
     """
     a, (seen, gradients), count = scene.anchors, drawn, scene.anchors.mask.shape[1]
     own = a.select(rows)
@@ -141,9 +140,10 @@ def _back_propagate(
 
 
 def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
-    """Returns the squared distance by which a change of 1 in an offset moves a Gaussian, in units of its size.
+    """Returns the squared ratio of the unit of an anchor's offsets to the size of its Gaussians.
 
-    The size is the mean along the three axes, without the factor that the networks predict.
+    If an offset changes by 1, the Gaussian moves by the root of this ratio, in units of its own size. Sizes are means
+    along the three axes, without the factor that the networks predict.
     """
     scalings = np.maximum(anchors.scalings.astype(np.float64), 1e-9)
     return (scalings[:, :3].mean(axis=1) / scalings[:, 3:].mean(axis=1)) ** 2
@@ -152,15 +152,15 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
 def _distribute(
     removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_NetworkErrors], width: int
 ) -> Sensitivity:
-    """Divides errors that are known as sums over the selected anchors among these anchors.
+    """Estimates the errors of each selected anchor from measured sums over all selected anchors.
 
-    Each anchor gets a part in proportion to its removal error, the image error caused by removing it.
+    Each anchor gets a part of the sum in proportion to the image error caused by removing it.
 
     Args:
-        removal: Removal error of each anchor; 0 for anchors that were not selected, (N).
-        offset_removal: Error of removing each Gaussian, (N, K).
-        relative: Squared movement of a Gaussian per unit of its offset, relative to its size (`_relative_size`), (N).
-        parts: Sums over the selected anchors, one item per view.
+        removal: Image error of removing each anchor; 0 for anchors that were not selected, (N).
+        offset_removal: Image error of removing each Gaussian, (N, K).
+        relative: Result of `_relative_size` for each anchor, (N).
+        parts: Measured sums of each view.
         width: Number of features and scalings per anchor, D.
     """
     metric = sum((part.metric for part in parts), np.zeros((width, width)))

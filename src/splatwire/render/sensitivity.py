@@ -1,9 +1,11 @@
-"""Sensitivity of images to anchors and their attributes: mean squared image error caused by a change of an anchor.
+"""Estimates how much the rendered pictures change if an anchor is removed or its attributes change.
 
-An image is affine in the opacity of each single Gaussian. Its derivative by the opacity therefore gives the effect of
-removing the Gaussian. Let J be the derivatives of all pixel values by one parameter. The sum of their squares, `J . J`,
-is the mean of `(e . J) ** 2` over images e of random signs, -1 or 1. One back-propagation of e gives `e . J` for all
-parameters at once.
+The effect of removing a Gaussian follows from the gradient of the picture with respect to its opacity, because a
+picture is an affine function of the opacity of each single Gaussian.
+
+The squared gradients of all pixels are summed without computing the gradient of each pixel. The pixels are multiplied
+by random signs (-1 or 1) and added up; one back-propagation gives the gradient of this number with respect to all
+parameters. The mean of its square over many random signs is the sum of the squared gradients of all pixels.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,16 +23,18 @@ from splatwire.types import AnchorScene, Cameras, Gaussians
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Mean squared image error per pixel and channel caused by single changes of a scene, to first order.
+    """Mean squared errors of the rendered pictures, per pixel and channel, that changes of a scene's anchors cause.
+
+    The errors are estimates to first order. The error of changing an attribute grows with the square of the change.
 
     Attributes:
-        removal: Error when an anchor is removed.
-        offset_removal: Error when one Gaussian of an anchor is removed.
-        channels: Error per squared change of a feature, or of the logarithm of a scaling.
-        offsets: Error per squared change of each coordinate of an offset.
-        metric: Matrix M for changes of several features and logarithms of scalings at once: `d . M d` is the error of
-            changing the values of an anchor by d, summed over all anchors. The diagonal is the sum of `channels` over
-            all anchors.
+        removal: Error if an anchor is removed.
+        offset_removal: Error if one Gaussian of an anchor is removed.
+        channels: Error if a feature, or the logarithm of a scaling, changes by 1.
+        offsets: Error if a coordinate of an offset changes by 1.
+        metric: Matrix M for changes of several features and logarithms of scalings at once. `d . M d` is the error if
+            the values of one anchor change by the vector d, summed over all anchors. The diagonal is the sum of
+            `channels` over all anchors.
     """
 
     removal: Float64[np.ndarray, "N"]
@@ -50,15 +54,15 @@ def render_sensitivity(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Sensitivity:
-    """Estimates the sensitivity of images to every anchor over a set of views.
+    """Estimates how much the pictures change if an anchor is removed or its attributes change.
 
     Args:
         scene: The complete scene.
-        cameras: Cameras.
+        cameras: Views to render.
         background: RGB of the background; None for that of the scene.
-        probes: Number of random sign images per view for the errors of removing anchors and Gaussians. All other errors
-            are estimated from the first image, because they need less precision and a back-propagation through the
-            networks.
+        probes: Number of back-propagations per view, each with other random signs, for the errors of removing anchors
+            and Gaussians. The other errors use only the first one, because they need less precision and take longer:
+            the gradients must pass through the networks.
         seed: Seed of the signs.
         progress: Called with the finished share of views.
     """
@@ -114,21 +118,23 @@ class GatheredGradients:
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Gradient with respect to a factor on the opacity of each Gaussian, at factor 1.
+        """Estimates how removing each Gaussian changes the value whose gradients were collected (up to the sign).
 
-        Factor 0 would remove the Gaussian, so the gradient estimates the effect of removing it.
+        This is the gradient with respect to a factor on the Gaussian's opacity: 1 draws it, 0 removes it.
         """
         return (self.fields[3] * self._opacities).astype(np.float64)
 
 
 def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, probes: int) -> None:
-    """Estimates the errors of removing anchors and single Gaussians from one random sign image, and adds them.
+    """Adds the estimated picture errors of removing each anchor and each single Gaussian to `total`.
+
+    The estimate is from one back-propagation of random signs (see the description of the module).
 
     Args:
         total: Errors summed over views; changed in place.
-        place: Index of each Gaussian's anchor times K, plus its index within the anchor, int64 (G).
-        presence: Estimated effect of removing each Gaussian (`GatheredGradients.presence`), float64 (G).
-        probes: Number of random sign images per view, by which the estimate is divided.
+        place: Number of each Gaussian among all N * K possible Gaussians of the scene, int64 (G).
+        presence: Effect of removing each Gaussian (`GatheredGradients.presence`), float64 (G).
+        probes: Number of such estimates per view, over which the errors are averaged.
     """
     shape = total.offset_removal.shape
     each = np.bincount(place, presence, shape[0] * shape[1]).reshape(shape)
@@ -139,14 +145,17 @@ def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, pr
 def _add_changes(
     total: Sensitivity, rows: np.ndarray, scalings: np.ndarray, spawned: Spawning, found: GatheredGradients
 ) -> None:
-    """Estimates the errors of changing features, scalings and offsets from one random sign image, and adds them.
+    """Adds the estimated picture errors of changing features, scalings and offsets of anchors to `total`.
+
+    The estimate is from one back-propagation of random signs (see the description of the module), which this function
+    continues through the networks that generate the Gaussians.
 
     Args:
         total: Errors summed over views; changed in place.
         rows: Indices of the anchors in view, int64 (n).
         scalings: Scalings of all anchors, (N, 6).
         spawned: Gaussians of the anchors in view.
-        found: Gradients of these Gaussians.
+        found: Gradients with respect to these Gaussians.
     """
     back = spawned.gradients(found.fields)
     channels = np.concatenate([back.features, back.scalings * scalings[rows]], axis=1).astype(np.float64)

@@ -60,17 +60,17 @@ def visible_areas(
     find: FindGradients,
     progress: Callable[[float], None] | None = None,
 ) -> VisibleAreas:
-    """Measures the visible area of each Gaussian in each view.
+    """Measures the visible area of each Gaussian in each view: the weight of the view in a fit of the Gaussian.
 
-    A Gaussian's blending weight in a pixel is its alpha times the transmittance in front of it. The sum of its blending
-    weights over the image is the gradient of the sum of all pixels with respect to its colour. The visible area is this
-    sum divided by opacity minus 1/255, the minimum alpha that renderers draw. It does not depend on the opacity.
+    The visible area is the area in square pixels that nearer Gaussians do not occlude. It does not depend on the
+    opacity of the Gaussian: it is the sum of its blending weights over the image, divided by the opacity minus 1/255,
+    the minimum alpha that renderers draw.
 
     Args:
         scene: The scene.
         slots: Possible Gaussians of the scene.
         cameras: Views in which areas are measured.
-        find: Function of the renderer that computes image gradients.
+        find: Computes image gradients, see `splatwire.render.cpu.each_gradient_cpu`.
         progress: Called with the completed fraction of the views, 0 to 1.
 
     Raises:

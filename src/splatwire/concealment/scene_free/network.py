@@ -39,7 +39,7 @@ class GainInputs:
 
 
 def gain_inputs(partial: ReceivedScene, around: Surroundings) -> GainInputs:
-    """Computes the inputs of the network for the received anchors of a scene.
+    """Computes the inputs of `GainNetwork`, which corrects the enlargement of received anchors next to lost ones.
 
     Args:
         partial: The received scene.

@@ -81,7 +81,9 @@ def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:
 def _weighting_inputs(
     area: np.ndarray, rows: np.ndarray, neighbors: Neighborhood
 ) -> tuple[Float[np.ndarray, "M k"], Float[np.ndarray, "M k"]]:
-    """Returns the areas and relative distances of neighbouring anchors, for weights that fall with distance.
+    """Returns the area and the relative distance of each neighbour of M anchors, for sums over neighbours.
+
+    The weight of a neighbour in such a sum falls with its relative distance.
 
     Args:
         area: Expected area of every anchor of the scene.

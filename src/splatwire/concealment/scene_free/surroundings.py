@@ -1,4 +1,4 @@
-"""Neighbourhoods and expected sizes of anchors: the inputs that do not depend on which packets were lost."""
+"""Neighbours and expected sizes of anchors, computed once and then used for any losses of the same scene."""
 
 from dataclasses import dataclass, replace
 
@@ -39,18 +39,17 @@ class Neighborhood:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Neighbours of M of a scene's N anchors, with the expected sizes of all anchors, for concealment.
+    """Nearest neighbours of M of a scene's N anchors, and expected sizes of all anchors, for concealment.
 
-    The neighbours may be received or lost, so that the data is the same for all packet losses.
+    The data does not depend on which anchors are lost, and is computed once for many simulated losses of a scene.
 
     Attributes:
-        log_size: Logarithm of the predicted size of every anchor. Received anchors have predicted sizes too, so that
-            prediction errors do not look like losses.
-        weights: Weight with which each anchor counts if the lost share of a neighbourhood is computed
-            (`ReceivedScene.sizes`).
+        log_size: Logarithm of the size that the prior predicts for each anchor, lost or received. With the true sizes
+            of received anchors, prediction errors would look like losses.
+        weights: Weight of each anchor when the lost share of a neighbourhood is computed (`ReceivedScene.sizes`).
         rows: Indices of the M anchors.
         near: Nearest neighbours of the M anchors.
-        classes: Nearest large neighbours of the M anchors. For each share s in `CLASS_SHARES`, only the largest 1/s of
+        classes: Nearest large neighbours of the M anchors. For each number s in `CLASS_SHARES`, only the largest 1/s of
             all anchors are considered.
     """
 

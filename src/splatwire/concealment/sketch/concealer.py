@@ -81,7 +81,12 @@ def _missing() -> InvalidValueError:
 
 
 def conceal_with(partial: ReceivedScene[AnchorScene], section: SketchSection) -> Concealed:
-    """Conceals lost anchors with a decoded sketch (coarse copies of important anchors)."""
+    """Replaces lost anchors by their copies, hides those without a copy, and enlarges drawn anchors next to hidden ones.
+
+    Args:
+        partial: The received scene.
+        section: The copies, and the parameters of the enlargement.
+    """
     filled = with_sketch(partial, section)
     if section.trust and bool(filled.known.any()):
         return SketchedLoss.of(filled).proposal(section)
@@ -98,12 +103,10 @@ def conceal_with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> C
 def grown_with_copies(
     filled: ReceivedScene[SplatScene], inputs: ElementInputs, growth: tuple[float, float, float]
 ) -> Concealed:
-    """Computes how a receiver draws explicit Gaussians after copies have replaced lost ones.
-
-    Drawn Gaussians are enlarged around Gaussians that remain lost.
+    """Enlarges drawn Gaussians next to lost ones for which the sender sent no copy, and hides the latter.
 
     Args:
-        filled: Scene in which Gaussians with a copy count as received, from `with_copies`.
+        filled: Received scene of explicit Gaussians in which copies have replaced lost ones, from `with_copies`.
         inputs: Inputs of the network `ElementNetwork` for that scene.
         growth: Exponent of the factors on size, exponent of the factors on opacity, and strength of the network's
             correction (`Copies.growth`).

@@ -1,10 +1,12 @@
-"""The section `sketch` of the side information: coarse copies of the most important anchors.
+"""Format of the section `sketch` of the side information: coarse copies of the most important anchors.
+
+A receiver draws the copy of an anchor if the anchor is lost.
 
 **Content.** A copy has a precision level, from 1 (coarsest). Its D channels are the features, and the logarithms of the
 scalings relative to the prior. They are decoded as `mean + basis @ integers` from C integers per copy. The columns of
 `basis` are the vectors of a decorrelating transform, scaled so that an error of 1 in any integer changes the rendered
-pictures equally. Offsets are `offset_step * integers`, for those offsets that the mask of the copy contains. `basis`
-and `offset_step` halve from level to level.
+pictures equally. Offsets are decoded as `offset_step * integers`. The mask of a copy selects the offsets that it
+contains. From each level to the next, `basis` and `offset_step` are halved.
 
 **Head.** Version, number of levels, C, and offsets per anchor, `u8`; number of anchors and of copies, `u32`;
 `offset_step`, exponent and maximum excess of the enlargement of received anchors, and strength of its correction by the
@@ -233,7 +235,7 @@ def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchS
 
 
 def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, float], int, SketchBasis, bytes]:
-    """Reads and checks the header and the basis of the section `sketch`.
+    """Reads and checks the part of the section `sketch` that comes before the entropy-coded copies of anchors.
 
     Args:
         data: Bytes of the section.
@@ -242,11 +244,11 @@ def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, flo
     Returns:
         Four items:
 
-        * Parameters of the enlargement of drawn anchors: exponent, upper limit, and strength of the correction by a
-        neural network.
+        * Parameters of the enlargement of drawn anchors next to lost ones: exponent, upper limit, and strength of the
+          correction by a neural network.
         * Number of anchors that have a copy.
-        * Basis for dequantising the copies.
-        * Bytes of the range coder.
+        * Parameters for dequantising the copies.
+        * The remaining bytes: the entropy-coded copies.
     """
     if data and data[0] != VERSION:
         raise UnsupportedVersionError(

@@ -137,11 +137,11 @@ def _next_state(poses: GroupPoses, count: int, frames: int, before: ConcealmentS
 
 
 def _merge(first: GroupPoses, others: GroupPoses, prediction: MotionPrediction) -> GroupPoses:
-    """Combines received tracks and lost tracks with estimated motion, sorted by track index.
+    """Combines the poses of received tracks with the estimated poses of lost tracks, sorted by track index.
 
     Args:
-        first: Tracks with received motion.
-        others: Tracks with lost motion. `prediction` takes the place of their function `at`.
+        first: Poses of the tracks with received motion.
+        others: Tracks with lost motion and the frames in which they exist; the function `at` is not used.
         prediction: Function that estimates the offsets of the lost tracks in a frame from those of the received tracks.
     """
     order = np.argsort(np.concatenate([first.tracks, others.tracks]), kind="stable")

@@ -131,15 +131,18 @@ def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
 
 
 def _kept_deviation(own: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
-    """Returns which fraction of its deviation from the neighbours each track keeps in the next group, float (n, C).
+    """Returns how much of its last deviation from its neighbours' motion a track is assumed to keep in the next group.
 
-    Deviations of position and rotation that are small relative to the quantisation step are rounding errors and get a
-    low fraction. Deviations of scale, opacity and colour are dropped.
+    Deviations of position and rotation that are small relative to the quantisation step are probably rounding errors,
+    and are hardly kept. Deviations of scale, opacity and colour are dropped.
 
     Args:
         own: Deviations from the neighbours' motion at the end of the previous group, (n, C).
         rounding: Quantisation steps of the positions, (n).
         concealed: Mask of tracks whose deviation is only an estimate, bool (n); they keep nothing of it.
+
+    Returns:
+        Factor on each deviation, 0 to 1, float (n, C).
     """
     apart, kept = (own[:, PLACE] ** 2).sum(axis=1), np.zeros_like(own)
     kept[:, POSE] = (apart / (apart + rounding**2 + 1e-30) * ~concealed)[:, None]

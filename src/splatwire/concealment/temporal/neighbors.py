@@ -29,20 +29,19 @@ AT_ONCE = 1 << 15
 
 @dataclass(frozen=True, eq=False)
 class Neighbors:
-    """Nearest received tracks of n tracks with lost motion, with weights for interpolating motion.
+    """Nearest received tracks of n tracks with lost motion, with weights for estimating motion and colour from them.
 
-    Colours are interpolated with a linear model: the change of a track's colour depends on its difference from the
-    colours of its neighbours.
+    The estimated colour change of a track is the mean change of its neighbours, plus a linear term: a slope times the
+    difference of the track's colour from that of its neighbours.
 
     Attributes:
         observed: Indices of the received poses (rows) that serve as neighbours, int64 (m).
         index: Neighbours of each track, as indices into `observed`, int32 (n, k).
-        weights: Interpolation weight of each neighbour, float32 (n, k).
+        weights: Interpolation weight of each neighbour for all channels except colour, float32 (n, k).
         closeness: Inverse-distance weight of each neighbour, float32 (n, k); the weights of a track add up to 1.
-        contrasts: Weights that give the slope of the linear model, float32 (n, k, 3). The slope is the sum of these
-            weights times the colour changes of the neighbours, over all neighbours and colour channels.
-        contrast: Difference of the track's colour from the mean colour of its neighbours, float32 (n, 3). The slope is
-            multiplied by it.
+        contrasts: Weights that give the slope, float32 (n, k, 3). The slope is the sum of these weights times the
+            colour changes of the neighbours, over all neighbours and colour channels.
+        contrast: Difference of the track's colour from the mean colour of its neighbours, float32 (n, 3).
     """
 
     observed: np.ndarray
@@ -109,9 +108,10 @@ class Neighbors:
 
 
 def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Prepares a linear regression that predicts colour changes of tracks from those of their neighbours.
+    """Computes weights with which the colour changes of neighbours predict the colour change of a track.
 
-    A change of lighting brightens bright surfaces more than dark ones, so a track's change depends on its own colour.
+    A change of lighting brightens bright surfaces more than dark ones, so the prediction also depends on the difference
+    of the track's colour from that of its neighbours.
 
     Args:
         colours: Colours of the neighbours, (n, k, 3).
@@ -119,7 +119,8 @@ def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> t
         closeness: Inverse-distance weights, (n, k).
 
     Returns:
-        The attributes `contrasts` and `contrast` of `Neighbors`.
+        Weights that give the slope of a linear regression, (n, k, 3), see `Neighbors.contrasts`; and the difference of
+        each track's colour from the mean colour of its neighbours, (n, 3).
     """
     proximity = closeness.astype(np.float64)
     mean = np.einsum("nk,nka->na", proximity, colours)

@@ -85,17 +85,17 @@ def _errors(
     folds: Sequence[np.ndarray],
     candidates: Sequence[Candidate],
 ) -> list[np.ndarray]:
-    """Measures how well each estimator would conceal received tracks if they were lost.
+    """Tests estimators of lost motion: lets them conceal tracks whose true motion was received, and measures the errors.
 
-    The tracks of a fold are treated as lost at the same time. Their true and concealed appearance are compared at the
-    true and at the estimated position. The error is the squared difference of premultiplied colour and of opacity,
-    times the area of the Gaussian. Gaussians are treated as spheres that are added up in any order.
+    The error of a track is the difference between the pictures of its true and of its estimated state, in colour and
+    opacity, squared, times its area. It is measured at the true and at the estimated position in a few frames.
+    Gaussians are treated as spheres, and their depth order is ignored.
 
     Args:
         sequence: The sequence.
         group: Index of the group of pictures.
         arrived: Tracks with received motion.
-        folds: Rows of `arrived` that are treated as lost at the same time.
+        folds: Sets of tracks that are treated as lost at the same time, as rows of `arrived`.
         candidates: Estimators of lost motion.
 
     Returns:
@@ -148,7 +148,7 @@ class _Field:
         self._tree = cKDTree((splats.means[tracks] + offsets)[self._rows])
 
     def error(self, points: np.ndarray, tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Compares what is visible at some points with the tested tracks in their true and in an estimated state.
+        """Measures how wrong the picture is at one point for each tested track, if the track has an estimated state.
 
         Args:
             points: Position at which each tested track is compared, (t, 3).

@@ -19,14 +19,14 @@ def render_differentiable(
     background: Float[Tensor, "3"],
     probe: Float[Tensor, "C G 2"] | None = None,
 ) -> Float[Tensor, "C H W 3"]:
-    """Renders Gaussians with the compiled rasteriser, in float32; differentiable in Gaussians and background.
+    """Renders Gaussians on the CPU in float32; gradients reach the Gaussians and the background.
 
     Args:
         gaussians: The Gaussians to render.
         cameras: Cameras of one or more views.
         background: RGB of the background.
-        probe: Tensor of zeros, for callers that need gradients with respect to the 2D centres. These are its gradient
-            after `backward`, per pixel. The probe does not affect the pictures.
+        probe: Tensor of zeros that collects the gradients with respect to the Gaussians' 2D centres: after `backward`,
+            `probe.grad` contains them, per pixel. It does not affect the pictures. None if they are not needed.
 
     Returns:
         RGB pictures, not clamped, on the device of the Gaussians.
