@@ -112,7 +112,7 @@ class Grow:
         known: Bool[np.ndarray, "N"],
         tier_sizes: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
-        """Limits the enlargement of received anchors, by raising the shares of received neighbours that it is computed from.
+        """Limits the enlargement of received anchors, by raising their shares of received neighbours to a minimum.
 
         The fewer of an anchor's neighbours were received, the more it is enlarged. The factor is limited to `max_gain`,
         and to `max_excess` times the factor for the average loss of the scene.

@@ -179,11 +179,11 @@ def _received_within(model: TransferModel, traces: np.ndarray, budget_bytes: flo
 def _init_segment_candidates(
     load: StreamLoad, traces: np.ndarray, rate: float, search: Search, head_share: float
 ) -> list[Protection]:
-    """Returns candidate plans with different redundancy (FEC) of the init segment.
+    """Returns plans that the planner compares, with different redundancy (FEC) of the init segment.
 
-    All but the last are the cheapest plans with which the side information arrives in the fraction `Search.head_target`
-    of the transfers. If no plan reaches this fraction, they are those that come closest to it. The last candidate has
-    more redundancy, as a reserve.
+    Plans are preferred in which the side information arrives in more of the simulated transfers, up to the required
+    fraction (`Search.head_target`); among equal ones, those with fewer bytes. One plan with more redundancy than the
+    best one is added as a reserve.
 
     Args:
         load: Sizes of the stream.
@@ -207,9 +207,10 @@ def _init_segment_candidates(
 
 
 def _spread_end(search: Search, pass_bytes: float) -> float:
-    """Returns when the last symbol of the init segment is sent, as a fraction of the complete transfer.
+    """Returns up to which point of a transfer the symbols of the init segment may be spread.
 
-    This is the end of the transfer (1), or, if the budget does not suffice for it, shortly before the budget is spent.
+    The point is a fraction of the bytes of the complete transfer: 1, or, if the budget is smaller than the transfer,
+    shortly before the budget is spent.
 
     Args:
         search: Constraints of the plan.
@@ -254,16 +255,16 @@ def _least_repair(load: StreamLoad, traces: np.ndarray, rate: float, search: Sea
 
 
 def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
-    """Enumerates the assignments of safety margins to importance tiers, most important tier first.
+    """Lists the combinations of safety margins, one for each importance tier, that the planner compares.
 
-    A less important tier never has a larger margin than a more important tier. A safety margin is an entry of
-    `SAFETIES`, see `_repair_per_packet`.
+    A safety margin is a number of repair symbols beyond those for the mean loss, in standard deviations (`SAFETIES`). A
+    less important tier never has a larger margin than a more important tier.
 
     Args:
         tiers: Number of tiers.
 
     Returns:
-        Tuples with one margin per tier.
+        Tuples with one margin per tier, most important tier first.
     """
     return [
         tuple(SAFETIES[level] for level in combination)
@@ -273,10 +274,10 @@ def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
 
 
 def _repair_per_packet(safety: float | None, need: float, num_packets: int) -> float:
-    """Returns how many repair symbols per packet make up for the mean loss, plus a safety margin.
+    """Returns the number of repair symbols per packet that make up for the mean loss and a margin for random variation.
 
     Args:
-        safety: Safety margin in standard deviations of the number of lost packets; None for no parity.
+        safety: Margin in standard deviations of the number of lost packets; None for no parity at all.
         need: Repair symbols per packet that make up for the mean loss only.
         num_packets: Number of packets that share the parity.
     """

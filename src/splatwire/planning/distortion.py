@@ -20,15 +20,15 @@ Picture = Callable[[np.ndarray], float]
 
 @dataclass(frozen=True, eq=False)
 class DistortionModel:
-    """Model of the error in rendered views that lost elements cause, after concealment.
+    """Predicts the error of rendered views after loss and concealment, from the lost share of each importance tier.
 
-    The model predicts the mean squared error from the lost share of each importance tier. More important tiers are
-    better protected, so the lost share does not decrease from tier to tier.
+    More important tiers are better protected. The model therefore assumes that no tier loses a larger share than a less
+    important tier.
 
-    Curve `mse[t]` is the error added if tier t and all less important tiers lose the same share. If tiers lose
-    different shares, the prediction adds up the differences between consecutive curves. The prediction is exact for two
-    different shares, one of which is 0. The sum of the errors of single tiers would be too large, because a concealer
-    enlarges received elements of all sizes even if only small ones were lost.
+    Curve `mse[t]` is the error added if tier t and all less important tiers lose the same share. For unequal shares,
+    the prediction adds up the differences between consecutive curves. The errors of single tiers cannot be added up
+    instead: the sum would be too large, because a concealer enlarges received elements of all sizes even if only small
+    ones were lost.
 
     Attributes:
         shares: Lost shares at which the error was measured, ascending from 0, float64 (S).

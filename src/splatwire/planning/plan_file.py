@@ -18,15 +18,15 @@ MOST_GROUPS = 4096
 
 @dataclass(frozen=True)
 class Plan:
-    """Chosen redundancy, with the expected result of transfers.
+    """Amounts of redundancy that a planner has chosen, with the expected result of transfers.
 
     Attributes:
         protection: Amounts of redundancy for the server.
         variant: Index of the chosen stream variant.
         psnr: Mean PSNR over simulated transfers (and frames of a sequence), decibels.
         lost: Mean lost fraction of each importance tier, or of each group's motion.
-        sent_bytes: Bytes sent within the budget, including parity; also including a preview in the first message of the
-            server (welcome). Retransmissions of keyframe packets are not counted.
+        sent_bytes: Bytes sent within the budget, including parity and a preview in the server's first message
+            (welcome); without retransmissions of keyframe packets.
     """
 
     protection: Protection

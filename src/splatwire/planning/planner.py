@@ -194,7 +194,17 @@ def losses(variants: Sequence[StreamVariant], loss: LossModel, trials: int, seed
 def _predict_plan(
     variant: StreamVariant, number: int, protection: Protection, traces: np.ndarray, budget_bytes: float | int
 ) -> ScenePlan:
-    """Predicts the picture quality of an allocation of redundancy with the distortion model, without rendering."""
+    """Returns an allocation of redundancy as a plan, with the picture quality that the distortion model predicts for it.
+
+    The transfers are simulated, but nothing is rendered.
+
+    Args:
+        variant: Variant of the stream.
+        number: Index of the variant.
+        protection: The allocation of redundancy.
+        traces: Masks of received datagrams in T simulated transfers, bool (T, n).
+        budget_bytes: Maximum bytes sent.
+    """
     model, budget = model_transfer(variant.load, protection), variant.budget_after_preview(budget_bytes)
     arrival = arrival_within(model, traces, budget)
     lost = lost_fractions(variant.load, arrival.packets)
@@ -277,12 +287,12 @@ class ExpectedResult:
 
 @checked
 def expected(variant: StreamVariant, arrival: SimulatedTransfers, rendered_trials: int) -> ExpectedResult:
-    """Evaluates transfers with the distortion model, and corrects the model by rendering a few of the transfers.
+    """Returns the expected picture quality and losses of a plan over its simulated transfers.
 
-    Transfers that deliver everything, or no picture at all, need no correction. The remaining transfers are sorted by
-    quality, and a few at even distances are rendered. The mean difference between rendering and model is added to the
-    PSNR of all remaining transfers. The rendered transfers are not selected at random, because a rare failure among
-    them would have too much weight.
+    The distortion model predicts the PSNR of each transfer. A few transfers with partial loss are also rendered. The
+    mean difference between rendering and prediction is added to the PSNR of all transfers with partial loss. The
+    rendered transfers are evenly spaced in the order of their PSNR: in a random selection, a rare failure could have
+    too much weight.
 
     Args:
         variant: Stream variant.

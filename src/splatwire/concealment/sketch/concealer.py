@@ -81,7 +81,7 @@ def _missing() -> InvalidValueError:
 
 
 def conceal_with(partial: ReceivedScene[AnchorScene], section: SketchSection) -> Concealed:
-    """Replaces lost anchors by their copies, hides those without a copy, and enlarges drawn anchors next to hidden ones.
+    """Replaces lost anchors by their coarse copies, hides those without a copy, and enlarges drawn anchors next to them.
 
     Args:
         partial: The received scene.
@@ -103,7 +103,7 @@ def conceal_with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> C
 def grown_with_copies(
     filled: ReceivedScene[SplatScene], inputs: ElementInputs, growth: tuple[float, float, float]
 ) -> Concealed:
-    """Enlarges drawn Gaussians next to lost ones for which the sender sent no copy, and hides the latter.
+    """Conceals lost Gaussians without a coarse copy: hides these, and enlarges drawn Gaussians around them.
 
     Args:
         filled: Received scene of explicit Gaussians in which copies have replaced lost ones, from `with_copies`.

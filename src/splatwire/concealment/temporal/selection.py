@@ -85,7 +85,7 @@ def _errors(
     folds: Sequence[np.ndarray],
     candidates: Sequence[Candidate],
 ) -> list[np.ndarray]:
-    """Tests estimators of lost motion: lets them conceal tracks whose true motion was received, and measures the errors.
+    """Tests estimators of lost motion on tracks whose true motion was received, and measures their errors.
 
     The error of a track is the difference between the pictures of its true and of its estimated state, in colour and
     opacity, squared, times its area. It is measured at the true and at the estimated position in a few frames.

@@ -61,10 +61,10 @@ def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
 
 
 def _row_terms(at: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
-    """Returns the contribution of each axis to the index of a table row.
+    """Returns one number per axis and neighbouring grid point, from which the index of a point's table row is computed.
 
-    If the level has a row for every grid point, contributions are summands of the index. Otherwise they are operands of
-    the XOR hash.
+    If the level has a row for every grid point, the index is the sum of the numbers of all axes. Otherwise it is a
+    hash, their XOR modulo the number of rows.
 
     Args:
         at: Coordinates of the two neighbouring grid points per axis.

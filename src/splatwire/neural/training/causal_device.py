@@ -155,11 +155,9 @@ def sample_bits(
 
 
 class _NumberBits(torch.autograd.Function):
-    """Autograd function that computes the bits of quantised values (`causal.number_bits`) together with their gradient.
-
-    `a` and `b` are the bounds of a value's quantisation interval, measured from the mean in units of sqrt(2) standard
-    deviations. The probability of the value is half of `erfc(a) - erfc(b)`.
-    """
+    """Autograd function that computes the bits of quantised values (`causal.number_bits`) together with their gradient."""
+    # `a` and `b` are the bounds of a value's quantisation interval, measured from the mean in units of sqrt(2) standard
+    # deviations. The probability of the value is half of `erfc(a) - erfc(b)`.
 
     @staticmethod
     def forward(ctx: Any, values: Tensor, mean: Tensor, spread: Tensor) -> Tensor:

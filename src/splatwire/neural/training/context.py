@@ -157,10 +157,10 @@ class TrainedContext:
         return run_network(means, grid_features(state, self._cache, index, self._kernels))
 
     def bits_per_parameter(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
-        """Returns the mean bits per parameter (attribute value) of the scene.
+        """Returns the estimated mean bits per attribute value of the scene, the rate in the training's loss.
 
-        It is the mean over the sampled anchors, plus the bits of the hash grid's signs divided by the number of
-        parameters of all anchors.
+        The bits of the attributes are those of a sample of anchors. The bits of the hash grid's signs are divided by
+        the number of attribute values of all anchors.
         """
         layout = self._config.model.layout
         per_anchor = layout.feature_dim + 6 + 3 * layout.num_offsets
@@ -284,9 +284,7 @@ def _channel_likelihood(
     outputs: PriorOutputs,
     step: Float[Tensor, "M 1"],
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M F"]]:
-    """Returns the likelihood of each feature under the normal distribution that the channel-context network predicts.
-
-    The input of each group's network includes the channels of all previous groups.
+    """Returns how probable the channel-context networks consider each feature, given the feature channels before it.
 
     Args:
         channels: Channel networks, one per group.
@@ -296,8 +294,8 @@ def _channel_likelihood(
         step: Quantisation step of the features.
 
     Returns:
-        The likelihoods; and logits of the weights that these distributions have in the mixture with the prior's
-        distributions.
+        Probability of each feature; and, as a logit, the weight of this probability in the mixture with the one that
+        the prior network predicts.
     """
     shared = torch.cat([outputs.feature_mean, outputs.feature_scale, outputs.feature_weight], dim=1)
     parts, before = [], 0

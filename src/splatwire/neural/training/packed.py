@@ -73,10 +73,10 @@ def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetw
 def _copy_indices(
     shapes: tuple[Shape, ...], order: tuple[int, ...], device: torch.device
 ) -> tuple[Int64[Tensor, "packed"], Int64[Tensor, "numbers"], Float[Tensor, "1"]]:
-    """Computes which weight of the separate networks each weight of the combined network is a copy of.
+    """Maps the weights of several networks to the weights of the combined network, and back.
 
-    The weights of all separate networks are concatenated to one list, and a zero is appended. Entries of the combined
-    weight matrices that belong to no network are copies of this zero.
+    The weights of the networks are numbered as one list, followed by a zero. Entries of the combined weight matrices
+    that belong to no network are copies of this zero.
 
     Args:
         shapes: Numbers of inputs, hidden units and outputs of each separate network.

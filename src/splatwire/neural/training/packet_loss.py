@@ -52,11 +52,15 @@ class Loss:
     size_gain: Float[Tensor, "N"]
 
     def drawn(self, visible: Int64[Tensor, "M"], seen: Seen) -> tuple[Int64[Tensor, "m"], Seen, Float[Tensor, "m"]]:
-        """Selects the visible anchors that were received: indices, attributes, and factors on Gaussian sizes.
+        """Selects those visible anchors that were received.
 
         Args:
             visible: Indices of the visible anchors.
             seen: Attributes and masks of the visible anchors.
+
+        Returns:
+            Indices of the received visible anchors, their attributes and masks, and factors on the sizes of their
+            Gaussians.
         """
         kept = self.known[visible]
         (features, scalings, offsets), masks = seen
@@ -152,7 +156,7 @@ class PacketLosses:
     def lose(
         self, state: TrainState, packetization: Packetization, model: LossModel, seed: int, packet_anchors: int
     ) -> Loss | None:
-        """Draws lost packets and conceals the loss; returns None if all anchors or no anchors are received.
+        """Simulates the loss of packets according to a loss model, and conceals it as a receiver would.
 
         Args:
             state: State of the training.
@@ -160,6 +164,9 @@ class PacketLosses:
             model: The loss model.
             seed: Seed of the loss; `splatwire.channel.draw_mask` loses the same packets with the same seed.
             packet_anchors: Number of anchors per packet, for packetizations with hashed grouping.
+
+        Returns:
+            The received anchors and their enlargement; None if all anchors or no anchors are received.
         """
         self._update_order(state)
         packet = packet_of_rank(packetization, state.num_anchors, packet_anchors)
@@ -195,14 +202,17 @@ class PacketLosses:
         return Loss(arrived, gain_of)
 
     def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Returns for each anchor, in coding order, the typical size of the anchors in its importance tier.
+        """Returns the anchor sizes that a receiver with only the first importance tier knows, for concealment.
 
-        Used if only the first tier of a stream is received: the received anchors are one tier, the lost anchors the
-        other. Sizes are relative to those in the tier with the larger anchors, which have the value 1.
+        Such a receiver knows one typical size per tier. Here, the received anchors are one tier, and the lost anchors
+        are another. Sizes are relative to the tier with the larger anchors.
 
         Args:
             state: State of the training.
             known: True for received anchors, in coding order.
+
+        Returns:
+            Typical size of each anchor's tier, above 0 and at most 1, in coding order.
         """
         tiers = (~known).long().cpu().numpy()
         sizes = state.scalings()[self._order, 3:6].cpu().numpy()

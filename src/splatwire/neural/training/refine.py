@@ -100,9 +100,9 @@ class _BinaryGrid:
         self._read[torch.cat([corners.volume_rows.flatten(), corners.plane_rows.flatten()]).long()] = 1
 
     def bits(self) -> Float[Tensor, ""]:
-        """Returns the estimated code length, in bits, of all entries that at least one anchor uses.
+        """Estimates the size in bits of the grid's signs in the stream; differentiable. Signs that no anchor reads cost nothing.
 
-        Each column of the tables has one probability of +1 per level.
+        The estimate is the ideal code length if the coder knows the share of +1 in each level and feature channel.
         """
         signs = torch.cat([straight_through_sign(self.volume), straight_through_sign(self.planes).flatten(0, 1)])
         with torch.no_grad():
@@ -213,11 +213,11 @@ def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_ConstantData,
 
 
 def _typical_outputs(outputs: PriorOutputs, config: ModelConfig) -> list[Float[Tensor, "out"]]:
-    """Returns typical magnitudes of the outputs of each network.
+    """Returns the typical magnitude of each network output, by which the refinement divides it.
 
-    Outputs are divided by them during the refinement, so that one learning rate suits all outputs. A typical magnitude
-    is the typical predicted standard deviation of the attribute channel that the output belongs to. The first entry is
-    for the prior network, the others for the channel networks.
+    One learning rate then suits all outputs. The typical magnitude is the typical predicted standard deviation of the
+    attribute channel to which the output belongs. The first entry is for the prior network, the others for the channel
+    networks.
     """
     scales = (outputs.feature_scale, outputs.scaling_scale, outputs.offset_scale)
     feature, scaling, offset = (

@@ -161,7 +161,14 @@ class TrainingStep:
     def _drawn_anchors(
         self, state: TrainState, visible: Int64[Tensor, "M"], attributes: Attributes, weight: Float[Tensor, "M K"]
     ) -> Anchors:
-        """Returns the visible anchors as training draws them: with noise in place of quantisation, and offset masks."""
+        """Returns the visible anchors with attributes that have noise in place of quantisation, for rendering.
+
+        Args:
+            state: State of the training.
+            visible: Indices of the visible anchors.
+            attributes: Features, scalings and offsets of these anchors, with noise.
+            weight: Straight-through masks of their offsets, 0 or 1.
+        """
         features, scalings, offsets = attributes
         offsets = offsets.view(-1, self._config.model.layout.num_offsets, 3)
         positions = self._cache.positions(state)[visible]

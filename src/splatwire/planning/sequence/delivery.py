@@ -48,7 +48,7 @@ class SequenceLoad:
 
     @property
     def parity_bytes(self) -> int:
-        """Datagram size of a repair symbol, bytes."""
+        """Size of a datagram with one repair symbol, bytes."""
         return symbol_bytes_for(int(self.packet_bytes.max(initial=0)) - DATA_OVERHEAD) + PARITY_OVERHEAD
 
     @property

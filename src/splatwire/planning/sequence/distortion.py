@@ -57,7 +57,7 @@ class SequenceDistortion:
 
 
 def sampled(timeline: Timeline) -> list[list[int]]:
-    """Returns the frames of each group of pictures that are rendered to measure distortion, as indices in the group."""
+    """Selects the frames that are rendered to measure distortion; returns their indices in each group of pictures."""
     counts = [len(timeline.frames_of(group)) for group in range(timeline.num_groups)]
     return [sorted({int((n + 0.5) * count / FRAMES) for n in range(FRAMES)}) for count in counts]
 
@@ -119,14 +119,14 @@ def measure_sequence_distortion(
 
 
 def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeline: Timeline) -> SequenceDistortion:
-    """Builds the distortion model of a sequence from errors that were measured at several loss shares.
+    """Builds the distortion model of a sequence from the errors that were measured in several simulated losses.
 
-    All groups of pictures must have the same number of measured frames. In groups with fewer frames than `FRAMES`, some
-    frames are therefore used repeatedly.
+    The model needs the same number of measured frames, `FRAMES`, in each group of pictures. Shorter groups use some
+    frames repeatedly.
 
     Args:
-        shares: Lost share of each group's motion in each measurement, float64 (G, S).
-        mse: Mean squared errors of S measurements, by sampled frame and view, float64 (S, frames, V).
+        shares: Lost share of each group's motion in each of S simulated losses, float64 (G, S).
+        mse: Mean squared errors of these, by sampled frame and view, float64 (S, frames, V).
         frames: Indices of the sampled frames of each group, see `sampled`.
         timeline: Frame rate and groups of the sequence.
     """
@@ -144,15 +144,18 @@ def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeli
 
 
 def pooled(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion]:
-    """Fits one common distortion curve to several encodings of a sequence, with a factor for each encoding.
+    """Reduces the noise of measured distortion models, so that the planner prefers no encoding of a sequence by chance.
 
-    The curve is the error added by losses as a function of the lost share. Each share was measured with one simulated
-    loss only, so the measured curves are noisy, and the planner would prefer an encoding by chance. The fit uses
-    medians, because in some simulations concealment rejects the neighbours' motion, and the error is then a hundred
+    A distortion model is noisy, because each lost share was measured with a single simulated loss. All encodings
+    therefore get the same curve of added error over lost share, multiplied by a factor for each encoding. Curve and
+    factors are medians: in some simulations, concealment rejects the neighbours' motion, and the error is a hundred
     times larger.
 
     Args:
         distortions: Distortion models of encodings of the same sequence with different quality.
+
+    Returns:
+        The models with the common curve, in the same order.
     """
     grid = np.array(SHARES)
 

@@ -125,9 +125,9 @@ def plan_sequence(
 def _efficient_choices(
     variant: SequenceVariant, group: int, loss: LossModel, most: float | int | None, trials: int, seed: int
 ) -> list[_Choice]:
-    """Returns the amounts of parity for a group of pictures that are worth their bytes, from none to most.
+    """Returns the amounts of parity that are worth considering for a group of pictures, from none to most.
 
-    These amounts are on the upper convex hull of PSNR as a function of parity bytes (`_hull`).
+    No other amount, or mixture of amounts, gives a higher PSNR for the same bytes (upper convex hull, `_hull`).
 
     Args:
         variant: Encoded variant of the sequence.
