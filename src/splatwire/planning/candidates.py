@@ -207,7 +207,7 @@ def _init_segment_candidates(
 
 
 def _spread_end(search: Search, pass_bytes: float) -> float:
-    """Returns up to which point of a transfer the symbols of the init segment may be spread.
+    """Returns up to which point of a transfer repair symbols, and the symbols of the init segment, may be spread.
 
     The point is a fraction of the bytes of the complete transfer: 1, or, if the budget is smaller than the transfer,
     shortly before the budget is spent.

@@ -194,7 +194,7 @@ def losses(variants: Sequence[StreamVariant], loss: LossModel, trials: int, seed
 def _predict_plan(
     variant: StreamVariant, number: int, protection: Protection, traces: np.ndarray, budget_bytes: float | int
 ) -> ScenePlan:
-    """Returns an allocation of redundancy as a plan, with the picture quality that the distortion model predicts for it.
+    """Returns the plan for an allocation of redundancy, with the picture quality that the distortion model predicts.
 
     The transfers are simulated, but nothing is rendered.
 

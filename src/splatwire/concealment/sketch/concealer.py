@@ -81,7 +81,7 @@ def _missing() -> InvalidValueError:
 
 
 def conceal_with(partial: ReceivedScene[AnchorScene], section: SketchSection) -> Concealed:
-    """Replaces lost anchors by their coarse copies, hides those without a copy, and enlarges drawn anchors next to them.
+    """Replaces lost anchors by coarse copies, hides those without one, and enlarges drawn anchors next to hidden ones.
 
     Args:
         partial: The received scene.

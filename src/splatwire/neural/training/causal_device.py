@@ -155,7 +155,8 @@ def sample_bits(
 
 
 class _NumberBits(torch.autograd.Function):
-    """Autograd function that computes the bits of quantised values (`causal.number_bits`) together with their gradient."""
+    """Autograd function that computes the bits of quantised values (`causal.number_bits`), and their gradient."""
+
     # `a` and `b` are the bounds of a value's quantisation interval, measured from the mean in units of sqrt(2) standard
     # deviations. The probability of the value is half of `erfc(a) - erfc(b)`.
 

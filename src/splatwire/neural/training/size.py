@@ -102,7 +102,7 @@ def headroom(milestones: Milestones, iteration: int) -> float:
 
 
 def steered(before: Steering, miss: float) -> Steering:
-    """Returns the next state of the controller that adjusts lambda, the weight of the rate, after a measurement of the size.
+    """Computes the next state of the controller of lambda, the weight of the rate, from a measurement of the size.
 
     Args:
         before: The state before the measurement.
