@@ -93,13 +93,14 @@ def precision_classes(
 ) -> np.ndarray:  # fmt: skip
     """Computes the precision class of each Gaussian from the sensitivity of images to its attributes.
 
-    The sensitivity is estimated from gradients of images with random signs (see `splatwire.render.pruning`).
+    The sensitivity is estimated from gradients of sums of pixels with random signs (see `splatwire.render.pruning`).
 
     Args:
         splats: The Gaussians.
         cameras: Cameras in which the effect on images is measured; None for 12 views around the Gaussians or, with
             several parts, 6 around each part.
-        probes: Number of random sign images per view; more give a more precise estimate.
+        probes: Number of back-propagations per view, each with other random signs of the pixels; more give a more
+            precise estimate.
         seed: Seed of the signs.
         part: Maximum number of Gaussians per spatial part of the scene, if no cameras are given.
 
@@ -142,7 +143,7 @@ def measure_gaussians(
         scene: Gaussians that can be drawn.
         cameras: Cameras in which the effect on images is measured; None for `MEASURED_VIEWS` of `surrounding_cameras`
             or, with several parts, `MEASURED_VIEWS_OF_PART` around each part.
-        seed: Seed of the random signs of the images.
+        seed: Seed of the random signs of the pixels, from which the effects are estimated.
         part: Maximum number of Gaussians per spatial part of the scene, if no cameras are given.
     """
     splats = scene.splats
@@ -220,12 +221,13 @@ def _sensitivities(splats: Splats, cameras: Cameras, probes: int, seed: int) -> 
     """Measures how strongly images react to changes of each attribute of each Gaussian.
 
     The measure is the mean square of the derivatives of all pixel values with respect to the attribute. It is estimated
-    from gradients of images with random signs (see `splatwire.render.pruning`).
+    from gradients of sums of all pixels with random signs (see `splatwire.render.pruning`).
 
     Args:
         splats: The Gaussians.
         cameras: Cameras of the images.
-        probes: Number of random sign images per view; more give a more precise estimate.
+        probes: Number of back-propagations per view, each with other random signs of the pixels; more give a more
+            precise estimate.
         seed: Seed of the signs.
 
     Returns:

@@ -83,7 +83,8 @@ def removal_errors(
     Args:
         scene: The complete scene.
         cameras: Cameras of the images.
-        probes: Number of random sign images per view; more give a more precise estimate.
+        probes: Number of back-propagations per view, each with other random signs of the pixels; more give a more
+            precise estimate.
         seed: Seed of the signs.
         progress: Called with the finished share of views.
     """

@@ -39,14 +39,15 @@ def quick_sensitivity(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Sensitivity:
-    """Estimates the sensitivity of images to the most important anchors over a set of views.
+    """Estimates how much the pictures change if one of the most important anchors is removed or changed.
 
     Args:
         scene: The complete scene, not a result of loss concealment (`hints` is None), on the CPU.
         cameras: Cameras; at least two views.
         chosen: Number of anchors with individual estimates; the removal of any other anchor is assumed to have no
             effect.
-        probes: Number of random sign images per view (`splatwire.render.sensitivity`); more are more precise.
+        probes: Number of back-propagations per view, each with other random signs of the pixels
+            (`splatwire.render.sensitivity`); more give a more precise estimate.
         seed: Seed of the signs.
         progress: Called with the finished share of views.
     """

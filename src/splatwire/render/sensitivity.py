@@ -98,7 +98,7 @@ def render_sensitivity(
 
 
 class GatheredGradients:
-    """Gradients of a view's Gaussians, collected from slices of the Gaussians.
+    """Collects the gradients with respect to a view's Gaussians, which are computed for one range of Gaussians at a time.
 
     Args:
         gaussians: The Gaussians.

@@ -27,9 +27,12 @@ def conceal_group(
         concealer: Estimates the motion of tracks with lost motion.
 
     Returns:
-        The poses of drawn tracks; those of tracks with lost motion that the concealer hides; and a function that
-        computes the concealment state at the group's end. The state is computed after all frames of the group were
-        output, so that no frame is delayed.
+        Three items:
+
+        * Poses of the tracks that are drawn.
+        * Poses of the tracks that are hidden by the concealer.
+        * Function that computes the concealment state at the end of the group. Called after the last frame was drawn,
+          it delays no frame.
 
     Raises:
         InvalidValueError: If the concealer returns motion of wrong shape or type, or values that are not finite.

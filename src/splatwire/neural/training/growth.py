@@ -133,7 +133,8 @@ def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K
     Args:
         state: State of the training; changed in place.
         config: The configuration.
-        chosen: True for the chosen offsets of the first M anchors.
+        chosen: Mask of the chosen Gaussians, by anchor and offset. It covers the first M anchors only, without those
+            that were added for coarser grids.
         cell: Cell size in voxels.
     """
     anchor_index, offset_index = chosen.nonzero().unbind(dim=1)

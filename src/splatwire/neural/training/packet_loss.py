@@ -234,7 +234,8 @@ class PacketLosses:
 def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchors: int) -> np.ndarray:
     """Returns the index of the packet that contains each anchor, for anchors in coding order.
 
-    Packets are numbered in sending order, which is interleaved over the scene.
+    Packets are numbered in sending order. Packets that are sent one after another are from different parts of the
+    scene.
 
     Args:
         packetization: Rule by which anchors are split into packets.

@@ -71,7 +71,7 @@ class MotionTransfer:
 
     @staticmethod
     def of(load: SequenceLoad, found: Arranged, protection: Protection) -> "MotionTransfer":
-        """Builds the model of a transfer from the sending order of the packets and their parity.
+        """Builds the model of a transfer: one datagram for each packet, and the datagrams with parity.
 
         Args:
             load: Sizes of all packets of the sequence.
