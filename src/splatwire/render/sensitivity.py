@@ -98,7 +98,7 @@ def render_sensitivity(
 
 
 class GatheredGradients:
-    """Collects the gradients with respect to a view's Gaussians, which are computed for one range of Gaussians at a time.
+    """Collects the gradients with respect to a view's Gaussians, which are computed range by range.
 
     Args:
         gaussians: The Gaussians.
