@@ -54,7 +54,7 @@ class SceneStream:
         return sum(self.parts().values())
 
     def parts(self) -> dict[str, int]:
-        """Bytes of manifest, side information and packets, and of the one-file layout's overhead (`container`)."""
+        """Size of each part of the stream's file in bytes; `container` is the overhead of the file format."""
         return {
             "manifest": len(manifest_to_bytes(self.manifest)),
             "side_info": len(self.side_info),

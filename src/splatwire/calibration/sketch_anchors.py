@@ -88,9 +88,9 @@ class AnchorSketch:
 
     @property
     def growth(self) -> tuple[float, ...]:
-        """Parameters of the enlargement of received anchors next to lost ones.
+        """Parameters with which received anchors are enlarged to cover lost ones next to them.
 
-        These are the exponent, and the factor on the correction of the enlargement by a neural network.
+        The exponent, from which the enlargement follows, and a factor on the change that a neural network makes to it.
         """
         return self.copies.exponent, self.copies.trust
 

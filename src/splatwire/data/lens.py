@@ -107,7 +107,7 @@ class Lens(LensModel):
         return np.where(below > 0, xx * yy - xy * xy, -1.0)
 
     def _fraction(self, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns numerator and denominator of R (see `Lens`), given r^2."""
+        """Returns numerator and denominator of the radial factor R in the formula of `Lens`, given r^2."""
         above = 1 + square * (self.k1 + square * (self.k2 + square * self.k3))
         return above, 1 + square * (self.k4 + square * (self.k5 + square * self.k6))
 

@@ -100,7 +100,7 @@ def spread(num_views: int, count: int | None) -> list[int]:
 
 
 def held_out_cameras(scene: Scene) -> Cameras:
-    """Places test cameras around a scene, near and far; encoders measure in other views.
+    """Places test cameras around a scene, near and far, that differ from the cameras with which encoders measure.
 
     Args:
         scene: The scene.

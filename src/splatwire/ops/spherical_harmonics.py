@@ -39,9 +39,8 @@ def degree_of(functions: int) -> int:
 def sh_basis(directions: Float[np.ndarray, "*batch 3"], degree: int) -> Float[np.ndarray, "*batch D"]:
     """Evaluates the basis functions of spherical harmonics in given directions.
 
-    They are sqrt(2) times imaginary part (m < 0) or real part (m > 0) of the complex harmonics with the
-    Condon-Shortley phase, ordered by l, then m from -l to l. Unlike the usual real harmonics they have no factor
-    (-1)^m, so the signs of odd m are reversed.
+    They are the real spherical harmonics in the convention of 3DGS, ordered by l, then m from -l to l. The signs of odd
+    m are opposite to those of most textbooks.
 
     Args:
         directions: Unit vectors; in 3DGS from the camera to the Gaussian, world axes.

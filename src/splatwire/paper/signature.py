@@ -11,12 +11,14 @@ from splatwire.types import AnchorLayout, Anchors, Attribute, Prior, ReceivedSce
 
 @dataclass(frozen=True)
 class AttributeGroup:
-    """Channels of an anchor attribute for which CARI uses the same neighbours and weights, such as a feature group.
+    """Channels of an anchor attribute that the paper's concealer interpolates with common neighbours and weights.
+
+    An example is a feature group.
 
     Attributes:
         attribute: The attribute that the channels belong to.
-        part: Index of the group: its residuals are at this index in `Residuals.parts`. The offset masks, which have no
-            residuals, are the last group.
+        part: Index of the group, also of its residuals in `Residuals.parts`. The last index is that of the offset
+            masks, which have no residuals.
     """
 
     attribute: Attribute

@@ -159,7 +159,7 @@ def baseline_candidates(load: StreamLoad, traces: np.ndarray, search: Search) ->
 
 @checked
 def arrival_within(model: TransferModel, traces: np.ndarray, budget_bytes: float | int) -> SimulatedTransfers:
-    """Simulates transfers that end when the budget of bytes is spent.
+    """Simulates transfers that end when the budget of bytes is spent, and returns what each of them delivered.
 
     Args:
         model: Model of the datagrams of a transfer.

@@ -192,8 +192,8 @@ def predict(near, count, defaults):
         defaults: Mean attributes of the block, int64 (7), used if there are no neighbours.
 
     Returns:
-        Context of the precision class: 0 without neighbours, otherwise 1 plus twice the mean class of the neighbours,
-        rounded.
+        Context in which the entropy coder codes the Gaussian's precision class (how finely its attributes are
+        quantised): 0 without neighbours, otherwise 1 plus twice the mean class of the neighbours, rounded.
     """
     indices, weights, values, means, deviations = near.indices, near.weights, near.values, near.means, near.deviations
     if count == 0:

@@ -22,10 +22,10 @@ _MIN_CLASS = 8
 
 @dataclass(frozen=True, eq=False)
 class Neighborhood:
-    """Nearest neighbours of M anchors, with distances.
+    """The k nearest neighbours of each of M anchors, and their distances.
 
     Attributes:
-        index: Indices of the neighbours, nearest first; k is smaller if the scene has fewer anchors.
+        index: Indices of the neighbours, nearest first.
         distance: Distances to the neighbours, world units.
     """
 

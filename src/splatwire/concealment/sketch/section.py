@@ -275,7 +275,10 @@ def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, flo
 
 
 def _write_directions(directions: np.ndarray) -> bytes:
-    """Entropy-codes the basis, each column with a zero-mean normal distribution of the column's scale."""
+    """Entropy-codes the basis vectors in which the features of the coarse copies are coded.
+
+    A column is modelled by a normal distribution with mean 0 and the standard deviation of the column.
+    """
     scales = scale_index(np.sqrt((directions.astype(np.float64) ** 2).mean(axis=0) + 0.05))
     writer = ByteWriter()
     for scale in scales.tolist():

@@ -86,7 +86,7 @@ def mask_bytes(stream: SceneStream, mask: PacketLossMask, loss: Loss, seed: int)
 
 
 def anchor_bytes(stream: SceneStream, positions: np.ndarray) -> bytes:
-    """Serialises as an npz file which anchors each packet of a stream contains.
+    """Returns an npz file that lists the anchors of each packet of a stream.
 
     The file has these arrays:
 

@@ -214,11 +214,10 @@ def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_ConstantData,
 
 
 def _typical_outputs(outputs: PriorOutputs, config: ModelConfig) -> list[Float[Tensor, "out"]]:
-    """Returns the typical magnitude of each network output, by which the refinement divides it.
+    """Returns a scale for each network output, by which the refinement divides it so that one learning rate suits all.
 
-    One learning rate then suits all outputs. The typical magnitude is the typical predicted standard deviation of the
-    attribute channel to which the output belongs. The first entry is for the prior network, the others for the channel
-    networks.
+    The scale of an output is the typical standard deviation that the networks predict for its attribute channel. The
+    first entry is for the prior network, the others for the channel networks.
     """
     scales = (outputs.feature_scale, outputs.scaling_scale, outputs.offset_scale)
     feature, scaling, offset = (

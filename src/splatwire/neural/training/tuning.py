@@ -1,4 +1,4 @@
-"""Preparation of the fine-tuning at the end of a training for packet loss (results in `docs/training.md`)."""
+"""Prepares the last phase of a training, which adapts anchors to lost packets (results in `docs/training.md`)."""
 
 import torch
 

@@ -309,7 +309,7 @@ def _packets_in_order(
 
 
 def side_symbol_bytes(num_bytes: int) -> int:
-    """Returns the default symbol size, in bytes, for an init segment of `num_bytes` bytes."""
+    """Returns the default size of FEC symbols for an init segment of `num_bytes` bytes, in bytes."""
     finer = num_bytes // SMALL_OBJECT_SYMBOLS // ALIGNMENT * ALIGNMENT
     return min(max(finer, FINEST_BY_ITSELF), SIDE_SYMBOL_BYTES)
 

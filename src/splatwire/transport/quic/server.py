@@ -245,10 +245,13 @@ class _LimitedEndpoint(AioquicServer):
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
         """Passes a UDP datagram to aioquic, or drops it if it starts a connection and the server is overloaded.
 
-        A few connections above the limit are passed on: they complete their handshake, so that the client can be
-        refused with a reason. Above twice the limit (plus `SPARE`), the client must first return a token (QUIC Retry).
-        A datagram with such a token is dropped unless the new connection can replace one of a network with more
-        connections.
+        Three cases of a new connection above the limit:
+
+        * Up to twice the limit (plus `SPARE`), the datagram is passed on, so that the client can be refused with a
+          reason after its handshake.
+        * Above that, the client must first prove its address by returning a token (QUIC Retry).
+        * A datagram with a token is passed on only if the connection can replace another one, of a client network that
+          has more connections.
 
         Args:
             data: Payload of the datagram.
