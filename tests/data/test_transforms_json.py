@@ -1,4 +1,5 @@
 import json
+import math
 
 import numpy as np
 import pytest
@@ -208,6 +209,7 @@ def test_other_axes_of_poses_give_a_warning(key, capture, caplog):
         ("distortion_coefficients", {"k1": 0.1}),
         ("dist_coeffs", [0.1]),
         ("s1", 0.01),
+        ("skew", 0.5),
         ("model", "fisheye"),
         ("cam_model", "fisheye"),
         ("sensor_type", "spherical"),
@@ -303,6 +305,10 @@ def test_intrinsics_of_a_frame_may_be_a_matrix(key, form, capture):
         ({"intrinsics": {"f": 90}}, "no 3 x 3 matrix"),
         ({"intrinsics": "intrinsics/1.txt"}, "no 3 x 3 matrix"),
         ({"fx": "90"}, "not a sensible number"),
+        ({"camera_angle_x": 0.9}, "'camera_angle_x' of 0.9, but focal lengths of 33"),
+        ({"camera_angle_y": 1.3}, "'camera_angle_y' of 1.3"),
+        ({"fov": 190}, "'fov' of 190"),
+        ({"hfov": 37.84}, "'hfov' of 37.84"),
     ],
 )
 def test_unclear_intrinsics_are_refused(fields, problem, capture):
@@ -312,3 +318,23 @@ def test_unclear_intrinsics_are_refused(fields, problem, capture):
     path.write_text(json.dumps(content))
     with pytest.raises(DatasetError, match=problem):
         read_transforms(path)
+
+
+def test_angles_of_view_of_the_focal_lengths_are_accepted(capture):
+    path = capture.write_nerfstudio() / "transforms.json"
+    across, down = (2 * math.atan(side / 2 / focal) for side, focal in zip((40, 24), (33.0, 35.0), strict=True))
+    angles = {"camera_angle_x": across, "camera_angle_y": down, "vfov": math.degrees(down), "fov": across}
+    views = read_transforms(path).views
+    again = read_transforms(rewritten(path, **angles)).views
+    assert [view.K.tolist() for view in again] == [view.K.tolist() for view in views]
+
+
+@pytest.mark.parametrize("factor", [0.5, 2])
+def test_intrinsics_of_another_picture_size_give_a_warning(factor, capture, caplog):
+    folder = capture.write_nerfstudio()
+    open_dataset(folder)
+    assert not caplog.messages
+    terms = {"fl_x": 33.0, "fl_y": 35.0, "cx": 20.0, "cy": 12.0}
+    rewritten(folder / "transforms.json", **{key: value * factor for key, value in terms.items()})
+    open_dataset(folder)
+    assert "the intrinsics may be those of another picture size" in caplog.text

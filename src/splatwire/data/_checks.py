@@ -1,5 +1,6 @@
 """Validation shared by all camera readers."""
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -11,10 +12,14 @@ from splatwire.types import Cameras
 from splatwire.types.cameras import check_size
 from splatwire.types.origin import choose_origin
 
+LOG = logging.getLogger(__name__)
 _MAX_NUMBER = 1e12
 _MIN_FOCAL_PX = 1e-3
 _MIN_FOCAL = 1 / 40
 """Minimum focal length as a share of the picture's size, for a field of view of 174 degrees."""
+_MAX_OFF_CENTRE = (0.2, 0.5)
+"""Distance of a principal point from the centre as a share of the picture's size, above which it is unlikely: along
+both axes, and along one of them. Intrinsics for half or twice the size are at 0.25 and 0.5 along both axes."""
 _RIGID_TOLERANCE = 1e-3
 
 
@@ -22,6 +27,8 @@ def make_cameras(
     source: Path, names: Sequence[str], viewmats: np.ndarray, intrinsics: np.ndarray, width: int, height: int
 ) -> Cameras:
     """Builds cameras after checking that they are finite, rigid and have positive focal lengths.
+
+    Logs a warning if principal points are so far from the centre that the intrinsics may be those of another size.
 
     Cameras far from 0 are stored relative to an origin, because float32 is too coarse for map coordinates.
 
@@ -53,6 +60,7 @@ def make_cameras(
                 f"{source}: view '{name}' has focal lengths of {K[0, 0]:.3g} and {K[1, 1]:.3g} pixels for pictures of "
                 f"{width} x {height}: intrinsics are in pixels, not in shares of the size"
             )
+    _warn_of_principal_points(source, names, np.asarray(intrinsics), width, height)
     poses = np.array(viewmats, dtype=np.float64)
     origin = choose_origin(-np.einsum("cij,ci->cj", poses[:, :3, :3], poses[:, :3, 3]), wide=False)
     poses[:, :3, 3] += poses[:, :3, :3] @ np.array(origin)
@@ -64,6 +72,21 @@ def make_cameras(
         names=tuple(names),
         origin=origin,
     )
+
+
+def _warn_of_principal_points(
+    source: Path, names: Sequence[str], intrinsics: np.ndarray, width: int, height: int
+) -> None:
+    off = np.abs(intrinsics[:, :2, 2] / (width, height) - 0.5)
+    both, one = _MAX_OFF_CENTRE
+    unlikely = np.flatnonzero((off.min(axis=1) > both) | (off.max(axis=1) >= one))
+    if len(unlikely):
+        cx, cy = intrinsics[unlikely[0], :2, 2]
+        LOG.warning(
+            "%s: the principal point of %d of %d views is far from the centre, that of %.120r at %.4g, %.4g in a "
+            "picture of %d x %d: the intrinsics may be those of another picture size",
+            source, len(unlikely), len(names), names[unlikely[0]], cx, cy, width, height,
+        )  # fmt: skip
 
 
 def check_rigid(source: Path, name: str, pose: np.ndarray) -> None:

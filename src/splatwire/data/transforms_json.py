@@ -35,6 +35,14 @@ _MATRIX = re.compile(r"(?:cam(?:era)?[-_]?)?(?:intrinsics?(?:[-_]?matrix)?|K)|ca
 _ALIASES = {"fx": "fl_x", "fy": "fl_y"}
 _SAME_NUMBER = 1e-3
 """Largest relative difference of two statements of the same intrinsics."""
+_FIELD_OF_VIEW = re.compile(
+    r"camera[-_]angle[-_]([xy])|(?:cam(?:era)?[-_]?)?([xyhvd]?)[-_]?fov[-_]?([xyhvd]?)(?:[-_]?(?:deg|rad)\w*)?"
+    r"|field[-_]of[-_]view",
+    re.I,
+)
+"""Pattern of names of fields with an angle of view; a letter names its axis."""
+_SAME_ANGLE = 0.01
+"""Largest relative difference of focal lengths that are given in pixels and as an angle of view."""
 _CONVENTION = re.compile(r"(?:camera|pose|axis|axes|coord\w*|world)[-_ ]?(?:convention|system|frame|space)?", re.I)
 """Names of fields that may state other axes of the poses."""
 _CONVENTION_OF_FRAME = re.compile(r"\w+[-_ ](?:convention|system)", re.I)
@@ -94,7 +102,7 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
     Poses are camera-to-world with OpenGL axes (y up, z backward). Intrinsics are `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`
     (common or per frame), or `camera_angle_x` (`camera_angle_y`) with a centred principal point and square pixels. A
     matrix `intrinsics` or `K` and `fx`, `fy` are read, too. `k1`, `k2`, `k3`, `p1` and `p2` are the distortion
-    (OpenCV's model, as written by nerfstudio). With `camera_model` OPENCV_FISHEYE or `is_fisheye`, `k1` to `k4` are
+    (OpenCV's model, as written by nerfstudio). Angles of view must not contradict focal lengths. With `camera_model` OPENCV_FISHEYE or `is_fisheye`, `k1` to `k4` are
     the coefficients of OpenCV's fisheye.
 
     Args:
@@ -266,8 +274,37 @@ def _intrinsics(path: Path, name: str, values: dict[str, Any], image_path: Path)
         if not 0 < angle < math.pi:
             raise DatasetError(f"{path}: view '{name}' has neither 'fl_x' nor a 'camera_angle_x' between 0 and pi")
         fx = fy = side / (2 * math.tan(angle / 2))
+    _check_angles(path, name, values, (fx, fy), (width, height))
     cx, cy = _number(path, name, values, "cx", width / 2), _number(path, name, values, "cy", height / 2)
     return pinhole(fx, fy, cx, cy), width, height
+
+
+def _check_angles(
+    path: Path, name: str, values: dict[str, Any], focals: tuple[float, float], size: tuple[int, int]
+) -> None:
+    """Checks that angles of view among the fields of a frame are those of its focal lengths.
+
+    Angles above pi are in degrees. An angle without an axis may be horizontal, vertical or diagonal.
+
+    Raises:
+        DatasetError: If an angle is that of another lens.
+    """
+    ratios = dict(zip("xy", (side / 2 / focal for side, focal in zip(size, focals, strict=True)), strict=True))
+    ratios |= {"d": math.hypot(*ratios.values()), "h": ratios["x"], "v": ratios["y"]}
+    for key, value in values.items():
+        named = _FIELD_OF_VIEW.fullmatch(key)
+        if named is None or isinstance(value, bool) or not isinstance(value, int | float) or value == 0:
+            continue
+        angle = value if abs(value) < math.pi else math.radians(value)
+        axis = "".join(letter for letter in named.groups() if letter).lower() or "xyd"
+        allowed = [ratios[letter] for letter in axis]
+        if not 0 < angle < math.pi or not any(
+            math.isclose(math.tan(angle / 2), ratio, rel_tol=_SAME_ANGLE) for ratio in allowed
+        ):
+            raise DatasetError(
+                f"{path}: view '{name}' has a '{key}' of {value:g}, but focal lengths of {focals[0]:g} and "
+                f"{focals[1]:g} pixels in a picture of {size[0]} x {size[1]}: remove the wrong one"
+            )
 
 
 def _with_intrinsics(path: Path, name: str, fields: dict[str, Any]) -> dict[str, Any]:

@@ -31,7 +31,7 @@ def commented(folder: Path, *comments: str, newline: str = "\n") -> Path:
         "SplatRenderMode: mip", "splatrendermode=MIP", "SplatRenderMode mip", "Render_Mode: antialiased",
         "rasterize_mode: antialiased", "RasterizationMode: Mip-Splatting", "antialiased 1", "Antialiased: True",
         "anti-aliased yes", "anti_aliasing=on", "antialiasing enabled", "antialiased", "mip_splatting: true",
-        'SplatRenderMode: "mip"',
+        'SplatRenderMode: "mip"', "use_mip_filter true", "with antialiasing", "enable_mip_splatting: 1",
     ],
 )  # fmt: skip
 def test_training_comments_enable_antialiasing(comment: str, tmp_path: Path) -> None:
@@ -118,7 +118,7 @@ def test_unsupported_columns_that_may_change_gaussians_give_a_warning(
     "comment",
     [
         "antialiasing: mip-splatting filter of 0.3 px", "SplatRenderMode: smooth", "trained without antialiasing",
-        "mip-splatting with a kernel of 0.1", "rasterize_mode: 2", "use_mip_filter 1",
+        "mip-splatting with a kernel of 0.1", "rasterize_mode: 2", "use_mip_filter 2",
     ],
 )  # fmt: skip
 def test_unparsable_antialiasing_comments_give_a_warning(
@@ -126,6 +126,17 @@ def test_unparsable_antialiasing_comments_give_a_warning(
 ) -> None:
     assert not read_content(commented(tmp_path, comment)).antialiased
     assert f"comment '{comment}' is not understood: the scene is drawn without antialiasing" in caplog.text
+
+
+def test_contradictory_comments_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    read_content(commented(tmp_path, "antialiased 1", "SplatRenderMode: default"))
+    assert "comments enable and disable antialiasing: the scene is drawn without it" in caplog.text
+    caplog.clear()
+    assert read_content(commented(tmp_path, "Vertical Axis: z", "y-up", "up: sideways")).metadata.up == "y"
+    assert "comments name different axes that are up: z, y" in caplog.text
+    caplog.clear()
+    read_content(commented(tmp_path, "Vertical Axis: z", "z-up", "aa 1", "SplatRenderMode: mip"))
+    assert not caplog.messages
 
 
 @pytest.mark.parametrize("comment", ["SplatRenderMode: default", "antialiased 0", "Made by a program", "mipmap 1"])

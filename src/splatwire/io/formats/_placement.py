@@ -14,7 +14,7 @@ from pathlib import Path
 from splatwire.errors import DatasetError
 from splatwire.files.read_limited import read_at_most
 from splatwire.io.formats.ply_comments import OFFSET, ORIGIN, stated_origin
-from splatwire.io.formats.ply_metadata import is_metadata, names_up
+from splatwire.io.formats.ply_metadata import is_metadata, named_up, names_up
 from splatwire.types.origin import describe_origin
 
 LOG = logging.getLogger(__name__)
@@ -152,6 +152,9 @@ def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -
             _warn(path, comment, "a shift of the positions")
         elif (meaning := _unapplied_meaning(comment)) is not None:
             _warn(path, comment, meaning)
+    axes = list(dict.fromkeys(axis for comment in known if (axis := named_up(comment)) is not None))
+    if len(axes) > 1:
+        LOG.warning("%s: comments name different axes that are up: %s", path, ", ".join(axes))
 
 
 def warn_of_files_beside(path: Path) -> None:

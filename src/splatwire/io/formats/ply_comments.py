@@ -17,7 +17,7 @@ ORIGIN, OFFSET = "splatwire-origin", "splatwire-offset"
 relative to this point. `splatwire-offset X Y Z`: coordinates in the file are relative to this point."""
 ANTIALIASED = "SplatRenderMode: mip"
 _SWITCH = re.compile(
-    r"(?:anti[-_ ]?alias(?:ed|ing)?|mip[-_ ]?(?:splat(?:s|ting)?|filter(?:ed|ing)?)|mip|aa)(?:\s*[:=]\s*|\s+|$)(\S*)",
+    r"(?:(?:use|with|enable|is)[-_ ]?)?(?:anti[-_ ]?alias(?:ed|ing)?|mip[-_ ]?(?:splat(?:s|ting)?|filter(?:ed|ing)?)|mip|aa)(?:\s*[:=]\s*|\s+|$)(\S*)",
     re.I,
 )
 _MODE = re.compile(
@@ -47,19 +47,21 @@ def states_antialiasing(comments: Iterable[str]) -> bool:
 
 
 def warn_of_unclear_antialiasing(path: Path, comments: Iterable[str]) -> None:
-    """Logs comments that refer to antialiasing but cannot be parsed.
+    """Logs comments that refer to antialiasing but cannot be parsed, or that contradict each other.
 
     Args:
         path: The file.
         comments: Text of each comment, without the word `comment`.
     """
     known = tuple(comments)
+    drawn = "with" if states_antialiasing(known) else "without"
+    if {True, False} <= {_antialiasing_setting(comment) for comment in known}:
+        LOG.warning("%s: comments enable and disable antialiasing: the scene is drawn %s it", path, drawn)
     for comment in known:
         if _ABOUT.search(comment) and _antialiasing_setting(comment) is None:
             LOG.warning(
-                "%s: comment %.80r is not understood: the scene is drawn %s antialiasing",
-                path, comment, "with" if states_antialiasing(known) else "without",
-            )  # fmt: skip
+                "%s: comment %.80r is not understood: the scene is drawn %s antialiasing", path, comment, drawn
+            )
 
 
 def _antialiasing_setting(comment: str) -> bool | None:

@@ -66,11 +66,11 @@ def stated_metadata(comments: Iterable[str]) -> SceneMetadata:
     credits: dict[str, object] = {}
     for comment in map(str.strip, comments):
         stated = {name: match for name, line in _LINES.items() if (match := line.fullmatch(comment))}
-        found |= {name: _value(name, match[1].strip()) for name, match in stated.items()}
+        found |= {name: _value(name, match[1].strip()) for name, match in stated.items() if name != "up"}
         if not stated:
             plain |= _stated_fields(_PLAIN_LINES, comment)
             credits |= _stated_fields(_CREDITS, comment)
-        if (up := _up(comment)) is not None:
+        if (up := named_up(comment)) is not None:
             found["up"] = up
     return metadata_from_json(credits | plain | found)
 
@@ -90,10 +90,11 @@ def is_metadata(comment: str) -> bool:
 
 def names_up(comment: str) -> bool:
     """Returns True if a comment names the axis that is up."""
-    return _up(comment) is not None
+    return named_up(comment) is not None
 
 
-def _up(comment: str) -> str | None:
+def named_up(comment: str) -> str | None:
+    """Returns the axis that a comment names as up, such as `-y`; None if it names none."""
     match = _UP.fullmatch(comment.strip().rstrip(".;,"))
     return None if match is None else _axis((match[1] or match[2]).strip())
 
