@@ -187,7 +187,7 @@ def test_a_byte_order_mark_and_indented_comments_are_skipped(capture):
 def test_rounding_of_map_coordinates_gives_a_warning_in_training(capture, caplog):
     viewmats = np.repeat(np.eye(4)[None], 4, axis=0)
     viewmats[:, :3, 3] = [-451234, -5411876, -118]
-    names, Ks = ["a", "b", "c", "d"], np.repeat(pinhole(30.0, 30, 20, 12)[None], 4, axis=0)
+    names, Ks = ["a", "b", "c", "d"], np.repeat(pinhole(30.0, 30.0, 20.0, 12.0)[None], 4, axis=0)
     there = make_cameras(capture.root, names, viewmats, Ks, 40, 24)
     assert without_origin(capture.root, there).origin == (0, 0, 0)
     assert "cameras are around (451234 5411876 118)" in caplog.text

@@ -19,7 +19,9 @@ _NAMED = re.compile(
 _WIDE = re.compile(r"fish[-_ ]?eye|equirect|panoram|spherical|omnidi|lat[-_ ]?long|orthogra|cubemap|cylindric", re.I)
 """Pattern of lenses and projections that pinhole photos do not have."""
 _TERMS = re.compile(
-    r"k[1-9]|p[12]|s[1-4]|xi|b[12]|skew\w*|shear|(?:\w+[-_])?(?:distortions?|dist(?=[-_]?c))(?:[-_]?(?:coef\w*|params?|parameters))?", re.I
+    r"k[1-9]|p[12]|s[1-4]|xi|b[12]|skew\w*|shear"
+    r"|(?:\w+[-_])?(?:distortions?|dist(?=[-_]?c))(?:[-_]?(?:coef\w*|params?|parameters))?",
+    re.I,
 )
 """Pattern of names of distortion and skew parameters."""
 

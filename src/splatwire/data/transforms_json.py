@@ -102,8 +102,8 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
     Poses are camera-to-world with OpenGL axes (y up, z backward). Intrinsics are `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`
     (common or per frame), or `camera_angle_x` (`camera_angle_y`) with a centred principal point and square pixels. A
     matrix `intrinsics` or `K` and `fx`, `fy` are read, too. `k1`, `k2`, `k3`, `p1` and `p2` are the distortion
-    (OpenCV's model, as written by nerfstudio). Angles of view must not contradict focal lengths. With `camera_model` OPENCV_FISHEYE or `is_fisheye`, `k1` to `k4` are
-    the coefficients of OpenCV's fisheye.
+    (OpenCV's model, as written by nerfstudio). With `camera_model` OPENCV_FISHEYE or `is_fisheye`, `k1` to `k4` are
+    the coefficients of OpenCV's fisheye. Angles of view must not contradict focal lengths.
 
     Args:
         path: The file.

@@ -17,7 +17,8 @@ ORIGIN, OFFSET = "splatwire-origin", "splatwire-offset"
 relative to this point. `splatwire-offset X Y Z`: coordinates in the file are relative to this point."""
 ANTIALIASED = "SplatRenderMode: mip"
 _SWITCH = re.compile(
-    r"(?:(?:use|with|enable|is)[-_ ]?)?(?:anti[-_ ]?alias(?:ed|ing)?|mip[-_ ]?(?:splat(?:s|ting)?|filter(?:ed|ing)?)|mip|aa)(?:\s*[:=]\s*|\s+|$)(\S*)",
+    r"(?:(?:use|with|enable|is)[-_ ]?)?"
+    r"(?:anti[-_ ]?alias(?:ed|ing)?|mip[-_ ]?(?:splat(?:s|ting)?|filter(?:ed|ing)?)|mip|aa)(?:\s*[:=]\s*|\s+|$)(\S*)",
     re.I,
 )
 _MODE = re.compile(
@@ -59,9 +60,7 @@ def warn_of_unclear_antialiasing(path: Path, comments: Iterable[str]) -> None:
         LOG.warning("%s: comments enable and disable antialiasing: the scene is drawn %s it", path, drawn)
     for comment in known:
         if _ABOUT.search(comment) and _antialiasing_setting(comment) is None:
-            LOG.warning(
-                "%s: comment %.80r is not understood: the scene is drawn %s antialiasing", path, comment, drawn
-            )
+            LOG.warning("%s: comment %.80r is not understood: the scene is drawn %s antialiasing", path, comment, drawn)
 
 
 def _antialiasing_setting(comment: str) -> bool | None:
