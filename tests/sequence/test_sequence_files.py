@@ -101,6 +101,30 @@ def test_4dgs_files_of_other_programs_keep_their_axes(tmp_path):
         assert last.metadata.up == ("z" if axes.startswith("z") else None)
 
 
+@pytest.mark.parametrize(
+    ("attributes", "frame", "warning"),
+    [
+        ({"coordinate_system": "y-up-right-handed", "color_space": "srgb-rec709-display"}, False, ""),
+        ({"coordinate_system": "x-up-left-handed"}, False, "coordinate_system 'x-up-left-handed' is not known"),
+        ({"color_space": "linear-rec709-display"}, False, "color_space 'linear-rec709-display' is read as srgb"),
+        ({}, True, "its coordinate frames and geodetic anchors are left out"),
+    ],
+)
+def test_statements_of_4dgs_files_that_are_not_applied_give_a_warning(tmp_path, caplog, attributes, frame, warning):
+    fourdgs = pytest.importorskip("fourdgs", reason="fourdgs is not installed")
+    from fourdgs import records as records_of
+    from fourdgs.provenance import Provenance
+
+    write(clip(frames=1), tmp_path / "a.4dgs")
+    records = fourdgs.read(str(tmp_path / "a.4dgs")).gaussians
+    frames = [records_of.CoordinateFrame("", 1, 2, 3, 1, 1.0)] if frame else []
+    options = fourdgs.WriteOptions(metadata=attributes, provenance=Provenance(frames))
+    fourdgs.write(str(tmp_path / "b.4dgs"), records, 1.0, options=options)
+    open_sequence(tmp_path / "b.4dgs")
+    assert warning in caplog.text
+    assert bool(caplog.messages) == bool(warning)
+
+
 def test_damaged_4dgs_is_one_error(tmp_path):
     pytest.importorskip("fourdgs", reason="fourdgs is not installed")
     write(clip(), tmp_path / "a.4dgs")

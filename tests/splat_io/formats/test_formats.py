@@ -377,3 +377,18 @@ def test_bounds_of_a_compressed_ply_are_checked(
     path.write_bytes(head + mark + data)
     with pytest.raises(DatasetError, match=reason):
         read_splats(path)
+
+
+def test_unknown_elements_and_columns_of_a_compressed_ply_give_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "a.compressed.ply"
+    write_splats([some_splats(20, 0)], path)
+    data = path.read_bytes()
+    read_splats(path)
+    assert not caplog.messages
+    path.write_bytes(
+        data.replace(b"end_header\n", b"element deleted 20\nproperty uchar state\nend_header\n") + bytes(20)
+    )
+    read_splats(path)
+    assert "element deleted not known and left out: the scene may look different" in caplog.text

@@ -489,6 +489,21 @@ def test_unknown_settings_of_the_extension_give_a_warning(tmp_path: Path, caplog
     assert "antialiased of KHR_gaussian_splatting are not known" in caplog.text
 
 
+def test_unknown_attributes_and_extensions_of_gaussians_give_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    document, binary = document_of(glb(some_splats(20, 1)))
+    primitive = document["meshes"][0]["primitives"][0]
+    primitive["attributes"] |= {"COLOR_0": 0, "_TIME": 3}
+    primitive["extensions"] |= {"KHR_materials_unlit": {}}
+    opened(glb_of(document, binary), tmp_path / "a.glb")
+    assert not caplog.text
+    primitive["attributes"][f"{EXTENSION}:VELOCITY"] = 0
+    primitive["extensions"]["EXT_other_positions"] = {}
+    opened(glb_of(document, binary), tmp_path / "a.glb")
+    assert f"EXT_other_positions, {EXTENSION}:VELOCITY of {EXTENSION} are not known" in caplog.text
+
+
 def test_a_cut_file_is_named_as_cut(tmp_path: Path) -> None:
     data = glb(some_splats(20, 0))
     with pytest.raises(DatasetError, match=f"is cut: it has 1,000 of {len(data):,} bytes"):

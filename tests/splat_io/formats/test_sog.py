@@ -279,6 +279,15 @@ def test_unapplied_placement_fields_give_a_warning(
     assert f"may be {meaning}: it is left out" in caplog.text
 
 
+def test_unknown_sections_and_fields_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    files = members(tmp_path)
+    meta = json.loads(files["meta.json"])
+    meta["quats"]["encoding"] = "octahedral"
+    meta["motion"] = {"files": ["motion.webp"]}
+    read_splats(_archive(tmp_path / "a.sog", files | {"meta.json": json.dumps(meta).encode()}))
+    assert "motion, quats.encoding of meta.json are not known" in caplog.text
+
+
 def test_a_cut_archive_is_named_as_cut(tmp_path: Path) -> None:
     write_splats([some_splats(40, 0)], tmp_path / "a.sog")
     data = (tmp_path / "a.sog").read_bytes()

@@ -118,3 +118,18 @@ def test_gaussians_that_no_leaf_names_give_a_warning(folder, caplog):
     (folder / "lod-meta.json").write_text(json.dumps(changed(tree=leaf((0, 5, 40)))))
     assert read_splats(folder).num_gaussians == 40 + SKY
     assert f"its chunks have {FINE - 40} Gaussians that no leaf of the tree names: they are left out" in caplog.text
+
+
+def test_nodes_with_other_fields_give_one_warning(folder, caplog):
+    moved = {"transform": {"translation": [5, 0, 0]}}
+    tree = {"children": [NEAR | moved, leaf((0, 40, 20)) | moved]}
+    (folder / "lod-meta.json").write_text(json.dumps(CONTENT | {"tree": tree}))
+    read_splats(folder)
+    assert caplog.text.count("transform of nodes of its tree are not known") == 1
+
+
+def test_a_node_with_children_and_levels_is_refused(folder):
+    tree = leaf((1, 0, 12)) | {"children": [NEAR]}
+    (folder / "lod-meta.json").write_text(json.dumps(CONTENT | {"tree": tree}))
+    with pytest.raises(DatasetError, match="children and lods"):
+        read_splats(folder)

@@ -13,7 +13,7 @@ from splatwire.errors import DatasetError
 from splatwire.io.formats import read_content, read_splats, write_splats
 from splatwire.io.formats._columns import concatenate
 from splatwire.io.formats.content import FileContent
-from splatwire.io.formats.usd import usd_frames, write_usd_frames
+from splatwire.io.formats.usd import PRIM, usd_frames, write_usd_frames
 from splatwire.types.metadata import SceneMetadata, StartView
 
 from .handmade import some_splats
@@ -366,3 +366,89 @@ def test_other_warnings_of_usd_core_are_logged(around, caplog, capfd):
     assert read_splats(path).num_gaussians == 20
     assert ["usd-core: " in message for message in caplog.messages] == [True]
     assert capfd.readouterr().err == ""
+
+
+def edited(tmp_path, edit, splats=None):
+    """A file of another program after a change of its stage."""
+    path = foreign(tmp_path / "a.usda", some_splats() if splats is None else splats)
+    stage = Usd.Stage.Open(str(path))
+    edit(stage, stage.GetPrimAtPath("/World/Cloud"))
+    stage.GetRootLayer().Save()
+    return path
+
+
+def test_instances_are_read(tmp_path):
+    def repeat(stage, _):
+        for number in range(2):
+            copy = stage.DefinePrim(f"/Copy{number}", "Xform")
+            copy.GetReferences().AddInternalReference("/World")
+            copy.SetInstanceable(True)
+
+    assert read_splats(edited(tmp_path, repeat)).num_gaussians == 3 * some_splats().num_gaussians
+
+
+def test_a_point_instancer_of_gaussians_is_refused(tmp_path):
+    def repeat(stage, prim):
+        instancer = UsdGeom.PointInstancer.Define(stage, "/Many")
+        instancer.CreatePrototypesRel().SetTargets([prim.GetPath().GetParentPath()])
+
+    with pytest.raises(DatasetError, match="/Many repeats Gaussians, which is not read"):
+        read_splats(edited(tmp_path, repeat))
+
+
+def test_a_transform_that_is_not_finite_is_refused(tmp_path):
+    def move(_, prim):
+        UsdGeom.Xformable(prim).AddTranslateOp().Set(Gf.Vec3d(float("nan"), 0, 0))
+
+    with pytest.raises(DatasetError, match="not finite"):
+        read_splats(edited(tmp_path, move))
+
+
+def test_stand_ins_are_left_out(tmp_path, caplog):
+    def add(stage, prim):
+        copy = stage.DefinePrim("/World/Proxy")
+        copy.GetReferences().AddInternalReference(prim.GetPath())
+        UsdGeom.Imageable(copy).CreatePurposeAttr("proxy")
+
+    assert_same(read_splats(edited(tmp_path, add)), some_splats(), 1e-6)
+    assert "1 prims with the purpose guide or proxy are left out" in caplog.text
+
+
+def logits(_, prim):
+    values = some_splats().opacities
+    prim.GetAttribute("opacities").Set(Vt.FloatArray.FromNumpy(np.log(values / (1 - values))))
+
+
+def linear_colours(_, prim):
+    Usd.ColorSpaceAPI.Apply(prim).CreateColorSpaceNameAttr("lin_rec709_scene")
+
+
+def animated(_, prim):
+    shift = UsdGeom.Xformable(prim).AddTranslateOp()
+    for time in (0, 10):
+        shift.Set(Gf.Vec3d(time, 0, 0), time)
+
+
+def stretched(_, prim):
+    UsdGeom.Xformable(prim).AddScaleOp().Set(Gf.Vec3f(1, 3, 1))
+
+
+def other_particles(stage, _):
+    stage.DefinePrim("/World/Other", "ParticleField")
+
+
+@pytest.mark.parametrize(
+    ("edit", "warning"),
+    [
+        (logits, "so they may be logits"),
+        (linear_colours, "its colours are linear (lin_rec709_scene)"),
+        (animated, "animations of transforms and visibility are left out"),
+        (stretched, "their harmonics only turn"),
+        (other_particles, f"1 particle fields that are no {PRIM} are left out"),
+    ],
+)
+def test_what_changes_the_picture_and_is_not_applied_gives_a_warning(tmp_path, caplog, edit, warning):
+    read_splats(edited(tmp_path, lambda *_: None))
+    assert not caplog.messages
+    read_splats(edited(tmp_path, edit))
+    assert warning in caplog.text

@@ -1,5 +1,6 @@
 """Conversion of file columns to Gaussians: validation and memory limits shared by all readers."""
 
+import logging
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.ops.spherical_harmonics import num_functions
 from splatwire.types.splats import ROWS, Splats
 
+LOG = logging.getLogger(__name__)
 MAX_GAUSSIANS = 20_000_000
 FREE_GAUSSIANS = 1 << 18
 """Number of Gaussians accepted for a file of any size; with harmonics of degree 3 they take 62 MB of memory."""
@@ -19,6 +21,8 @@ harmonics of degree 3 takes 236 bytes of memory, so memory is at most about 120 
 
 MAX_LOG_SCALE = 60.0
 """Limit of log scales: smaller sizes are raised to `exp(-60)`, larger ones than `exp(60)` are invalid."""
+_ROUNDING = 1e-3
+"""Largest distance of opacities from the range 0 to 1 that is attributed to rounding; above it a warning is logged."""
 _MIN_LENGTH = 1e-12
 """Length below which a quaternion has no direction, as in 3DGS."""
 
@@ -83,6 +87,22 @@ def build_splats(
         opacities=_column(np.clip(opacities, 0, 1)),
         sh=_column(sh),
     )
+
+
+def warn_of_logits(path: Path, opacities: np.ndarray, kind: str) -> None:
+    """Logs a warning if opacities are outside of 0 to 1.
+
+    Args:
+        path: The file.
+        opacities: Opacities (N), which are clipped later.
+        kind: Name of the format.
+    """
+    outside = int(((opacities < -_ROUNDING) | (opacities > 1 + _ROUNDING)).sum())
+    if outside:
+        LOG.warning(
+            "%s: %s of %s opacities are outside of 0 to 1, so they may be logits: they are clipped to 0 to 1, as "
+            "%s has opacities themselves", path, f"{outside:,}", f"{len(opacities):,}", kind,
+        )  # fmt: skip
 
 
 def _sizes(scales: np.ndarray | None) -> np.ndarray:

@@ -55,6 +55,7 @@ from splatwire.types.splats import Splats
 LOG = logging.getLogger(__name__)
 _AXES, _CHANNELS = ("x", "y", "z"), ("r", "g", "b")
 _BOUNDS = (_AXES, tuple(f"scale_{axis}" for axis in _AXES), _CHANNELS)
+_ELEMENTS = ("chunk", "vertex", "sh")
 _WORDS = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 _WIDE, _BYTES, _TENS = WIDTHS, (8, 8, 8, 8), (2, 10, 10, 10)
 _MAX_LOG_SCALE = 20.0
@@ -82,6 +83,10 @@ def content_of_chunks(elements: dict[str, PlyElement]) -> FileContent:
     count = check_count(path, len(vertices.rows), vertices.rows.nbytes)
     if len(chunks.rows) != -(-count // CHUNK):
         raise DatasetError(f"{path}: {len(chunks.rows)} chunks for {count} Gaussians, {CHUNK} to a chunk")
+    unknown = [f"property {name}" for name in vertices.names if name not in _WORDS]
+    unknown += [f"element {name}" for name in elements if name not in _ELEMENTS]
+    if unknown:
+        LOG.warning("%s: %s not known and left out: the scene may look different", path, ", ".join(unknown)[:200])
     positions, rotations, scales, colors = (_word(vertices, name) for name in _WORDS)
     chunk = np.arange(count) // CHUNK
     rgba = _unpack(colors, _BYTES)

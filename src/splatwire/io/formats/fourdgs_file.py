@@ -4,6 +4,7 @@ Such a file has no frames. A sequence is written with one record for each run of
 values, without motion and fading. To read frames, the Gaussians are evaluated at the middle of each frame.
 """
 
+import logging
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
@@ -25,11 +26,13 @@ from splatwire.ops.spherical_harmonics import DC, num_functions
 from splatwire.types.metadata import SceneMetadata
 from splatwire.types.splats import Splats
 
+LOG = logging.getLogger(__name__)
 RATE = 30.0
 """Frames per second at which a file of another program is read."""
 MAX_FRAMES = 20_000
 """Maximum number of frames that are read."""
 _FPS, _AXES, _Y_UP, _Z_UP = "splatwire:fps", "coordinate_system", "y-up-right-handed", "z-up-right-handed"
+_COLORS, _SRGB = "color_space", "srgb-rec709-display"
 _LOWEST, _HIGHEST = -4.0, 4.0
 """Coefficients of harmonics that the bytes 0 and 255 stand for."""
 
@@ -88,7 +91,19 @@ def fourdgs_frames(path: Path) -> FourdgsFrames:
         raise DatasetError(
             f"{path}: {scene.duration_sec:g} s are not 1 to {MAX_FRAMES:,} frames at {rate:g} per second"
         )
+    _warn_of_unused_statements(path, scene)
     return FourdgsFrames(path, count, rate, scene)
+
+
+def _warn_of_unused_statements(path: Path, scene: Any) -> None:
+    """Logs the coordinate systems and colour space of a scene that are not applied."""
+    stated = scene.header.attributes
+    if stated.get(_AXES, "") not in ("", _Y_UP, _Z_UP):
+        LOG.warning("%s: %s %.60r is not known: positions are read as they are", path, _AXES, stated[_AXES])
+    if stated.get(_COLORS, _SRGB) not in ("", _SRGB):
+        LOG.warning("%s: %s %.60r is read as %s: colours may look too dark", path, _COLORS, stated[_COLORS], _SRGB)
+    if scene.provenance.frames or scene.provenance.anchors:
+        LOG.warning("%s: its coordinate frames and geodetic anchors are left out: axes may be others", path)
 
 
 def _declared_gaussians(path: Path) -> int:
@@ -134,7 +149,7 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
         else None,
         sh_degree=splats.degree,
     )
-    attributes = {_AXES: _Y_UP, "color_space": "srgb-rec709-display", _FPS: f"{rate:g}"}
+    attributes = {_AXES: _Y_UP, _COLORS: _SRGB, _FPS: f"{rate:g}"}
     with atomic_output(path) as target:
         options = fourdgs.WriteOptions(metadata=attributes)
         fourdgs.write(str(target), records, count / rate, options=options)

@@ -22,7 +22,14 @@ from splatwire.files.read_limited import read_at_most, read_json
 from splatwire.io.formats._asset import metadata_of_asset, warn_of_unused_extras
 from splatwire.io.formats._axes import GLTF_FLIPS as GLTF_FLIPS
 from splatwire.io.formats._axes import harmonic_signs, is_similarity, transform_splats
-from splatwire.io.formats._columns import MAX_GAUSSIANS, MAX_LOG_SCALE, build_splats, check_count, concatenate
+from splatwire.io.formats._columns import (
+    MAX_GAUSSIANS,
+    MAX_LOG_SCALE,
+    build_splats,
+    check_count,
+    concatenate,
+    warn_of_logits,
+)
 from splatwire.io.formats._files import is_in_folder_of, mapped_file, warn_of_bytes_outside
 from splatwire.io.formats._gltf_nodes import Instance, entry, shown_instances
 from splatwire.io.formats.content import FileContent
@@ -35,8 +42,6 @@ MAGIC = b"glTF"
 EXTENSION = "KHR_gaussian_splatting"
 _HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 _MAX_JSON_BYTES = 4 << 20
-_ROUNDING = 1e-3
-"""Largest distance of opacities from the range 0 to 1 that is attributed to rounding; above it a warning is logged."""
 _POINTS = 0
 _TYPES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
@@ -50,6 +55,7 @@ _KNOWN = {
 """Supported settings of the extension."""
 _SUPPORTED = (EXTENSION, EXT_SPLATWIRE, "KHR_mesh_quantization")
 """Extensions that a document may require."""
+_UNKNOWN_ATTRIBUTE = re.compile(rf"{EXTENSION}:(?!(?:ROTATION|SCALE|OPACITY|SH_DEGREE_\d+_COEF_\d+)$)")
 _HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "KHR_xmp")
 """Name prefixes of extensions that do not affect Gaussians."""
 _SMALLEST = float(np.exp(-MAX_LOG_SCALE))
@@ -201,7 +207,11 @@ class _Gltf:
             for name, values in _KNOWN.items():
                 if settings.get(name, values[0]) not in values:
                     LOG.warning("%s: %s %.40r is read as %s", self._path, name, settings[name], values[0])
-            if unknown := settings.keys() - _KNOWN.keys() - {"extras"}:
+            unknown = settings.keys() - _KNOWN.keys() - {"extras"}
+            unknown |= {name for name in primitive.get("attributes", {}) if _UNKNOWN_ATTRIBUTE.match(name)}
+            others = primitive["extensions"].keys() - {EXTENSION, EXT_SPLATWIRE}
+            unknown |= {name for name in others if not str(name).startswith(_HARMLESS)}
+            if unknown:
                 names = ", ".join(sorted(map(str, unknown)))[:120]
                 LOG.warning("%s: %s of %s are not known: the scene may look different", self._path, names, EXTENSION)
             ignored = [name for name in ("indices", "targets") if name in primitive]
@@ -280,12 +290,7 @@ class _Gltf:
                 raise DatasetError(f"{self._path}: {len(rows)} Gaussians have {name}, {len(means)} a position")
             sh[:, place] = rows * signs[place]
         opacities = self._accessor(attributes, f"{EXTENSION}:OPACITY", 1)[:, 0]
-        outside = int(((opacities < -_ROUNDING) | (opacities > 1 + _ROUNDING)).sum())
-        if outside:
-            LOG.warning(
-                "%s: %s of %s opacities are outside of 0 to 1, so they may be logits: they are clipped to 0 to 1, as "
-                "glTF has opacities themselves", self._path, f"{outside:,}", f"{len(opacities):,}",
-            )  # fmt: skip
+        warn_of_logits(self._path, opacities, "glTF")
         return build_splats(
             self._path,
             means=means * np.array(GLTF_FLIPS, np.float32),

@@ -37,6 +37,8 @@ from splatwire.types.splats import Splats
 LOG = logging.getLogger(__name__)
 PALETTE_COLUMNS = 64
 CODES = 256
+_SECTIONS = ("means", "scales", "quats", "sh0", "shN")
+_FIELDS = frozenset(("files", "mins", "maxs", "codebook", "count", "bands"))
 _MAX_META_BYTES = 1 << 20
 _MAX_PALETTE = 1 << 16
 _SPARE_PIXELS = 1 << 16
@@ -62,6 +64,7 @@ def read_sog(path: Path) -> FileContent:
         warn_of_bytes_outside(path, found.bytes_outside, "before or after its zip")
         warn_of_unused_fields(path, {name: found.meta[name] for name in found.meta if name != "asset"})
         warn_of_unused_extras(path, found.meta.get("asset"))
+        found.warn_of_unknown_fields()
         return FileContent(
             found.splats(),
             antialiased=found.is_antialiased(),
@@ -145,6 +148,18 @@ class _Sog:
                 "%s: antialias %.40r is not a boolean: the scene is drawn without antialiasing", self._path, stated
             )
         return stated in (True,)
+
+    def warn_of_unknown_fields(self) -> None:
+        """Logs sections with images, and fields of sections, that are not known."""
+        sections = {name: part for name, part in self.meta.items() if isinstance(part, dict) and "files" in part}
+        unknown = [name for name in sections if name not in _SECTIONS]
+        if not self._first:
+            unknown += [f"{name}.{field}" for name, part in sections.items() for field in part.keys() - _FIELDS]
+        if unknown:
+            LOG.warning(
+                "%s: %s of %s are not known: the scene may look different",
+                self._path, ", ".join(sorted(unknown))[:120], SOG_META_NAME,
+            )  # fmt: skip
 
     def _first_count(self) -> Any:
         """Returns the number of Gaussians of a version 1 file: the first number of an array shape in `meta.json`."""

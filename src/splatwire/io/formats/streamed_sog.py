@@ -30,6 +30,7 @@ MAX_LEAVES = 1 << 16
 MAX_CHUNKS = 1 << 14
 _BUNDLE = ".sog"
 _VERSIONS = (1,)
+_NODE_FIELDS = ("bound", "children", "lods")
 
 
 @dataclass(frozen=True)
@@ -157,6 +158,7 @@ def _finest(
 def _leaves(index: Path, tree: Any) -> Iterator[dict[str, Any]]:
     """Yields the levels of detail of each leaf as JSON objects (`lods`), in tree order."""
     waiting, count = [tree], 0
+    unknown: set[str] = set()
     while waiting:
         node, count = waiting.pop(), count + 1
         if not isinstance(node, dict) or count > 2 * MAX_LEAVES:
@@ -164,9 +166,15 @@ def _leaves(index: Path, tree: Any) -> Iterator[dict[str, Any]]:
         children, levels = node.get("children", []), node.get("lods", {})
         if not isinstance(children, list) or not isinstance(levels, dict):
             raise DatasetError(f"{index}: a node of its tree has children that are no list, or lods that are no object")
+        if children and levels:
+            raise DatasetError(f"{index}: a node of its tree has children and lods, so Gaussians may be there twice")
+        unknown |= node.keys() - set(_NODE_FIELDS)
         waiting += reversed(children)
         if levels:
             yield levels
+    if unknown:
+        names = ", ".join(sorted(unknown))[:120]
+        LOG.warning("%s: %s of nodes of its tree are not known: the scene may look different", index, names)
 
 
 def _level(index: Path, item: tuple[str, Any]) -> int:

@@ -21,9 +21,9 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdUtils, UsdVol, Vt
 from splatwire.errors import MALFORMED, DatasetError
 from splatwire.files.atomic_write import atomic_output
 from splatwire.io.formats._asset import asset_of, metadata_of_asset
-from splatwire.io.formats._axes import SPZ_FLIPS, transform_splats
+from splatwire.io.formats._axes import SPZ_FLIPS, is_similarity, transform_splats
 from splatwire.io.formats._axes import flip_axes as flipped
-from splatwire.io.formats._columns import MAX_GAUSSIANS, build_splats, check_count, concatenate, join
+from splatwire.io.formats._columns import MAX_GAUSSIANS, build_splats, check_count, concatenate, join, warn_of_logits
 from splatwire.io.formats._usd_files import checked_layers
 from splatwire.io.formats.content import FileContent
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions
@@ -38,6 +38,10 @@ _ARRAYS = {"positions": 3, "orientations": 4, "scales": 3, "opacities": 1, _COEF
 """Array attributes of a prim and the numbers of each entry; each may have the type half, with `h` after its name."""
 _OWN = "splatwire"
 """Key of the layer's custom data with metadata and axes: JSON with an `asset` object as in glTF, and `flips`."""
+_STAND_INS = (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy)
+"""Purposes of prims that a picture of the scene does not show."""
+_LINEAR = re.compile(r"lin_|linear", re.IGNORECASE)
+"""Pattern of names of linear colour spaces."""
 _KEPT_AXES = (1.0, 1.0, 1.0)
 MAX_FRAMES = 20_000
 """Maximum number of frames that are read."""
@@ -68,6 +72,7 @@ class UsdFrames:
     def read(self) -> Iterator[FileContent]:
         """Reads the frames, one at a time; a frame may be empty."""
         stage = _Stage(self.path)
+        stage.warn_of_left_out()
         for time in self.times:
             yield stage.content(Usd.TimeCode(time), may_be_empty=True)
 
@@ -82,6 +87,8 @@ def read_usd(path: Path) -> FileContent:
         DatasetError: If usd-core cannot open the file, or the Gaussians are missing, incomplete or too many.
     """
     stage = _Stage(path)
+    stage.warn_of_left_out()
+    stage.warn_of_motion()
     return stage.content(Usd.TimeCode.EarliestTime())
 
 
@@ -150,7 +157,7 @@ class _Stage:
     """An opened OpenUSD stage with the visible prims of Gaussians.
 
     Raises:
-        DatasetError: If usd-core cannot open the file, or it has no such prim.
+        DatasetError: If usd-core cannot open the file, it has no such prim, or a point instancer repeats one.
     """
 
     def __init__(self, path: Path) -> None:
@@ -160,14 +167,47 @@ class _Stage:
             self._stage = _opened_stage(path, unread)
         except Tf.ErrorException as error:
             raise DatasetError(f"{path}: usd-core cannot open it: {_first_line(error)}") from error
-        self._prims = [
+        everything = list(Usd.PrimRange(self._stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
+        visible = [
             prim
-            for prim in self._stage.Traverse()
+            for prim in everything
             if prim.GetTypeName() == PRIM
             and UsdGeom.Imageable(prim).ComputeVisibility(Usd.TimeCode.EarliestTime()) != UsdGeom.Tokens.invisible
         ]
-        if not self._prims:
+        if not visible:
             raise DatasetError(f"{path}: no visible prim of the type {PRIM}")
+        self._prims = [prim for prim in visible if UsdGeom.Imageable(prim).ComputePurpose() not in _STAND_INS]
+        self._prims = self._prims or visible
+        self._num_stand_ins = len(visible) - len(self._prims)
+        self._num_others = sum(prim.IsA(UsdVol.ParticleField) and prim.GetTypeName() != PRIM for prim in everything)
+        for prim in everything:
+            if prim.IsA(UsdGeom.PointInstancer):
+                for target in UsdGeom.PointInstancer(prim).GetPrototypesRel().GetForwardedTargets():
+                    if any(one.GetPath().HasPrefix(target) for one in self._prims):
+                        raise DatasetError(f"{path}: {prim.GetPath()} repeats Gaussians, which is not read")
+
+    def warn_of_left_out(self) -> None:
+        """Logs prims that are left out, and linear colours."""
+        if self._num_stand_ins:
+            LOG.warning("%s: %d prims with the purpose guide or proxy are left out", self._path, self._num_stand_ins)
+        if self._num_others:
+            LOG.warning("%s: %d particle fields that are no %s are left out", self._path, self._num_others, PRIM)
+        spaces = {str(Usd.ColorSpaceAPI.ComputeColorSpaceName(prim, None)) for prim in self._prims}
+        if linear := sorted(name for name in spaces if _LINEAR.match(name)):
+            LOG.warning(
+                "%s: its colours are linear (%s): they are read as sRGB and may look too dark", self._path, linear[0]
+            )
+
+    def warn_of_motion(self) -> None:
+        """Logs a warning if the transform or visibility of Gaussians changes over time."""
+        above = [prim for one in self._prims for prim in (one, *_ancestors(one))]
+        if any(
+            UsdGeom.Xformable(prim).TransformMightBeTimeVarying()
+            or (UsdGeom.Imageable(prim) and UsdGeom.Imageable(prim).GetVisibilityAttr().ValueMightBeTimeVarying())
+            for prim in above
+            if UsdGeom.Xformable(prim)
+        ):
+            LOG.warning("%s: animations of transforms and visibility are left out", self._path)
 
     def frames(self) -> UsdFrames | None:
         """Returns the frames of a moving scene; None if its Gaussians have values at fewer than two times.
@@ -213,6 +253,12 @@ class _Stage:
         flips, own = self._axes()
         shifts = np.array([placement[:3, 3] for _, placement in found]) * flips
         origin = choose_origin(shifts, wide=False)
+        if not all(np.isfinite(placement).all() for _, placement in found):
+            raise DatasetError(f"{self._path}: a transform of its Gaussians is not finite")
+        if any(splats.degree and not is_similarity(placement[:3, :3]) for splats, placement in found):
+            LOG.warning(
+                "%s: transforms stretch Gaussians: their shape follows, and their harmonics only turn", self._path
+            )
         moved = [_transformed(splats, placement, flips, origin) for splats, placement in found]
         metadata = metadata_of_asset(own.get("asset"))
         if metadata.up is None and flips == _KEPT_AXES:
@@ -252,6 +298,7 @@ class _Stage:
                 f"{self._path}: {prim.GetPath()}: {len(arrays[_COEFFICIENTS]):,} coefficients for {count:,} Gaussians "
                 f"of degree {degree}, which have {functions} each"
             )
+        warn_of_logits(self._path, arrays["opacities"][:, 0], "OpenUSD")
         return build_splats(
             self._path,
             means=arrays["positions"],
@@ -272,6 +319,14 @@ class _Stage:
         if len(values) > MAX_GAUSSIANS * num_functions(MAX_DEGREE):
             raise DatasetError(f"{self._path}: {prim.GetPath()}: {len(values):,} {name} are too many")
         return np.array(values, np.float32).reshape(len(values), width)
+
+
+def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+    """Yields the prims above a prim, without the root of the stage."""
+    above = prim.GetParent()
+    while above and not above.IsPseudoRoot():
+        yield above
+        above = above.GetParent()
 
 
 def _attribute(prim: Usd.Prim, name: str) -> Usd.Attribute | None:
