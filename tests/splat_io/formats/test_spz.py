@@ -5,6 +5,7 @@ import gzip
 import itertools
 import logging
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -230,3 +231,23 @@ def test_a_cut_file_is_named_as_cut(tmp_path: Path) -> None:
     path = write(tmp_path / "a.spz", modern_spz(legacy_spz(3))[:-1])
     with pytest.raises(DatasetError, match="is cut: stream sh has"):
         every_row(path)
+
+
+@pytest.mark.parametrize("size", [1e-1, 1e-3, 1e-4])
+def test_small_scenes_keep_their_positions(size: float, tmp_path: Path) -> None:
+    splats = some_splats(200, 0)
+    small = replace(splats, means=splats.means * np.float32(size))
+    write_splats([small], tmp_path / "a.spz")
+    found = read_splats(tmp_path / "a.spz")
+    assert_close(found.means, small.means, atol=size / 500)
+
+
+@pytest.mark.parametrize(("factor", "problem"), [(1e-4, "outside of 4.5e-05 to 379"), (1e5, "of 200 Gaussians")])
+def test_scales_beyond_the_range_give_a_warning(
+    factor: float, problem: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    splats = some_splats(200, 0)
+    write_splats([replace(splats, scales=splats.scales * np.float32([1, 1, 1e-20]))], tmp_path / "flat.spz")
+    assert not caplog.messages
+    write_splats([replace(splats, scales=splats.scales * np.float32(factor))], tmp_path / "a.spz")
+    assert problem in caplog.text

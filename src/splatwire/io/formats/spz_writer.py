@@ -42,7 +42,13 @@ from splatwire.types.splats import Splats
 LOG = logging.getLogger(__name__)
 VERSIONS = (3, 4)
 """SPZ versions that can be written."""
-_FRACTION_BITS = 12
+_FRACTION_BITS, _MAX_FRACTION_BITS = 12, 24
+_FEWEST_STEPS = 1 << 12
+"""Number of position steps from 0 to the farthest coordinate, below which a small scene gets more fraction bits."""
+_LOG_SCALES = (-10.0, 255 / 16 - 10)
+"""Range of the logarithms of scales."""
+_SHARE = 0.25
+"""Smallest scale of the format, as a share of the largest axis of a Gaussian, above which the Gaussian looks larger."""
 _MOST = (1 << 23) - 1
 """Largest representable coordinate of a position, as a fixed-point integer."""
 _ZSTD_LEVEL = 12
@@ -83,6 +89,7 @@ def write_spz(
     if not all(1 <= number <= 8 for number in harmonic_bits):
         raise InvalidValueError(f"harmonics of an SPZ have 1 to 8 bits, of degree 1 and beyond, not {harmonic_bits}")
     splats = flip_axes(_treat_outliers(join(path, parts), path, outliers), SPZ_FLIPS)
+    _warn_of_scales(splats, path)
     bits = _fraction_bits(float(np.abs(splats.means).max()))
     columns = [column.tobytes() for column in _columns(splats, bits, harmonic_bits)]
     write = _write_plain if version == 4 else _write_gzip
@@ -92,6 +99,19 @@ def write_spz(
     with atomic_output(path) as unfinished:
         write(unfinished, columns, header, records)
     return splats.num_gaussians
+
+
+def _warn_of_scales(splats: Splats, path: Path) -> None:
+    """Logs a warning if Gaussians look different because their scales are clipped to the range of the format."""
+    low, high = np.exp(_LOG_SCALES)
+    largest = splats.scales.max(axis=1)
+    outside = (largest * _SHARE < low) | (largest > high * (1 + _SHARE))
+    if outside.any():
+        LOG.warning(
+            "%s: scales of %s of %s Gaussians are outside of %.2g to %.3g, the range of SPZ, and are clipped to it: "
+            "Gaussians look larger or smaller, so give the scene another size first",
+            path, f"{int(outside.sum()):,}", f"{len(outside):,}", low, high,
+        )  # fmt: skip
 
 
 def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
@@ -151,9 +171,12 @@ def _write_plain(
 def _fraction_bits(farthest: float) -> int:
     """Returns the number of fraction bits of fixed-point positions, given the largest absolute coordinate.
 
-    It is 12, as in files of all other writers, or less if positions would not fit 24 bits.
+    It is 12, as in files of all other writers, less if positions would not fit 24 bits, and more for scenes smaller
+    than one unit, whose Gaussians would share few steps.
     """
     bits = _FRACTION_BITS
+    while bits < _MAX_FRACTION_BITS and 0 < farthest * 2**bits < _FEWEST_STEPS:
+        bits += 1
     while bits and farthest * 2**bits > _MOST:
         bits -= 1
     if farthest * 2**bits > _MOST:
