@@ -132,6 +132,7 @@ def test_invisible_prims_are_left_out(tmp_path):
     [
         (b"PXR-USDC" + bytes(200), "usd-core cannot open it"),
         (b"#usda 1.0\nbroken {", "usd-core cannot open it"),
+        (b'#usda 1.0\ndef "\xff\xad" (', "usd-core cannot open it"),
         (b'#usda 1.0\ndef Xform "a" {}\n', "no visible prim of the type"),
         (
             b'#usda 1.0\ndef ParticleField3DGaussianSplat "a" {\n point3f[] positions = [(0, 0, 0)]\n}\n',

@@ -91,7 +91,7 @@ def warn_of_distant_sites(path: Path, splats: Splats, origin: Origin) -> None:
     share = float(rounded.mean()) if len(rounded) else 0.0
     if share > _FAR:
         LOG.warning(
-            "%s: %.2g %% of the Gaussians are up to %.6g from the scene's origin (%s), where positions have steps of "
+            "%s: %.3g %% of the Gaussians are up to %.6g from the scene's origin (%s), where positions have steps of "
             "up to %.2g, more than half of their size: split the sites into files",
             path, 100 * share, float(distances[rounded].max()), describe_origin(origin), float(steps[rounded].max()),
         )  # fmt: skip

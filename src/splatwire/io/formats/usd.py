@@ -271,7 +271,10 @@ class _Stage:
         A file written by this package contains a JSON object with the signs and the metadata of the scene. For other
         files, the object is empty, and the up axis of the stage determines the signs.
         """
-        data = self._stage.GetRootLayer().customLayerData.get(_OWN)
+        try:
+            data = self._stage.GetRootLayer().customLayerData.get(_OWN)
+        except (Tf.ErrorException, *MALFORMED) as error:
+            raise DatasetError(f"{self._path}: its metadata are damaged: {_first_line(error)}") from error
         try:
             own = json.loads(data) if isinstance(data, str) else {}
         except (ValueError, RecursionError):
@@ -364,7 +367,11 @@ def _transformed(splats: Splats, placement: np.ndarray, flips: tuple[float, floa
 
 
 def _first_line(error: BaseException) -> str:
-    lines = [line.strip(" \t'\"") for line in str(error).splitlines() if line.strip(" \t'\"")]
+    try:
+        text = str(error)
+    except UnicodeDecodeError:  # usd-core quotes the file, which may be damaged
+        text = "it is damaged"
+    lines = [line.strip(" \t'\"") for line in text.splitlines() if line.strip(" \t'\"")]
     return next((line for line in lines if not line.startswith(("Error in", "Error:"))), (lines or [repr(error)])[0])
 
 
