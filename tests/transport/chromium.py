@@ -78,6 +78,11 @@ class Browser(Page):
             self._origins.add("/".join(url.split("/")[:3]))
         self._call("Page.navigate", self._session, url=url)
 
+    def prepare(self, script: str) -> None:
+        """Runs a script at the beginning of each document that is opened later, before the scripts of the page."""
+        self._call("Page.enable", self._session)
+        self._call("Page.addScriptToEvaluateOnNewDocument", self._session, source=script)
+
     def evaluate(self, expression: str) -> Any:
         found = self._call("Runtime.evaluate", self._session, expression=expression, returnByValue=True)
         return found["result"].get("value")

@@ -1,5 +1,5 @@
 // Reduces PlayCanvas to a camera and Gaussians sorted in a worker, with WebGL. Removes lights, shadows, skies, WebGPU,
-// XR, and PlayCanvas's own levels of detail and file formats.
+// augmented reality, and PlayCanvas's own levels of detail and file formats.
 
 import { readdirSync, readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
@@ -13,7 +13,7 @@ const MODULES = {
   "framework/handlers": ["untar"],
   "framework/parsers/glb": ["gltf-accessor", "extensions/khr-gaussian-splatting"],
   "platform/graphics": ["compute", "draw-commands", "storage-buffer"],
-  "platform/graphics/webgl": ["webgl-draw-commands", "webgl-xr-bridge", "webgl-xr-msaa-copy"],
+  "platform/graphics/webgl": ["webgl-draw-commands", "webgl-xr-msaa-copy"],
   "scene/graphics": ["env-lighting", "prefix-sum-kernel", "reproject-texture"],
   "scene/graphics/radix-sort": [
     "compute-radix-sort",
@@ -48,6 +48,10 @@ const named = Object.entries(MODULES).flatMap(([room, names]) =>
   names.map((name) => `${room}/${name}`.replace(".", "\\.")),
 );
 const MODULES_LEFT_OUT = new RegExp(`playcanvas/src/(${named.join("|")})\\.js$`);
+
+/** Parts of WebXR sessions for augmented reality and controllers. They are instantiated but do nothing here. */
+const XR_PARTS = "anchors|dom-overlay|hit-test|image-tracking|input|light-estimation|mesh-detection|plane-detection",
+  XR_LEFT_OUT = new RegExp(`framework/xr/xr-(${XR_PARTS})\\.js$`);
 
 const EXPORTS = /^export \{([^}]*)\};/m;
 
@@ -84,6 +88,7 @@ export const smaller = {
   setup(setup) {
     finer.setup(setup);
     setup.onLoad({ filter: SHADERS_LEFT_OUT }, ({ path }) => instead(path, 'const none = "";'));
+    setup.onLoad({ filter: XR_LEFT_OUT }, ({ path }) => instead(path, "class none { update() {} }"));
     setup.onLoad({ filter: MODULES_LEFT_OUT }, ({ path }) =>
       instead(path, 'class none { constructor() { throw new Error("left out of PlayCanvas: scripts/engine.mjs"); } }'),
     );
@@ -110,7 +115,7 @@ export const lower = {
 };
 
 /** Sources of the renderer's bundle. */
-const DRAWING = /render\/(view|tiled_meshes|gpu_gaussians|half_float_target)\.ts$/;
+const DRAWING = /render\/(view|tiled_meshes|gpu_gaussians|half_float_target|headset)\.ts$/;
 const METHOD = /^\t(?:static )?(\w+)\([^\n]*\) \{\n(?:\t\t[^\n]*\n|\n)*\t\},?\n/gm;
 
 const MATH = fileURLToPath(new URL("../node_modules/playcanvas/build/playcanvas/src/core/math/", import.meta.url));

@@ -238,6 +238,10 @@ export class Controller {
         this.#playback.setVisible(stage.isVisible);
         this.#rotation.setVisible(stage.isVisible);
       });
+    navigator.xr?.isSessionSupported("immersive-vr").then(
+      (supported) => supported && this.panel.addHeadset(() => this.#enterHeadset()),
+      () => undefined, // the page may not use it
+    );
     this.onAdopted();
     sizes.observe(stage.surface);
     sight.observe(host);
@@ -250,6 +254,10 @@ export class Controller {
     for (const name of ["pointerdown", "pointermove", "wheel", "keydown", "focusin"] as const)
       host.addEventListener(name, () => this.#onInput(name), { signal, passive: true });
     this.#onInput("");
+  }
+
+  #enterHeadset(): void {
+    this.stage.enterHeadset().catch((error: Error) => this.panel.setMessage(`No headset: ${error.message}`, "bad"));
   }
 
   /** Shows the controls, which fade after some seconds without input. Input also pauses the rotation. */

@@ -143,6 +143,13 @@ export class Panel {
     return this.#help.open;
   }
 
+  /** Adds a button that shows the scene in a headset. */
+  addHeadset(enter: () => void): void {
+    const button = iconButton("show in a headset", "headset");
+    button.addEventListener("click", enter);
+    this.#helpSwitch.before(button);
+  }
+
   /** Shows whether the camera rotates automatically. */
   set rotating(rotating: boolean) {
     this.#rotation.setAttribute("aria-pressed", String(rotating));

@@ -139,6 +139,12 @@ export class Stage implements ContextOwner {
     return point && new Vec3(...point);
   }
 
+  /** Shows the scene in a headset. Throws if there is no renderer or no session. */
+  async enterHeadset(): Promise<void> {
+    if (!this.view) throw new Error("nothing is drawn yet");
+    await this.view.enterHeadset();
+  }
+
   /** Loads the renderer and starts drawing, if the element is visible and a WebGL context is free. */
   async open(): Promise<void> {
     if (this.#opening || this.view || this.#destroyed) return;

@@ -28,9 +28,17 @@ export class HalfFloatTarget {
     this.camera.renderTarget = this.#target;
   }
 
+  /** Sets whether the camera draws into this target; otherwise it draws into the canvas or a headset. */
+  set used(used: boolean) {
+    const { gl } = this.device;
+    if (!used) gl.bindFramebuffer(gl.FRAMEBUFFER, null); // copies leave the target bound without the engine's knowledge
+    this.camera.renderTarget = (used ? this.#target : null) as RenderTarget; // the engine takes null, its types do not
+  }
+
   /** Copies the picture to the canvas. */
   show(): void {
-    if (this.#target) this.device.copyRenderTarget(this.#target, undefined, true, false);
+    const { renderTarget } = this.camera;
+    if (renderTarget) this.device.copyRenderTarget(renderTarget, undefined, true, false);
   }
 
   destroy(): void {

@@ -14,6 +14,7 @@ import {
   Quat,
   RESOLUTION_FIXED,
   TONEMAP_NONE,
+  XrManager,
 } from "playcanvas";
 
 import type { Camera, FixedCamera } from "../model/camera.ts";
@@ -21,6 +22,7 @@ import { delay } from "../scheduler.ts";
 import { cssZoomOf } from "./css_zoom.ts";
 import { GpuFence, UploadSlices } from "./gpu_limits.ts";
 import { HalfFloatTarget } from "./half_float_target.ts";
+import { Headset } from "./headset.ts";
 import type { Orbit } from "./orbit.ts";
 import type { Packed, Tile } from "./packed.ts";
 import { PatientDevice } from "./patient_device.ts";
@@ -70,6 +72,7 @@ export class View {
   /** True if the next frame waits for the GPU to finish the last one. */
   #waitsForGpu = false;
   readonly #mesh: SingleMesh;
+  readonly #headset: Headset;
   /** Tiles of a scene with levels; null for other scenes. */
   #tiles: TiledMeshes | null = null;
   readonly #slices: UploadSlices;
@@ -114,6 +117,7 @@ export class View {
     const options = new AppOptions();
     options.graphicsDevice = device;
     options.componentSystems = [CameraComponentSystem, GSplatComponentSystem];
+    options.xr = XrManager;
     this.#app = new AppBase(canvas);
     this.#app.init(options);
     this.#app.setCanvasFillMode(FILLMODE_NONE);
@@ -137,8 +141,8 @@ export class View {
     this.#gpu = new GpuFence(device);
     this.#slices = new UploadSlices(this.#gpu, () => this.#destroyed);
     this.#target = new HalfFloatTarget(device, this.#camera.camera!);
-    this.#app.root.addChild(this.#camera);
     this.#mesh = new SingleMesh(this.#app);
+    this.#headset = new Headset(this.#app, this.#camera, orbit, () => this.#onHeadset());
     this.#app.on("update", () => this.#beforeFrame());
     this.#app.systems.gsplat!.on("frame:request", () => this.touch());
     this.#app.scene.on("gsplat:sorted", () => {
@@ -186,6 +190,7 @@ export class View {
 
   /** Stops the frame loop if no frame was requested for a while. */
   #stopIdleLoop(): void {
+    if (this.#headset.active) return;
     const loop = this.#app as unknown as FrameLoop;
     this.#app.renderNextFrame ||= this.#waitsForGpu;
     if (performance.now() - this.#drawnAt < IDLE_MS || this.#app.renderNextFrame) return;
@@ -314,6 +319,7 @@ export class View {
       fixed = this.#fixed;
     if (fixed)
       return { viewmat: fixed.viewmat, focal: (fixed.focal * height) / fixed.height, width, height, margin: 0 };
+    if (this.#headset.active) return cameraFromPose(this.#headset.pose, this.#size, width / 2, height);
     return cameraFromPose(this.orbit.pose(), this.#size, width, height);
   }
 
@@ -327,6 +333,18 @@ export class View {
   /** True while a camera of `splatwire` is used. It has its own picture size. */
   get isFixed(): boolean {
     return this.#fixed !== null;
+  }
+
+  /** Shows the scene in a headset, instead of on the page, until the session ends. Throws if it cannot start. */
+  enterHeadset(): Promise<void> {
+    return this.#headset.start();
+  }
+
+  #onHeadset(): void {
+    if (this.#destroyed) return;
+    this.#target.used = !this.#headset.active;
+    this.resize();
+    this.#changed();
   }
 
   /** Resolves in the task of the next frame, while the canvas can be read. */
@@ -384,6 +402,12 @@ export class View {
   }
 
   #beforeFrame(): void {
+    if (!this.#headset.active) this.#prepareFrame(); // a headset places the camera and sets the pace
+    this.watcher?.(this.camera);
+  }
+
+  /** Places the camera, and postpones the frame while the GPU is busy. */
+  #prepareFrame(): void {
     if (!this.#fixed) {
       const { position, rotation } = this.orbit.pose();
       this.#camera.setPosition(position.x, position.y, position.z);
@@ -393,7 +417,6 @@ export class View {
     this.#waitsForGpu = this.#app.renderNextFrame && !this.#gpu.idle;
     if (this.#waitsForGpu) this.#app.renderNextFrame = false;
     else if (this.#app.renderNextFrame) this.#applySize();
-    this.watcher?.(this.camera);
   }
 
   #sortWhenAtRest(): void {
