@@ -30,11 +30,11 @@ def test_updates_are_encoded_inspected_verified_and_applied(folder, run):
     assert 0 < told["share"] < 1
     facts = json.loads(run("inspect", change, "--json").out)
     assert (facts["codec"], facts["format_version"], facts["num_elements"]) == ("update", 5, 40)
-    assert facts["update"]["of"] == json.loads(run("inspect", old, "--json").out)["manifest_digest"]
+    assert facts["update"]["base_digest"] == json.loads(run("inspect", old, "--json").out)["manifest_digest"]
     assert run("verify", change).status == 0
     applied = json.loads(run("apply", old, change, "-o", new, "--json").out)
     assert applied["num_elements"] == 500
-    assert facts["update"]["gives"] == json.loads(run("inspect", new, "--json").out)["manifest_digest"]
+    assert facts["update"]["result_digest"] == json.loads(run("inspect", new, "--json").out)["manifest_digest"]
     assert run("verify", new).status == 0
     wrong = run("apply", new, change, "-o", again)
     assert (wrong.status, "the update changes another stream" in wrong.err) == (2, True)

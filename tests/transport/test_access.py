@@ -23,7 +23,7 @@ from splatwire.transport.access import Access
 from splatwire.transport.http.content import Link, PageContent
 from splatwire.transport.http.downloads import DownloadedFile
 from splatwire.transport.http.tokens import make_token, read_key, token_problem
-from splatwire.transport.protocol.datagrams import NEEDS_TOKEN, Request, Welcome
+from splatwire.transport.protocol.datagrams import NEEDS_TOKEN, REFUSALS, Request, Welcome
 from splatwire.transport.protocol.wire import decode, encode
 
 KEY = b"0123456789abcdef0123456789abcdef"
@@ -194,10 +194,22 @@ def test_a_server_over_quic_opens_private_streams_with_a_valid_token_only(conten
     assert isinstance(reply("secret", good), Welcome)
     assert isinstance(reply("open"), Welcome)
     assert isinstance(reply("hidden"), Welcome)
-    assert isinstance(reply(""), Welcome), "without a name, the first public stream"
-    server.replace({"secret": content.streams["secret"]})
-    assert reply("").reason == NEEDS_TOKEN
-    assert isinstance(reply("", good), Welcome)
+    assert isinstance(reply(""), Welcome), "without a name, the first listed stream"
+    for names in (("secret",), ("hidden", "secret")):
+        server.replace({name: content.streams[name] for name in names})
+        assert reply("").reason == NEEDS_TOKEN
+        assert isinstance(reply("", good), Welcome)
+
+
+def test_a_request_without_a_name_gets_no_unlisted_stream(content, caplog):
+    server = Server(content.streams, secret=bytes(16), random=random.Random(0).randbytes)
+    server.access = Access(unlisted=frozenset({"secret", "hidden"}))
+    caplog.set_level("INFO")
+    assert isinstance(decode(server.receive("client", encode(Request(1, bytes(16), "")), 0.0, reliable=True)), Welcome)
+    assert 'stream="open"' in caplog.text
+    server.access = Access(unlisted=frozenset(content.streams))
+    refusal = decode(server.receive("client", encode(Request(2, bytes(16), "")), 0.0, reliable=True))
+    assert REFUSALS[refusal.reason] == "no such stream"
 
 
 def test_requests_with_other_tokens_are_malformed():

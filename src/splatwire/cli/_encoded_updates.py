@@ -4,11 +4,12 @@ import time
 from typing import Any
 
 from splatwire.bitstream import read_stream, write_stream
-from splatwire.cli._files import input_path, output_path
+from splatwire.cli._files import STANDARD, input_path, output_path
 from splatwire.cli._output import print_json, print_summary, progress_bars
 from splatwire.cli.encode import Encode
 from splatwire.codec import encode_update
 from splatwire.codec.update.apply import describe_update
+from splatwire.errors import InvalidValueError
 from splatwire.render.precision import scene_precision_classes
 from splatwire.types import Cameras
 
@@ -16,6 +17,8 @@ from splatwire.types import Cameras
 def encode_update_of(command: Encode, scene: Any, cameras: Cameras | None) -> None:
     """Encodes the changes of a scene relative to the stream `--update`, and prints their size."""
     assert command.update is not None
+    if command.scene == command.update == STANDARD:
+        raise InvalidValueError("the scene and the stream to update cannot both be standard input")
     with input_path(command.update) as path:
         base = read_stream(path)[0]
     with progress_bars() as report, output_path(command.output, suffix=".swz", json=command.json) as path:

@@ -19,6 +19,7 @@ from splatwire.evaluation.walkthrough.path import viewpoint_of
 from splatwire.io import save_decoded
 from splatwire.io.formats.ply import write_ply
 from splatwire.sequence.written_frames import check_num_frames, write_frames
+from splatwire.transport.address import without_token
 
 
 def viewpoint_of_options(command: Receive) -> Viewpoint | None:
@@ -70,7 +71,7 @@ def write_scene(command: Receive, stream: SceneStream, path: Path, show: Reporte
         kept = Path(command.output).resolve().with_suffix(FILE_SUFFIX)
         write_stream(stream, prepared_output(kept))
         raise InvalidValueError(
-            f"{command.url} sent {stream.manifest.elements}, which {command.output} is no name for; what arrived is in "
+            f"{without_token(command.url)} sent {stream.manifest.elements}, which {command.output} is no name for; what arrived is in "
             f"{kept}: `splatwire decode` or `splatwire export` take it from there"
         )
     concealer = None if command.conceal is None else create_concealer(command.conceal)

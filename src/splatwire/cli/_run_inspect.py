@@ -113,7 +113,8 @@ def _describe_update(stream: SceneStream) -> dict[str, Any]:
     if UPDATE not in (sections := sections_of(stream)):
         return {}
     fields = read_update(sections[UPDATE])
-    return {"update": {"of": fields.base_digest, "gives": fields.result_digest, "removal bytes": len(fields.removed)}}
+    digests = {"base_digest": fields.base_digest, "result_digest": fields.result_digest}
+    return {"update": {**digests, "removed_bytes": len(fields.removed)}}
 
 
 def _print_table(source: str, content: Mapping[str, Any]) -> None:

@@ -118,6 +118,11 @@ def repack(
     schema = schema_named(stream.manifest.codec)
     if schema.prepare_repack is None:
         raise InvalidValueError(f"packets of {stream.manifest.elements} cannot be changed: encode the scene again")
+    if not stream.manifest.num_packets:  # an update that only removes Gaussians
+        return make_stream(
+            packetization=packetization, num_elements=0, side_info=stream.side_info, packets=(),
+            symbols_digest=stream.manifest.symbols_digest, writer=f"splatwire {__version__}", codec=schema.name,
+        )  # fmt: skip
     packed = encode_prepared(schema, schema.prepare_repack(stream, packetization, threads), threads, progress)
     return schema.remap_sections(stream, packed)
 

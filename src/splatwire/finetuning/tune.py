@@ -186,8 +186,8 @@ def picture_gradients(
         target: RGB in [0, 1] of the reference picture. The rendering is clamped to this range before the comparison, as
             in `render_scene`.
         mask: True for pixels that are compared; None for all. The error is the mean over all pixels of the view.
-        scale: Divisor of the gradients, above 0. None divides by the error itself, which gives the gradients of the
-            error's logarithm.
+        scale: Divisor of the gradients. None divides by the error itself, which gives the gradients of the error's
+            logarithm. If the divisor is below `LEAST_SCALE`, this is used instead.
     """
     splats = scene.splats
     plain = seen = splats.seen_from(cameras.centers[view])

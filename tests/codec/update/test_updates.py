@@ -15,7 +15,15 @@ from explicit import encode_splats
 from mutations import mutated_bytes
 from splatwire.bitstream import SceneStream, stream_from_bytes, stream_to_bytes
 from splatwire.bitstream.sections import add_concealment, sections_of
-from splatwire.codec import apply_update, decode_stream, encode_scene, encode_update, repack
+from splatwire.codec import (
+    apply_update,
+    can_repack,
+    decode_stream,
+    encode_scene,
+    encode_update,
+    into_datagrams,
+    repack,
+)
 from splatwire.codec.gaussians.copies import SECTION as SKETCH
 from splatwire.codec.gaussians.copies import read_copies
 from splatwire.codec.gaussians.copies_encoder import write_copies
@@ -171,6 +179,24 @@ def test_updates_in_other_packets_give_the_same_stream(base: SceneStream) -> Non
     assert stream_to_bytes(apply_update(base, packed)) == stream_to_bytes(apply_update(base, update))
 
 
+def test_updates_without_new_gaussians_are_put_into_other_packets_too(base: SceneStream) -> None:
+    update = encode_update(base, some_splats().select(outside()))
+    assert not update.packets
+    for packed in (repack(update, replace(DATAGRAM, packet_bytes=256)), into_datagrams(update)):
+        assert packed.manifest.packetization.hashed
+        assert can_repack(packed)
+        received = stream_from_bytes(stream_to_bytes(packed))[0]
+        assert stream_to_bytes(apply_update(base, received)) == stream_to_bytes(apply_update(base, update))
+
+
+def test_another_antialiasing_is_logged(base: SceneStream, caplog: pytest.LogCaptureFixture) -> None:
+    encode_update(base, some_splats())
+    assert not caplog.text
+    update = encode_update(base, SplatScene(some_splats(), antialiased=True))
+    assert "the changed scene is antialiased, its stream is not: an update keeps what the stream has" in caplog.text
+    assert not decode_stream(apply_update(base, update)).scene.antialiased
+
+
 def test_incomplete_and_foreign_streams_are_refused(base: SceneStream) -> None:
     update = encode_update(base, moved(some_splats()))
     lost = update.with_packets(update.packets[1:])
@@ -180,6 +206,10 @@ def test_incomplete_and_foreign_streams_are_refused(base: SceneStream) -> None:
         apply_update(base.with_packets(base.packets[1:]), update)
     with pytest.raises(InvalidValueError, match="the update changes another stream: one with the digest"):
         apply_update(apply_update(base, update), update)
+    with pytest.raises(InvalidValueError, match="the same scene in other packets is another stream, too"):
+        apply_update(repack(base, replace(DATAGRAM, packet_bytes=300)), update)
+    with pytest.raises(InvalidValueError, match="the update changes another stream"):
+        describe_update(update, apply_update(base, update))
     with pytest.raises(BitstreamError, match="has Gaussians, it is not an update"):
         apply_update(base, base)
 
@@ -197,8 +227,6 @@ def test_streams_and_scenes_that_have_no_updates_are_refused() -> None:
         encode_update(base, some_splats(degree=2))
     with pytest.raises(InvalidValueError, match="no Gaussian that draws anything"):
         encode_update(base, replace(splats, opacities=np.zeros(COUNT, np.float32)))
-    with pytest.raises(InvalidValueError, match="without new Gaussians has no packets"):
-        repack(encode_update(base, splats), DATAGRAM)
     with pytest.raises(InvalidValueError, match=r"see `splatwire\.encode_update`"):
         encode_scene(decode_stream(update).scene)
 

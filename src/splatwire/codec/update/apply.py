@@ -51,11 +51,7 @@ def apply_update(base: SceneStream, update: SceneStream, *, threads: int | None 
     partial = decode_stream(update, threads=threads)
     change = partial.scene
     assert isinstance(change, UpdateScene)
-    found = manifest_digest(base.manifest)
-    if change.base_digest != found:
-        raise InvalidValueError(
-            f"the update changes another stream: one with the digest {change.base_digest[:12]}, not {found[:12]}"
-        )
+    _check_base(base, change.base_digest)
     if write_header(info) != write_header(open_side_info(update.manifest, update.side_info)):
         raise BitstreamError("the update has other quantisation steps than the stream that it changes")
     assert scene.coding is not None
@@ -80,10 +76,12 @@ def describe_update(update: SceneStream, base: SceneStream) -> dict[str, int]:
         base: The stream that it changes, complete.
 
     Raises:
+        InvalidValueError: If the update is for another stream.
         BitstreamError: If the update is damaged.
     """
-    section = sections_of(update).get(SECTION, b"")
-    removed = int(read_removed(read_update(section).removed, base.manifest.num_elements).sum())
+    fields = read_update(sections_of(update).get(SECTION, b""))
+    _check_base(base, fields.base_digest)
+    removed = int(read_removed(fields.removed, base.manifest.num_elements).sum())
     kept = base.manifest.num_elements - removed
     return {"num_kept": kept, "num_removed": removed, "num_new": update.manifest.num_elements}
 
@@ -170,6 +168,23 @@ def _with_copies(
 
 def _joined(first: Splats, second: Splats) -> Splats:
     return Splats(*(np.concatenate(pair) for pair in zip(vars(first).values(), vars(second).values(), strict=True)))
+
+
+def _check_base(base: SceneStream, digest: str) -> None:
+    """Checks that an update is for a stream.
+
+    Args:
+        base: The stream.
+        digest: SHA-256 of the manifest of the stream that the update changes, hexadecimal.
+
+    Raises:
+        InvalidValueError: If it is for another one.
+    """
+    if digest != (found := manifest_digest(base.manifest)):
+        raise InvalidValueError(
+            f"the update changes another stream: one with the digest {digest[:12]}, not {found[:12]}; the same scene "
+            "in other packets is another stream, too"
+        )
 
 
 def _check_complete(stream: SceneStream, what: str, so: str) -> None:

@@ -1,6 +1,7 @@
 """Encodes an update: the Gaussians that an edited scene has and its stream does not have, and the removed ones."""
 
 import hashlib
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -30,6 +31,7 @@ from splatwire.types.splat_scene import SplatScene
 from splatwire.types.splats import Splats
 from splatwire.version import __version__
 
+LOG = logging.getLogger(__name__)
 
 @checked_except("scene")
 def encode_update(
@@ -42,8 +44,8 @@ def encode_update(
     """Encodes the changes of a scene relative to its stream, see `apply_update`.
 
     A Gaussian is unchanged if its attributes, quantised with the steps of the stream, equal those of one in the stream.
-    The changed stream keeps the packetization, quantisation steps, context tables, background and metadata of the old
-    one.
+    The changed stream keeps the packetization, quantisation steps, context tables, background, antialiasing and
+    metadata of the old one. A scene with another antialiasing is encoded all the same, which is logged.
 
     Args:
         base: The stream of the scene before the change, complete.
@@ -77,6 +79,13 @@ def encode_update(
             f"the changed scene has spherical harmonics of degree {after.degree}, its stream those of degree "
             f"{before.splats.degree}"
         )
+    if found.antialiased != before.antialiased:
+        scenes = ("the changed scene", "its stream")
+        marked, plain = scenes if found.antialiased else scenes[::-1]
+        LOG.warning(
+            "encoding: %s is antialiased, %s is not: an update keeps what the stream has, and the other one looks "
+            "different from afar", marked, plain,
+        )  # fmt: skip
     after = within_reach(after, coding.size_log)
     match = find_unchanged(before.splats, coding, after)
     fresh = np.flatnonzero(match < 0)

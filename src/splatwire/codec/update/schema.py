@@ -54,8 +54,6 @@ def _prepare(scene: Any, options: Options) -> Prepared:
 
 
 def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: int | None) -> Prepared:
-    if not stream.packets:
-        raise InvalidValueError("an update without new Gaussians has no packets")
     info = open_side_info(stream.manifest, stream.side_info)
     scene = decode_stream(stream, threads=threads).scene
     return prepare_splats(scene, Options(packetization, threads=threads), like=info)
@@ -69,5 +67,4 @@ SCHEMA = schema_for(
     prepare_repack=_prepare_repack,
     open_decoder=UpdateDecoder,
     update_digest=update_digest,
-    can_repack=lambda stream: bool(stream.packets),
 )

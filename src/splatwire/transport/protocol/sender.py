@@ -4,6 +4,7 @@ The caller passes received datagrams and the time, and gets datagrams to send.
 """
 
 import heapq
+import itertools
 import logging
 import traceback
 from collections import Counter
@@ -339,9 +340,15 @@ class Server:
         return None
 
     def _default_stream(self) -> str:
-        """Returns the name of the first public stream, or of the first stream if all are private."""
-        private = frozenset[str]() if self.access is None else self.access.private
-        return next((name for name in self._streams if name not in private), next(iter(self._streams)))
+        """Returns the name of the first stream that lists contain; without one, that of the first private stream.
+
+        Unlisted streams have no default: whoever receives one knows its name. The result is empty if all are unlisted.
+        """
+        if self.access is None:
+            return next(iter(self._streams))
+        listed = (name for name in self._streams if self.access.is_listed(name))
+        private = (name for name in self._streams if name in self.access.private)
+        return next(itertools.chain(listed, private), "")
 
     def _new_session(self, address: Hashable) -> int:
         while True:
