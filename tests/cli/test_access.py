@@ -44,6 +44,8 @@ def test_a_private_scene_is_served_with_a_token_over_http_and_quic(run, folder):
             assert run("receive", f"{url}/garden", "-o", folder / "seen.swz", *trust).status == 0
             assert run("receive", f"{url}/room?token={token}", "-o", folder / "room2.swz", *trust).status == 0
             assert (folder / "room2.swz").stat().st_size > 1000
+            named = run("receive", f"{url}/room?token={token}", "-o", folder / "a.scene", "--conceal", "grow", *trust)
+            assert (named.status, "is no name for" in named.err, token in named.err) == (2, True, False)
             assert run("receive", url, "-o", folder / "default.swz", *trust).status == 0
             assert (folder / "default.swz").read_bytes() == (folder / "seen.swz").read_bytes()
             other = run("token", "garden", "--key", folder / "key", "--json").json["token"]

@@ -71,8 +71,8 @@ def write_scene(command: Receive, stream: SceneStream, path: Path, show: Reporte
         kept = Path(command.output).resolve().with_suffix(FILE_SUFFIX)
         write_stream(stream, prepared_output(kept))
         raise InvalidValueError(
-            f"{without_token(command.url)} sent {stream.manifest.elements}, which {command.output} is no name for; what arrived is in "
-            f"{kept}: `splatwire decode` or `splatwire export` take it from there"
+            f"{without_token(command.url)} sent {stream.manifest.elements}, which {command.output} is no name for; "
+            f"what arrived is in {kept}: `splatwire decode` or `splatwire export` take it from there"
         )
     concealer = None if command.conceal is None else create_concealer(command.conceal)
     warn_of_lost_harmonics(save_decoded(decode_stream(stream), concealer, path), command.output)

@@ -33,6 +33,7 @@ from splatwire.version import __version__
 
 LOG = logging.getLogger(__name__)
 
+
 @checked_except("scene")
 def encode_update(
     base: SceneStream,
