@@ -47,5 +47,12 @@ def test_best_has_the_largest_value_if_none_reaches_the_aim():
     assert max(shares) <= 1
 
 
+def test_infinite_values_end_with_the_smallest_share():
+    best, shares, values = searched(6.0, math.inf, 0.5)
+    assert values == [math.inf] * TUNINGS
+    assert shares == sorted(shares, reverse=True)
+    assert best == TUNINGS - 1
+
+
 def test_search_ends_if_all_gaussians_are_too_few():
     assert searched(6.0, 30.0, 1.0)[1] == [1.0]

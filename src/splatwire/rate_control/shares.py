@@ -32,7 +32,8 @@ def search_share(tune: Callable[[float], float], aim: Interval, start: float, sl
         values.append(tune(math.exp(at)))
         if len(values) > 1:
             measured = (values[-1] - values[-2]) / (logs[-1] - logs[-2])
-            slope = min(max(measured, slope / 2), 2 * slope)
+            if math.isfinite(measured):  # views without any difference have infinite PSNR
+                slope = min(max(measured, slope / 2), 2 * slope)
         step = min(max((aim.wanted - values[-1]) / slope, -LARGEST_CHANGE), LARGEST_CHANGE)
         reaching = [log for log, value in zip(logs, values, strict=True) if value >= aim.low]
         missing = [log for log, value in zip(logs, values, strict=True) if value < aim.low]
