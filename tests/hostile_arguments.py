@@ -218,7 +218,8 @@ class Pool:
             "name": "drop", "add_concealment.name": "sketch", "without_concealment.name": "sketch",
             "create_renderer.name": "cpu", "packetization_named.name": "paper", "schema_named.name": "gaussians",
             "register_loss_model.name": "mine", "register_metric.name": "mine", "register_concealer.name": "mine",
-            "spec": "bernoulli:0.2", "loss": "bernoulli:0.2",
+            "spec": "bernoulli:0.2", "loss": "bernoulli:0.2", "base": self.stream,
+            "update": lambda: splatwire.encode_update(self.stream, self.scene),
             **{f"{name}.loss": splatwire.parse_loss("bernoulli:0.2") for name in
                ("draw_mask", "draw_losses", "losses", "plan_protection", "plan_retransmission")},
 

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import threading
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 
 from splatwire.transport.http.content import web_file
 from splatwire.transport.http.messages import Request, read_range, read_request
@@ -118,7 +118,25 @@ async def hosting(
 ) -> AsyncIterator[Host]:
     """Serves pages, streams and scripts by name."""
     host = Host(pages, streams, scripts or {})
-    server = await asyncio.start_server(host.answer, "127.0.0.1", 0)
-    host.port = server.sockets[0].getsockname()[1]
-    async with server:
+    async with listening(host.answer) as host.port:
         yield host
+
+
+@contextlib.asynccontextmanager
+async def listening(
+    answer: Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]],
+) -> AsyncIterator[int]:
+    """Serves connections on a port, and ends them all at the exit: a browser keeps some open for later requests."""
+    writers = []
+
+    async def begin(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writers.append(writer)
+        with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
+            await answer(reader, writer)
+
+    async with await asyncio.start_server(begin, "127.0.0.1", 0) as server:
+        yield server.sockets[0].getsockname()[1]
+    for _ in range(5):  # a connection that was accepted just before begins in one of the next turns
+        for writer in writers:
+            writer.transport.abort()
+        await asyncio.sleep(0)

@@ -19,6 +19,7 @@ from splatwire.transport.quic.common import WEBTRANSPORT_PATH
 from splatwire.transport.quic.server import QuicServer
 from transport.chromium import Browser, executable, isolated_page
 from transport.relay import Relay
+from web.host import listening
 from web.node import WEB
 from web.test_page import ELEMENT, SMALL, STATUS, ball, run, status
 
@@ -109,8 +110,8 @@ def test_element_works_on_a_third_party_site(program: ServedStream) -> None:
                 await writer.drain()
                 writer.close()
 
-            theirs = await stack.enter_async_context(await asyncio.start_server(answer, "127.0.0.1", 0))
-            url = f"http://localhost:{theirs.sockets[0].getsockname()[1]}/"
+            theirs = await stack.enter_async_context(listening(answer))
+            url = f"http://localhost:{theirs}/"
 
             def drive() -> None:
                 with isolated_page() as page:

@@ -325,18 +325,18 @@ def test_packed_page_contains_the_stream_and_blocks_other_requests(stream: Scene
         pack_stream(encode_scene(tiny_scene(seed=2, num_anchors=100), Packetization()), "")
 
 
-def test_malformed_requests_get_no_response(programs: dict[str, ServedStream]) -> None:
+def test_requests_without_an_end_get_an_error_or_no_response(programs: dict[str, ServedStream]) -> None:
     async def work() -> None:
         async with PageServer(PageContent(programs)) as page:
             reader, writer = await asyncio.open_connection("127.0.0.1", page.port)
             writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
             assert b"<splat-wire" in await reader.read()
             writer.close()
-            for noise in (b"x" * 20_000, b""):
+            for noise, expected in ((b"x" * 20_000, b"HTTP/1.1 414"), (b"GET / HTTP/1.1\r\n", b""), (b"", b"")):
                 reader, writer = await asyncio.open_connection("127.0.0.1", page.port)
                 writer.write(noise)
                 writer.write_eof()
-                assert await reader.read() == b""
+                assert (await reader.read())[:12] == expected
                 writer.close()
 
     run(work())

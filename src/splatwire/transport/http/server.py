@@ -32,6 +32,8 @@ YIELD_S = 0.002
 LINGER_S, LINGER_BYTES = 1.0, 1 << 22
 """Limits on reading the rest of a refused request, seconds and bytes. Unread bytes would reset the connection, and the
 client could lose the response (RFC 9112, 9.6)."""
+_LAST_TURNS = 5
+"""Turns of the event loop in which a closing server ends connections."""
 
 
 @dataclass(frozen=True)
@@ -142,10 +144,14 @@ class PageServer:
     ) -> None:
         if self._server is not None:
             self._server.close()
-        clients = list(self._clients)
-        for client in clients:
-            client.cancel()
-        await asyncio.gather(*clients, return_exceptions=True)
+        # A connection that was accepted just before begins in one of the next turns of the event loop, and an aborted
+        # one ends there.
+        for _ in range(_LAST_TURNS):
+            clients = list(self._clients)
+            for client in clients:
+                client.cancel()
+            await asyncio.gather(*clients, return_exceptions=True)
+            await asyncio.sleep(0)
 
     @property
     def port(self) -> int:
