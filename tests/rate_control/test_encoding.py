@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -218,3 +219,17 @@ def test_splatwire_encode_takes_targets():
 def test_contradictory_targets_are_refused(arguments):
     with pytest.raises(InvalidValueError):
         splatwire.encode(shell(), **arguments)
+
+
+def test_a_stream_fine_tuned_for_losses_needs_only_reach_the_target():
+    def stream(psnr: float, num_bytes: int) -> SimpleNamespace:
+        return SimpleNamespace(psnr=psnr, stream=SimpleNamespace(num_bytes=num_bytes))
+
+    tuned, untuned = stream(40.1, 900), stream(40.0, 800)
+    assert _Plan.better_of(tuned, untuned, Target(psnr=40), for_loss=True) is tuned
+    assert _Plan.better_of(tuned, untuned, Target(psnr=40), for_loss=False) is untuned
+    assert _Plan.better_of(stream(38, 900), untuned, Target(psnr=40), for_loss=True) is untuned
+    tuned, untuned = stream(38.0, 1000), stream(40.0, 1000)
+    assert _Plan.better_of(tuned, untuned, Target(size=1000), for_loss=True) is tuned
+    assert _Plan.better_of(tuned, untuned, Target(size=1000), for_loss=False) is untuned
+    assert _Plan.better_of(None, untuned, Target(size=1000), for_loss=True) is untuned

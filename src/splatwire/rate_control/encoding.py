@@ -148,7 +148,7 @@ def encode_controlled(
     pictures = fitted_pictures(source, cameras, tuning, progress)
     tuned = _prune_and_tune(plan, start, target, encode, pictures, tuning, progress)
     found = _Trials(tuned, encode, progress, start.quality.level).closest(target)
-    better = plan.better_of(found, untuned, target)
+    better = plan.better_of(found, untuned, target, for_loss=tuning.loss is not None)
     if better is not found:
         _LOG.warning("fine-tuning gains nothing for this target: the scene is encoded as with effort default")
     return better
@@ -299,23 +299,29 @@ class _Plan:
         rounded = (error - pruned) * 10 ** (-ROUNDED_GAIN_DB / 10)
         return min(self.curve.share(max(error - rounded, LEAST_ERROR) * 10 ** (PRUNED_GAIN_DB / 10)), untuned.kept)
 
-    def better_of(self, tuned: EncodedScene | None, untuned: EncodedScene | None, target: Target) -> EncodedScene:
+    @staticmethod
+    def better_of(
+        tuned: EncodedScene | None, untuned: EncodedScene | None, target: Target, *, for_loss: bool
+    ) -> EncodedScene:
         """Chooses between the streams with and without fine-tuning; returns the one that serves a target better.
 
         Args:
             tuned: The stream of fine-tuned Gaussians; None if it does not reach the target.
             untuned: The stream without fine-tuning; None if the target is a quality setting.
             target: The target of both streams.
+            for_loss: True if fine-tuning was for packet loss. Its gain is then not visible in complete streams, so the
+                fine-tuned stream is chosen if it reaches the target.
         """
         if tuned is None or untuned is None:
             found = tuned or untuned
             assert found is not None
             return found
         if target.psnr is None:
-            return tuned if tuned.psnr >= untuned.psnr else untuned
+            return tuned if for_loss or tuned.psnr >= untuned.psnr else untuned
         off = abs(tuned.psnr - target.psnr)
         reaches = off <= max(2 * PSNR_TOLERANCE, abs(untuned.psnr - target.psnr))
-        return tuned if reaches and tuned.stream.num_bytes < untuned.stream.num_bytes else untuned
+        smaller = tuned.stream.num_bytes < untuned.stream.num_bytes
+        return tuned if reaches and (for_loss or smaller) else untuned
 
     def encoded(self, quality: Quality, encode: Encoder, share: float | None = None) -> EncodedScene:
         """Prunes and encodes the scene at a quality setting.
