@@ -222,8 +222,10 @@ def test_contradictory_targets_are_refused(arguments):
 
 
 def test_a_stream_fine_tuned_for_losses_needs_only_reach_the_target():
-    def stream(psnr: float, num_bytes: int) -> SimpleNamespace:
-        return SimpleNamespace(psnr=psnr, stream=SimpleNamespace(num_bytes=num_bytes))
+    def stream(psnr: float, num_bytes: int) -> EncodedScene:
+        made = object.__new__(EncodedScene)
+        vars(made).update(psnr=psnr, stream=SimpleNamespace(num_bytes=num_bytes))
+        return made
 
     tuned, untuned = stream(40.1, 900), stream(40.0, 800)
     assert _Plan.better_of(tuned, untuned, Target(psnr=40.0), for_loss=True) is tuned
