@@ -46,7 +46,7 @@ def plan_retransmission(
         variants: Variants of the stream, such as one with tiers and one with redundant copies.
         loss: Loss model of the channel, in datagrams.
         budget_bytes: Mean bytes that may be sent, datagram headers included.
-        max_protection: Maximum mean fraction of the bytes that are retransmitted or serve concealment only, 0 to 1.
+        max_protection: Maximum mean share of bytes for retransmissions and for redundant copies, 0 to 1.
         rendered_trials: Number of simulated transfers that are rendered.
         seed: Seed of the simulated losses.
         progress: Called with the completed fraction.

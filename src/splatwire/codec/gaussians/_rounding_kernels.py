@@ -46,7 +46,7 @@ from splatwire.ops.compiled import njit
 def round_rows(places, logs, axes, colours, levels, bases, unit, coarsest, thinness, harmonics, rows):
     """Quantises Gaussians to the integers that a decoder would obtain, without encoding them.
 
-    It supports streams in which these integers do not depend on the division into packets.
+    This works only for streams in which these integers do not depend on the division into packets.
 
     Args:
         places: Lattice coordinates, int64 (n, 3).

@@ -159,7 +159,7 @@ class SketchedLoss:
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
     def proposal(self, section: SketchSection) -> Concealed:
-        """Enlarges the drawn anchors with the parameters in a section `sketch`; returns the concealer's result."""
+        """Conceals the loss with the enlargement parameters of a section `sketch`, and returns the result."""
         rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
         gain = rule.gain(self.left, self.filled.known, self.filled.tier_sizes)
         gains = default_weights()(replace(self.inputs, grown=gain), section.trust)

@@ -72,7 +72,7 @@ def concealed_pictures(
     stream: SceneStream, mask: PacketLossMask | None, loss: Loss | None, seed: int, concealer: TemporalConcealer,
     cameras: Cameras, chosen: Sequence[int], renderer: str,
 ) -> Iterator[Picture]:  # fmt: skip
-    """Renders the selected frames of a sequence with losses after concealment, each with its camera.
+    """Simulates losses in a sequence, conceals them, and renders the selected frames, each with its camera.
 
     Args:
         stream: The complete stream.

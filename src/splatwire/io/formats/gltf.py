@@ -222,7 +222,7 @@ class _Gltf:
         return own
 
     def _count(self, primitive: dict[str, Any]) -> int:
-        """Returns the number of Gaussians that the document states for a primitive; opens the buffers with their data.
+        """Returns the number of Gaussians of a primitive. Also opens the files with their data.
 
         Raises:
             DatasetError: If an attribute has no accessor, or the number is invalid.

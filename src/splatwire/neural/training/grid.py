@@ -106,7 +106,7 @@ def sign_bits(volume: Float[Tensor, "rows3 D"], planes: Float[Tensor, "3 rows2 D
 
 
 class _InterpolateSigns(torch.autograd.Function):
-    """Autograd function of the compiled interpolation.
+    """Interpolates the hash grid of signs with compiled kernels, as a differentiable function.
 
     A single thread sums the gradient of a level in the order of `index`, so results are reproducible.
     """

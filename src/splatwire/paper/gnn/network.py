@@ -136,8 +136,8 @@ class InpaintingNetwork(nn.Module):
     """Predicts residuals of lost anchors (queries) from their neighbours in the graph.
 
     The inputs are standardised with constants that are part of the weights. The last layer of each head is initialised
-    with zero, so an untrained network predicts the baseline with full confidence. With the preset `paper`, the baseline
-    is the prior's mean, not the interpolation.
+    with zero, so an untrained network returns its baseline unchanged: the interpolation of the neighbours or, with the
+    preset `paper`, the mean of the prior.
 
     Args:
         sizes: Numbers of inputs.
