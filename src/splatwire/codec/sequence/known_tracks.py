@@ -57,8 +57,8 @@ class KnownTracks:
     def empty_group(self, frames: int) -> TrackGroup:
         """Returns a group of frames without visible tracks.
 
-        A group without any track would mean in the bitstream that all tracks stay unchanged. So the returned group has one
-        track, which ends before its first frame and is thus never visible.
+        A group without any track would mean in the bitstream that all tracks stay unchanged. So the returned group has
+        one track, which ends before its first frame and is thus never visible.
 
         Args:
             frames: Number of frames in the group.
