@@ -94,7 +94,7 @@ def make_packet(packet_id: PacketId, num_elements: int, payload: bytes, stream_i
     if type(packet_id) is not PacketId or type(payload) is not bytes:  # no `checked`: called once per packet
         found = f"{shown(packet_id)}, {shown(payload)}"
         raise InvalidValueError(f"expected a PacketId as packet_id and bytes as payload, not {found}")
-    if not (type(num_elements) is int and type(stream_id) is int):  # other integers, and what is none
+    if not (type(num_elements) is int and type(stream_id) is int):  # converts NumPy integers, refuses the rest
         num_elements, stream_id = whole_number(num_elements, "num_elements"), whole_number(stream_id, "stream_id")
     if not (1 <= num_elements <= MAX_BLOCK_SIZE and 0 <= stream_id < 1 << 32):
         whole_number(num_elements, "num_elements", 1, MAX_BLOCK_SIZE)

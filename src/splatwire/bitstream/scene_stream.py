@@ -165,7 +165,7 @@ def _is_complete(plan: PacketPlan, packets: Sequence[Packet]) -> bool:
     if not plan.packetization.hashed:
         expected = [(packet_id, plan.count(packet_id)) for packet_id in plan.ids]
         return [(packet.id, packet.num_elements) for packet in packets] == expected
-    # One plain comparison per packet: datagrams are many.
+    # No call of the plan per packet, because a scene has thousands of datagrams.
     most = plan.packetization.packet_bytes
     sizes = [plan.block_elements(block) for block in range(plan.num_blocks)]
     block, position = 0, 0
