@@ -156,10 +156,9 @@ def _read_records(file: io.BufferedIOBase, size: int, position: int, stream_id: 
 
 
 def _record_end(file: io.BufferedIOBase, size: int, position: int) -> int | None:
-    """Returns the position of the end of a packet in a stream file; None if its stored size is impossible.
+    """Reads the size of the packet at a position in a stream file, and returns where the packet ends.
 
-    `position` is that of the size field, and `size` the size of the file. Afterwards, the file is positioned at the
-    packet's first byte.
+    The file is then positioned at the packet's first byte, so that the caller can read the packet.
     """
     start = position + RECORD_PREFIX.size
     if start > size:

@@ -17,10 +17,10 @@ from splatwire.errors import InvalidValueError
 
 
 class PacketGroups(NamedTuple):
-    """Elements of each packet, in one array; the elements of one packet form a group.
+    """Lists the elements of every packet, in one array for all packets; the elements of one packet form a group.
 
-    Elements are identified by their ranks, the indices in coding order. In a stream with importance tiers, they are
-    identified by their places instead (see `bitstream.tiers`). `tier_order` maps places to ranks.
+    An element is identified by its index in coding order, called rank. In a stream with importance tiers, it is
+    identified by its index after sorting by tier and then by rank, called place.
 
     If packets contain whole elements, group g is the packet `PacketPlan.ids[g]`. If each packet contains one attribute,
     a group has `len(parts)` packets, from `ids[g * len(parts)]` on.
@@ -39,10 +39,9 @@ class PacketGroups(NamedTuple):
 class PacketPlan:
     """Mapping between elements and packets, computed from a few parameters in the manifest.
 
-    Elements are identified by their rank: the index in coding order. Streams with importance tiers are an exception:
-    there, elements are sorted by tier and then by rank, and identified by the index in this order, called place. The
-    methods then take and return places where ranks are mentioned; `bitstream.tiers.tier_order` converts places to
-    ranks.
+    Elements are identified by their rank: the index in coding order. In a stream with importance tiers, an element is
+    identified by its index after sorting by tier and then by rank, called place. The methods then take and return
+    places instead of ranks; `bitstream.tiers.tier_order` converts places to ranks.
 
     Names and sizes of packets depend on the plan alone. Construction is cheap: all tables are computed on demand.
 
@@ -203,7 +202,7 @@ class PacketPlan:
         return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
 
     def run(self, packet_id: PacketId, num_elements: int) -> slice:
-        """Returns where the elements of a packet are in the list of its block's elements (`block_ranks`), as a slice.
+        """Returns the range of a packet's elements within the list of its block's elements (`block_ranks`).
 
         Args:
             packet_id: The packet.

@@ -111,7 +111,7 @@ def tier_order(tiers: np.ndarray) -> np.ndarray:
 
 
 def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
-    """Checks the tiers of a stream: their number for a sequence, and that no tier is empty for a static scene.
+    """Checks that a sequence has pairs of tiers, or that a static scene has no empty tier.
 
     A sequence has a pair of tiers for each group of pictures, one for keyframe Gaussians and one for motion. Both may
     be empty.

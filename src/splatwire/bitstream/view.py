@@ -56,8 +56,8 @@ class Viewpoint(CheckedFields):
 class Cut(CheckedFields):
     """Result of the selection of tiles for a viewpoint: tiles to draw and tiles to request.
 
-    Each Gaussian of a coarse tile is replaced by one finer tile (`replaces_tile`). It is drawn only if this finer tile
-    is not drawn. Coarse tiles therefore stay in the list if only some of their finer tiles were received.
+    A Gaussian of a coarse tile is drawn only if the finer tile that replaces it (`replaces_tile`) is not drawn. Coarse
+    tiles therefore stay in the list if only some of their finer tiles were received.
 
     Attributes:
         drawn: Received tiles to draw.

@@ -57,7 +57,7 @@ class Coder(NamedTuple):
     Attributes:
         decoding: True when decoding, False when encoding.
         data: uint8, bytes of the packet, or the output buffer.
-        words: int64, words of the packet, from `words_of`; not used when encoding.
+        words: int64, the packet as overlapping seven-byte integers, from `words_of`; not used when encoding.
         state: int64 (3), state of the range coder.
         models: int64 (contexts, 2), adaptive models of this packet.
         bits: int64 (contexts, 2), number of zeros and ones coded per context.
@@ -95,7 +95,7 @@ def new_coder(decoding, data, words, models, statistics, tables):
     Args:
         decoding: True for a decoder.
         data: Bytes of the packet, or the output buffer, uint8.
-        words: Words of the packet, from `words_of`; not used when encoding.
+        words: The packet as overlapping seven-byte integers, from `words_of`; not used when encoding.
         models: Initial adaptive bit models, int64 (contexts, 2).
         statistics: The two counters `bits` and `residuals` of `Coder`.
         tables: The seven tables `scales`, `windows`, `bounds`, `guesses`, `inverses`, `widths` and `normal` of `Coder`.
@@ -163,16 +163,16 @@ def code_escape(coder, excess):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_value(coder, stream, spread, second, mean, value, shift, absolute):
-    """Encodes or decodes a value, predicted as `mean`, in whole quantisation steps of `1 << shift`.
+    """Encodes or decodes an integer value as its quantised difference from a prediction.
 
     Args:
         coder: Entropy coder.
         stream: Kind of value, part of the context (see `Coder`).
         spread: Class of the deviation of the neighbours, part of the context.
         second: Class of the step or of the preceding residuals, part of the context.
-        mean: Predicted value.
+        mean: The prediction.
         value: The value; only used by an encoder.
-        shift: log2 of the quantisation step.
+        shift: log2 of the quantisation step: the step is `1 << shift`.
         absolute: True if the value itself is a multiple of the step. False (stream version 2) if its difference from
             `mean` is a multiple of the step.
 
@@ -242,7 +242,18 @@ def _code_steps(coder, stream, spread, second, q, eighths):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_outside(words, state, half):
-    """Decodes a residual whose magnitude exceeds `half`, which is coded as a sign and an Elias gamma code."""
+    """Decodes a large residual, outside the range that has a probability of its own for each residual.
+
+    Such a residual is coded as a sign and an Elias gamma code.
+
+    Args:
+        words: The packet as overlapping seven-byte integers, from `words_of`.
+        state: State of the range decoder, changed in place.
+        half: Largest magnitude of a residual that has a probability of its own.
+
+    Returns:
+        The residual in quantisation steps, limited to the coder's range.
+    """
     advance(words, state, TOTAL - ESCAPE, ESCAPE, SYMBOL_BITS)
     above = flag(words, state)
     outside = half + 1 + escaped(words, state)
@@ -290,7 +301,7 @@ def _decode_between(coder, scale, place, start, after, target, eighths):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _bound(coder, symbol, half, mean, narrow, wide):
-    """Computes the start of a residual's probability interval, if the tables do not contain it.
+    """Computes the start of a residual's probability interval, for distributions whose tables do not contain it.
 
     Args:
         coder: Entropy coder.

@@ -46,7 +46,14 @@ def large_count_normal(n):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def split(codes, begin, end, bit):
-    """Returns the first index from `begin` to `end` whose sorted code has a one in `bit`."""
+    """Returns the index at which a node of the position tree is split: the first code with a one in `bit`.
+
+    Args:
+        codes: Sorted Morton codes.
+        begin: Index of the node's first code.
+        end: End of the node's codes (exclusive), which is returned if none has a one.
+        bit: Index of the bit, in which the node's codes may differ; they agree in all higher bits.
+    """
     low, high = begin, end
     while low < high:
         middle = (low + high) >> 1

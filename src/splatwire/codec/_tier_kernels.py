@@ -19,12 +19,13 @@ STATES = 4 * COUNTS
 def tier_context(tier, count, recent):
     """Returns the context of the bit that indicates whether an anchor is in a given tier.
 
-    The context depends on the number of preceding anchors that were in this tier or in a more important one.
+    The context describes the preceding anchors: how many of them were in this tier or in a more important one.
 
     Args:
         tier: Index of the tier.
-        count: Decaying average of this property over the preceding anchors, out of 2**16, see `remember`.
-        recent: This property of the last two anchors, as two bits, 0 to 3, see `remember`.
+        count: Share of the preceding anchors that were in this tier or in a more important one, out of 2**16. It is a
+            decaying average.
+        recent: Two bits, 0 to 3, for the last two anchors: 1 if the anchor was in this tier or in a more important one.
     """
     # Contexts distinguish small shares finely.
     step, value = 0, count >> 4
@@ -37,13 +38,14 @@ def tier_context(tier, count, recent):
 @njit(borrows=True)
 @no_type_check
 def remember(counts, recents, tier, important):
-    """Updates the statistics of preceding anchors, from which the bit of the next anchor is predicted (`tier_context`).
+    """Adds an anchor to the statistics of one tier, from which the bits of later anchors are predicted.
 
     Args:
-        counts: Decaying average of the bits `important` of each tier, out of 2**16; changed in place.
-        recents: The last two bits of each tier, as a number from 0 to 3; changed in place.
+        counts: For each tier, the share of preceding anchors in it or in a more important tier, out of 2**16. It is a
+            decaying average and changed in place.
+        recents: For each tier, one bit for each of the last two anchors, as a number from 0 to 3; changed in place.
         tier: Index of the tier.
-        important: Bit of the anchor just coded: True if it is in this tier or in a more important one.
+        important: True if the anchor is in this tier or in a more important one.
     """
     counts[tier] += ((65535 if important else 0) - counts[tier]) >> 3
     recents[tier] = (2 * recents[tier] + (1 if important else 0)) & 3

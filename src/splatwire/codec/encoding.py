@@ -177,7 +177,10 @@ def encode_prepared(schema: Schema, prepared: Prepared, threads: int | None, pro
 
 
 def _check_sizes(packetization: Packetization, packets: list[Packet], elements: str) -> None:
-    """Checks that no single element is larger than the packet size allows."""
+    """Checks that each packet of limited size is within its limit.
+
+    A packet exceeds the limit if a single element is larger than the packet size allows.
+    """
     if not packetization.hashed:
         return
     most = packetization.packet_bytes

@@ -51,8 +51,8 @@ class IntegerMlp:
         """Computes the contribution of some inputs to the first layer, so that it can be shared by several evaluations.
 
         Args:
-            inputs: Activations of these columns, (N, columns), whole numbers in float64.
-            columns: The columns of the layer.
+            inputs: Values of these inputs, (N, columns), whole numbers in float64.
+            columns: Range of these inputs among all inputs of the network.
 
         Returns:
             Partial sums (N, hidden), whole numbers in float64.

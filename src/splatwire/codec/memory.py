@@ -66,8 +66,8 @@ def threads_within(held: int, working: int, stream_bytes: int | None, what: str,
     """Returns the number of threads that decoding may use within a stream's memory limit.
 
     Args:
-        held: Bytes of memory needed for any number of threads.
-        working: Additional bytes per thread.
+        held: Bytes of memory that decoding needs regardless of the number of threads.
+        working: Additional bytes of memory for each thread.
         stream_bytes: Received bytes of the stream, which determine the limit; None if its size is not known yet.
         what: Activity that needs the memory, for the error message.
         threads: Upper bound; None for the number of processors.
@@ -81,7 +81,10 @@ def threads_within(held: int, working: int, stream_bytes: int | None, what: str,
 
 
 def words_bytes(packets: Sequence[Packet]) -> int:
-    """Returns the memory for the words of the largest packet, bytes (see `splatwire.entropy.word_kernels.words_of`)."""
+    """Returns the memory for the words of the largest packet, bytes.
+
+    Kernels read a packet as overlapping seven-byte integers (words), which take eight times the memory of its bytes.
+    """
     return 8 * max((len(packet.data) for packet in packets), default=0)
 
 

@@ -91,7 +91,11 @@ def _most_specific(scene: Any, schemas: Iterable[StreamSchema]) -> Schema | None
 
 
 def _complete(stream: StreamSchema) -> Schema:
-    """Returns the schema with encoder and decoder; imports the module that defines it if necessary."""
+    """Returns the codec schema that belongs to registered stream properties.
+
+    Stream readers register the properties without the codec, to avoid importing it. The module with encoder and decoder
+    is imported here if necessary.
+    """
     if isinstance(stream, Schema):
         return stream
     module, _, name = stream.codec.partition(":")

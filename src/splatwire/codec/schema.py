@@ -168,5 +168,10 @@ class Schema(StreamSchema):
 
 
 def schema_for(stream: StreamSchema, **codec: Any) -> Schema:
-    """Returns the complete schema for given stream properties; the keyword arguments are attributes of `Schema`."""
+    """Adds the codec to registered stream properties: returns a schema that reads, encodes and decodes such streams.
+
+    Args:
+        stream: Properties of the streams, such as name and format version.
+        codec: The further attributes of `Schema`, such as encoder and decoder.
+    """
     return Schema(**{**vars(stream), "codec": "", "scene": ""}, **codec)

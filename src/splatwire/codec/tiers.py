@@ -64,7 +64,7 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
 
 
 def arrange_stream(stream: SceneStream) -> Arrangement:
-    """Splits the anchors of a stream into groups; the anchors of a group were received or lost together.
+    """Splits the anchors of a stream into the groups that shared a packet, and that are thus received or lost together.
 
     Raises:
         BitstreamError: If the side information is damaged.

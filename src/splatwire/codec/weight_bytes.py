@@ -25,7 +25,7 @@ FIT_ROUNDS = 4
 
 
 def write_mlp(writer: ByteWriter, mlp: QuantisedMlp) -> None:
-    """Appends a quantised network to a byte string."""
+    """Serialises a quantised network, and appends the bytes to a writer."""
     out, hidden = mlp.output.symbols.shape
     for size in (mlp.hidden.symbols.shape[1], hidden, out):
         writer.unsigned(size)

@@ -178,7 +178,7 @@ def _common_trailing_zeros(twos: np.ndarray, some: np.ndarray, axis: int) -> np.
 
 
 def _is_whole(values: np.ndarray, most: float) -> bool:
-    """True if all values are integers of magnitude at most `most`."""
+    """True if all values are integers whose magnitude is at most `most`."""
     return bool((np.abs(values) <= most).all() and (values == np.rint(values)).all())
 
 

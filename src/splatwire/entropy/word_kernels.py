@@ -20,13 +20,15 @@ WORD_BITS = 56
 @njit(error_model="numpy")
 @no_type_check
 def words_of(data):
-    """Returns the next seven bytes from each byte of a packet on, as one integer (word) each, int64 (n + 1).
+    """Converts a packet to overlapping integers of seven bytes (words), for a decoder that reads several bytes at once.
 
-    A decoder can thus read several bytes at once. Word i has the bytes i to i + 6, the first one as its highest byte.
-    Bytes after the end of the packet are 0.
+    Word i consists of the bytes i to i + 6, the first one as its highest byte. Bytes after the end of the packet are 0.
 
     Args:
         data: Bytes of the packet, uint8 (n).
+
+    Returns:
+        int64 (n + 1).
     """
     words = np.empty(len(data) + 1, np.int64)
     word = np.int64(0)

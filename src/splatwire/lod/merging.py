@@ -20,7 +20,7 @@ def footprints(splats: Splats) -> np.ndarray:
 
 
 def masses(opacities: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    """Returns the opacity of each Gaussian times its largest cross-section area, (N), as `footprints` does.
+    """Returns the weight of each Gaussian for merging, (N): its largest cross-section area times its opacity.
 
     Args:
         opacities: Opacities, (N).
@@ -84,7 +84,7 @@ def _merge_runs(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[S
 
     Args:
         splats: The Gaussians.
-        mass: Area of each Gaussian times its opacity, the weight in all means.
+        mass: Weight of each Gaussian in the means: its area times its opacity.
         starts: Index of the first Gaussian of each run.
 
     Returns:

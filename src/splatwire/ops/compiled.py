@@ -128,7 +128,7 @@ def _sources_digest(module: str) -> str:
 
 
 def _follow(module: str, found: dict[str, list[str]]) -> None:
-    """Collects the values of constants that compiled kernels may depend on, so that the cache notices changes.
+    """Collects the constants that compiled kernels may depend on, so that a change of a constant renews the cache.
 
     These are the constants of a module and of all modules of the same package that it imports, directly or indirectly.
 

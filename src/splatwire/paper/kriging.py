@@ -34,8 +34,9 @@ class Correlogram:
 
     Attributes:
         correlation: Correlation of different anchors at distance 0, from 0 (no correlation) to less than 1.
-        range: Distance at which the correlation falls to 1 / e of that, positive. Its unit is the distance from a lost
-            anchor to its farthest neighbour, which adapts it to the dense foreground and the sparse background.
+        range: Distance at which the correlation has fallen to `correlation / e`, positive. Its unit is the distance
+            from a lost anchor to its farthest neighbour, which adapts it to the dense foreground and the sparse
+            background.
     """
 
     correlation: float
@@ -204,8 +205,8 @@ def regress(
 ) -> Float[Tensor, "N D"]:
     """Predicts attribute values of all anchors, to be used as expected values for kriging.
 
-    The prediction is a linear function of `inputs`, fitted to the received values (ridge regression). It is 0 if the
-    function is estimated to be no better than that.
+    The prediction is a linear function of `inputs`, fitted to the received values (ridge regression). If the function
+    is estimated to predict no better than 0, the prediction is 0.
 
     Args:
         inputs: Inputs of all anchors, from `regression_inputs`.

@@ -207,10 +207,10 @@ def _init_segment_candidates(
 
 
 def _spread_end(search: Search, pass_bytes: float) -> float:
-    """Returns up to which point of a transfer repair symbols, and the symbols of the init segment, may be spread.
+    """Returns the point of a transfer by which repair symbols and the init segment should have been sent completely.
 
-    The point is a fraction of the bytes of the complete transfer: 1, or, if the budget is smaller than the transfer,
-    shortly before the budget is spent.
+    The point is a fraction of the bytes of the complete transfer. It is 1, or, if the budget is smaller than the
+    transfer, shortly before the budget is spent.
 
     Args:
         search: Constraints of the plan.

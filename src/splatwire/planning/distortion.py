@@ -20,19 +20,19 @@ Picture = Callable[[np.ndarray], float]
 
 @dataclass(frozen=True, eq=False)
 class DistortionModel:
-    """Predicts the error of rendered views after loss and concealment, from the lost share of each importance tier.
+    """Predicts, without rendering, the error of pictures after losses and concealment, for comparing plans.
 
-    More important tiers are better protected. The model therefore assumes that no tier loses a larger share than a less
-    important tier.
+    Its input is the lost share of each importance tier. More important tiers are better protected, so a tier is assumed
+    to lose no more than any less important tier.
 
-    Curve `mse[t]` is the error added if tier t and all less important tiers lose the same share. For unequal shares,
-    the prediction adds up the differences between consecutive curves. The errors of single tiers cannot be added up
-    instead: the sum would be too large, because a concealer enlarges received elements of all sizes even if only small
-    ones were lost.
+    The error was measured with equal losses in a tier and in all less important tiers (`mse`). Starting with no loss,
+    the prediction raises the lost share of all tiers to that of tier 0, then the share of all but tier 0 to that of
+    tier 1, and so on. It adds up the increases of the error. Errors of single tiers cannot be added up: the sum would
+    be too large, because a concealer enlarges received elements of all sizes even if only small ones were lost.
 
     Attributes:
         shares: Lost shares at which the error was measured, ascending from 0, float64 (S).
-        mse: Mean squared error added if tier t and all less important tiers lose this share, float64 (T, S).
+        mse: Increase of the mean squared error if tier t and all less important tiers lose this share, float64 (T, S).
         base_mse: Mean squared error of the complete scene against the references.
     """
 

@@ -59,8 +59,9 @@ def decode_frames(
         sequence: Received sequence.
         concealer: Concealer for tracks with lost motion, or the name of a concealer.
         first: Number of the first frame to decode; earlier groups of pictures are not decoded.
-        available: Function that simulates late arrival: returns, given the index of a group, the mask of the keyframe
-            Gaussians that have arrived by then, bool (T). None uses all received ones for all groups.
+        available: Function that simulates late arrival. Its argument is the index of a group; it returns the mask of
+            the keyframe Gaussians that have arrived by then, bool (T). None if all received ones are available from the
+            start.
 
     Raises:
         InvalidValueError: If the sequence has no such frame.

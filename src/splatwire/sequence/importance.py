@@ -18,9 +18,9 @@ def packet_importance(
     """Estimates how much the loss of each motion packet would be seen, so that a server can protect the important ones.
 
     The estimate is the visibility of the packet's moving tracks; it is 0 for keyframe packets. In two test sequences,
-    it finds most of the quarter of the packets whose loss causes 0.4 to 0.8 of the total distortion. The size of a
-    packet is a worse estimate, because motion that differs from the neighbours' motion takes many bits but is
-    less visible.
+    the loss of a quarter of the packets causes 0.4 to 0.8 of the total distortion, and this estimate finds most of
+    these packets. The size of a packet is a worse estimate: motion that differs from the neighbours' motion takes many
+    bits, but is less visible.
 
     Args:
         manifest: Manifest of the sequence.

@@ -233,7 +233,10 @@ def _implausible_matches(
 
 
 def _distance_scale(values: np.ndarray) -> float:
-    """Returns the unit in which some distances are compared: 1.5 times their median, always above 0."""
+    """Returns a typical value of distances, by which they are divided to become comparable: 1.5 times the median.
+
+    The result is always above 0.
+    """
     return max(float(np.median(values)) * 1.5, float(values.mean()) * 1e-3, 1e-12)
 
 

@@ -109,8 +109,8 @@ def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
         means: World coordinates, float64 (N, 3).
 
     Returns:
-        None if it is. Otherwise, the distance of the scene from the origin, world units: the largest absolute
-        component of the median position relative to the origin.
+        None if float32 is precise enough. Otherwise, the distance of the scene from the origin, world units: the
+        largest absolute component of the median position relative to the origin.
     """
     apart = means - np.array(origin)
     if choose_origin(apart, wide=False) == NO_ORIGIN:

@@ -208,10 +208,9 @@ class ReceivedScene(Generic[S]):
 
 
 def _rows(records: tuple[Any, ...]) -> set[int]:
-    """Returns for how many elements the side information records have entries, to check that the records agree.
+    """Returns the numbers of elements that side information records describe: one number if all records agree.
 
-    The result is the set of these numbers; it has at most one number if the records agree. Records without an entry for
-    each element are ignored.
+    Records without an entry for each element are ignored.
 
     Args:
         records: Side information records of a received scene.

@@ -43,8 +43,8 @@ class AnchorCoder(Protocol):
         Args:
             ranks: int64 (n), indices in coding order (ranks) of the anchors of all groups, group by group.
             counts: int64 (groups), anchors of each group.
-            packet_bytes: Maximum size of a payload if groups are cut into packets by size. None for one packet per
-                group, or, with separated attributes, one per part.
+            packet_bytes: Maximum size of a payload; larger groups are cut into several packets. None for one packet per
+                group or, with separated packaging, one packet for each attribute of a group.
         """
 
 
@@ -171,7 +171,7 @@ class AnchorEncoder:
         return chunks(np.diff(self._starts))
 
     def encode(self, run: slice) -> CodedPackets:
-        """Encodes a slice of consecutive packets."""
+        """Encodes a slice of consecutive packets of the packet plan, as yielded by `runs`."""
         starts = self._starts[run.start : run.stop + 1]
         return self._coder.encode(self._rank_at[starts[0] : starts[-1]], np.diff(starts), self._most)
 

@@ -16,7 +16,7 @@ UNIT = 1 << DIRECTION_BITS
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def predict_axis(near, count, primary, axis):
-    """Predicts the primary axis of a Gaussian as the weighted sum of its neighbours' axes.
+    """Predicts the primary axis of a Gaussian, which is coded first, as the weighted sum of its neighbours' axes.
 
     Only neighbours with a primary axis of the same kind (of the largest or of the smallest scale) are used. Their axes
     are flipped to the side of the nearest neighbour's axis, because the sign of an axis is arbitrary.

@@ -51,9 +51,18 @@ def code_cells(coder, codes, bits, stack):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _push(stack, top, begin, end, bit, run, prefix):
-    """Writes one row of a stack of tree nodes.
+    """Stores a node of the binary tree of cell codes in row `top` of a stack of nodes.
 
-    Each element is assigned separately, because numba takes seconds to compile the assignment of a tuple.
+    Numbers are assigned separately, because numba takes seconds to compile the assignment of a tuple.
+
+    Args:
+        stack: The stack, int64 (rows, 5), changed in place.
+        top: Row to write.
+        begin: Index of the node's first code.
+        end: End of the node's codes (exclusive).
+        bit: Index of the next bit.
+        run: Number of preceding bits without a division of the node; part of the context.
+        prefix: Higher bits that all codes of the node share.
     """
     stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3], stack[top, 4] = begin, end, bit, run, prefix
 

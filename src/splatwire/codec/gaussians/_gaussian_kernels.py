@@ -41,11 +41,11 @@ from splatwire.ops.compiled import njit
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def follow(running, steps):
-    """Updates the moving average of a Gaussian's residual magnitudes with its next residual.
+    """Updates the moving average of the magnitudes of a Gaussian's residuals, from which contexts are chosen.
 
     Args:
         running: Moving average of the preceding residuals, in sixteenths of a quantisation step.
-        steps: The next residual, in quantisation steps.
+        steps: Residual just coded, in quantisation steps.
     """
     return (running + (min(abs(steps), 1 << 14) << 4)) >> 1
 

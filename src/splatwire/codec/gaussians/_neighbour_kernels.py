@@ -234,7 +234,7 @@ def predict(near, count, defaults):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def remember(near, row, i):
-    """Stores the decoded attributes of a Gaussian, from which later Gaussians of the packet are predicted.
+    """Stores a Gaussian's decoded attributes for the prediction of later Gaussians of the packet.
 
     Args:
         near: Arrays of the packet, changed in place.

@@ -84,8 +84,8 @@ def slot_of(code, bits):
 def _code_codes(coder, codes, bits, spread, slots, stack):
     """Encodes or decodes the Morton codes of the grid cells that contain a packet's Gaussians.
 
-    The Gaussians of a packet can be spread over a whole block. Then the lowest bits of their codes (slots, see
-    `slot_of`) have similar values, and are coded separately to save bits.
+    The Gaussians of a packet can be spread over a whole block. The lowest bits of their codes (slots, see `slot_of`)
+    then have similar values, and are coded separately to save bits.
 
     Args:
         coder: Entropy coder.

@@ -30,7 +30,7 @@ FRACTION = (1 << BITS) - 1
 def convert(
     rows, places, origins, size_log, unit, thinness, powers, colours, grey, means, quats, scales, opacities, sh, room
 ):
-    """Converts decoded integers to floats, and writes them to their places among all Gaussians of a scene.
+    """Converts decoded integers of Gaussians to floats, and writes them into the arrays of a scene.
 
     Args:
         rows: Decoded integers, int64 (n, COLUMNS).

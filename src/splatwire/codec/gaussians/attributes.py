@@ -181,7 +181,7 @@ def write_splats(
     splats: Splats, places: np.ndarray, rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray, unit: int,
     size_log: int, transform: np.ndarray,
 ) -> None:  # fmt: skip
-    """Converts decoded integers to floats, and writes them to some Gaussians of a scene.
+    """Converts decoded integers of some Gaussians to floats, and writes them into the scene.
 
     Args:
         splats: All Gaussians of the scene, changed in place.
@@ -243,5 +243,5 @@ def _fixed(values: np.ndarray, low: int, high: int) -> np.ndarray:
 
 
 def matrices_of(quats: np.ndarray) -> np.ndarray:
-    """Returns rotation matrices of quaternions (w, x, y, z), which are normalised first, (n, 3, 3)."""
+    """Normalises quaternions (w, x, y, z), and converts them to rotation matrices, (n, 3, 3)."""
     return rotation_matrices(quats / np.linalg.norm(quats, axis=1, keepdims=True))

@@ -86,7 +86,10 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
     def near(some: np.ndarray) -> np.ndarray:
-        """Compresses coordinates far from the centre, so that distant Gaussians do not coarsen the Morton codes."""
+        """Maps positions to coordinates that grow with the logarithm of the distance, far from the centre.
+
+        Distant Gaussians thus do not make the Morton codes of all other Gaussians coarse.
+        """
         return np.arcsinh((some - middle) / spread * 2)
 
     first, last = near(np.array([means.min(axis=0), means.max(axis=0)], dtype=np.float64))

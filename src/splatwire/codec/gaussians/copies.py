@@ -103,7 +103,16 @@ def copies_level(info: SideInfo, num_gaussians: int) -> int:
 def _read(
     info: SideInfo, num_gaussians: int
 ) -> tuple[Boxes, np.ndarray, tuple[float, float, float], tuple[np.ndarray, np.ndarray]]:
-    """Reads the section of copies: their box, indices, growth parameters and integers, see `Copies` and `_decode`."""
+    """Reads the section of redundant copies from a stream's side information.
+
+    Args:
+        info: The stream's side information.
+        num_gaussians: Number of Gaussians in the stream.
+
+    Returns:
+        Bounding box of the copies; indices of the copied Gaussians in the stream; parameters of the enlargement
+        (`Copies.growth`); and the decoded integers of the copies, as returned by `_decode`.
+    """
     reader = ByteReader(info.sections[SECTION], f"section '{SECTION}'")
     version = reader.u8()
     if version != VERSION:

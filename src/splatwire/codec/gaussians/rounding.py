@@ -1,4 +1,4 @@
-"""Rounds Gaussians to their quantisation steps, with the result of encoding and decoding but without coding."""
+"""Rounds Gaussians to the values that a decoder would obtain, without encoding them."""
 
 import numpy as np
 

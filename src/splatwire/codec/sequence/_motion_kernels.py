@@ -108,10 +108,22 @@ def _magnitude_context(magnitude):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _narrowed(coder, low, span, at, start, size, bits):
-    """Encodes or decodes one symbol by its probability interval; faster than `encode_interval` and `decode_advance`.
+    """Encodes or decodes one symbol, given its probability interval.
 
-    The state of the range coder (`low`, `span`, `at`) is passed as arguments and returned, so that it stays in
-    registers. The interval is `[start, start + size)` in units of `2**-bits`.
+    The state of the range coder (`low`, `span`, `at`) is passed as arguments and returned. It thus stays in registers,
+    which makes this kernel faster than `encode_interval` and `decode_advance`.
+
+    Args:
+        coder: Entropy coder of the packet.
+        low: State of the range coder.
+        span: State of the range coder.
+        at: State of the range coder.
+        start: Start of the interval, in units of `2**-bits`.
+        size: Size of the interval, in units of `2**-bits`.
+        bits: Number of bits of a probability.
+
+    Returns:
+        The three numbers of the new state.
     """
     unit = span >> bits
     span = unit * size

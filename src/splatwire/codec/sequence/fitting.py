@@ -84,7 +84,15 @@ class Fitting:
         return found
 
     def _add(self, some: Targets, moves: Trajectories, numbers: np.ndarray, begin: int, end: int) -> None:
-        """Continues the fit of motion with frames `begin` to `end` (exclusive); changes `some` in place."""
+        """Adds the motion in frames `begin` to `end` (exclusive) to the fit of some tracks.
+
+        Args:
+            some: Polynomial coefficients of the tracks, changed in place.
+            moves: Trajectories of the tracks over the group.
+            numbers: Index in `known` of each track, int64 (n); tracks with a negative index are skipped.
+            begin: First frame to add.
+            end: End of the frames to add (exclusive).
+        """
         fit(some, moves, self._known, self._info, numbers, (begin, end), self._threads)
 
 

@@ -142,7 +142,7 @@ def changed_stream(
 def _with_copies(
     stream: SceneStream, base: SceneStream, info: SideInfo, kept: np.ndarray, splats: Splats
 ) -> SceneStream:
-    """Adds redundant copies of Gaussians to a changed stream: the copies of the old stream whose originals remain.
+    """Adds the redundant copies of the old stream to a changed stream, except for copies of removed Gaussians.
 
     Args:
         stream: The changed stream without copies.
@@ -171,14 +171,14 @@ def _joined(first: Splats, second: Splats) -> Splats:
 
 
 def _check_base(base: SceneStream, digest: str) -> None:
-    """Checks that an update is for a stream.
+    """Checks that a stream is the one that an update changes.
 
     Args:
         base: The stream.
         digest: SHA-256 of the manifest of the stream that the update changes, hexadecimal.
 
     Raises:
-        InvalidValueError: If it is for another one.
+        InvalidValueError: If the update is for another stream.
     """
     if digest != (found := manifest_digest(base.manifest)):
         raise InvalidValueError(
@@ -196,7 +196,7 @@ def _check_complete(stream: SceneStream, what: str, so: str) -> None:
         so: Consequence for the user, for the error message.
 
     Raises:
-        InvalidValueError: If one is missing.
+        InvalidValueError: If a packet is missing.
     """
     if missing := stream.manifest.num_packets - len(stream.packets):
         raise InvalidValueError(f"{missing:,} of {stream.manifest.num_packets:,} packets of {what} are missing: {so}")

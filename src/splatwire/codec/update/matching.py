@@ -12,7 +12,7 @@ def find_unchanged(before: Splats, coding: SplatCoding, after: Splats) -> np.nda
     """Returns the index in `before` of each Gaussian of `after`, int64 (M); -1 for new and changed Gaussians.
 
     Each Gaussian of `after` is rounded with the steps of each precision class in turn, because its class is not known.
-    Each Gaussian of `before` is found once at most.
+    Each Gaussian of `before` is matched at most once.
 
     Args:
         before: Decoded Gaussians of the stream.
@@ -36,7 +36,7 @@ def find_unchanged(before: Splats, coding: SplatCoding, after: Splats) -> np.nda
 
 
 def _words(splats: Splats) -> np.ndarray:
-    """Returns the attributes of N Gaussians as rows of uint32 (N, columns)."""
+    """Returns the attributes of N Gaussians as uint32 (N, columns), so that equal Gaussians have equal rows."""
     columns = [values.reshape(splats.num_gaussians, -1) for values in vars(splats).values()]
     return np.ascontiguousarray(np.concatenate(columns, axis=1, dtype=np.float32) + np.float32(0)).view(np.uint32)
 

@@ -112,7 +112,8 @@ class ElementNetwork(Perceptron):
         Args:
             inputs: Inputs of the network for M received Gaussians.
             trust: Factor on the network's correction, 0 for none.
-            base: Exponents of size and opacity before the network's correction.
+            base: Two exponents, to which the network's correction is added. For the size, 1/2 preserves the covered
+                area; for the opacity, 1 preserves the transmittance; 0 changes nothing.
         """
         change = trust * self.evaluate(inputs.signature)
         size = np.exp(inputs.lost * np.clip(base[0] + change[:, 0], *SIZES))

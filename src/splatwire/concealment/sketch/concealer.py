@@ -103,7 +103,7 @@ def conceal_with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> C
 def grown_with_copies(
     filled: ReceivedScene[SplatScene], inputs: ElementInputs, growth: tuple[float, float, float]
 ) -> Concealed:
-    """Conceals lost Gaussians without a coarse copy: hides these, and enlarges drawn Gaussians around them.
+    """Hides lost Gaussians that have no coarse copy, and enlarges the drawn Gaussians around them.
 
     Args:
         filled: Received scene of explicit Gaussians in which copies have replaced lost ones, from `with_copies`.

@@ -97,7 +97,7 @@ class SketchBasis:
     num_levels: int
 
     def channels(self, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Dequantises coefficients to features and logarithms of scalings relative to the prior.
+        """Dequantises the channels of copies: features, and logarithms of the scalings relative to the prior.
 
         Args:
             levels: Precision level of each copied anchor, from 1, (M).
@@ -112,7 +112,7 @@ class SketchBasis:
         return (self.mean.astype(np.float64) + scaled @ matrix.T).astype(np.float32)
 
     def offsets(self, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Dequantises offsets, float32 (M, 3 K).
+        """Dequantises the offsets of copies, float32 (M, 3 K).
 
         Args:
             levels: Precision level of each copied anchor, from 1, (M).

@@ -85,11 +85,11 @@ def _query_neighbors(
 
     Args:
         sequence: The sequence.
-        tracks: Track index of each received track, one per row of the received poses.
-        observed: Rows of the received tracks that may serve as neighbours.
-        origins: Offsets of the tracks `observed` from their keyframe Gaussians at one time, float32 (m, C). Distances
-            are then measured from the positions of lost tracks at the end of the previous group. None measures
-            distances between keyframe Gaussians instead, so that tracks that begin together stay neighbours.
+        tracks: Indices of the received tracks.
+        observed: Received tracks that may serve as neighbours, as m indices into `tracks`.
+        origins: Offsets of the tracks `observed` from their keyframe Gaussians at the start of the group, float32 (m,
+            C). Distances are then measured at that time. None to measure distances between keyframe Gaussians, so that
+            tracks that begin together stay neighbours.
         lost_tracks: Indices of the tracks with lost motion.
         before: Concealment state at the end of the previous group.
         count: Maximum number of neighbours per track.

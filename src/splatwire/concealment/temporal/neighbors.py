@@ -35,7 +35,7 @@ class Neighbors:
     difference of the track's colour from that of its neighbours.
 
     Attributes:
-        observed: Indices of the received poses (rows) that serve as neighbours, int64 (m).
+        observed: Received tracks that serve as neighbours, as indices into the list of received tracks, int64 (m).
         index: Neighbours of each track, as indices into `observed`, int32 (n, k).
         weights: Interpolation weight of each neighbour for all channels except colour, float32 (n, k).
         closeness: Inverse-distance weight of each neighbour, float32 (n, k); the weights of a track add up to 1.
@@ -61,8 +61,8 @@ class Neighbors:
         Args:
             places: Last known positions of all tracks, float32 (T, 3).
             colours: Constant harmonic coefficients of the keyframe Gaussians, float32 (T, 3).
-            tracks: Track index of each row of the received poses, int64.
-            observed: Indices of the received poses (rows) that may serve as neighbours.
+            tracks: Indices of the received tracks, int64.
+            observed: Received tracks that may serve as neighbours, as indices into `tracks`.
             lost: Indices of the tracks with lost motion.
             count: Maximum number of neighbours per track.
             smooth: True to fit a quadratic function to the neighbours, False to compute their weighted mean.

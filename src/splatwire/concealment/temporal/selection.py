@@ -95,7 +95,7 @@ def _errors(
         sequence: The sequence.
         group: Index of the group of pictures.
         arrived: Tracks with received motion.
-        folds: Sets of tracks that are treated as lost at the same time, as rows of `arrived`.
+        folds: Sets of tracks that are treated as lost at the same time, as indices into the tracks of `arrived`.
         candidates: Estimators of lost motion.
 
     Returns:
@@ -148,11 +148,11 @@ class _Field:
         self._tree = cKDTree((splats.means[tracks] + offsets)[self._rows])
 
     def error(self, points: np.ndarray, tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Measures how wrong the picture is at one point for each tested track, if the track has an estimated state.
+        """Compares the pictures with the true and the estimated state of each tested track, at one point per track.
 
         Args:
             points: Position at which each tested track is compared, (t, 3).
-            tested: Rows of the tested tracks, int64 (t).
+            tested: Tested tracks, as indices into the received tracks, int64 (t).
             states: True state, estimated state. Each consists of the position of each tested track, (t, 3), and a mask
                 of the tracks that exist, bool (t).
 

@@ -93,7 +93,9 @@ class MotionTransfer:
         return self.model.bytes_by_kind()["packet_protection"]
 
     def arrived(self, received: np.ndarray) -> np.ndarray:
-        """Returns the mask of packets that are received or recovered, bool (T, packets), by position in `order`.
+        """Simulates transfers: returns the mask of packets that are received or recovered, bool (T, packets).
+
+        The packets are in the sending order (`order`).
 
         Args:
             received: Mask of received datagrams in each of T transfers, bool (T, n or more).

@@ -126,7 +126,7 @@ def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeli
 
     Args:
         shares: Lost share of each group's motion in each of S simulated losses, float64 (G, S).
-        mse: Mean squared errors of these, by sampled frame and view, float64 (S, frames, V).
+        mse: Mean squared errors in these simulations, by sampled frame and view, float64 (S, frames, V).
         frames: Indices of the sampled frames of each group, see `sampled`.
         timeline: Frame rate and groups of the sequence.
     """

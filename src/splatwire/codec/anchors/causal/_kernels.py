@@ -88,9 +88,9 @@ def add_predicted_means(symbols, outputs, first, numbers):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def mask_size(weights, logit):
-    """Returns the predicted probability that an offset exists, as the size of the range coder's interval.
+    """Returns the predicted probability that an offset exists, in units of 2**-16.
 
-    The unit is 2**-16.
+    The range coder uses the probability as the width of an interval.
 
     Args:
         weights: Table of the logistic function, the probability for each of 256 quantised logits.
@@ -139,7 +139,7 @@ def encode_packets(
     starts, codes, unknown, chances, masks, logits, symbols, scales, firsts, form, weights, inverses, widths, table,
     buffer, lengths,
 ):  # fmt: skip
-    """Encodes all packets, each into its own part of `buffer`, and writes their sizes in bytes to `lengths`.
+    """Encodes the anchors of all packets, each packet into its own part of `buffer`.
 
     Args:
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
@@ -173,7 +173,7 @@ def encode_packets(
 def anchor_bits(
     codes, unknown, chances, masks, logits, symbols, scales, offsets, weights, inverses, widths, table, bits
 ):
-    """Estimates the code length of each anchor in bits and writes it to `bits`.
+    """Estimates how many bits each anchor takes in a packet, and writes the numbers to `bits`.
 
     `offsets` is the index of the first column of `symbols` that contains offsets. See `encode_packets` for the other
     arguments.

@@ -45,7 +45,7 @@ def _width(config: CausalConfig) -> int:
 def _row_bytes(info: SideInfo) -> int:
     """Returns the working memory for one anchor during decoding, bytes.
 
-    It consists of the inputs, hidden units and outputs of the largest network, and the quantised attributes.
+    The memory is for the inputs, hidden units and outputs of the largest network, and for the quantised attributes.
     """
     hidden = max(len(network.hidden.symbols) for network in info.networks.values())
     outputs = max(len(network.output.symbols) for network in info.networks.values())
@@ -113,7 +113,7 @@ class CausalDecoder(AnchorDecoder):
         self._spreads["offset"][ranks] = deviations[:, self._features + 4 :] * self._info.steps[-1]
 
     def decode(self, run: Run) -> SymbolRows:
-        """Decodes packets to integers; returns the integers of their anchors, packet by packet."""
+        """Decodes packets to the integers of their anchors, packet by packet; `run` contains the packets."""
         positions = self._info.positions.known.select(run.ranks)
         return (anchor_rows(*decode_packets(self._context, positions, run.counts, run.payloads)),)
 

@@ -124,7 +124,7 @@ def encode_packets(context: CodingContext, found: Quantised, counts: np.ndarray)
 
 
 def anchor_bits(context: CodingContext, found: Quantised) -> np.ndarray:
-    """Estimates the code length of each anchor, bits, float64 (n)."""
+    """Estimates how many bits each anchor takes in a packet, float64 (n)."""
     bits = np.empty(len(found.masks))
     kernels.anchor_bits(
         found.positions.codes, found.positions.unknown, context.chances, found.masks, found.logits, found.symbols,

@@ -114,7 +114,7 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
 
 
 def triple_levels(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Determines the precision of positions: how many of the lowest bits of each Morton code are zero.
+    """Finds the lowest non-zero bits of each anchor's Morton code, from which position probabilities are estimated.
 
     Low bits are often zero, because anchors lie on grids of several widths. The low bits of a code that the packets
     contain are divided into triples (one bit per axis), numbered from the lowest bits.

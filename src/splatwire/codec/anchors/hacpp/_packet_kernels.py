@@ -119,7 +119,7 @@ def encode_packets(
     mean0, scale0, mean1, scale1, weight, scaling_mean, scaling_scale, offset_mean, offset_scale,
     group_starts, weights, inverses, widths, table, buffer, lengths,
 ):  # fmt: skip
-    """Encodes all packets, each into its own part of `buffer`, and writes their sizes in bytes to `lengths`.
+    """Encodes the anchors of all packets, each packet into its own part of `buffer`.
 
     The part of packet p begins at `starts[p]` times the maximum size of an anchor, plus 64 bytes per preceding packet.
 
@@ -205,10 +205,9 @@ def anchor_bits(
     masks, features, scalings, offsets, mean0, scale0, mean1, scale1, weight,
     scaling_mean, scaling_scale, offset_mean, offset_scale, weights, inverses, widths, table, bits,
 ):  # fmt: skip
-    """Estimates the code length of every anchor without its mask and writes it to `bits`.
+    """Estimates how many bits each anchor takes in a packet without its offset mask, and writes the numbers to `bits`.
 
-    The code length of an anchor does not depend on the other anchors of its packet. See `encode_packets` for the
-    arguments.
+    The number does not depend on the other anchors of the packet. See `encode_packets` for the arguments.
     """
     for n in range(masks.shape[0]):
         total = 0.0

@@ -47,7 +47,7 @@ class Symbols:
 
     @staticmethod
     def of_rows(rows: np.ndarray, layout: AnchorLayout) -> "Symbols":
-        """Splits rows of symbols, as returned by the method `rows`, into one array per attribute."""
+        """Splits an array with all symbols of each anchor, as returned by `rows`, into one array per attribute."""
         return Symbols(*np.split(rows, np.cumsum([layout.num_offsets, layout.feature_dim, 6]), axis=1))
 
 
@@ -114,7 +114,7 @@ def predict_mixture(context: CodingContext, predicted: Predictions, feature: np.
     Args:
         context: Coding context.
         predicted: Prediction of the anchors.
-        feature: int32 (n, F), their feature symbols.
+        feature: Feature symbols of the anchors, int32 (n, F).
     """
     edges = _group_edges(context)
     mean1 = np.empty((len(feature), int(edges[-1])), dtype=np.int32)
@@ -140,7 +140,7 @@ def cut_packets(
 
     Args:
         predicted: Prediction of the anchors of all blocks, block by block.
-        mixture: Their mixtures.
+        mixture: Second mixture component of the features of these anchors.
         counts: int64 (blocks), anchors of each block.
         symbols: The anchors' symbols.
         mask_models: Initial mask models, int64 (contexts, 2).
@@ -181,7 +181,7 @@ def encode_packets(
         counts: int64 (packets), anchors of each packet.
         symbols: The anchors' symbols.
         mask_models: Initial mask models, int64 (contexts, 2).
-        mixture: The anchors' mixtures; None to compute them.
+        mixture: Second mixture component of the anchors' features; None to compute it.
 
     Returns:
         One payload per packet.

@@ -161,10 +161,10 @@ class CodingContext:
 
     @functools.cached_property
     def shared_matrix(self) -> np.ndarray:
-        """First-layer weights of all channel networks for those inputs that come from the prior network.
+        """First-layer weights of all channel networks for their common inputs, which are outputs of the prior network.
 
-        The matrices of all networks are side by side, so that one matrix product evaluates them: float64 (3 F, sum of
-        hidden units).
+        The weights of all networks are side by side, so that one matrix product serves all of them: float64 (3 F, sum
+        of hidden units).
         """
         before = np.cumsum([0, *self.config.layout.feature_groups])
         return np.concatenate(

@@ -47,16 +47,17 @@ def open_side_info(manifest: Manifest, side_info: bytes, num_bytes: int) -> Side
 
 
 def scene_bytes(info: SideInfo) -> int:
-    """Returns the memory of the arrays of all anchors and of the scene built from them, bytes."""
+    """Returns the memory for the decoded attributes of all anchors, and for the scene built from them, bytes."""
     config = info.config
     width = config.layout.feature_dim + 6 + 3 * config.layout.num_offsets
     return len(info.voxels) * (PLACE_BYTES + 4 * (3 * width + config.prior_dim + 2 * config.grid.context_dim))
 
 
 def row_bytes(info: SideInfo) -> int:
-    """Returns the memory of an anchor during decoding, bytes.
+    """Returns the working memory for one anchor during decoding, bytes.
 
-    Counts the 64-bit inputs, hidden units and outputs of the networks, and the quantised attributes.
+    The memory is for the inputs, hidden units and outputs of the networks (64 bits each), and for the quantised
+    attributes.
     """
     layout, hidden = info.config.layout, [len(network.hidden.symbols) for network in (info.prior, *info.channel)]
     inputs = 2 * layout.feature_dim + info.config.grid.context_dim + info.config.prior_dim

@@ -17,7 +17,7 @@ _PRIMES = (1, 2654435761, 805459861)
 
 @dataclass(frozen=True)
 class GridLevels:
-    """Layout of all levels of the hash grid in the concatenated table: 3D levels, then the levels of the three planes.
+    """Layout of the hash table that contains all levels of the grid: 3D levels first, then those of the three planes.
 
     Attributes:
         starts: First row of each level in the concatenated table.

@@ -1,4 +1,4 @@
-"""Schema of the anchors of HAC++ (format 1)."""
+"""Codec schema of HAC++ anchors (format 1): connects its encoder, decoder and repacketization."""
 
 from typing import Any
 

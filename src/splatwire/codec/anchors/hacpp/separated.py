@@ -66,7 +66,7 @@ def encode_parts(
     Args:
         context: Coding context.
         predicted: Prediction of the anchors, group by group.
-        mixture: Their mixtures.
+        mixture: Second mixture component of the features of these anchors.
         counts: int64 (groups), anchors of each group.
         symbols: The anchors' symbols.
 
@@ -168,12 +168,12 @@ def _edges(context: CodingContext) -> np.ndarray:
 
 
 def _normals(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep: np.ndarray | None = None) -> Mixtures:
-    """Returns the parameters of the normal distributions of some anchors' scalings or offsets.
+    """Returns the normal distributions with which scalings or offsets of some anchors are coded.
 
     Args:
         pair: Means and scale indices of all anchors, (n, D) each.
         rows: Range of the anchors.
-        keep: Mask of the values that are coded, bool (anchors, D); None for all.
+        keep: Mask of the values that packets contain, bool (anchors, D); None for all.
     """
     mean, scale = (values[rows] if keep is None else values[rows][keep] for values in pair)
     return Mixtures.normals(mean.ravel(), scale.ravel())
@@ -182,7 +182,7 @@ def _normals(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep: np.ndarray 
 def _features(
     predicted: Predictions, rows: slice, columns: slice, mean: np.ndarray, scale: np.ndarray, weight: np.ndarray
 ) -> Mixtures:
-    """Returns the mixture distributions of the features of one group, for a range of anchors.
+    """Returns the mixture distributions with which the channels of one feature group are coded, for a range of anchors.
 
     Args:
         predicted: Prediction of all anchors, which contains the first mixture component.

@@ -187,7 +187,12 @@ def _read_header(data: bytes) -> tuple[ModelConfig, float, tuple[np.ndarray, np.
 
 
 def _check_config(config: ModelConfig, error: type[BitstreamError] | type[InvalidValueError]) -> None:
-    """Checks that the sizes of a model are within the format's limits, without allocating memory for it."""
+    """Checks that the sizes of a model are within the format's limits, before memory is allocated for it.
+
+    Args:
+        config: Shape of the model.
+        error: Type of the exception to raise: `BitstreamError` when reading, `InvalidValueError` when writing.
+    """
     grid, layout = config.grid, config.layout
     small = (
         layout.num_offsets <= MAX_OFFSETS and layout.feature_dim <= MAX_FEATURES and max(layout.feature_groups) <= 64
