@@ -35,6 +35,13 @@ def test_a_site_is_written_and_updated(run, cloud, tmp_path):
     }
 
 
+def test_warnings_about_published_files_are_printed(run, cloud, tmp_path):
+    cloud.write_bytes(cloud.read_bytes().replace(b"element vertex", b"comment unit: cm\nelement vertex", 1))
+    done = run("publish", cloud, "-o", tmp_path / "site", "--no-thumbnails")
+    assert done.status == 0, done.err
+    assert f"splatwire: warning: {cloud}: comment 'unit: cm' may be the unit of the positions" in done.err
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -16,6 +16,7 @@ from splatwire.files.kinds import FOURDGS, SPLAT4D, file_kind
 from splatwire.io.formats.content import FileContent
 from splatwire.sequence.frames import is_sequence, open_sequence
 from splatwire.sequence.sequence_files import sequence_format_for
+from splatwire.types.metadata import SceneMetadata
 from splatwire.types.splats import Splats
 
 PROGRAM = shutil.which("splat4d", path=str(Path(sys.executable).parent)) or shutil.which("splat4d")
@@ -180,3 +181,25 @@ def test_damaged_splat4d_is_one_error(tmp_path, head):
     (tmp_path / "a.splat4d").write_bytes(head)
     with pytest.raises(DatasetError, match="header is damaged"):
         open_sequence(tmp_path / "a.splat4d")
+
+
+def test_what_a_4dgs_file_cannot_store_gives_a_warning(tmp_path, caplog):
+    pytest.importorskip("fourdgs", reason="fourdgs is not installed")
+    write(clip(), tmp_path / "a.4dgs")
+    assert not caplog.messages
+    frames = [
+        replace(frame, antialiased=True, origin=(5e5, 0.0, 0.0), metadata=SceneMetadata(title="Garden"))
+        for frame in clip()
+    ]
+    frames[0].splats.sh[3, 0] = 4
+    write(frames, tmp_path / "a.4dgs")
+    for problem in ("antialiasing", "500000", "title", "base colours of 1 of"):
+        assert problem in caplog.text
+
+
+@needs_splat4d
+def test_frames_of_splat4d_are_relative_to_one_origin(tmp_path, caplog):
+    frames = [frame.relative_to((float(number), 0.0, 0.0)) for number, frame in enumerate(clip(degree=0))]
+    write(frames, tmp_path / "a.splat4d")
+    for frame, expected in zip(open_sequence(tmp_path / "a.splat4d").read(), clip(degree=0), strict=True):
+        assert_close(frame.splats, expected.splats, scales=0.04, colors=0.06)

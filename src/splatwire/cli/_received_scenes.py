@@ -8,7 +8,6 @@ from splatwire.bitstream.view import Viewpoint
 from splatwire.cli._concealers import check_concealer
 from splatwire.cli._files import STANDARD, prepared_output
 from splatwire.cli._output import Reporter
-from splatwire.cli._scenes import warn_of_lost_harmonics
 from splatwire.cli.receive import Receive
 from splatwire.codec import decode_stream
 from splatwire.codec.preview import preview_scene
@@ -75,4 +74,4 @@ def write_scene(command: Receive, stream: SceneStream, path: Path, show: Reporte
             f"what arrived is in {kept}: `splatwire decode` or `splatwire export` take it from there"
         )
     concealer = None if command.conceal is None else create_concealer(command.conceal)
-    warn_of_lost_harmonics(save_decoded(decode_stream(stream), concealer, path), command.output)
+    save_decoded(decode_stream(stream), concealer, path)

@@ -7,7 +7,7 @@ from splatwire.bitstream import ReadReport, SceneStream, read_stream
 from splatwire.cli._concealers import check_concealer
 from splatwire.cli._files import input_path, output_folder, output_path, read_report_json
 from splatwire.cli._output import print_json, print_summary, progress_bars
-from splatwire.cli._scenes import chosen_outliers, warn_of_lost_harmonics
+from splatwire.cli._scenes import chosen_outliers
 from splatwire.cli.decode import Decode
 from splatwire.codec import decode_stream
 from splatwire.concealment import create_concealer
@@ -43,7 +43,6 @@ def run(options: Decode) -> None:
         partial = decode_stream(stream, progress=lambda share: show("decoding", share))
         decoded = time.perf_counter()
         written = save_decoded(partial, concealer, path, outliers=outliers)
-    warn_of_lost_harmonics(written, options.output)
     count, num_lost = written.num_elements, partial.loss_mask.num_lost
     if options.json:
         print_json(

@@ -11,7 +11,7 @@ from splatwire.anchors.export.counts import FitCounts
 from splatwire.anchors.export.fit import fit_splats
 from splatwire.cli._files import check_inputs, input_path, prepared_output
 from splatwire.cli._output import print_json, print_summary, progress_bars
-from splatwire.cli._scenes import chosen_outliers, warn_of_lost_harmonics
+from splatwire.cli._scenes import chosen_outliers
 from splatwire.cli.export import Export
 from splatwire.concealment import create_concealer
 from splatwire.data import Dataset, load_cameras, open_dataset
@@ -52,8 +52,7 @@ def run(options: Export) -> None:
             _write(options, parts, scene)
         else:
             degree = min(splats.degree, _degree(options))
-            counts.possible = counts.written = _write(options, iter([splats.at_most_degree(degree)]), scene)
-            warn_of_lost_harmonics(scene, options.output)
+            counts.possible = counts.written = _write(options, iter([_limited(options, splats, degree)]), scene)
         if views is not None:
             measured = compare_export(scene, _read_back(options, scene), views.measured_on, views.photos, show)
     result = {
@@ -93,6 +92,11 @@ def _check(options: Export) -> None:
     check_inputs(options.data, options.cameras)
     if options.views is not None and options.views < 9:
         raise InvalidValueError(f"--views must be 9 or more, not {options.views}")
+
+
+def _limited(options: Export, splats: Splats, degree: int) -> Splats:
+    """Returns Gaussians with harmonics of at most a degree; the writer of `.splat` drops and reports them itself."""
+    return splats if options.kind == "splat" else splats.at_most_degree(degree)
 
 
 def _degree(options: Export) -> int:

@@ -1,9 +1,5 @@
-"""Checks of option values common to several verbs, and a warning about data that a file format cannot store."""
+"""Checks of option values common to several verbs."""
 
-import sys
-from pathlib import Path
-
-from splatwire.anchors.appearance import Scene
 from splatwire.cli._options import BackgroundOption, OutliersOption
 from splatwire.errors import InvalidValueError
 from splatwire.io.formats import format_for
@@ -35,16 +31,3 @@ def chosen_outliers(option: OutliersOption, name: str) -> Outliers:
     if "outliers" not in format_for(name).keeps:
         raise InvalidValueError("--outliers is for compressed.ply, spz and sog: other formats keep numbers as they are")
     return option
-
-
-def warn_of_lost_harmonics(scene: Scene, path: str | Path) -> None:
-    """Prints a warning that a `.splat` file does not store the spherical harmonics of the scene.
-
-    Args:
-        scene: The scene that was written.
-        path: Path of the file.
-    """
-    degree = getattr(scene.elements, "degree", 0)
-    if degree and Path(path).suffix.lower() == ".splat":
-        reason = "a .splat file has one colour for all directions"
-        print(f"{path}: {reason}; the scene's harmonics, of degree {degree}, are not in it", file=sys.stderr)

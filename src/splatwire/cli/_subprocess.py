@@ -15,6 +15,8 @@ from splatwire.errors import DesyncError, SplatwireError
 from splatwire.types import ReceivedScene
 from splatwire.types.scene_digest import scene_digest
 
+_WARNING = "splatwire: warning: "
+
 
 def decode_in_fresh_process(stream: SceneStream) -> ReceivedScene:
     """Writes a stream to a file, decodes it with a new Python interpreter, and reads the decoded scene.
@@ -46,7 +48,7 @@ def in_fresh_process(verb: str, *arguments: object) -> Iterator[Callable[[], dic
         arguments: Command-line arguments of the verb.
 
     Yields:
-        Function that waits for the process and returns the JSON object printed by the verb.
+        Function that waits for the process, prints its warnings, and returns the JSON object printed by the verb.
 
     Raises:
         SplatwireError: By what is yielded, if the process failed; the message is its own.
@@ -58,6 +60,9 @@ def in_fresh_process(verb: str, *arguments: object) -> Iterator[Callable[[], dic
         printed, errors = process.communicate()
         if process.returncode != 0:
             raise SplatwireError(f"{verb} in a fresh process failed: {' '.join(errors.split())[-500:]}")
+        for line in errors.splitlines():
+            if line.startswith(_WARNING):
+                print(line, file=sys.stderr, flush=True)
         content: dict[str, Any] = json.loads(printed)
         return content
 

@@ -14,7 +14,9 @@ from splatwire.codec import decode_stream
 from splatwire.concealment.temporal.concealers import DEFAULT
 from splatwire.errors import InvalidValueError
 from splatwire.files.kinds import FOURDGS, SPLAT4D, USD, Kind
+from splatwire.files.scene_formats import FileFormat
 from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.dispatch import kept_facts
 from splatwire.sequence.decoding import decode_frames
 from splatwire.sequence.frames import Sequence
 
@@ -30,6 +32,7 @@ class SequenceFormat:
         module: Module in `splatwire.io.formats`.
         writer: Name of the function that is called with frames (`FileContent`), path and frames per second, and returns
             the number of frames.
+        keeps: Names of scene properties that such a file stores, as in `splatwire.files.scene_formats.FileFormat`.
     """
 
     name: str
@@ -37,15 +40,26 @@ class SequenceFormat:
     kind: Kind
     module: str
     writer: str
+    keeps: frozenset[str] = frozenset()
 
     def write(self, frames: Iterable[FileContent], path: Path, rate: float) -> int:
-        """Writes a sequence; returns the number of frames."""
+        """Writes a sequence; returns the number of frames. Logs scene properties that the format cannot store."""
         write: Callable[..., Any] = getattr(import_module(f"splatwire.io.formats.{self.module}"), self.writer)
-        return int(write(frames, path, rate))
+        return int(write(self._checked(frames, path), path, rate))
+
+    def _checked(self, frames: Iterable[FileContent], path: Path) -> Iterator[FileContent]:
+        """Yields the frames; logs the properties of the first one that the format cannot store."""
+        form = FileFormat(self.name, "a sequence", keeps=self.keeps)
+        for number, frame in enumerate(frames):
+            if not number:
+                kept_facts(form, path, antialiased=frame.antialiased, origin=frame.origin, metadata=frame.metadata)
+            yield frame
 
 
 SEQUENCE_FORMATS = (
-    SequenceFormat("usd", (".usd", ".usdc", ".usda", ".usdz"), USD, "usd", "write_usd_frames"),
+    SequenceFormat(
+        "usd", (".usd", ".usdc", ".usda", ".usdz"), USD, "usd", "write_usd_frames", frozenset(("origin", "metadata"))
+    ),
     SequenceFormat("4dgs", (".4dgs",), FOURDGS, "fourdgs_file", "write_fourdgs"),
     SequenceFormat("splat4d", (".splat4d",), SPLAT4D, "splat4d_file", "write_splat4d"),
 )

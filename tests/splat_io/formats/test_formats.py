@@ -3,6 +3,7 @@
 import gzip
 import json
 import os
+import struct
 import zipfile
 from pathlib import Path
 
@@ -392,3 +393,19 @@ def test_unknown_elements_and_columns_of_a_compressed_ply_give_a_warning(
     )
     read_splats(path)
     assert "element deleted not known and left out: the scene may look different" in caplog.text
+
+
+def test_other_minor_versions_of_ksplat_give_a_warning(tmp_path, caplog):
+    data = bytearray(ksplat())
+    read_splats(write(tmp_path / "a.ksplat", bytes(data)))
+    assert not caplog.messages
+    data[1] = 2
+    assert read_splats(write(tmp_path / "a.ksplat", bytes(data))).num_gaussians == 3
+    assert ".ksplat of version 0.2 is not known: it is read as version 0.1" in caplog.text
+
+
+def test_swapped_bounds_of_harmonics_in_a_ksplat_are_refused(tmp_path):
+    data = bytearray(ksplat(level=2))
+    struct.pack_into("<ff", data, 36, 2.0, -2.0)
+    with pytest.raises(DatasetError, match="harmonics from 2 to -2: the bounds are swapped"):
+        read_splats(write(tmp_path / "a.ksplat", bytes(data)))

@@ -220,3 +220,37 @@ def test_many_outlying_colours_do_not_degrade_their_chunk(tmp_path: Path, caplog
     row = np.linalg.norm(splats.means[~bright][:, None] - found.means[None], axis=2).argmin(axis=1)
     assert float(np.abs(found.sh[row, 0] - splats.sh[~bright, 0]).max()) < 0.1
     assert "32 of 512 Gaussians have outlying colours" in caplog.text
+
+
+@pytest.mark.parametrize(("end", "most"), [("spz", 1.44), ("splat", 1.0), ("sog", 3.5), ("compressed.ply", 3.5)])
+def test_colours_beyond_a_format_are_clipped_with_a_warning(
+    end: str, most: float, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    splats = some_splats(300, 0)
+    write_splats([splats], tmp_path / f"a.{end}")
+    assert not caplog.messages
+    splats.sh[5:7, 0] = 3 / 0.28209479
+    write_splats([splats], tmp_path / f"a.{end}")
+    found = 0.5 + 0.28209479 * read_splats(tmp_path / f"a.{end}").sh[:, 0]
+    assert float(found.max()) == pytest.approx(most, abs=0.01)
+    assert ("base colours of 2 of 300 Gaussians, from 3.5 to 3.5, are clipped" in caplog.text) == (most < 3)
+
+
+@pytest.mark.parametrize(("end", "most"), [("spz", 127 / 128), ("compressed.ply", 4.0), ("sog", 6.0)])
+def test_harmonics_beyond_a_format_are_clipped_with_a_warning(
+    end: str, most: float, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    splats = some_splats(300, 1)
+    write_splats([splats], tmp_path / f"a.{end}")
+    assert not caplog.messages
+    splats.sh[5, 2, 1] = 6
+    write_splats([splats], tmp_path / f"a.{end}")
+    assert float(read_splats(tmp_path / f"a.{end}").sh[:, 1:].max()) == pytest.approx(most, abs=0.02)
+    assert ("harmonics of 1 of 300 Gaussians, from" in caplog.text) == (most < 6)
+
+
+def test_harmonics_that_a_splat_file_does_not_have_give_one_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    write_splats([some_splats(20, 2), some_splats(20, 2)], tmp_path / "a.splat")
+    assert caplog.text.count("the scene's harmonics, of degree 2, are not in it") == 1

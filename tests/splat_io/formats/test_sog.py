@@ -294,3 +294,32 @@ def test_a_cut_archive_is_named_as_cut(tmp_path: Path) -> None:
     (tmp_path / "b.sog").write_bytes(data[: len(data) // 2])
     with pytest.raises(DatasetError, match=f"the zip is cut after {len(data) // 2:,} bytes"):
         read_splats(tmp_path / "b.sog")
+
+
+def _changed(files: dict[str, bytes], path: Path, change: dict[str, Any]) -> Path:
+    return _archive(path, files | {"meta.json": json.dumps(json.loads(files["meta.json"]) | change).encode()})
+
+
+def test_a_count_below_the_pixels_gives_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    files = _files(tmp_path / "a.sog", some_splats(300, 1))
+    read_splats(tmp_path / "a.sog")
+    assert not caplog.messages
+    assert read_splats(_changed(files, tmp_path / "b.sog", {"count": 290})).num_gaussians == 290
+    assert "its images have values of 10 more Gaussians than the 290 of meta.json" in caplog.text
+
+
+def test_an_animation_is_no_image_of_a_sog(tmp_path: Path) -> None:
+    files = _files(tmp_path / "a.sog", some_splats(300, 1))
+    still = Image.open(io.BytesIO(files["scales.webp"])).convert("RGBA")
+    other, moving = Image.fromarray(255 - np.asarray(still)), io.BytesIO()
+    still.save(moving, "WEBP", save_all=True, append_images=[other], lossless=True, exact=True)
+    with pytest.raises(DatasetError, match=r"scales\.webp is an animation"):
+        read_splats(_archive(tmp_path / "b.sog", files | {"scales.webp": moving.getvalue()}))
+
+
+def test_rotations_without_alpha_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    files, opaque = _files(tmp_path / "a.sog", some_splats(300, 1)), io.BytesIO()
+    image = Image.open(io.BytesIO(files["quats.webp"])).convert("RGB")
+    image.save(opaque, "WEBP", lossless=True, exact=True)
+    read_splats(_archive(tmp_path / "b.sog", files | {"quats.webp": opaque.getvalue()}))
+    assert "quats.webp has no alpha channel" in caplog.text

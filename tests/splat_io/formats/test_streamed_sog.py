@@ -9,7 +9,7 @@ import pytest
 from splat_io.formats.handmade import some_splats
 from splatwire.errors import DatasetError
 from splatwire.files.kinds import SOG_LEVELS, file_kind
-from splatwire.io.formats import read_splats, sog, write_splats
+from splatwire.io.formats import read_content, read_splats, sog, write_splats
 from splatwire.io.formats.sog import read_sog
 
 FINE, COARSE, SKY = 60, 20, 5
@@ -133,3 +133,36 @@ def test_a_node_with_children_and_levels_is_refused(folder):
     (folder / "lod-meta.json").write_text(json.dumps(CONTENT | {"tree": tree}))
     with pytest.raises(DatasetError, match="children and lods"):
         read_splats(folder)
+
+
+@pytest.mark.parametrize("name", ["./0_0/meta.json", "link/meta.json"])
+def test_a_chunk_with_two_names_is_one_chunk(folder, name):
+    (folder / "link").symlink_to("0_0")
+    names = ["0_0/meta.json", name]
+    content = changed(filenames=names, environment=None, tree={"children": [leaf((0, 0, 40)), leaf((1, 40, 20))]})
+    (folder / "lod-meta.json").write_text(json.dumps(content))
+    assert read_splats(folder).num_gaussians == FINE
+    content["tree"] = {"children": [leaf((0, 0, 40)), leaf((1, 30, 30))]}
+    (folder / "lod-meta.json").write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match="belong to two leaves"):
+        read_splats(folder)
+
+
+def test_an_environment_that_is_a_chunk_of_the_tree_is_refused(folder):
+    (folder / "lod-meta.json").write_text(json.dumps(changed(environment="./0_0/meta.json")))
+    with pytest.raises(DatasetError, match="its environment, 0_0, is a chunk of its tree"):
+        read_splats(folder)
+
+
+def test_a_level_that_is_named_twice_is_refused(folder):
+    levels = {"0": {"file": 0, "offset": 0, "count": 40}, "00": {"file": 1, "offset": 0, "count": 12}}
+    (folder / "lod-meta.json").write_text(json.dumps(changed(tree={"lods": levels})))
+    with pytest.raises(DatasetError, match="names a level twice: 0, 00"):
+        read_splats(folder)
+
+
+def test_chunks_that_disagree_about_antialiasing_give_a_warning(folder, caplog):
+    meta = folder / "1_0" / "meta.json"
+    meta.write_text(json.dumps(json.loads(meta.read_text()) | {"antialias": True}))
+    assert read_content(folder).antialiased
+    assert "some chunks ask for antialiasing, others do not" in caplog.text

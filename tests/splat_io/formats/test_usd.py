@@ -453,3 +453,41 @@ def test_what_changes_the_picture_and_is_not_applied_gives_a_warning(tmp_path, c
     assert not caplog.messages
     read_splats(edited(tmp_path, edit))
     assert warning in caplog.text
+
+
+def appears(when):
+    """Makes a copy of the Gaussians visible at some times only; `when` has a visibility for each time."""
+
+    def edit(stage, prim):
+        copy = stage.DefinePrim("/World/Later")
+        copy.GetReferences().AddInternalReference(prim.GetPath())
+        for time, value in when.items():
+            UsdGeom.Imageable(copy).CreateVisibilityAttr().Set(value, time)
+
+    return edit
+
+
+def test_prims_that_appear_later_give_a_warning(tmp_path, caplog):
+    path = edited(tmp_path, appears({0: "invisible", 5: "inherited"}))
+    assert read_splats(path).num_gaussians == some_splats().num_gaussians
+    assert "1 prims that are invisible at first and appear later are left out" in caplog.text
+
+
+def test_a_scene_that_is_invisible_at_first_is_refused_with_the_reason(tmp_path):
+    def hide(_, prim):
+        for time, value in ((0, "invisible"), (5, "inherited")):
+            UsdGeom.Imageable(prim).CreateVisibilityAttr().Set(value, time)
+
+    with pytest.raises(DatasetError, match="its 1 prims of the type .* appear later"):
+        read_splats(edited(tmp_path, hide))
+
+
+def test_frames_have_the_prims_that_are_visible_then(tmp_path):
+    def edit(stage, prim):
+        for time in range(3):
+            prim.GetAttribute("positions").Set(prim.GetAttribute("positions").Get(), time)
+        appears({0: "invisible", 1: "inherited", 2: "invisible"})(stage, prim)
+
+    count = some_splats().num_gaussians
+    frames = list(usd_frames(edited(tmp_path, edit)).read())
+    assert [frame.splats.num_gaussians for frame in frames] == [count, 2 * count, count]

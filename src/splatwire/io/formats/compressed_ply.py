@@ -34,6 +34,7 @@ from splatwire.io.formats.outliers import (
     morton_order,
     spatial_order,
     treated_positions,
+    warn_of_clipped,
     warn_of_errors,
     warn_of_outliers,
 )
@@ -197,6 +198,7 @@ def write_compressed_ply(
     remarks += metadata_comments(metadata)
     splats = _sorted(join(path, parts), path, outliers)
     splats = _scales_and_colours(splats, path, outliers)
+    warn_of_clipped(path, "harmonics", splats.sh[:, 1:], -_SH_RANGE / 2, _SH_RANGE / 2)
     total, splats = splats.num_gaussians, _order_by_density(splats, path)
     means, quats, scales, sh = splats.means, splats.quats, splats.scales, splats.sh
     color = np.concatenate([sh[:, 0] * np.float32(DC) + np.float32(0.5), splats.opacities[:, None]], axis=1)

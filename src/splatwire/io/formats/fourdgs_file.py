@@ -22,6 +22,7 @@ from splatwire.files.atomic_write import atomic_output
 from splatwire.io.formats._axes import SPZ_FLIPS, flip_axes
 from splatwire.io.formats._columns import build_splats, check_count, concatenate
 from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.outliers import warn_of_clipped
 from splatwire.ops.spherical_harmonics import DC, num_functions
 from splatwire.types.metadata import SceneMetadata
 from splatwire.types.splats import Splats
@@ -133,12 +134,15 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
     count = runs.num_frames
     if not splats.num_gaussians:
         raise DatasetError(f"{path}: a sequence without Gaussians cannot be written")
+    colours = 0.5 + DC * splats.sh[:, 0]
+    warn_of_clipped(path, "base colours", colours, 0.0, 1.0)
+    warn_of_clipped(path, "harmonics", splats.sh[:, 1:], _LOWEST, _HIGHEST)
     harmonics = (splats.sh[:, 1:] - _LOWEST) / (_HIGHEST - _LOWEST) * 255
     records = fourdgs.GaussianSet(
         positions=splats.means,
         scales=splats.scales,
         rotations=np.roll(splats.quats, -1, axis=1),
-        colors=np.concatenate([np.clip(0.5 + DC * splats.sh[:, 0], 0, 1), splats.opacities[:, None]], axis=1),
+        colors=np.concatenate([np.clip(colours, 0.0, 1.0), splats.opacities[:, None]], axis=1),
         motions=np.zeros_like(splats.means),
         mu_t=((begins + ends) / 2).astype(np.float32),
         sigma_t=np.full(len(begins), np.inf, np.float32),

@@ -5,6 +5,7 @@ A header of 4096 bytes, a header of 1024 bytes per section, then the sections: s
 and 16 bits relative to the centre of the bucket at levels 1 and 2; level 2 has spherical harmonics in 8 bits.
 """
 
+import logging
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,9 +19,11 @@ from splatwire.io.formats._files import mapped_file, warn_of_bytes_outside
 from splatwire.ops.spherical_harmonics import DC, num_functions
 from splatwire.types.splats import Splats
 
+LOG = logging.getLogger(__name__)
 _HEADER_BYTES, _SECTION_BYTES = 4096, 1024
 _MAX_SECTIONS, _MAX_DEGREE, _MAX_LEVEL = 4096, 2, 2
 _SECTION = struct.Struct("<4IfH2xI4xIIH")
+_MINOR = 1
 _DEFAULT_RANGE = 32767
 _DEFAULT_HARMONICS = 1.5
 
@@ -67,6 +70,10 @@ def read_ksplat(path: Path) -> Splats:
         raise DatasetError(f"{path}: {num_sections} sections, compression level {level}, {count} Gaussians: impossible")
     low, high = (float(value) for value in struct.unpack_from("<ff", data, 36))
     bounds = (low or -_DEFAULT_HARMONICS, high or _DEFAULT_HARMONICS)
+    if level == _MAX_LEVEL and not bounds[0] < bounds[1]:
+        raise DatasetError(f"{path}: harmonics from {bounds[0]:g} to {bounds[1]:g}: the bounds are swapped or damaged")
+    if data[1] != _MINOR:
+        LOG.warning("%s: .ksplat of version 0.%d is not known: it is read as version 0.%d", path, data[1], _MINOR)
     at = _HEADER_BYTES + num_sections * _SECTION_BYTES
     if at > len(data):
         raise DatasetError(f"{path}: {num_sections} sections do not fit into {len(data)} bytes")

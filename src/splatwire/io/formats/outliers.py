@@ -37,6 +37,8 @@ _NEIGHBOURS = 4
 _REACH = 4.0
 """Minimum distance of outliers from the median, in multiples of the distance of the farthest Gaussian that is no
 outlier."""
+_CLIPPED = 1 / 16
+"""Distance of colours and harmonics from the range of a format up to which clipping is invisible."""
 _FEWEST = 8
 """Minimum number of Gaussians for a scene to have outliers."""
 _DONE = {"clamp": "moved to the end of the range of the others", "prune": "left out", "keep": "kept (--outliers keep)"}
@@ -187,6 +189,28 @@ def warn_of_errors(path: Path, errors: np.ndarray, scales: np.ndarray) -> None:
         "near and far Gaussians share the steps of this format; PLY keeps them, `--outliers prune` drops far ones",
         path, f"{int(seen.sum()):,}", f"{len(seen):,}", float(errors[seen].max()), float(np.median(scales[seen])),
     )  # fmt: skip
+
+
+def warn_of_clipped(path: Path, what: str, values: np.ndarray, low: float, high: float) -> None:
+    """Logs a warning if values of Gaussians are clipped so far to the range of a format that pictures change.
+
+    Args:
+        path: The file, for the message.
+        what: Name of the values, such as `base colours`.
+        values: Values before clipping, (N, ...).
+        low: Smallest value that the format can represent.
+        high: Largest value that the format can represent.
+    """
+    rows = np.asarray(values, np.float64).reshape(len(values), -1)
+    if not rows.size:
+        return
+    outside = (rows.min(axis=1) < low - _CLIPPED) | (rows.max(axis=1) > high + _CLIPPED)
+    if outside.any():
+        LOG.warning(
+            "%s: %s of %s of %s Gaussians, from %.3g to %.3g, are clipped to the range of this format, %.3g to %.3g: "
+            "the scene may look different; PLY keeps them",
+            path, what, f"{int(outside.sum()):,}", f"{len(rows):,}", rows[outside].min(), rows[outside].max(), low, high,
+        )  # fmt: skip
 
 
 def spatial_order(positions: Column) -> np.ndarray:

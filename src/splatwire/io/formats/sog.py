@@ -46,6 +46,8 @@ _PICTURE_BYTES, _SPARE_BYTES = 5, 1 << 16
 """Limit of an image file: bytes per pixel, and additional bytes, because incompressible data grows slightly."""
 _WEBP_HEADER, _LOSSY = 12, b"VP8 "
 """Size of the header of a WebP before its chunks, bytes, and the tag of the chunk with a lossy image."""
+_WITH_ALPHA, _MIN_OPAQUE = ("quats",), 8
+"""Sections whose image needs an alpha channel, and number of Gaussians from which one without it is unlikely."""
 _ROWS = 1 << 16
 _MAX_LOG_POSITION = 40.0
 _MAX_CODE = 1e6
@@ -235,7 +237,14 @@ class _Sog:
         return (low + (high - low) * (pixels / _CHANNEL)).astype(np.float32)
 
     def _rotations(self) -> np.ndarray:
-        pixels = self._pixels("quats")
+        """Returns quaternions (N, 4); logs a warning if the image has those of more Gaussians than `count`."""
+        picture = self._picture("quats", 0, pixels=self._count)
+        pixels, padding = picture[: self._count], picture[self._count :]
+        if num_more := int(padding[:, :3].any(axis=1).sum()):
+            LOG.warning(
+                "%s: its images have values of %s more Gaussians than the %s of %s: those are left out",
+                self._path, f"{num_more:,}", f"{self._count:,}", SOG_META_NAME,
+            )  # fmt: skip
         return from_smallest_three(pixels[:, 3].astype(np.int64) - 252, pixels[:, :3] / _CHANNEL)
 
     def _harmonics(self, constant: np.ndarray) -> np.ndarray:
@@ -359,7 +368,14 @@ class _Sog:
                 if not pixels <= has <= _most_pixels(pixels) or width not in (None, image.width):
                     size = f"{image.width} x {image.height}"
                     raise DatasetError(f"{self._path}: {name[:80]} is {size} pixels, {pixels} are needed")
+                if getattr(image, "n_frames", 1) > 1:
+                    raise DatasetError(f"{self._path}: {name[:80]} is an animation; images of SOG are stills")
                 self._warn_if_lossy(name, data.getbuffer())
+                if section in _WITH_ALPHA and "A" not in image.getbands() and self._count >= _MIN_OPAQUE:
+                    LOG.warning(
+                        "%s: %.80s has no alpha channel, which has values of the Gaussians: it may have been lost when "
+                        "images were converted after the export", self._path, name,
+                    )  # fmt: skip
                 return np.asarray(image.convert("RGBA")).reshape(-1, 4)
         except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
             raise DatasetError(f"{self._path}: {name[:80]} is no WebP picture{_reason(error)}") from error

@@ -1,5 +1,6 @@
 """`.splat` files: 32 bytes per Gaussian, view-independent colour; axes are RDF (right, down, forward)."""
 
+import logging
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -9,9 +10,11 @@ from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.atomic_write import atomic_output
 from splatwire.files.read_limited import open_regular
 from splatwire.io.formats._columns import build_splats, check_count, filled, rounded_bytes
+from splatwire.io.formats.outliers import warn_of_clipped
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.types.splats import Splats
 
+LOG = logging.getLogger(__name__)
 RECORD = np.dtype([("position", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("rotation", "u1", 4)])
 
 
@@ -44,11 +47,18 @@ def write_splat(parts: Iterable[Splats], path: Path) -> int:
     Only the constant of the spherical harmonics is stored. The rotation is the quaternion (w, x, y, z), times 128 plus
     128. See `splatwire.io.formats.write_splats`.
     """
-    count = 0
+    count, degree, colours = 0, 0, []
     with atomic_output(path) as unfinished, unfinished.open("wb") as file:
         for part in filled(path, parts):
             file.write(_records(part).tobytes())
-            count += part.num_gaussians
+            count, degree = count + part.num_gaussians, part.degree
+            colours.append((0.5 + DC * part.sh[:, 0]).max(axis=1).clip(min=0))  # renderers clip at 0, too
+    if degree:
+        LOG.warning(
+            "%s: a .splat file has one colour for all directions; the scene's harmonics, of degree %d, are not in it",
+            path, degree,
+        )  # fmt: skip
+    warn_of_clipped(path, "base colours", np.concatenate(colours), 0.0, 1.0)
     return count
 
 

@@ -21,6 +21,7 @@ from splatwire.files.read_limited import read_at_most
 from splatwire.io.formats._columns import check_count
 from splatwire.io.formats.content import FileContent
 from splatwire.io.formats.splat import read_splat, write_splat
+from splatwire.types.origin import NO_ORIGIN
 
 LOG = logging.getLogger(__name__)
 MAGIC = b"SP4D"
@@ -86,14 +87,14 @@ def write_splat4d(frames: Iterable[FileContent], path: Path, rate: float) -> int
     Raises:
         DatasetError: If the numbers of Gaussians differ, or the program fails.
     """
-    count, first = 0, -1
+    count, first, origin = 0, -1, NO_ORIGIN
     with tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
         for count, frame in enumerate(frames, 1):
-            splats = frame.splats
             if count == 1:
-                first = splats.num_gaussians
-                if splats.degree:
+                first, origin = frame.splats.num_gaussians, frame.origin
+                if frame.splats.degree:
                     LOG.warning("%s: such files have one colour for all directions; harmonics are left out", path)
+            splats = frame.relative_to(origin).splats
             if splats.num_gaussians != first:
                 raise DatasetError(
                     f"{path}: frame {count - 1} has {splats.num_gaussians:,} Gaussians, the first one {first:,}: such "

@@ -22,6 +22,7 @@ from splatwire.io.formats.outliers import (
     costly_outliers,
     local_scales,
     treated_positions,
+    warn_of_clipped,
     warn_of_errors,
     warn_of_outliers,
 )
@@ -36,6 +37,7 @@ from splatwire.io.formats.spz import (
     TABLE_OFFSET,
     TABLE_ROW,
 )
+from splatwire.ops.spherical_harmonics import DC
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.splats import Splats
 
@@ -47,6 +49,8 @@ _FEWEST_STEPS = 1 << 12
 """Number of position steps from 0 to the farthest coordinate, below which a small scene gets more fraction bits."""
 _LOG_SCALES = (-10.0, 255 / 16 - 10)
 """Range of the logarithms of scales."""
+_HARMONICS = (-1.0, 127 / 128)
+"""Range of the coefficients of harmonics above degree 0."""
 _SHARE = 0.25
 """Smallest scale of the format, as a share of the largest axis of a Gaussian, above which the Gaussian looks larger."""
 _MOST = (1 << 23) - 1
@@ -90,6 +94,9 @@ def write_spz(
         raise InvalidValueError(f"harmonics of an SPZ have 1 to 8 bits, of degree 1 and beyond, not {harmonic_bits}")
     splats = flip_axes(_treat_outliers(join(path, parts), path, outliers), SPZ_FLIPS)
     _warn_of_scales(splats, path)
+    edge = DC / (2 * COLOR_SCALE)
+    warn_of_clipped(path, "base colours", 0.5 + DC * splats.sh[:, 0], 0.5 - edge, 0.5 + edge)
+    warn_of_clipped(path, "harmonics", splats.sh[:, 1:], *_HARMONICS)
     bits = _fraction_bits(float(np.abs(splats.means).max()))
     columns = [column.tobytes() for column in _columns(splats, bits, harmonic_bits)]
     write = _write_plain if version == 4 else _write_gzip

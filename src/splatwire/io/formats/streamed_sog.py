@@ -8,7 +8,7 @@ whose chunk is available, and the environment.
 
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -76,7 +76,10 @@ def read_streamed_sog(path: Path) -> FileContent:
     if coarser:
         LOG.warning("%s: %d leaves are read at a coarser level, or not at all, for lack of chunks", index, coarser)
     metadata = metadata_of_asset(content.get("asset")).over(metadata_of_asset(sog.read_asset(chunks[min(pieces)])))
-    return FileContent(_read_pieces(index, chunks, pieces, named), antialiased=is_antialiased(path), metadata=metadata)
+    stated = {sog.is_antialiased(chunks[number]) for number in pieces}
+    if len(stated) > 1:
+        LOG.warning("%s: some chunks ask for antialiasing, others do not: the scene is drawn with it", index)
+    return FileContent(_read_pieces(index, chunks, pieces, named), antialiased=any(stated), metadata=metadata)
 
 
 def is_antialiased(path: Path) -> bool:
@@ -112,7 +115,25 @@ def _chunks(index: Path, content: dict[str, Any]) -> list[Path]:
 
 
 def _is_here(chunk: Path) -> bool:
-    return (chunk if chunk.suffix.lower() == _BUNDLE and not chunk.is_dir() else chunk / SOG_META_NAME).is_file()
+    return _file_of(chunk).is_file()
+
+
+def _file_of(chunk: Path) -> Path:
+    """Returns the file of a bundled chunk, or the `meta.json` of one that is a folder."""
+    return chunk if chunk.suffix.lower() == _BUNDLE and not chunk.is_dir() else chunk / SOG_META_NAME
+
+
+def _first_of_same(chunks: list[Path], here: list[bool]) -> list[int]:
+    """Returns for each chunk the index of the first name of the same file, which may have several names or links."""
+    first: dict[tuple[int, int], int] = {}
+    found = []
+    for number, (chunk, exists) in enumerate(zip(chunks, here, strict=True)):
+        if not exists:
+            found.append(number)
+            continue
+        status = _file_of(chunk).stat()
+        found.append(first.setdefault((status.st_dev, status.st_ino), number))
+    return found
 
 
 def _bytes_of(chunk: Path) -> int:
@@ -135,15 +156,17 @@ def _finest(
         missing chunks. The number of leaves whose finest level is missing.
     """
     here = [_is_here(chunk) for chunk in chunks]
+    same = _first_of_same(chunks, here)
     pieces: dict[int, list[Piece]] = {}
     ranges: dict[int, list[Piece]] = {}
     coarser = 0
     named = len(chunks) - (content.get("environment") is not None)
     for levels in _leaves(index, content.get("tree")):
-        found = [
-            _piece(index, level, named) for _, level in sorted(levels.items(), key=lambda item: _level(index, item))
-        ]
-        found = [piece for piece in found if piece.count]
+        numbered = sorted(((_level(index, name), level) for name, level in levels.items()), key=lambda item: item[0])
+        if len(dict(numbered)) < len(numbered):
+            raise DatasetError(f"{index}: a leaf of its tree names a level twice: {', '.join(levels)[:80]}")
+        found = [_piece(index, level, named) for _, level in numbered]
+        found = [replace(piece, chunk=same[piece.chunk]) for piece in found if piece.count]
         for piece in found:
             ranges.setdefault(piece.chunk, []).append(piece)
         best = next((piece for piece in found if here[piece.chunk]), None)
@@ -151,6 +174,8 @@ def _finest(
         if best is not None:
             pieces.setdefault(best.chunk, []).append(best)
     if named < len(chunks) and here[named]:
+        if same[named] in ranges:
+            raise DatasetError(f"{index}: its environment, {chunks[named].name}, is a chunk of its tree, too")
         pieces[named] = [Piece(named, 0, -1)]
     return pieces, ranges, [chunks[n].name for n in range(len(chunks)) if not here[n]], coarser
 
@@ -177,10 +202,10 @@ def _leaves(index: Path, tree: Any) -> Iterator[dict[str, Any]]:
         LOG.warning("%s: %s of nodes of its tree are not known: the scene may look different", index, names)
 
 
-def _level(index: Path, item: tuple[str, Any]) -> int:
-    if not item[0].isdecimal() or len(item[0]) > 3:
-        raise DatasetError(f"{index}: {item[0]!r:.40} is no level")
-    return int(item[0])
+def _level(index: Path, name: str) -> int:
+    if not name.isdecimal() or len(name) > 3:
+        raise DatasetError(f"{index}: {name!r:.40} is no level")
+    return int(name)
 
 
 def _piece(index: Path, level: Any, num_chunks: int) -> Piece:

@@ -168,12 +168,8 @@ class _Stage:
         except Tf.ErrorException as error:
             raise DatasetError(f"{path}: usd-core cannot open it: {_first_line(error)}") from error
         everything = list(Usd.PrimRange(self._stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
-        visible = [
-            prim
-            for prim in everything
-            if prim.GetTypeName() == PRIM
-            and UsdGeom.Imageable(prim).ComputeVisibility(Usd.TimeCode.EarliestTime()) != UsdGeom.Tokens.invisible
-        ]
+        gaussians = [prim for prim in everything if prim.GetTypeName() == PRIM]
+        visible = [prim for prim in gaussians if any(_is_visible(prim, time) for time in _visibility_times(prim))]
         if not visible:
             raise DatasetError(f"{path}: no visible prim of the type {PRIM}")
         self._prims = [prim for prim in visible if UsdGeom.Imageable(prim).ComputePurpose() not in _STAND_INS]
@@ -199,7 +195,9 @@ class _Stage:
             )
 
     def warn_of_motion(self) -> None:
-        """Logs a warning if the transform or visibility of Gaussians changes over time."""
+        """Logs a warning if the transform or visibility of Gaussians changes over time; only the first time is read."""
+        if later := sum(not _is_visible(prim, Usd.TimeCode.EarliestTime()) for prim in self._prims):
+            LOG.warning("%s: %d prims that are invisible at first and appear later are left out", self._path, later)
         above = [prim for one in self._prims for prim in (one, *_ancestors(one))]
         if any(
             UsdGeom.Xformable(prim).TransformMightBeTimeVarying()
@@ -241,6 +239,8 @@ class _Stage:
         try:
             found, count = [], 0
             for prim in self._prims:  # a file may refer to the same prim any number of times
+                if not _is_visible(prim, time):
+                    continue
                 splats = self._splats(prim, time)
                 found.append((splats, self._placement(prim, time)))
                 count += splats.num_gaussians
@@ -248,11 +248,13 @@ class _Stage:
                     check_count(self._path, count, self._bytes)
         except (Tf.ErrorException, *MALFORMED) as error:
             raise DatasetError(f"{self._path}: {_first_line(error)}") from error
+        if not found and not may_be_empty:
+            raise DatasetError(f"{self._path}: its {len(self._prims):,} prims of the type {PRIM} appear later")
         if not count and not may_be_empty:
             check_count(self._path, count, self._bytes)
         flips, own = self._axes()
-        shifts = np.array([placement[:3, 3] for _, placement in found]) * flips
-        origin = choose_origin(shifts, wide=False)
+        shifts = np.array([placement[:3, 3] for _, placement in found]).reshape(-1, 3) * flips
+        origin = choose_origin(shifts, wide=False) if found else NO_ORIGIN
         if not all(np.isfinite(placement).all() for _, placement in found):
             raise DatasetError(f"{self._path}: a transform of its Gaussians is not finite")
         if any(splats.degree and not is_similarity(placement[:3, :3]) for splats, placement in found):
@@ -263,7 +265,8 @@ class _Stage:
         metadata = metadata_of_asset(own.get("asset"))
         if metadata.up is None and flips == _KEPT_AXES:
             metadata = SceneMetadata(up=UsdGeom.GetStageUpAxis(self._stage).lower()).over(metadata)
-        return FileContent(concatenate(moved), origin, metadata=metadata.moved_origin(NO_ORIGIN, origin))
+        splats = concatenate(moved) if moved else Splats.empty(0, 0)
+        return FileContent(splats, origin, metadata=metadata.moved_origin(NO_ORIGIN, origin))
 
     def _axes(self) -> tuple[tuple[float, float, float], dict[str, Any]]:
         """Returns the signs of x, y and z that convert positions to PLY axes, and the JSON object of this package.
@@ -330,6 +333,17 @@ def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
     while above and not above.IsPseudoRoot():
         yield above
         above = above.GetParent()
+
+
+def _is_visible(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
+    return bool(UsdGeom.Imageable(prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible)
+
+
+def _visibility_times(prim: Usd.Prim) -> list[Usd.TimeCode]:
+    """Returns the times at which the visibility of a prim or of one above it may change, and the earliest time."""
+    above = (UsdGeom.Imageable(one) for one in (prim, *_ancestors(prim)))
+    times = {time for one in above if one for time in one.GetVisibilityAttr().GetTimeSamples()}
+    return [Usd.TimeCode.EarliestTime(), *map(Usd.TimeCode, sorted(times))]
 
 
 def _attribute(prim: Usd.Prim, name: str) -> Usd.Attribute | None:
