@@ -209,7 +209,8 @@ def warn_of_clipped(path: Path, what: str, values: np.ndarray, low: float, high:
         LOG.warning(
             "%s: %s of %s of %s Gaussians, from %.3g to %.3g, are clipped to the range of this format, %.3g to %.3g: "
             "the scene may look different; PLY keeps them",
-            path, what, f"{int(outside.sum()):,}", f"{len(rows):,}", rows[outside].min(), rows[outside].max(), low, high,
+            path, what, f"{int(outside.sum()):,}", f"{len(rows):,}", rows[outside].min(), rows[outside].max(), low,
+            high,
         )  # fmt: skip
 
 
