@@ -8,7 +8,7 @@ from splatwire.ops.compiled import njit
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def exponent(bases, which, level, area, long, thin, opacity):
+def step_exponent(bases, which, level, area, long, thin, opacity):
     """Computes how fine the quantisation step of one attribute of a Gaussian is: `-log2` of the step, rounded.
 
     The result grows by one from each precision class to the next higher one. It also depends linearly on the logarithms
@@ -31,7 +31,7 @@ def exponent(bases, which, level, area, long, thin, opacity):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def shift_of(bases, which, level, area, long, thin, opacity, most):
+def step_shift(bases, which, level, area, long, thin, opacity, most):
     """Computes the quantisation step of one attribute of a Gaussian, which depends on its size, shape and opacity.
 
     The step halves from each precision class to the next higher one. It also varies with powers of the scales and of
@@ -50,12 +50,12 @@ def shift_of(bases, which, level, area, long, thin, opacity, most):
     Returns:
         log2 of the step in units of `2**-BITS`, clipped to the range from 0 to `most`.
     """
-    return min(max(BITS - exponent(bases, which, level, area, long, thin, opacity), 0), most)
+    return min(max(BITS - step_exponent(bases, which, level, area, long, thin, opacity), 0), most)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def place_shift(bases, level, s0, long, thin, opacity, unit, most):
+def position_shift(bases, level, s0, long, thin, opacity, unit, most):
     """Computes the quantisation step of a Gaussian's position, which depends on its size and shape.
 
     The step halves from each precision class to the next higher one. It also varies with powers of the scales, whose
@@ -74,5 +74,5 @@ def place_shift(bases, level, s0, long, thin, opacity, unit, most):
     Returns:
         log2 of the step in lattice units, clipped to the range from 0 to `most`.
     """
-    e = max(exponent(bases, S_POSITION, level, 2 * s0 - long, long, thin, opacity), 1 - ((s0 - long) >> BITS))
+    e = max(step_exponent(bases, S_POSITION, level, 2 * s0 - long, long, thin, opacity), 1 - ((s0 - long) >> BITS))
     return min(max(unit - e, 0), most)

@@ -37,7 +37,7 @@ def tier_context(tier, count, recent):
 
 @njit(borrows=True)
 @no_type_check
-def remember(counts, recents, tier, important):
+def add_to_statistics(counts, recents, tier, important):
     """Adds an anchor to the statistics of one tier, from which the bits of later anchors are predicted.
 
     Args:
@@ -67,7 +67,7 @@ def encode_tiers(tiers, num_tiers, models, buffer):
             if tiers[n] >= tier:
                 bit = 1 if tiers[n] == tier else 0
                 encode_bit(buffer, state, models, tier_context(tier, counts[tier], recents[tier]), bit)
-            remember(counts, recents, tier, tiers[n] <= tier)
+            add_to_statistics(counts, recents, tier, tiers[n] <= tier)
     return encoder_finish(buffer, state)
 
 
@@ -84,4 +84,4 @@ def decode_tiers(data, num_tiers, models, tiers):
             context = tier_context(tier, counts[tier], recents[tier])
             if tiers[n] == num_tiers - 1 and decode_bit(data, len(data), state, models, context):
                 tiers[n] = tier
-            remember(counts, recents, tier, tiers[n] <= tier)
+            add_to_statistics(counts, recents, tier, tiers[n] <= tier)

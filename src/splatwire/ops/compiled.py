@@ -117,7 +117,7 @@ def _ignore_unreadable(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[
 def _sources_digest(module: str) -> str:
     """Returns a hash of all source files and constants that the kernels of a module are compiled from."""
     modules: dict[str, list[str]] = {}
-    _follow(module, modules)
+    _collect_constants(module, modules)
     digest = hashlib.sha256()
     for name in sorted(modules):
         digest.update("\n".join((name, *modules[name])).encode())
@@ -127,7 +127,7 @@ def _sources_digest(module: str) -> str:
     return digest.hexdigest()
 
 
-def _follow(module: str, found: dict[str, list[str]]) -> None:
+def _collect_constants(module: str, found: dict[str, list[str]]) -> None:
     """Collects the constants that compiled kernels may depend on, so that a change of a constant renews the cache.
 
     These are the constants of a module and of all modules of the same package that it imports, directly or indirectly.
@@ -146,7 +146,7 @@ def _follow(module: str, found: dict[str, list[str]]) -> None:
         elif isinstance(value, int | float | tuple) and not name.startswith("__"):
             constants.append(f"{name} {value!r}")
         elif isinstance(origin, str) and origin not in found and origin.partition(".")[0] == module.partition(".")[0]:
-            _follow(origin, found)
+            _collect_constants(origin, found)
 
 
 @functools.cache

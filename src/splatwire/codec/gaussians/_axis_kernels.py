@@ -5,7 +5,7 @@ from typing import no_type_check
 import numpy as np
 
 from splatwire.codec._coder_kernels import code_value
-from splatwire.codec.gaussians._gaussian_kernels import follow, octave_of
+from splatwire.codec.gaussians._gaussian_kernels import magnitude_context, update_magnitude
 from splatwire.codec.gaussians._neighbour_kernels import deviation_context
 from splatwire.codec.gaussians.layout import AXIS, DIRECTION_BITS, R_DIRECTION
 from splatwire.ops.compiled import njit
@@ -146,8 +146,8 @@ def code_axis(coder, row, primary, source, shift, near, count, running, axis, ot
     # A loop, because numba would compile a copy of the entropy coder for each call.
     for number in range(2):
         mean, wanted = _quotient((q if number else p) << DIRECTION_BITS, norm), wanted_q if number else wanted_p
-        value, steps = code_value(coder, R_DIRECTION, spread, octave_of(running), mean, wanted, shift, absolute)
-        running = follow(running, steps)
+        value, steps = code_value(coder, R_DIRECTION, spread, magnitude_context(running), mean, wanted, shift, absolute)
+        running = update_magnitude(running, steps)
         most = UNIT - abs(x) if absolute else np.int64(UNIT)
         value = min(max(value, -most), most)
         if number:

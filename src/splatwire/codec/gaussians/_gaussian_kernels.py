@@ -5,7 +5,7 @@ from typing import no_type_check
 import numpy as np
 
 from splatwire.codec._coder_kernels import code_bit, code_value
-from splatwire.codec._step_kernels import place_shift, shift_of
+from splatwire.codec._step_kernels import position_shift, step_shift
 from splatwire.codec.gaussians._neighbour_kernels import (
     OCTAVES,
     P_LUMA,
@@ -40,7 +40,7 @@ from splatwire.ops.compiled import njit
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def follow(running, steps):
+def update_magnitude(running, steps):
     """Updates the moving average of the magnitudes of a Gaussian's residuals, from which contexts are chosen.
 
     Args:
@@ -52,13 +52,13 @@ def follow(running, steps):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def octave_of(running):
+def magnitude_context(running):
     """Returns the context of a residual: a class of the average magnitude of the Gaussian's preceding residuals.
 
     The limits between the classes are powers of two.
 
     Args:
-        running: Average magnitude, in sixteenths of a quantisation step: the moving average from `follow`.
+        running: Average magnitude, in sixteenths of a quantisation step: the moving average from `update_magnitude`.
     """
     if running < 256:
         return OCTAVES[running]
@@ -83,7 +83,7 @@ def code_class(coder, context, value):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def thinness_of(ratio, thinness):
+def compand_thinness(ratio, thinness):
     """Returns the integer with which the ratio of the second to the third scale of a Gaussian is coded.
 
     It is the index of the nearest entry of `thinness_table`, which makes the coding non-uniform (companding). A decoded
@@ -142,12 +142,12 @@ def code_logs(coder, row, source, bases, level, near, count, thinness, absolute)
             area, value = 2 * s0 - (2 << BITS), s0 - value
         else:
             area = 2 * s0 - long
-            value = ZERO if coder.decoding else thinness_of(max(s0 - long - value, 0), thinness)
-        shift = shift_of(bases, stream, level, area, long, ZERO, opacity, most)
+            value = ZERO if coder.decoding else compand_thinness(max(s0 - long - value, 0), thinness)
+        shift = step_shift(bases, stream, level, area, long, ZERO, opacity, most)
         spread = deviation_context(count, near.deviations[stream], shift)
-        second = shift if stream < R_SCALE1 else octave_of(running)
+        second = shift if stream < R_SCALE1 else magnitude_context(running)
         value, steps = code_value(coder, stream, spread, second, mean, value, shift, absolute)
-        running = follow(running, steps)
+        running = update_magnitude(running, steps)
         if stream == R_SCALE2:
             high = np.int64((MAX_THIN >> shift) << shift if absolute else MAX_THIN)
         value = min(max(value, low), high)
@@ -181,17 +181,19 @@ def code_colour(coder, row, source, bases, level, near, count, running, absolute
         running: Moving average of residual magnitudes, in 16ths of a quantisation step.
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
     """
-    shift = shift_of(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO, BITS - 2)
+    shift = step_shift(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO, BITS - 2)
     for c in range(3):
         spread, mean = deviation_context(count, near.deviations[P_LUMA + c], shift), near.means[P_LUMA + c]
-        value, steps = code_value(coder, R_LUMA + c, spread, octave_of(running), mean, source[c], shift, absolute)
+        value, steps = code_value(
+            coder, R_LUMA + c, spread, magnitude_context(running), mean, source[c], shift, absolute
+        )
         row[LUMA + c] = min(max(value, -MAX_COLOUR), MAX_COLOUR)
-        running = follow(running, steps)
+        running = update_magnitude(running, steps)
 
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def place_shifts(logs, levels, bases, unit, coarsest, thinness, shifts):
+def position_shifts(logs, levels, bases, unit, coarsest, thinness, shifts):
     """Computes the quantisation step of each Gaussian's position from its rounded opacity and scales.
 
     Args:
@@ -205,17 +207,17 @@ def place_shifts(logs, levels, bases, unit, coarsest, thinness, shifts):
     """
     for i in range(len(logs)):
         level, source = levels[i], logs[i]
-        shift = shift_of(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO, BITS)
+        shift = step_shift(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO, BITS)
         opacity = source[0] + 1 if source[0] == MAX_OPACITY else source[0]
         opacity = min(max(rounded(opacity, shift), MIN_OPACITY), MAX_OPACITY)
-        shift = shift_of(bases, S_SCALE0, level, ZERO, ZERO, ZERO, opacity, BITS - 1)
+        shift = step_shift(bases, S_SCALE0, level, ZERO, ZERO, ZERO, opacity, BITS - 1)
         s0 = min(max(rounded(source[1], shift), -MAX_LOG), MAX_LOG)
-        shift = shift_of(bases, S_SCALE1, level, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1)
+        shift = step_shift(bases, S_SCALE1, level, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1)
         long = min(max(rounded(s0 - source[2], shift), 0), MAX_LOG)
-        shift = shift_of(bases, S_SCALE2, level, 2 * s0 - long, long, ZERO, opacity, BITS - 1)
-        thin = rounded(thinness_of(max(s0 - long - source[3], 0), thinness), shift)
+        shift = step_shift(bases, S_SCALE2, level, 2 * s0 - long, long, ZERO, opacity, BITS - 1)
+        thin = rounded(compand_thinness(max(s0 - long - source[3], 0), thinness), shift)
         thin = min(max(thin, 0), (MAX_THIN >> shift) << shift)
-        shifts[i] = place_shift(bases, level, s0, long, thinness[thin], opacity, unit, coarsest)
+        shifts[i] = position_shift(bases, level, s0, long, thinness[thin], opacity, unit, coarsest)
 
 
 @njit(borrows=True, error_model="numpy")

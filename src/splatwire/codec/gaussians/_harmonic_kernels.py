@@ -5,7 +5,7 @@ from typing import no_type_check
 import numpy as np
 
 from splatwire.codec._coder_kernels import code_bit, code_escape, code_flag
-from splatwire.codec._step_kernels import exponent
+from splatwire.codec._step_kernels import step_exponent
 from splatwire.codec.gaussians.layout import (
     BITS,
     FIRST_HARMONIC,
@@ -39,7 +39,7 @@ def code_harmonics(coder, values, i, source, bases, level):
         bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
         level: Precision class of the Gaussian.
     """
-    shift = min(max(BITS - exponent(bases, S_HARMONICS, level, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
+    shift = min(max(BITS - step_exponent(bases, S_HARMONICS, level, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
     half = (1 << shift) >> 1
     some = 0
     if not coder.decoding:

@@ -5,14 +5,14 @@ from typing import no_type_check
 import numpy as np
 
 from splatwire.codec._coder_kernels import DECODING, ENCODING, code_below, code_raw, new_coder
-from splatwire.codec._step_kernels import exponent
+from splatwire.codec._step_kernels import step_exponent
 from splatwire.codec.gaussians._axis_kernels import code_axis
 from splatwire.codec.gaussians._cell_kernels import code_cells
 from splatwire.codec.gaussians._gaussian_kernels import (
     code_class,
     code_colour,
     code_logs,
-    place_shift,
+    position_shift,
 )
 from splatwire.codec.gaussians._harmonic_kernels import code_harmonics
 from splatwire.codec.gaussians._neighbour_kernels import find_neighbours, new_near, predict, remember
@@ -81,7 +81,7 @@ def slot_of(code, bits):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _code_codes(coder, codes, bits, spread, slots, stack):
+def _code_cell_codes(coder, codes, bits, spread, slots, stack):
     """Encodes or decodes the Morton codes of the grid cells that contain a packet's Gaussians.
 
     The Gaussians of a packet can be spread over a whole block. The lowest bits of their codes (slots, see `slot_of`)
@@ -113,7 +113,7 @@ def _code_codes(coder, codes, bits, spread, slots, stack):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_place(coder, row, cell, place, cells_at, shift, absolute):
+def _code_position(coder, row, cell, place, cells_at, shift, absolute):
     """Encodes or decodes the position of a Gaussian within its grid cell, as bits without a probability model.
 
     The grid cells of the packet have been coded before. The bits refine the cell to the Gaussian's quantisation step.
@@ -152,13 +152,13 @@ def _code_spin(coder, row, axes, primary, bits):
     """
     value = np.int64(0)
     if not coder.decoding:
-        value = np.int64(np.rint(turn_of(row, axes, primary) / np.pi * (1 << bits))) & ((1 << bits) - 1)
+        value = np.int64(np.rint(spin_angle(row, axes, primary) / np.pi * (1 << bits))) & ((1 << bits) - 1)
     row[SPIN_BITS], row[SPIN] = bits, code_raw(coder, value, bits)
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def turn_of(row, axes, primary):
+def spin_angle(row, axes, primary):
     """Returns the rotation of a Gaussian about its decoded primary axis, as an angle in radians, -pi to pi.
 
     It is the angle between a reference direction and another principal axis of the Gaussian. The reference direction is
@@ -213,7 +213,7 @@ def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, scr
     if not coder.decoding:
         for i in range(n):
             packed[i] = codes[i] >> (3 * (at - max(box_bits - MAX_CELL_BITS, 0)))
-    _code_codes(coder, packed, 3 * (box_bits - at), spread, cells[0], stack)
+    _code_cell_codes(coder, packed, 3 * (box_bits - at), spread, cells[0], stack)
     _spread_cells(packed, cells, near.narrow)
     for i in range(n):
         j = 0 if coder.decoding else i
@@ -224,14 +224,14 @@ def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, scr
             coder, row, logs[j], bases, level, near, count, thinness, absolute
         )  # fmt: skip
         area = 2 * s0 - long
-        shift = place_shift(bases, level, s0, long, thin, opacity, unit, coarsest if absolute else box_bits)
-        _code_place(coder, row, cells[:, i], places[j], at, shift, absolute)
+        shift = position_shift(bases, level, s0, long, thin, opacity, unit, coarsest if absolute else box_bits)
+        _code_position(coder, row, cells[:, i], places[j], at, shift, absolute)
         row[PRIMARY] = primary = 2 if thin >= long else 0
-        e = exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
+        e = step_exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
         shift = min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2)
         exact = axes[j, :, primary]
         running = code_axis(coder, row, primary, exact, shift, near, count, running, axis, other, absolute)
-        e = exponent(bases, S_SPIN, level, area, long, thin, opacity)
+        e = step_exponent(bases, S_SPIN, level, area, long, thin, opacity)
         _code_spin(coder, row, axes[j], primary, min(max(e, 0), DIRECTION_BITS))
         code_colour(coder, row, colours[j], bases, level, near, count, running, absolute)
         remember(near, row, i)

@@ -380,7 +380,7 @@ def _quantised_positions(
         some = centres[begin : begin + ROWS]
         part, shifts = splats.run(begin, begin + len(some)), np.empty(len(some), np.int64)
         classes = levels[begin : begin + len(some)].astype(np.int64)
-        kernels.place_shifts(to_logs(part, size_log), classes, bases, unit, coarsest, thinness, shifts)
+        kernels.position_shifts(to_logs(part, size_log), classes, bases, unit, coarsest, thinness, shifts)
         some[:] = part.means
         # Twice: the centre of a cell near float32 precision is rounded, possibly into a neighbouring cell.
         for _ in range(2):

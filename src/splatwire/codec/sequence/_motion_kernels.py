@@ -107,7 +107,7 @@ def _magnitude_context(magnitude):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _narrowed(coder, low, span, at, start, size, bits):
+def _code_interval(coder, low, span, at, start, size, bits):
     """Encodes or decodes one symbol, given its probability interval.
 
     The state of the range coder (`low`, `span`, `at`) is passed as arguments and returned. It thus stays in registers,
@@ -166,9 +166,9 @@ def _bit(coder, low, span, at, context, bit):
         coder.bits[context, bit] += 1
     adaptive_update(coder.models, context, bit)
     if bit:
-        low, span, at = _narrowed(coder, low, span, at, zero, 65536 - zero, ADAPTIVE_BITS)
+        low, span, at = _code_interval(coder, low, span, at, zero, 65536 - zero, ADAPTIVE_BITS)
     else:
-        low, span, at = _narrowed(coder, low, span, at, ZERO, zero, ADAPTIVE_BITS)
+        low, span, at = _code_interval(coder, low, span, at, ZERO, zero, ADAPTIVE_BITS)
     return bit, low, span, at
 
 
@@ -186,7 +186,7 @@ def _raw(coder, low, span, at, value, bits):
         part = (value >> bits) & ((ONE << some) - 1)
         if coder.decoding:
             part = min(low // (span >> some), (ONE << some) - 1)
-        low, span, at = _narrowed(coder, low, span, at, part, ONE, some)
+        low, span, at = _code_interval(coder, low, span, at, part, ONE, some)
         found = (found << some) | part
     return found, low, span, at
 
@@ -228,7 +228,7 @@ def _code_coefficient(coder, low, span, at, kind, order, level, value):
     negative = ONE if value < 0 else ZERO
     if coder.decoding:
         negative = ONE if low >= span >> ONE else ZERO
-    low, span, at = _narrowed(coder, low, span, at, negative, ONE, ONE)
+    low, span, at = _code_interval(coder, low, span, at, negative, ONE, ONE)
     return -magnitude if negative else magnitude, low, span, at
 
 

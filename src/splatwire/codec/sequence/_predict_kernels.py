@@ -65,7 +65,7 @@ def relative_positions(places):
 
 @njit(error_model="numpy")
 @no_type_check
-def coarse_to_fine(places, moving, shifts):
+def prediction_order(places, moving, shifts):
     """Orders the moving tracks of a packet for prediction from each other: spatially from coarse to fine.
 
     The first tracks are spread over the whole packet, and later tracks fill the gaps between them. Most tracks thus
@@ -105,7 +105,7 @@ def coarse_to_fine(places, moving, shifts):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _weigh(places, i, neighbours, far, found, offsets, near, weights):
+def _neighbour_weights(places, i, neighbours, far, found, offsets, near, weights):
     """Computes the weights of a track's neighbours, with which its motion coefficients are predicted.
 
     The weights add up to `1 << WEIGHT_BITS`. With at least four neighbours, a plane is fitted to the neighbours' values
@@ -180,7 +180,7 @@ def _plane(places, i, neighbours, far, found, radius, offsets, near, weights):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _means(known, moving, neighbours, weights, found, means):
+def _predict_coefficients(known, moving, neighbours, weights, found, means):
     """Computes the coefficients of a track predicted from its neighbours, and writes them to `means`.
 
     Sums of products stay below 2**53, so that they are exact in float64.
@@ -189,7 +189,7 @@ def _means(known, moving, neighbours, weights, found, means):
         known: Decoded coefficients of the packet's M tracks, float64 (M, U) for U coded coefficients per track.
         moving: Mask of moving tracks, (M); the coefficients of other tracks are 0.
         neighbours: Indices of the neighbours.
-        weights: Weights of the neighbours, from `_weigh`.
+        weights: Weights of the neighbours, from `_neighbour_weights`.
         found: Number of neighbours.
         means: Output: predicted coefficients, float64 (U).
     """
@@ -319,10 +319,10 @@ def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, d
     neighbours, far = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     offsets, closeness = np.empty((NUM_NEIGHBOURS, 3), np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     weights = np.empty(NUM_NEIGHBOURS, np.int64)
-    for i in coarse_to_fine(near, np.flatnonzero(moving), shifts):
+    for i in prediction_order(near, np.flatnonzero(moving), shifts):
         found = nearest(near, known, around, count, i, squares, lanes, some, neighbours, far)
-        _weigh(near, i, neighbours, far, found, offsets, closeness, weights)
-        _means(values, moving, neighbours, weights, found, means)
+        _neighbour_weights(near, i, neighbours, far, found, offsets, closeness, weights)
+        _predict_coefficients(values, moving, neighbours, weights, found, means)
         u = 0
         for c in range(NUM_CHANNELS):
             for _ in range(orders[KIND_OF[c]]):

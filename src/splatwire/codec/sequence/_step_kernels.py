@@ -2,7 +2,7 @@
 
 from typing import no_type_check
 
-from splatwire.codec._step_kernels import exponent, place_shift, shift_of
+from splatwire.codec._step_kernels import position_shift, step_exponent, step_shift
 from splatwire.codec.gaussians.layout import (
     BITS,
     DIRECTION_BITS,
@@ -35,17 +35,17 @@ def base_shifts(columns, bases, unit, coarsest, thinness, shifts):
         level, opacity, s0, long = columns[i, 0], columns[i, 1], columns[i, 2], columns[i, 3]
         thin = thinness[columns[i, 4]]
         area = 2 * s0 - long
-        place = place_shift(bases, level, s0, long, thin, opacity, unit, coarsest) + 1
-        turn = DIRECTION_BITS - exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
+        place = position_shift(bases, level, s0, long, thin, opacity, unit, coarsest) + 1
+        turn = DIRECTION_BITS - step_exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
         for a in range(3):
             shifts[i, a] = place
             shifts[i, 3 + a] = min(max(turn, 0), DIRECTION_BITS - 2)
         first = 2 * s0 - (2 << BITS)
-        shifts[i, 6] = shift_of(bases, S_SCALE0, level, ZERO, ZERO, ZERO, opacity, BITS - 1)
-        shifts[i, 7] = shift_of(bases, S_SCALE1, level, first, ZERO, ZERO, opacity, BITS - 1)
+        shifts[i, 6] = step_shift(bases, S_SCALE0, level, ZERO, ZERO, ZERO, opacity, BITS - 1)
+        shifts[i, 7] = step_shift(bases, S_SCALE1, level, first, ZERO, ZERO, opacity, BITS - 1)
         # The ratio to the second scale is companded: its logarithm is coarser for thin Gaussians.
-        last = shift_of(bases, S_SCALE2, level, area, long, ZERO, opacity, BITS - 1)
+        last = step_shift(bases, S_SCALE2, level, area, long, ZERO, opacity, BITS - 1)
         shifts[i, 8] = min(last + (thin >> BITS), BITS - 1)
-        shifts[i, 9] = shift_of(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO, BITS)
-        colour = shift_of(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO, BITS - 2)
+        shifts[i, 9] = step_shift(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO, BITS)
+        colour = step_shift(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO, BITS - 2)
         shifts[i, 10] = shifts[i, 11] = shifts[i, 12] = colour

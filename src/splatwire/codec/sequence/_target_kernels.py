@@ -17,7 +17,7 @@ _ZERO, _ONE = np.float64(0.0), np.float64(1.0)
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _turns(quats, base, begin, end, last, far, values):
+def _relative_rotations(quats, base, begin, end, last, far, values):
     """Computes the rotation of a track relative to its keyframe Gaussian, in some frames of a group.
 
     Signs of quaternions are chosen so that the rotation continues that of the preceding frame.
@@ -72,7 +72,7 @@ def _turns(quats, base, begin, end, last, far, values):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _sizes(scales, opacities, base, opacity, begin, end, values):
+def _log_scale_changes(scales, opacities, base, opacity, begin, end, values):
     """Computes logarithms of a track's scales and opacity relative to its keyframe Gaussian, in some frames of a group.
 
     Args:
@@ -128,7 +128,7 @@ def _project(values, table, begin, end, own):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def fit_targets(moves, keyframes, numbers, unit, luma, table, begin, end, targets, largest, turns, last):
+def fit_motion(moves, keyframes, numbers, unit, luma, table, begin, end, targets, largest, turns, last):
     """Fits polynomials over time to the motion of tracks relative to their keyframe Gaussians.
 
     An encoder then quantises the coefficients of the polynomials. Frames of a group are passed in ascending order, in
@@ -167,8 +167,8 @@ def fit_targets(moves, keyframes, numbers, unit, luma, table, begin, end, target
                 for b in range(3):
                     total += (np.float64(colours[i, f, b]) - np.float64(c[j, 0, b])) * luma[a, b]
                 values[10 + a, f] = total
-        turns[i] = _turns(quats[i], q[j, 0], begin, end, last[i], turns[i], values)
-        _sizes(scales[i], opacities[i], s[j, 0], o[j, 0], begin, end, values)
+        turns[i] = _relative_rotations(quats[i], q[j, 0], begin, end, last[i], turns[i], values)
+        _log_scale_changes(scales[i], opacities[i], s[j, 0], o[j, 0], begin, end, values)
         _project(values, table, begin, end, targets[i])
         if end < len(table):
             continue

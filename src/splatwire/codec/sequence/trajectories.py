@@ -131,7 +131,7 @@ def add_frames(
     known, scale = tuple(vars(keyframes).values()), float(np.ldexp(1.0, unit + 1 - size_log))
 
     def fit(some: slice) -> None:
-        _target_kernels.fit_targets(
+        _target_kernels.fit_motion(
             tuple(values[some] for values in vars(moves).values()), known, numbers[some], scale, luma, table,
             np.int64(begin), np.int64(end), *(values[some] for values in vars(found).values()),
         )  # fmt: skip

@@ -26,16 +26,16 @@ def find_unchanged(before: Splats, coding: SplatCoding, after: Splats) -> np.nda
             break
         classes = np.full(len(left), level, np.uint8)
         steps = SplatCoding(**{**vars(coding), "classes": classes})
-        rounded = _words(round_splats(after.select(left), steps))
+        rounded = _attribute_rows(round_splats(after.select(left), steps))
         # The same rounding for both, so that the few positions that it moves are found, too.
         steps = SplatCoding(**{**vars(coding), "classes": coding.classes[own]})
-        known = _words(round_splats(before.select(own), steps))
+        known = _attribute_rows(round_splats(before.select(own), steps))
         places = _find_rows(known, rounded)
         found[left[places >= 0]] = own[places[places >= 0]]
     return found
 
 
-def _words(splats: Splats) -> np.ndarray:
+def _attribute_rows(splats: Splats) -> np.ndarray:
     """Returns the attributes of N Gaussians as uint32 (N, columns), so that equal Gaussians have equal rows."""
     columns = [values.reshape(splats.num_gaussians, -1) for values in vars(splats).values()]
     return np.ascontiguousarray(np.concatenate(columns, axis=1, dtype=np.float32) + np.float32(0)).view(np.uint32)

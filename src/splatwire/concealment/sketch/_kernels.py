@@ -68,7 +68,7 @@ class Coder(NamedTuple):
 
 @njit(error_model="numpy")
 @no_type_check
-def history_of(levels, n):
+def copies_before(levels, n):
     """Returns a context of the entropy coder for anchor `n`: how many of the four anchors before it have a copy.
 
     Args:
@@ -146,7 +146,7 @@ def code_levels(coder, models, levels, buckets, num_levels):
     first_unary = len(models) - num_levels
     count = 0
     for n in range(len(levels)):
-        context = buckets[n] * HISTORY + history_of(levels, n)
+        context = buckets[n] * HISTORY + copies_before(levels, n)
         wanted, level = levels[n], 0
         if code_bit(coder, models, context, np.int64(wanted > 0)):
             level, count = 1, count + 1

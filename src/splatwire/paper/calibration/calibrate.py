@@ -52,7 +52,7 @@ def calibrate(
     while not run.finished():
         loss = run.step()
         if run.iteration % config.validation_interval == 0 or run.iteration == config.iterations:
-            run.improve()
+            run.keep_if_best()
             if checkpoint is not None:
                 save_checkpoint(run, checkpoint)
         if progress is not None:

@@ -206,7 +206,7 @@ class CalibrationRun:
         each = [normalized_errors(anchors, truth, self.spread, graph.queries) for anchors, graph in pairs]
         return {name: sum(errors[name] for errors in each) / len(each) for name in each[0]}
 
-    def improve(self) -> None:
+    def keep_if_best(self) -> None:
         """Measures the network on held-out losses; stores its weights if they are the best so far."""
         errors = self.validate()
         if self.score(errors) < self.score(self.best_errors):

@@ -87,7 +87,7 @@ def add_predicted_means(symbols, outputs, first, numbers):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def mask_size(weights, logit):
+def offset_probability(weights, logit):
     """Returns the predicted probability that an offset exists, in units of 2**-16.
 
     The range coder uses the probability as the width of an interval.
@@ -118,7 +118,7 @@ def _encode_packet(
         if s == form:
             for n in range(begin, end):
                 for k in range(masks.shape[1]):
-                    size = mask_size(weights, logits[n, k])
+                    size = offset_probability(weights, logits[n, k])
                     if masks[n, k]:
                         encode_interval(out, state, ZERO, size, MASK_BITS)
                     else:
@@ -153,7 +153,7 @@ def encode_packets(
         firsts: Stage s codes the columns of `symbols` from `firsts[s]` to `firsts[s + 1]` (exclusive). The last stage
             codes the offsets.
         form: Index of the stage before which the masks are coded.
-        weights: Table of probabilities by logit, see `mask_size`.
+        weights: Table of probabilities by logit, see `offset_probability`.
         inverses: Table of the entropy coder, see `entropy.coder.tables`.
         widths: Table of the entropy coder, see `entropy.coder.tables`.
         table: Table of the entropy coder, see `entropy.coder.tables`.
@@ -181,7 +181,7 @@ def anchor_bits(
     for n in range(masks.shape[0]):
         total = position_bits(codes[n], unknown[n], chances)
         for k in range(masks.shape[1]):
-            size = mask_size(weights, logits[n, k])
+            size = offset_probability(weights, logits[n, k])
             total += 16.0 - np.log2(float(size if masks[n, k] else 65536 - size))
         for c in range(symbols.shape[1]):
             if c >= offsets and not masks[n, (c - offsets) // 3]:
@@ -221,13 +221,13 @@ def decode_masks(data, ends, starts, states, logits, weights, masks):
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
         states: State of the range decoder of each packet, changed in place.
         logits: Predicted logits of the masks.
-        weights: Table of probabilities by logit, see `mask_size`.
+        weights: Table of probabilities by logit, see `offset_probability`.
         masks: Output: 1 for offsets that exist, else 0.
     """
     for p in range(states.shape[0]):
         for n in range(starts[p], starts[p + 1]):
             for k in range(masks.shape[1]):
-                size = mask_size(weights, logits[n, k])
+                size = offset_probability(weights, logits[n, k])
                 exists = decode_target(states[p], MASK_BITS) < size
                 masks[n, k] = 1 if exists else 0
                 if exists:

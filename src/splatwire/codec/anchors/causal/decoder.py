@@ -37,12 +37,12 @@ PLACE_BYTES = 32
 """Memory of an anchor's position in the side information, bytes; its decoded form takes four times that."""
 
 
-def _width(config: CausalConfig) -> int:
+def _num_values(config: CausalConfig) -> int:
     """Returns how many numbers the attributes of an anchor have in total."""
     return config.layout.feature_dim + 6 + 3 * config.layout.num_offsets
 
 
-def _row_bytes(info: SideInfo) -> int:
+def _anchor_bytes(info: SideInfo) -> int:
     """Returns the working memory for one anchor during decoding, bytes.
 
     The memory is for the inputs, hidden units and outputs of the largest network, and for the quantised attributes.
@@ -50,7 +50,7 @@ def _row_bytes(info: SideInfo) -> int:
     hidden = max(len(network.hidden.symbols) for network in info.networks.values())
     outputs = max(len(network.output.symbols) for network in info.networks.values())
     inputs = 2 * info.config.context_dim + info.config.layout.feature_dim + 4
-    return 8 * (inputs + hidden + outputs) + 8 * (outputs + _width(info.config)) + 128
+    return 8 * (inputs + hidden + outputs) + 8 * (outputs + _num_values(info.config)) + 128
 
 
 class CausalDecoder(AnchorDecoder):
@@ -80,8 +80,8 @@ class CausalDecoder(AnchorDecoder):
         self._features, self._offsets = layout.feature_dim, layout.num_offsets
         self._step = np.repeat(info.steps[:-1], layout.feature_groups)
         self.row_bytes = 4 * (3 + 4 * self._offsets + self._features + 4)
-        self.scene_bytes = self._num * (4 * PLACE_BYTES + 4 * (3 * _width(info.config) + info.config.context_dim))
-        self.chunk_bytes = _row_bytes(info)
+        self.scene_bytes = self._num * (4 * PLACE_BYTES + 4 * (3 * _num_values(info.config) + info.config.context_dim))
+        self.chunk_bytes = _anchor_bytes(info)
 
     def allocate(self) -> None:
         """Allocates arrays for all anchors, zero for missing anchors."""

@@ -74,7 +74,7 @@ def share_positions(voxels: np.ndarray, leaf: int) -> SharedPositions:
     codes = np.sort(morton_encode(voxels - origin))
     tree = _encode_tree(codes, origin, leaf)
     known = _decode_tree(tree, len(voxels), leaf)
-    triples, lowest = triple_levels(codes, known.unknown)
+    triples, lowest = lowest_triples(codes, known.unknown)
     rows, writer = int(triples.max(initial=0)), ByteWriter()
     writer.u8(leaf)
     writer.u8(rows)
@@ -113,7 +113,7 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
     return AnchorPositions(origin, codes, unknown)
 
 
-def triple_levels(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def lowest_triples(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Finds the lowest non-zero bits of each anchor's Morton code, from which position probabilities are estimated.
 
     Low bits are often zero, because anchors lie on grids of several widths. The low bits of a code that the packets

@@ -76,14 +76,14 @@ def encode_parts(
     payloads, begin, edges = [], 0, _edges(context)
     for count in counts.tolist():
         rows = slice(begin, begin + count)
-        scaling = _normals(predicted.scaling, rows)
+        scaling = _normal_distributions(predicted.scaling, rows)
         payloads.append(encode_symbols(symbols.scaling[rows].ravel(), scaling))
         keep = np.repeat(symbols.mask[rows].astype(bool), 3, axis=1)
-        payloads.append(encode_symbols(symbols.offset[rows][keep], _normals(predicted.offset, rows, keep)))
+        payloads.append(encode_symbols(symbols.offset[rows][keep], _normal_distributions(predicted.offset, rows, keep)))
         for first, last in itertools.pairwise(edges):
             columns = slice(int(first), int(last))
             parts = (mixture.mean[rows, columns], mixture.scale[rows, columns], mixture.weight[rows, columns])
-            distribution = _features(predicted, rows, columns, *parts)
+            distribution = _feature_mixtures(predicted, rows, columns, *parts)
             payloads.append(encode_symbols(symbols.feature[rows, columns].ravel(), distribution))
         begin += count
     return payloads
@@ -126,12 +126,12 @@ def decode_parts(
     rows, received = slice(0, num), np.zeros((num, len(Attribute)), dtype=np.bool_)
     received[:, Attribute.MASK] = True
     if SCALING in payloads:
-        values = decode_symbols(payloads[SCALING], _normals(predicted.scaling, rows))
+        values = decode_symbols(payloads[SCALING], _normal_distributions(predicted.scaling, rows))
         symbols.scaling[:] = values.reshape(num, 6)
         received[:, Attribute.SCALING] = True
     if OFFSET in payloads:
         keep = np.repeat(mask.astype(bool), 3, axis=1)
-        symbols.offset[keep] = decode_symbols(payloads[OFFSET], _normals(predicted.offset, rows, keep))
+        symbols.offset[keep] = decode_symbols(payloads[OFFSET], _normal_distributions(predicted.offset, rows, keep))
         received[:, Attribute.OFFSET] = True
     received[:, Attribute.FEATURE] = _decode_features(context, predicted, symbols.feature, payloads)
     return DecodedParts(symbols, predicted.factors, received)
@@ -158,7 +158,7 @@ def _decode_features(
         columns = slice(int(edges[group]), int(edges[group + 1]))
         before = context.feature_activations(feature[:, : columns.start], predicted.factors[:, 0])
         parts = predict_group(context, group, shared, before, predicted.outputs)
-        values = decode_symbols(payloads[FIRST_FEATURE + group], _features(predicted, rows, columns, *parts))
+        values = decode_symbols(payloads[FIRST_FEATURE + group], _feature_mixtures(predicted, rows, columns, *parts))
         feature[:, columns] = values.reshape(len(feature), -1)
     return True
 
@@ -167,7 +167,7 @@ def _edges(context: CodingContext) -> np.ndarray:
     return np.cumsum([0, *context.config.layout.feature_groups])
 
 
-def _normals(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep: np.ndarray | None = None) -> Mixtures:
+def _normal_distributions(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep: np.ndarray | None = None) -> Mixtures:
     """Returns the normal distributions with which scalings or offsets of some anchors are coded.
 
     Args:
@@ -179,7 +179,7 @@ def _normals(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep: np.ndarray 
     return Mixtures.normals(mean.ravel(), scale.ravel())
 
 
-def _features(
+def _feature_mixtures(
     predicted: Predictions, rows: slice, columns: slice, mean: np.ndarray, scale: np.ndarray, weight: np.ndarray
 ) -> Mixtures:
     """Returns the mixture distributions with which the channels of one feature group are coded, for a range of anchors.
