@@ -128,7 +128,7 @@ def expected(offer: SequenceVariant, protection: Protection, loss: LossModel) ->
         way = model_motion_transfer(offer.load, protection, group)
         received = np.stack([loss.received(len(way.model.kind), rng) for _ in range(TRANSFERS)])
         worth = offer.load.importance[way.order]
-        lost = ~way.arrived(received) @ worth / max(worth.sum(), 1e-30)
+        lost = ~way.received_packets(received) @ worth / max(worth.sum(), 1e-30)
         found.append(float(offer.distortion.psnr(group, lost).mean()))
     return float(np.average(found, weights=offer.distortion.frames))
 

@@ -129,7 +129,7 @@ def test_received_attributes_override_the_sketch(separated: bool) -> None:
     context, sketch = random_context(200, 3, loss=0.5, separated=separated), sketch_of_context(4)
     context = dataclasses.replace(context, sections={SECTION: write_sketch(sketch, buckets_of(context))})
     proposal = create_concealer("sketch")(context)
-    kept = context.elements.kept(context.loss_mask, proposal.elements)
+    kept = context.elements.with_estimates(context.loss_mask, proposal.elements)
     for column, name in enumerate(("features", "scalings", "offsets", "mask")):
         there = context.loss_mask.received[:, column]
         assert np.array_equal(getattr(kept, name)[there], getattr(context.scene.anchors, name)[there])

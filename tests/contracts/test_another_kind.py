@@ -68,10 +68,10 @@ class Points:
     def select(self, index: np.ndarray) -> "Points":
         return Points(self.positions[index], self.colors[index])
 
-    def arrived(self, known: np.ndarray, places: np.ndarray) -> "Points":
+    def with_losses(self, known: np.ndarray, places: np.ndarray) -> "Points":
         return Points(np.where(known[:, None], self.positions, places), self.colors * known[:, None])
 
-    def kept(self, loss_mask: LossMask, proposed: "Points") -> "Points":
+    def with_estimates(self, loss_mask: LossMask, proposed: "Points") -> "Points":
         return replace(self, colors=np.where(loss_mask.known[:, None], self.colors, proposed.colors))
 
 
@@ -99,13 +99,13 @@ class PointScene:
 
     @property
     def drawable(self) -> np.ndarray:
-        return self.rows().kept
+        return self.validity().kept
 
     @property
     def facts(self) -> dict[str, int | float]:
         return {"num_points": self.num_elements}
 
-    def rows(self) -> ElementValidity:
+    def validity(self) -> ElementValidity:
         return ElementValidity(np.ones(self.num_elements, np.bool_), 0, 0, None)
 
     def select(self, index: np.ndarray) -> "PointScene":

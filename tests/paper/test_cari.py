@@ -36,7 +36,7 @@ def test_cari_equals_loops_over_the_equations(
     for seed in range(3):
         context = random_context(num_anchors, seed, separated=separated)
         result = estimate(Cari(candidates=candidates, neighbors=neighbors, passes=passes), context)
-        result = context.elements.kept(context.loss_mask, result)
+        result = context.elements.with_estimates(context.loss_mask, result)
         *wanted, mask = cari_reference(context, candidates, neighbors, passes, eps=1e-6)
         for name, values in zip(ATTRIBUTES, wanted, strict=True):
             got = getattr(result, name).flatten(1).numpy()

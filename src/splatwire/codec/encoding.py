@@ -76,7 +76,7 @@ def encode_scene(
     scene = as_scene(scene)
     check_progress(progress)
     check_threads(threads)
-    schema, rows = schema_of(scene), scene.rows()
+    schema, rows = schema_of(scene), scene.validity()
     rows.log_removed("encoding", scene.ELEMENTS)
     if isinstance(packetization, str):
         packetization = packetization_named(packetization, schema.name, int(rows.kept.sum()))

@@ -56,7 +56,7 @@ def drawn(partial: ReceivedScene[S], proposal: Concealed, name: str) -> S:
     """
     proposed = partial.filled if proposal.elements is None else proposal.elements
     _check(proposal, proposed, partial, name)
-    elements = partial.elements.kept(partial.loss_mask, proposed)
+    elements = partial.elements.with_estimates(partial.loss_mask, proposed)
     hints, own = proposal.hints, partial.scene.hints
     if own is not None and not proposal.shows:
         hints = replace(hints, left_out=hints.left_out | own.left_out)

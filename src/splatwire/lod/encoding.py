@@ -59,7 +59,7 @@ def encode_levels(
     """
     if not schema_of(scene).explicit:
         raise InvalidValueError("levels are for explicit Gaussians: export the scene as such first")
-    packetization, rows = packetization or PRESETS["paper"], scene.rows()
+    packetization, rows = packetization or PRESETS["paper"], scene.validity()
     rows.log_removed("encoding", scene.ELEMENTS)
     if not rows.complete:
         scene = replace(scene, splats=scene.splats.gathered(rows.kept), hints=None, coding=None)

@@ -128,7 +128,7 @@ def explicit_scene(scene: Scene, holder: str) -> SplatScene:
     """
     if not isinstance(scene, SplatScene):
         raise InvalidValueError(f"{holder} explicit Gaussians: `splatwire export ply` makes them of anchors")
-    rows = scene.rows()
+    rows = scene.validity()
     rows.log_removed("writing levels", scene.ELEMENTS)
     if not rows.kept.any():
         raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to write")

@@ -124,7 +124,7 @@ def encode_controlled(
     Raises:
         InvalidValueError: If the scene has nothing to draw, is too large for `best`, or the target cannot be reached.
     """
-    rows = scene.rows()
+    rows = scene.validity()
     rows.log_removed("encoding", scene.ELEMENTS)
     source = scene if rows.complete else scene.select(rows.kept)
     if not source.num_elements:

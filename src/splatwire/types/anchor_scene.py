@@ -155,9 +155,9 @@ class AnchorScene:
     @property
     def drawable(self) -> Bool[np.ndarray, "N"]:
         """Mask of the anchors that at least one view can draw; only these are encoded."""
-        return self.rows().kept
+        return self.validity().kept
 
-    def rows(self) -> ElementValidity:
+    def validity(self) -> ElementValidity:
         """Classifies the anchors as drawable, invisible or invalid; only drawable ones are encoded."""
         return validity_of_anchors(self.anchors)
 

@@ -70,7 +70,7 @@ class Anchors:
         """Logarithm of the geometric mean of each anchor's three base Gaussian sizes (world units)."""
         return mean_log_size(self.scalings)
 
-    def arrived(self, known: Bool[Any, "N"], places: Float[Any, "N 3"]) -> "Anchors":
+    def with_losses(self, known: Bool[Any, "N"], places: Float[Any, "N 3"]) -> "Anchors":
         """Simulates reception: sets all attributes of lost anchors to 0 and their positions to `places`.
 
         Args:
@@ -84,7 +84,7 @@ class Anchors:
         places = gap(self.positions, places)
         return Anchors(places, gap(self.features), gap(self.scalings), gap(self.offsets), gap(self.mask))
 
-    def kept(self, loss_mask: LossMask, proposed: "Anchors") -> "Anchors":
+    def with_estimates(self, loss_mask: LossMask, proposed: "Anchors") -> "Anchors":
         """Combines received attributes (of this object) with estimates of lost attributes.
 
         Estimated offsets are set to 0 where the (received or estimated) offset mask is False.

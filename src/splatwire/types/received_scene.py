@@ -111,7 +111,7 @@ class ReceivedScene(Generic[S]):
                 f"ReceivedScene.scene: expected a scene (`decode_stream` returns one in a ReceivedScene), "
                 f"not {shown(self.scene)}"
             )
-        rows = {self.scene.num_elements, len(self.loss_mask.received), *_rows(self.records)}
+        rows = {self.scene.num_elements, len(self.loss_mask.received), *_element_counts(self.records)}
         if len(rows) != 1:
             raise InvalidValueError(f"scene, loss mask and records have different numbers of elements: {sorted(rows)}")
 
@@ -201,13 +201,13 @@ class ReceivedScene(Generic[S]):
 
     def masked(self, known: Bool[np.ndarray, "N"]) -> "ReceivedScene[S]":
         """Simulates losses: returns a copy in which only the elements of the mask `known` count as received."""
-        there = self.scene.elements.arrived(known, self.places)
+        there = self.scene.elements.with_losses(known, self.places)
         return replace(
             self, scene=self.scene.with_elements(there, self.scene.hints), loss_mask=LossMask.of_anchors(known)
         )
 
 
-def _rows(records: tuple[Any, ...]) -> set[int]:
+def _element_counts(records: tuple[Any, ...]) -> set[int]:
     """Returns the numbers of elements that side information records describe: one number if all records agree.
 
     Records without an entry for each element are ignored.

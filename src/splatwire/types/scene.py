@@ -60,7 +60,7 @@ class Elements(Protocol):
     def select(self: Own, index: np.ndarray) -> Own:
         """Returns the elements at `index`."""
 
-    def arrived(self: Own, known: Bool[np.ndarray, "N"], places: Float[np.ndarray, "N 3"]) -> Own:
+    def with_losses(self: Own, known: Bool[np.ndarray, "N"], places: Float[np.ndarray, "N 3"]) -> Own:
         """Simulates a loss: returns the elements as a decoder would, with placeholder values for the lost ones.
 
         Args:
@@ -68,7 +68,7 @@ class Elements(Protocol):
             places: Position to give each lost element; rows of received elements are ignored.
         """
 
-    def kept(self: Own, loss_mask: LossMask, proposed: Own) -> Own:
+    def with_estimates(self: Own, loss_mask: LossMask, proposed: Own) -> Own:
         """Returns the received values of these elements, and for lost values the estimates of a concealer.
 
         Args:
@@ -112,7 +112,7 @@ class Scene(Protocol):
     def drawable(self) -> Bool[np.ndarray, "N"]:
         """Mask of the elements that at least one view can draw; only these are encoded."""
 
-    def rows(self) -> ElementValidity:
+    def validity(self) -> ElementValidity:
         """Classifies the elements as drawable, invisible or invalid; only drawable ones are encoded."""
 
     @property

@@ -176,11 +176,11 @@ class SequenceScene:
     @property
     def drawable(self) -> Bool[np.ndarray, "T"]:
         """Mask of the keyframe Gaussians that at least one view can draw."""
-        return self.rows().kept
+        return self.validity().kept
 
-    def rows(self) -> ElementValidity:
+    def validity(self) -> ElementValidity:
         """Classifies the keyframe Gaussians as drawable, invisible or invalid."""
-        return self.keyframes().rows()
+        return self.keyframes().validity()
 
     @property
     def facts(self) -> dict[str, int | float]:

@@ -126,9 +126,9 @@ class SplatScene:
     @property
     def drawable(self) -> Bool[np.ndarray, "N"]:
         """Mask of the Gaussians that at least one view can draw; only these are encoded."""
-        return self.rows().kept
+        return self.validity().kept
 
-    def rows(self) -> ElementValidity:
+    def validity(self) -> ElementValidity:
         """Classifies the Gaussians as drawable, invisible or invalid; only drawable ones are encoded."""
         return self._rows
 

@@ -124,7 +124,7 @@ class Splats:
         """Logarithm of each Gaussian's size, the geometric mean of its axes."""
         return self.log_axes.mean(axis=1)
 
-    def arrived(self, known: Bool[np.ndarray, "G"], places: Float[np.ndarray, "G 3"]) -> "Splats":
+    def with_losses(self, known: Bool[np.ndarray, "G"], places: Float[np.ndarray, "G 3"]) -> "Splats":
         """Simulates reception: lost Gaussians move to `places`, get opacity 0 and keep their other attributes.
 
         Args:
@@ -134,7 +134,7 @@ class Splats:
         opacities = np.where(known, self.opacities, np.float32(0))
         return dataclasses.replace(self, means=np.where(known[:, None], self.means, places), opacities=opacities)
 
-    def kept(self, loss_mask: LossMask, proposed: "Splats") -> "Splats":
+    def with_estimates(self, loss_mask: LossMask, proposed: "Splats") -> "Splats":
         """Combines received Gaussians of this object with estimates of lost ones.
 
         Args:

@@ -105,7 +105,7 @@ def test_feature_fallback_of_the_paper_is_never_used() -> None:
 def test_full_attributes_follow_the_mask_head_and_stay_in_range() -> None:
     context = random_context(150, 5)
     settings = dataclasses.replace(SMALL, scaling_threshold=0.0, offset_threshold=0.0)
-    result = context.elements.kept(context.loss_mask, estimate(Gnn(lively(context, settings)), context))
+    result = context.elements.with_estimates(context.loss_mask, estimate(Gnn(lively(context, settings)), context))
     lost = ~context.loss_mask.known
     assert bool((result.offsets[~result.mask] == 0).all())
     assert bool((result.scalings[lost] >= context.scene.anchors.scalings[~lost].amin(dim=0)).all())
@@ -176,7 +176,7 @@ def test_result_is_invariant_to_order_and_chunk_size(monkeypatch: pytest.MonkeyP
 def test_very_few_received_anchors_are_enough(received: int) -> None:
     whole = random_context(100, 8, loss=0)
     context = to_tensors(only(whole, torch.arange(100) < received))
-    result = context.elements.kept(context.loss_mask, estimate(Gnn(lively(context)), context))
+    result = context.elements.with_estimates(context.loss_mask, estimate(Gnn(lively(context)), context))
     assert all(bool(getattr(result, part).isfinite().all()) for part in PARTS[:3])
     if received == 0:
         assert torch.equal(result.features, estimate(PriorMean(), context).features)

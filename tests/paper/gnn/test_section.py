@@ -142,7 +142,9 @@ def test_damaged_weights_are_an_error_or_other_weights_but_never_nan() -> None:
             if damaged:
                 damaged[rng.integers(len(damaged))] = rng.integers(256)
         try:
-            result = context.elements.kept(context.loss_mask, estimate(Gnn(), carrying(context, bytes(damaged))))
+            result = context.elements.with_estimates(
+                context.loss_mask, estimate(Gnn(), carrying(context, bytes(damaged)))
+            )
         except SplatwireError:
             refused += 1
         else:
@@ -167,7 +169,7 @@ def test_few_received_anchors_and_no_losses_are_handled(known: int) -> None:
     )  # fmt: skip
     context = changed(context, anchors=anchors, loss_mask=to_tensors(LossMask.of_anchors(rows)))
     section = write_section(lively(context, FULL), 4)
-    result = context.elements.kept(context.loss_mask, estimate(Gnn(), carrying(context, section)))
+    result = context.elements.with_estimates(context.loss_mask, estimate(Gnn(), carrying(context, section)))
     assert all(bool(getattr(result, part).isfinite().all()) for part in PARTS[:3])
     assert torch.equal(result.features[rows], a.features[rows])
     if known == 0:

@@ -85,18 +85,18 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     low, high = np.stack(found, axis=1)
     middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
-    def near(some: np.ndarray) -> np.ndarray:
+    def compressed(some: np.ndarray) -> np.ndarray:
         """Maps positions to coordinates that grow with the logarithm of the distance, far from the centre.
 
         Distant Gaussians thus do not make the Morton codes of all other Gaussians coarse.
         """
         return np.arcsinh((some - middle) / spread * 2)
 
-    first, last = near(np.array([means.min(axis=0), means.max(axis=0)], dtype=np.float64))
+    first, last = compressed(np.array([means.min(axis=0), means.max(axis=0)], dtype=np.float64))
     size = max(float((last - first).max()), 1e-30)
 
     def codes(some: np.ndarray) -> np.ndarray:
-        places = near(means.take(some, axis=0).astype(np.float64))
+        places = compressed(means.take(some, axis=0).astype(np.float64))
         return morton_encode(np.rint((places - first) / size * ((1 << MAX_AXIS_BITS) - 1)).astype(np.int64))
 
     return code_order(codes, len(means), 3 * MAX_AXIS_BITS, tiers)

@@ -67,7 +67,7 @@ def encode_update(
     assert isinstance(found, SplatScene)
     if classes is not None:
         classes = array_of(classes, "classes", (found.num_elements,), "i", -128, 127)
-    rows = found.rows()
+    rows = found.validity()
     rows.log_removed("encoding", found.ELEMENTS)
     info, before = open_base(base, threads)
     coding = before.coding

@@ -70,7 +70,7 @@ def build_graph(context: ReceivedScene, settings: GnnSettings, filled: Anchors |
         given = context.filled
         for rows, near, weight in (piece for piece in pieces if len(piece[0])):
             fill_from_neighbors(context.scene.anchors, given, tuple(Attribute), rows, near, weight, idw.vote)
-        given = context.elements.kept(context.loss_mask, given)
+        given = context.elements.with_estimates(context.loss_mask, given)
     return RepairGraph(queries, index, filled.select(queries), given.select(queries))
 
 

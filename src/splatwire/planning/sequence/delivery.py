@@ -92,7 +92,7 @@ class MotionTransfer:
         """Bytes of all repair symbols."""
         return self.model.bytes_by_kind()["packet_protection"]
 
-    def arrived(self, received: np.ndarray) -> np.ndarray:
+    def received_packets(self, received: np.ndarray) -> np.ndarray:
         """Simulates transfers: returns the mask of packets that are received or recovered, bool (T, packets).
 
         The packets are in the sending order (`order`).
@@ -129,5 +129,5 @@ def delivered(load: SequenceLoad, protection: Protection, loss: LossModel, seed:
     """
     whole = model_motion_transfer(load, protection)
     received = loss.received(len(whole.model.kind), np.random.Generator(np.random.PCG64(seed)))
-    there = whole.arrived(received[None])[0]
+    there = whole.received_packets(received[None])[0]
     return {load.ids[packet] for packet in whole.order[there].tolist()}

@@ -155,7 +155,7 @@ def _efficient_choices(
         if most is not None and plain + extra > most:
             continue
         importance = load.importance[way.order]
-        lost = ~way.arrived(traces) @ importance / max(importance.sum(), 1e-30)
+        lost = ~way.received_packets(traces) @ importance / max(importance.sum(), 1e-30)
         psnr = float(variant.distortion.psnr(group, lost).mean())
         if extra not in found or psnr > found[extra].psnr:
             found[extra] = _Choice(pair, extra, psnr, float(lost.mean()), variant.distortion.frames[group])
