@@ -34,7 +34,7 @@ from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.data import open_dataset
 from splatwire.evaluation.views import spread
 from splatwire.io import open_scene
-from splatwire.planning.candidates import Search, arrival_within, baseline_candidates
+from splatwire.planning.candidates import PlanConstraints, arrival_within, baseline_candidates
 from splatwire.planning.distortion import BLANK_PSNR
 from splatwire.planning.measure import LossyPictures, known_elements, packet_members, variant_of_stream
 from splatwire.planning.planner import HEAD_TRIALS, losses, plan_protection
@@ -167,7 +167,7 @@ def frontier(variants: list[Variant], arguments: argparse.Namespace) -> list[dic
         plan = plan_protection([variant.offer for variant in variants], loss, budget_bytes=budget, trials=60,
                                rendered_trials=arguments.drawn, seed=PLANNING_SEED)  # fmt: skip
         ways = {way: (plain, protection) for way, protection in
-                baseline_candidates(plain.offer.load, traces, Search(budget)).items()}  # fmt: skip
+                baseline_candidates(plain.offer.load, traces, PlanConstraints(budget)).items()}  # fmt: skip
         ways["planner"] = (variants[plan.variant], plan.protection)
         row = {"loss": name, "budget": factor, "expected": plan.psnr, "tiers": plan.variant > 0,
                "repair": plan.protection.tier_repair, "side_repair": plan.protection.side_repair,

@@ -41,7 +41,8 @@ ROOMS = (
 """Packages whose public names are tried; the empty name is `splatwire` itself."""
 NAMES = {
     "planning": (
-        "candidates.Search", "candidates.arrival_within", "candidates.baseline_candidates", "candidates.candidates",
+        "candidates.PlanConstraints", "candidates.arrival_within", "candidates.baseline_candidates",
+        "candidates.candidates",
         "candidates.largest_head", "distortion.DistortionModel", "distortion.StreamVariant",
         "distortion.lost_fractions", "feedback.plan_retransmission", "measure.LossyPictures",
         "measure.known_elements", "measure.measure_distortion", "measure.measured_variant",
@@ -276,7 +277,7 @@ class Pool:
             "receive": print, "relay": lambda: self._relay, "page_of_stream.name": "a",
             "page_of_relay.name": "a", "budget_bytes": 100_000, "load": lambda: self._load,
             "model": lambda: self._transfer, "traces": lambda: np.ones((20, 40), np.bool_),
-            "search": lambda: importlib.import_module("splatwire.planning.candidates").Search(100_000),
+            "constraints": lambda: importlib.import_module("splatwire.planning.candidates").PlanConstraints(100_000),
             "shares": np.array([0.0, 1.0]), "DistortionModel.mse": np.array([[0.0, 0.1]]), "base_mse": 1e-3,
             "distortion": lambda: self._variant.distortion, "lost_fractions.packets": lambda: self._arrival.packets,
             "variants": lambda: [self._variant], "variant": lambda: self._variant, "arrival": lambda: self._arrival,

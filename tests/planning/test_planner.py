@@ -5,7 +5,7 @@ import pytest
 
 from splatwire.channel import Bernoulli, NoLoss, parse_loss
 from splatwire.errors import InvalidValueError
-from splatwire.planning.candidates import Search, arrival_within, baseline_candidates
+from splatwire.planning.candidates import PlanConstraints, arrival_within, baseline_candidates
 from splatwire.planning.distortion import BLANK_MSE, BLANK_PSNR, DistortionModel, StreamVariant, lost_fractions
 from splatwire.planning.planner import losses, plan_protection
 from splatwire.planning.transfer_model import StreamLoad, TransferModel, draw_losses, model_transfer, simulate
@@ -231,7 +231,7 @@ def test_baselines_are_compared_with_the_planned_allocations(load: StreamLoad, d
     alike = DistortionModel(SHARES, damage.mse[:1], 1e-3)
     budget = _budget(flat, 1.35)
     traces = losses([StreamVariant(flat, alike)], Bernoulli(0.2), 200, 0)
-    plain = baseline_candidates(flat, traces, Search(budget))
+    plain = baseline_candidates(flat, traces, PlanConstraints(budget))
     model = model_transfer(flat, plain["whole"])
     assert 0.97 * budget < model.num_bytes.sum() <= budget
     assert plain["conceal"].tier_repair == ()
@@ -259,7 +259,7 @@ def test_baseline_is_chosen_without_a_clear_gain_of_another_plan(load: StreamLoa
     near, far = (plan_protection(offers(gain), Bernoulli(0.2), budget_bytes=budget, trials=20) for gain in (0.1, 0.5))
     traces = losses(offers(0.0), Bernoulli(0.2), 1000, 0)
     assert near.variant == 0
-    assert near.protection == baseline_candidates(flat, traces, Search(budget))["conceal"]
+    assert near.protection == baseline_candidates(flat, traces, PlanConstraints(budget))["conceal"]
     assert far.variant == 1
 
 

@@ -194,7 +194,7 @@ def code_value(coder, stream, spread, second, mean, value, shift, absolute):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_steps(coder, stream, spread, second, q, eighths):
-    """Encodes or decodes a residual in quantisation steps under the mixture distribution of its context.
+    """Encodes or decodes a residual in quantisation steps, with the probability distribution of its context.
 
     Args:
         coder: Entropy coder.

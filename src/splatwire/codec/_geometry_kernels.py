@@ -108,7 +108,7 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
 @njit(borrows=True, nogil=True)
 @no_type_check
 def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
-    """Decodes how many points of a node have a zero in `bit` of their Morton code; an invalid code gives 0 to `n`.
+    """Decodes how many points of a node have a zero in `bit` of their Morton code; any bytes decode to 0 to `n`.
 
     A node is a set of points whose codes agree in all bits above `bit`.
 
@@ -145,7 +145,20 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
 @njit(nogil=True)
 @no_type_check
 def encode_codes(codes, bits, models, inverses, widths, table, buffer):
-    """Encodes ascending Morton codes of `bits` bits to `buffer`; returns the number of bytes."""
+    """Encodes a set of points, given as ascending Morton codes, as the counts of a binary tree.
+
+    Args:
+        codes: Morton codes, ascending, int64 (N).
+        bits: Number of bits of a code.
+        models: Adaptive bit models, changed in place.
+        inverses: Table of the entropy coder, see `entropy.coder.tables`.
+        widths: Table of the entropy coder, see `entropy.coder.tables`.
+        table: Table of the entropy coder, see `entropy.coder.tables`.
+        buffer: Output bytes.
+
+    Returns:
+        Number of bytes written to `buffer`.
+    """
     state = np.empty(3, np.int64)
     encoder_start(state)
     stack = np.empty((MAX_BITS + 2, 4), np.int64)
@@ -168,7 +181,18 @@ def encode_codes(codes, bits, models, inverses, widths, table, buffer):
 @njit(nogil=True)
 @no_type_check
 def decode_codes(data, count, bits, models, inverses, widths, table, codes):
-    """Decodes `count` Morton codes written by `encode_codes` to `codes`, ascending."""
+    """Decodes Morton codes written by `encode_codes`.
+
+    Args:
+        data: Input bytes.
+        count: Number of codes.
+        bits: Number of bits of a code.
+        models: Adaptive bit models, changed in place.
+        inverses: Table of the entropy coder, see `entropy.coder.tables`.
+        widths: Table of the entropy coder, see `entropy.coder.tables`.
+        table: Table of the entropy coder, see `entropy.coder.tables`.
+        codes: Output: the codes, ascending, int64 (`count`).
+    """
     state = np.empty(3, np.int64)
     decoder_start(data, ZERO, len(data), state)
     stack = np.empty((MAX_BITS + 2, 5), np.int64)

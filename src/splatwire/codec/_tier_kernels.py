@@ -54,10 +54,19 @@ def add_to_statistics(counts, recents, tier, important):
 @njit(nogil=True)
 @no_type_check
 def encode_tiers(tiers, num_tiers, models, buffer):
-    """Encodes the tier of each anchor in unary; returns the number of bytes.
+    """Encodes the importance tier of each anchor in unary.
 
     For each tier but the last, one bit indicates whether the anchor is in this tier. The bits of an anchor end with the
     first 1.
+
+    Args:
+        tiers: Tier of each anchor, 0 for the most important.
+        num_tiers: Number of tiers.
+        models: Adaptive bit models, changed in place.
+        buffer: Output bytes.
+
+    Returns:
+        Number of bytes written to `buffer`.
     """
     state = np.empty(3, np.int64)
     encoder_start(state)
@@ -74,7 +83,14 @@ def encode_tiers(tiers, num_tiers, models, buffer):
 @njit(nogil=True)
 @no_type_check
 def decode_tiers(data, num_tiers, models, tiers):
-    """Decodes the tiers written by `encode_tiers`; any bytes decode to tiers below `num_tiers`."""
+    """Decodes the tiers written by `encode_tiers`; any bytes decode to tiers below `num_tiers`.
+
+    Args:
+        data: Input bytes.
+        num_tiers: Number of tiers.
+        models: Adaptive bit models, changed in place.
+        tiers: Output: tier of each anchor.
+    """
     state = np.empty(3, np.int64)
     decoder_start(data, ZERO, len(data), state)
     counts, recents = np.zeros(num_tiers, np.int64), np.zeros(num_tiers, np.int64)

@@ -40,7 +40,7 @@ class CodedPackets:
 
 @runtime_checkable
 class Encoder(Protocol):
-    """Protocol of an encoder of one scene's elements for a packet plan."""
+    """Protocol of an encoder, which converts the elements of one scene to the packets of a packet plan."""
 
     def runs(self) -> Iterator[Any]:
         """Divides the packet plan into non-empty parts that can be encoded in parallel; yields them in plan order."""
@@ -51,7 +51,7 @@ class Encoder(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A scene prepared for encoding.
+    """Encoder, side information and packet plan of a scene, from which all packets can be encoded.
 
     Attributes:
         encoder: Encoder of the scene's elements.
@@ -107,7 +107,12 @@ class Decoder(Protocol):
         """Returns the working memory of a thread that decodes some of the given packets, bytes."""
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
-        """Allocates arrays for all elements. Required before `store` and `scene`, but not before `decode`."""
+        """Allocates arrays for all elements. Required before `store` and `scene`, but not before `decode`.
+
+        Args:
+            threads: Number of threads; None for one per processor.
+            progress: Called with the completed fraction of the work, 0 to 1; None for no calls.
+        """
 
     def decode(self, run: Run) -> SymbolRows:
         """Decodes packets; any bytes decode without an error. May be called from several threads.

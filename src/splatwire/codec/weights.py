@@ -269,6 +269,14 @@ def _refitted(
     """Refits the second layer of a network by least squares, after its first layer was quantised.
 
     The refitted layer compensates for the quantisation errors of the first layer.
+
+    Args:
+        output: Weight (out, hidden) and bias (out) of the second layer.
+        inputs: Inputs of the second layer for a sample, with the exact first layer, (n, hidden).
+        rounded: The same inputs with the quantised first layer, (n, hidden).
+
+    Returns:
+        Weight and bias of the refitted layer.
     """
     weight, bias = output
     centred = rounded - rounded.mean(axis=0)

@@ -60,7 +60,7 @@ def advance(words, state, start, size, total_bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def flag(words, state):
-    """Decodes a bit with equal probabilities for 0 and 1; see `decode_raw`."""
+    """Decodes a bit with equal probabilities for 0 and 1."""
     bit = ONE if state[0] >= state[1] >> ONE else ZERO
     advance(words, state, bit, ONE, ONE)
     return bit
@@ -69,7 +69,7 @@ def flag(words, state):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def adaptive_bit(words, state, models, context):
-    """Decodes a bit with the adaptive model of a context, and updates the model; see `decode_bit`."""
+    """Decodes a bit with the adaptive model of a context, and updates the model."""
     zero = adaptive_size(models, context)
     bit = ONE if state[0] >= zero * (state[1] >> ADAPTIVE_BITS) else ZERO
     if bit:
@@ -83,7 +83,7 @@ def adaptive_bit(words, state, models, context):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def raw_bits(words, state, bits):
-    """Decodes a number of `bits` bits with equal probabilities; see `decode_bits`."""
+    """Decodes a number of `bits` bits with equal probabilities."""
     value = np.int64(0)
     while bits > 0:
         some = min(bits, RAW_BITS)
@@ -97,7 +97,7 @@ def raw_bits(words, state, bits):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def number_below(words, state, count):
-    """Decodes a number from 0 to `count - 1` with equal probabilities; see `decode_below`."""
+    """Decodes a number from 0 to `count - 1` with equal probabilities."""
     value = ((target_of(state, RAW_BITS) + ONE) * count - ONE) >> RAW_BITS
     # Quotients of numbers below 2**53 are exact in float64 when rounded down, and faster than those of integers.
     size = np.float64(count)
@@ -110,7 +110,7 @@ def number_below(words, state, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def escaped(words, state):
-    """Decodes the escape code of a number outside the window of directly coded numbers; see `decode_escape`."""
+    """Decodes the escape code of a number that is too large to have a probability interval of its own."""
     length = 0
     while length < 32 and flag(words, state):
         length += 1

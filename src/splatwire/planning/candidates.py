@@ -47,8 +47,8 @@ _NEARLY = 0.95
 
 
 @dataclass(frozen=True)
-class Search(CheckedFields):
-    """Limits that a planned allocation of redundancy must respect.
+class PlanConstraints(CheckedFields):
+    """Constraints of a plan: limits of the bytes that are sent, and how often the side information must arrive.
 
     Attributes:
         budget_bytes: Maximum bytes sent.
@@ -73,14 +73,14 @@ class Search(CheckedFields):
 
 
 @checked
-def candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> list[Protection]:
+def candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanConstraints) -> list[Protection]:
     """Returns the allocations of redundancy to compare: parity per tier, and repair of the side information.
 
     Args:
         load: Sizes of the stream.
         traces: Masks of received datagrams in T simulated transfers, bool (T, n), for n datagrams; n exceeds the
             number of datagrams of each allocation.
-        search: Constraints of the plan.
+        constraints: Constraints of the plan.
     """
     traces = transfer_masks(traces, "traces", 1)
     rate = min(1 - float(traces.mean()), 0.95)
@@ -91,10 +91,10 @@ def candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> list[Pro
             (0.0,) * inside + tuple(_repair_per_packet(s, need, n) for s, n in zip(c, counts[inside:], strict=True))
             for c in _margin_assignments(load.num_tiers - inside)
         )
-        for side in _init_segment_candidates(load, traces, rate, search, share):
+        for side in _init_segment_candidates(load, traces, rate, constraints, share):
             for repair in repairs:
                 protection = replace(side, tier_repair=repair)
-                end = _spread_end(search, float(model_transfer(load, protection).num_bytes.sum()))
+                end = _spread_end(constraints, float(model_transfer(load, protection).num_bytes.sum()))
                 spreads = [spread * end for spread in SPREADS] if load.num_tiers - inside > 1 else [0.0]
                 tried += [replace(protection, tier_spread=spread, parity_until=end) for spread in spreads]
     return tried
@@ -126,7 +126,7 @@ def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
 
 
 @checked
-def baseline_candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> dict[str, Protection]:
+def baseline_candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanConstraints) -> dict[str, Protection]:
     """Returns two simple allocations of redundancy, by name, as baselines for optimised ones.
 
     `whole` gives all packets and the side information the same share of parity, as much as the budget allows. `conceal`
@@ -136,7 +136,7 @@ def baseline_candidates(load: StreamLoad, traces: np.ndarray, search: Search) ->
     Args:
         load: Sizes of the stream.
         traces: Masks of received datagrams in T simulated transfers, bool (T, n).
-        search: Constraints of the plan.
+        constraints: Constraints of the plan.
     """
     traces = transfer_masks(traces, "traces", 1)
     mixed = 1.0 if load.num_tiers > 1 else 0.0
@@ -149,11 +149,11 @@ def baseline_candidates(load: StreamLoad, traces: np.ndarray, search: Search) ->
         return int(model_transfer(load, alike(step)).num_bytes.sum())
 
     steps = range(int(MOST_REPAIR * _ALIKE_STEPS) + 1)
-    whole = alike(max(bisect.bisect_right(steps, search.budget_bytes, key=size) - 1, 0))
+    whole = alike(max(bisect.bisect_right(steps, constraints.budget_bytes, key=size) - 1, 0))
     rate = min(1 - float(traces.mean()), 0.95)
     return {
         "whole": whole,
-        "conceal": _least_repair(load, traces, rate, search, Protection(side_lead=PLAIN_LEAD, tier_spread=mixed)),
+        "conceal": _least_repair(load, traces, rate, constraints, Protection(side_lead=PLAIN_LEAD, tier_spread=mixed)),
     }
 
 
@@ -177,60 +177,62 @@ def _received_within(model: TransferModel, traces: np.ndarray, budget_bytes: flo
 
 
 def _init_segment_candidates(
-    load: StreamLoad, traces: np.ndarray, rate: float, search: Search, head_share: float
+    load: StreamLoad, traces: np.ndarray, rate: float, constraints: PlanConstraints, head_share: float
 ) -> list[Protection]:
     """Returns plans that the planner compares, with different redundancy (FEC) of the init segment.
 
     Plans are preferred in which the side information arrives in more of the simulated transfers, up to the required
-    fraction (`Search.head_target`); among equal ones, those with fewer bytes. One plan with more redundancy than the
-    best one is added as a reserve.
+    fraction (`head_target` of the constraints); among equal ones, those with fewer bytes. One plan with more redundancy
+    than the best one is added as a reserve.
 
     Args:
         load: Sizes of the stream.
         traces: Masks of received datagrams in T simulated transfers, bool (T, n).
         rate: Mean loss rate of datagrams.
-        search: Constraints of the plan.
+        constraints: Constraints of the plan.
         head_share: Fraction of the packets that are part of the init segment.
     """
     bare = model_transfer(load, Protection(side_repair=0.0, head_share=head_share)).bytes_by_kind()
-    lead = _spread_end(search, sum(bare.values()) + rate / (1 - rate) * bare["side"])
+    lead = _spread_end(constraints, sum(bare.values()) + rate / (1 - rate) * bare["side"])
     starts = [Protection(side_lead=lead * part, side_symbol_bytes=size, head_share=head_share)
               for part in LEADS for size in (None, FINE_SYMBOL_BYTES)]  # fmt: skip
     found = []
     for start in starts:
-        side = _least_repair(load, traces, rate, search, start)
+        side = _least_repair(load, traces, rate, constraints, start)
         model = model_transfer(load, side)
-        share = float(head_arrives(model, _received_within(model, traces, search.budget_bytes)).mean())
-        found.append((-min(share, search.head_target), int(model.num_bytes.sum()), side))
+        share = float(head_arrives(model, _received_within(model, traces, constraints.budget_bytes)).mean())
+        found.append((-min(share, constraints.head_target), int(model.num_bytes.sum()), side))
     best = [side for _, _, side in sorted(found, key=lambda entry: entry[:2])[:BEST_SIDES]]
     return [*best, replace(best[0], side_repair=min(SAFER * best[0].side_repair, MOST_REPAIR))]
 
 
-def _spread_end(search: Search, pass_bytes: float) -> float:
+def _spread_end(constraints: PlanConstraints, pass_bytes: float) -> float:
     """Returns the point of a transfer by which repair symbols and the init segment should have been sent completely.
 
     The point is a fraction of the bytes of the complete transfer. It is 1, or, if the budget is smaller than the
     transfer, shortly before the budget is spent.
 
     Args:
-        search: Constraints of the plan.
+        constraints: Constraints of the plan.
         pass_bytes: Bytes of the complete transfer.
     """
-    fit = search.budget_bytes / pass_bytes
+    fit = constraints.budget_bytes / pass_bytes
     return 1.0 if fit >= 1 else _NEARLY * fit
 
 
-def _least_repair(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, start: Protection) -> Protection:
+def _least_repair(
+    load: StreamLoad, traces: np.ndarray, rate: float, constraints: PlanConstraints, start: Protection
+) -> Protection:
     """Chooses the smallest number of repair symbols with which the side information arrives often enough.
 
-    It is enough if the side information arrives in the fraction `Search.head_target` of the transfers. If no number
-    allowed by `search` is enough, the largest one is used.
+    Often enough means: in the fraction `PlanConstraints.head_target` of the transfers. If no number that the
+    constraints allow suffices, the largest allowed one is used.
 
     Args:
         load: Sizes of the stream.
         traces: Masks of received datagrams in T simulated transfers, bool (T, n).
         rate: Mean loss rate of datagrams.
-        search: Constraints of the plan.
+        constraints: Constraints of the plan.
         start: Allocation of redundancy; only its repair symbols for the side information are replaced.
 
     Returns:
@@ -243,12 +245,12 @@ def _least_repair(load: StreamLoad, traces: np.ndarray, rate: float, search: Sea
         return replace(start, side_repair=repairs[number])
 
     def exceeds_limit(number: int) -> bool:
-        return not search.allows(model_transfer(load, with_repair(number)).bytes_by_kind())
+        return not constraints.allows(model_transfer(load, with_repair(number)).bytes_by_kind())
 
     def often_enough(number: int) -> bool:
         model = model_transfer(load, with_repair(number))
-        received = _received_within(model, traces, search.budget_bytes)
-        return float(head_arrives(model, received).mean()) >= search.head_target
+        received = _received_within(model, traces, constraints.budget_bytes)
+        return float(head_arrives(model, received).mean()) >= constraints.head_target
 
     allowed = range(max(bisect.bisect_left(range(len(repairs)), True, key=exceeds_limit), 1))
     return with_repair(min(bisect.bisect_left(allowed, True, key=often_enough), len(allowed) - 1))

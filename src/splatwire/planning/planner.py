@@ -17,7 +17,7 @@ from splatwire.channel import LossModel
 from splatwire.errors import InvalidValueError, shown, whole_number
 from splatwire.planning.candidates import (
     FINE_SYMBOL_BYTES,
-    Search,
+    PlanConstraints,
     arrival_within,
     baseline_candidates,
     candidates,
@@ -127,12 +127,12 @@ def plan_protection(
     plans, plain = list[ScenePlan](), list[ScenePlan]()
     for number, variant in enumerate(variants):
         spent = variant.concealment_bytes + variant.preview_bytes
-        search = Search(variant.budget_after_preview(budget_bytes), max_protection, head_target, spent)
-        first = [] if traces.all() else list(baseline_candidates(variant.load, traces, search).values())
-        tried = candidates(variant.load, traces, search)
+        constraints = PlanConstraints(variant.budget_after_preview(budget_bytes), max_protection, head_target, spent)
+        first = [] if traces.all() else list(baseline_candidates(variant.load, traces, constraints).values())
+        tried = candidates(variant.load, traces, constraints)
         for done, candidate in enumerate([*tried, *first]):
             plan = _predict_plan(variant, number, candidate, traces[:trials], budget_bytes)
-            if search.allows(plan.sizes):
+            if constraints.allows(plan.sizes):
                 (plans if done < len(tried) else plain).append(plan)
             report(0.7 * (number + (done + 1) / (len(tried) + len(first))) / len(variants))
     if not plans and not plain:

@@ -61,7 +61,7 @@ class Elements(Protocol):
         """Returns the elements at `index`."""
 
     def with_losses(self: Own, known: Bool[np.ndarray, "N"], places: Float[np.ndarray, "N 3"]) -> Own:
-        """Simulates a loss: returns the elements as a decoder would, with placeholder values for the lost ones.
+        """Simulates losses: returns the elements as a decoder would, with placeholder values for lost ones.
 
         Args:
             known: Mask of received elements.

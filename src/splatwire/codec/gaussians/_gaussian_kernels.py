@@ -53,12 +53,12 @@ def update_magnitude(running, steps):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def magnitude_context(running):
-    """Returns the context of a residual: a class of the average magnitude of the Gaussian's preceding residuals.
+    """Returns the context of a residual: a class of the average magnitude of the preceding residuals of the Gaussian.
 
     The limits between the classes are powers of two.
 
     Args:
-        running: Average magnitude, in sixteenths of a quantisation step: the moving average from `update_magnitude`.
+        running: The average, in sixteenths of a quantisation step, from `update_magnitude`.
     """
     if running < 256:
         return OCTAVES[running]

@@ -159,7 +159,7 @@ def _find_narrow(near, i):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _find_wide(near, i):
-    """Finds the nearest neighbours by insertion into a sorted list; suitable for coordinates of any size."""
+    """Finds the nearest neighbours of a Gaussian for coordinates of any size, by insertion into a sorted list."""
     cells, neighbours, far = near.cells, near.indices, near.weights
     count = 0
     for j in range(i - 1, max(i - WINDOW, 0) - 1, -1):

@@ -130,7 +130,7 @@ def _encode_new(
 
 
 def _without_gaussians(base: SceneStream, info: SideInfo) -> SceneStream:
-    """Returns an update without new Gaussians: it only removes some."""
+    """Returns the stream of an update without new Gaussians; the caller adds the list of removed ones."""
     none = np.zeros(0, np.int64)
     boxes = Boxes(none, none.reshape(0, 3), none.reshape(0, 3))
     side_info = write_side_info(replace(info, boxes=boxes, defaults=none.reshape(0, 7)))

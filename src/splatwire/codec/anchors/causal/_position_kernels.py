@@ -66,7 +66,7 @@ def _num_raw_bits(count):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_tree(codes, bits, leaf, models, buffer):
-    """Encodes the positions of all anchors, given as sorted Morton codes, as a binary tree.
+    """Encodes the high bits of all anchors' positions, given as sorted Morton codes, as a binary tree.
 
     Args:
         codes: Morton codes, ascending, int64 (N).

@@ -92,9 +92,13 @@ class CodingContext:
         return stages(self.config)
 
     def start(self, voxels: np.ndarray) -> "Chain":
-        """Evaluates the first network of the chain, which depends on positions only.
+        """Evaluates the first network of the chain, which depends on the positions of the anchors only.
 
-        `voxels` are the anchors' positions, int64 (n, 3). The result is the input `place` of `Chain`.
+        Args:
+            voxels: Positions of the anchors, voxels, int64 (n, 3).
+
+        Returns:
+            The chain, which predicts the attributes of these anchors one after another.
         """
         return Chain(self, self.networks["position"](position_activations(voxels, self.middle, self.spread)))
 

@@ -101,6 +101,11 @@ def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarr
 
     An error of this size costs about the same number of bits in every output. The tolerance of a predicted mean is the
     typical predicted standard deviation.
+
+    Args:
+        name: Name of the network.
+        outputs: Outputs of the network for a sample of anchors, (n, out).
+        coding: Networks and quantisation steps of the scene.
     """
     if name == "position":
         return PLACE_SHARE * np.maximum(outputs.std(axis=0, dtype=np.float64, ddof=1), 1e-3)

@@ -42,7 +42,15 @@ def row_of(x, y, z, resolution, rows, dims):
 @njit(borrows=True)
 @no_type_check
 def locate(unit, resolution):
-    """Returns the grid point below a coordinate in [0, 1] on one axis, and the fraction above it (`CELL_BITS` bits)."""
+    """Finds the cell of a grid that contains a coordinate, along one axis.
+
+    Args:
+        unit: Coordinate in the grid's bounding box, 0 to 1 in fixed point (`UNIT_BITS` fractional bits).
+        resolution: Grid points of the level per axis.
+
+    Returns:
+        Index of the cell's lower corner, and the position within the cell, `CELL_BITS` fractional bits.
+    """
     scaled = (unit * (resolution - 2) + HALF) >> SHIFT
     return scaled >> CELL_BITS, scaled & (CELL - 1)
 

@@ -189,7 +189,19 @@ def encode_packets(
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def bits_of(symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
-    """Returns the code length of a symbol of a mixture of two normals, bits."""
+    """Returns how many bits a symbol takes if it is coded with a mixture of two normal distributions.
+
+    Args:
+        symbol: The symbol.
+        mean0: Mean of the first component, see `entropy.coder.Mixtures`.
+        scale0: Standard deviation of the first component, an index into the scale table.
+        mean1: Mean of the second component.
+        scale1: Standard deviation of the second component.
+        weight: Weight of the first component, out of 2**16.
+        inverses: Table of the entropy coder, see `entropy.coder.tables`.
+        widths: Table of the entropy coder, see `entropy.coder.tables`.
+        table: Table of the entropy coder, see `entropy.coder.tables`.
+    """
     low, high = window(mean0, scale0, mean1, scale1, weight, widths)
     if low <= symbol <= high:
         a = cumulative(symbol, low, high, mean0, inverses[scale0], mean1, inverses[scale1], weight, table)

@@ -74,7 +74,7 @@ class Predictions:
 
 
 def predict_packets(context: CodingContext, outputs: np.ndarray) -> Predictions:
-    """Converts outputs of the prior network to table indices of the entropy coder.
+    """Converts outputs of the prior network to probability distributions, as table indices of the entropy coder.
 
     Args:
         context: Coding context.
