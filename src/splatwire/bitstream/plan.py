@@ -183,7 +183,8 @@ class PacketPlan:
     def members(self, packet_id: PacketId, num_elements: int | None = None) -> np.ndarray:
         """Returns the ranks (indices in coding order) of one packet's elements, int64.
 
-        They are ascending; with hashed grouping, they are in hash order. Takes time for one block only.
+        They are ascending; with hashed grouping, they are in hash order. The cost is proportional to the size of one
+        block.
 
         Args:
             packet_id: The packet.
@@ -214,10 +215,10 @@ class PacketPlan:
         return slice(first, first + num_elements)
 
     def count(self, packet_id: PacketId) -> int:
-        """Number of elements of one packet; 0 if the plan has no such packet. Takes time for at most one block.
+        """Number of elements of one packet; 0 if the plan has no such packet.
 
         With hashed grouping, this is the maximum: the elements from the packet's first position to the end of its
-        block.
+        block. The cost is at most proportional to the size of one block.
         """
         p = self.packetization
         if not (0 <= packet_id.block < self.num_blocks and packet_id.lane >= 0 and packet_id.part in self.parts):

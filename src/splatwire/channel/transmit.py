@@ -25,12 +25,12 @@ A group of half a second has time for eight round trips of 62 ms.
 
 @dataclass(frozen=True)
 class TransmitRecord(CheckedFields):
-    """Statistics of a simulated transmission; loss rates count the unit named by `unit`.
+    """Statistics of a simulated transmission of a stream.
 
     Attributes:
         loss: Loss model as text, in the syntax of `parse_loss`.
-        unit: Unit of loss: `datagram` if the loss model lost datagrams, or lost packets that each fit one datagram;
-            otherwise `pak` (whole packets).
+        unit: Unit that the loss model counts: `datagram` if it lost datagrams, or lost packets that each fit one
+            datagram; otherwise `pak` (whole packets).
         seed: Random seed of the loss mask.
         send_order: Sending order of the packets, one of `splatwire.bitstream.SEND_ORDERS`.
         num_sent: Number of packets sent.

@@ -106,9 +106,17 @@ def decode_target(state, total_bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def decode_advance(data, end, state, start, size, total_bits):
-    """Continues after a symbol with the probability interval `[start, start + size)` was decoded; reads further bytes.
+    """Moves a decoder past a symbol with the probability interval `[start, start + size)`, and reads further bytes.
 
-    Zeros are read beyond `end`. `size` must be at least 1: with an empty interval the loop would never end.
+    Zeros are read beyond the end of the data.
+
+    Args:
+        data: Input bytes.
+        end: End of the code in `data`.
+        state: State of the decoder, changed in place.
+        start: Start of the interval, in units of `2**-total_bits`.
+        size: Size of the interval, at least 1: with an empty interval the loop would never end.
+        total_bits: Number of bits of a probability.
     """
     unit = state[1] >> total_bits
     span = unit * size

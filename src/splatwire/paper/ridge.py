@@ -18,8 +18,9 @@ def ridge_correction(
 
     The mean ignores that residuals change from place to place. Here a linear function of the position, with slope B, is
     fitted to the neighbours' residuals by weighted least squares, with the penalty `strength * |B| ** 2`. The
-    correction is its value at the query, minus the mean. Positions are in units of the standard deviation of the
-    neighbours' positions. The paper mentions only a "lightweight ridge-refinement"; this is our interpretation.
+    correction is the difference between the value of this function at the query and the mean. Positions are in units of
+    the standard deviation of the neighbours' positions. The paper mentions only a "lightweight ridge-refinement"; this
+    is our interpretation.
 
     Args:
         offsets: Positions of the neighbours relative to the query.

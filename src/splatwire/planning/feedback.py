@@ -85,9 +85,9 @@ def _plan(
         variant: Variant of the stream.
         number: Index of the variant.
         received: Masks of received datagrams in simulated transfers.
-        budget_bytes: See `plan_retransmission`.
-        max_protection: See `plan_retransmission`.
-        rendered_trials: See `plan_retransmission`.
+        budget_bytes: Mean bytes that may be sent, datagram headers included.
+        max_protection: Maximum mean share of bytes for retransmissions and for redundant copies, 0 to 1.
+        rendered_trials: Number of simulated transfers that are rendered.
 
     Returns:
         The plan; None if the limits do not suffice for the side information.

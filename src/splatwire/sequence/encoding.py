@@ -311,7 +311,13 @@ class SequenceEncoder:
 
 
 def _scene_cuts(group: TrackGroup, frames: Sequence[TrackedFrame], new: np.ndarray) -> list[int]:
-    """Returns the indices of the frames of a group that are scene cuts."""
+    """Returns the indices of those frames of a group in which most Gaussians are new (scene cuts).
+
+    Args:
+        group: Tracks of the group.
+        frames: The frames of the group.
+        new: Mask of tracks that are new in this group, bool (n).
+    """
     born = np.bincount(group.begins[new], minlength=len(frames))
     return [n for n, frame in enumerate(frames) if born[n] > ANEW * len(frame.keys)]
 

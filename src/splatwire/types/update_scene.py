@@ -1,4 +1,4 @@
-"""Updates of a stream of Gaussians: the new Gaussians, and which of the stream's Gaussians are removed."""
+"""Updates of a stream of Gaussians: the new Gaussians, and the mask of the stream's Gaussians that are removed."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from splatwire.types.splat_scene import SplatScene
 
 @dataclass(frozen=True, eq=False)
 class UpdateScene(SplatScene):
-    """Content of an update, which changes one stream (the base) into another: new Gaussians, and which are removed.
+    """Content of an update, which changes a stream (the base): the new Gaussians, and the mask of the removed ones.
 
     As a scene, it has the new Gaussians only.
 

@@ -264,7 +264,18 @@ def _encode_packet(tables, stream, models, statistics, box_bits, defaults, sourc
 @njit(error_model="numpy")
 @no_type_check
 def _packet_source(source, begin, n):
-    """Returns the `BlockSource` fields of n Gaussians from index `begin` on, sorted by their Morton codes."""
+    """Selects the Gaussians of one packet from those of a block, as input of the encoding kernels.
+
+    The Gaussians of a packet are encoded in the order of their Morton codes.
+
+    Args:
+        source: The block's Gaussians, fields of a `BlockSource`.
+        begin: Index of the packet's first Gaussian.
+        n: Number of Gaussians of the packet.
+
+    Returns:
+        The same fields for the Gaussians of the packet, sorted by Morton code.
+    """
     order = begin + np.argsort(source[2][begin : begin + n], kind="mergesort")
     cells_at, spread, codes, places, classes, logs, axes, colours, levels = source
     return (

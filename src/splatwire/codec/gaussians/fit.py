@@ -60,7 +60,7 @@ def fit_bits(counts: np.ndarray) -> np.ndarray:
 def fit_scales(residuals: np.ndarray) -> np.ndarray:
     """Chooses the width of the residual distribution in each context, from the mean magnitude of its residuals.
 
-    A context without residuals gets the width of the preceding context, which costs nothing to code.
+    A context without residuals gets the width of the preceding context, which takes hardly any bytes in the stream.
 
     Args:
         residuals: Number and sum of magnitudes of residuals by context, int64 (streams, spreads, seconds, 2).

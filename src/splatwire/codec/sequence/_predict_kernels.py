@@ -42,9 +42,10 @@ ONE = np.int64(1)
 @njit(error_model="numpy")
 @no_type_check
 def relative_positions(places):
-    """Returns positions relative to the corner of their bounding box, int64 (M, 3); coarser if necessary.
+    """Returns positions relative to the corner of their bounding box, int64 (M, 3).
 
-    Coordinates have at most `PLACE_BITS` bits, so that later computations are exact.
+    If a coordinate has more than `PLACE_BITS` bits, all are divided by a power of two, so that later computations are
+    exact.
     """
     out, extent = places.copy(), np.int64(0)
     for a in range(3):
@@ -261,7 +262,7 @@ def _unpack_coefficients(flat, orders, rows):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def pack_coefficients(values, rows, states, orders, flat):
-    """Copies the motion coefficients that are coded into one short row per track, without those that are omitted.
+    """Copies the coded motion coefficients of each track into one array row, without omitted coefficients.
 
     Args:
         values: Coefficients by channel and degree, (N, channels, frames).

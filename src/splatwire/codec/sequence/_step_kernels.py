@@ -20,7 +20,7 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def base_shifts(columns, bases, unit, coarsest, thinness, shifts):
-    """Computes the quantisation steps of tracks' keyframe Gaussians, by channel of motion.
+    """Computes the quantisation steps of tracks' keyframe Gaussians, from which the steps of motion are derived.
 
     Args:
         columns: Precision class, opacity and three scale values of each keyframe Gaussian as decoded integers, int64
@@ -29,7 +29,8 @@ def base_shifts(columns, bases, unit, coarsest, thinness, shifts):
         unit: `-log2` of the lattice spacing, relative to the scene's size.
         coarsest: log2 of the largest position cell, in lattice units.
         thinness: Table from `thinness_table`.
-        shifts: Output: log2 of the steps in the units that `layout.CHANNELS` lists, int64 (n, channels).
+        shifts: Output: log2 of the steps, by channel of motion, in the units that `layout.CHANNELS` lists, int64 (n,
+            channels).
     """
     for i in range(len(columns)):
         level, opacity, s0, long = columns[i, 0], columns[i, 1], columns[i, 2], columns[i, 3]

@@ -259,7 +259,7 @@ class TracksDecoder:
 
 
 def _sorted(headers: np.ndarray, offsets: Offsets, covered: np.ndarray, complete: bool, unchanged: bool) -> GroupMotion:
-    """Combines the decoded tracks of all packets of a group, in ascending order of track number.
+    """Combines the decoded tracks of all packets of a group of frames, in ascending order of track number.
 
     If packets contain the same track, the first one counts.
 

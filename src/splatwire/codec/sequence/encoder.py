@@ -370,12 +370,15 @@ class TracksEncoder:
         return self._renumbered(packets, len(parts), seen), np.concatenate(costs)
 
     def _renumbered(self, packets: list[Packet], num_blocks: int, seen: np.ndarray) -> list[Packet]:
-        """Renumbers packets to the next blocks of the stream, and records their importance.
+        """Continues the numbering of the stream's blocks with newly encoded packets, and records their importance.
 
         Args:
-            packets: Packets with blocks numbered from 0.
+            packets: The packets, with blocks numbered from 0.
             num_blocks: Number of these blocks.
             seen: Visible weight of each element of the packets.
+
+        Returns:
+            The packets with the block numbers of the stream.
         """
         first = self._num_blocks
         self._num_blocks += num_blocks

@@ -100,7 +100,7 @@ def fit(
     found: Targets, moves: Trajectories, known: KnownTracks, info: KeyframeInfo, numbers: np.ndarray,
     frames: tuple[int, int], threads: int | None,
 ) -> None:  # fmt: skip
-    """Continues the fit of polynomials to the motion of tracks with a range of frames.
+    """Adds a range of frames to the fit of polynomials to the motion of tracks.
 
     Args:
         found: Polynomial coefficients of the motion of n tracks, changed in place.

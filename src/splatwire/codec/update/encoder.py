@@ -44,9 +44,10 @@ def encode_update(
 ) -> SceneStream:
     """Encodes the changes of a scene relative to its stream, see `apply_update`.
 
-    A Gaussian is unchanged if its attributes, quantised with the steps of the stream, equal those of one in the stream.
-    The changed stream keeps the packetization, quantisation steps, context tables, background, antialiasing and
-    metadata of the old one. A scene with another antialiasing is encoded all the same, which is logged.
+    A Gaussian is unchanged if its attributes, quantised with the steps of the stream, equal those of a Gaussian in the
+    stream. The changed stream keeps the packetization, quantisation steps, context tables, background, antialiasing and
+    metadata of the old one. If the scene has another antialiasing flag, it is encoded with the flag of the stream, and
+    a warning is logged.
 
     Args:
         base: The stream of the scene before the change, complete.

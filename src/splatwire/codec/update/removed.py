@@ -33,8 +33,8 @@ def write_removed(removed: np.ndarray) -> bytes:
     """Serialises a mask of removed Gaussians; long runs of equal bits take few bits.
 
     The mask is divided into groups of `GROUP` bits, and into large groups of `GROUPS` groups. Flags indicate the large
-    groups and the groups with a set bit. Of the latter, further flags indicate the groups with all bits set. The bits
-    of the remaining groups are coded one by one.
+    groups that contain a set bit, and, within these, the groups that contain one. Further flags indicate groups in
+    which all bits are set. Groups with set and unset bits are coded bit by bit.
 
     Args:
         removed: Mask of removed Gaussians in the order of `curve_order`, bool (N).

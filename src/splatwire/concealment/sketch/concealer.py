@@ -48,8 +48,8 @@ class Sketch(CheckedFields):
     For anchors, the concealer `grow` determines the enlargement. The neural network of the concealer `scene_free`
     corrects it, with the strength `trust` in the section.
 
-    For explicit Gaussians, the copies are those of the codec (`Copies`). The network for explicit Gaussians computes
-    the factors on size and opacity; the side information contains the exponents for it.
+    For explicit Gaussians, the copies are those of the codec (`Copies`). The network of `scene_free` for explicit
+    Gaussians computes the factors on size and opacity, with the parameters in `Copies.growth`.
     """
 
     @property

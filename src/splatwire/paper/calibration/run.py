@@ -217,11 +217,10 @@ class CalibrationRun:
     def finished(self) -> bool:
         """Returns True if the training is over; called before every training step.
 
-        The training ends after the last step. With `CalibrationConfig.selected`, it ends early after
-        `CalibrationConfig.patience` validations without improvement.
-
-        With `CalibrationConfig.bits`, the last steps train with quantised weights, and an early end does not omit them:
-        this method then loads the best network so far and continues with these steps.
+        The training is over after the last step. With `CalibrationConfig.selected`, it is over earlier after
+        `CalibrationConfig.patience` validations without improvement. With `CalibrationConfig.bits`, the steps with
+        quantised weights are not skipped in this case: this method loads the best network so far and continues with
+        these steps.
         """
         stale = self.config.selected and self.stale >= self.config.patience
         if stale and self.config.bits and not self.rounding:

@@ -29,8 +29,8 @@ class Gnn:
     """The paper's prior-aware GNN residual inpainting, with weights calibrated on the scene.
 
     Special cases: if no anchor was received completely, the network is not used, and the interpolation returns the
-    prior's mean. With fewer than k completely received anchors, all of these are neighbours. Network outputs that are
-    not finite are replaced by interpolated values.
+    prior's mean. If fewer anchors were received completely than `GnnSettings.neighbors`, all of them are neighbours.
+    Network outputs that are not finite are replaced by interpolated values.
 
     Attributes:
         weights: Path of a file written by `splatwire calibrate gnn`, or the loaded weights; None to use the weights in

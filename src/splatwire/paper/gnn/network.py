@@ -92,9 +92,9 @@ class _EdgeLayer(nn.Module):
         self.output = nn.Linear(hidden, hidden)
 
     def project(self, others: Tensor) -> Tensor:
-        """Returns the part of EdgeConv that depends on the known anchors only.
+        """Multiplies the hidden vectors of the known anchors, (S, H), by the layer's edge matrix, after normalisation.
 
-        It is computed once for all queries.
+        The result does not depend on the lost anchors (queries), so it is computed once for all of them.
         """
         return self.edge(self.norm(others))
 

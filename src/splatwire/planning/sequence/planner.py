@@ -44,7 +44,7 @@ class SequenceVariant:
 
 @dataclass(frozen=True)
 class SequencePlan(Plan):
-    """Plan for a sequence.
+    """Result of the planner for a sequence: amounts of redundancy, and the expected quality (see `Plan`).
 
     The inherited attribute `lost` contains the lost fraction of the motion of each group of pictures, weighted by
     packet importance.

@@ -141,9 +141,10 @@ class Chain:
 
 
 def position_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """Computes the inputs of the position network: contracted coordinates and a positional encoding of them.
+    """Computes the inputs of the position network: contracted coordinates, and a positional encoding of these.
 
-    The encoding consists of triangle waves with doubling frequencies.
+    The contraction compresses coordinates far from the centre. The encoding consists of triangle waves with doubling
+    frequencies.
 
     Args:
         voxels: Positions of the anchors, voxels, int64 (n, 3).

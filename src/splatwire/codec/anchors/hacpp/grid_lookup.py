@@ -59,7 +59,8 @@ def unit_coordinates(
 ) -> np.ndarray:
     """Converts voxels to fixed-point coordinates within the grid's bounding box.
 
-    Slope and intercept are single correctly rounded float64 operations, the rest is integer arithmetic.
+    The conversion is a linear function. Its two coefficients are computed in float64 with one rounding each; the rest
+    is integer arithmetic. The result is thus identical on every machine.
 
     Args:
         voxels: int64 (N, 3).
