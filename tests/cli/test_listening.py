@@ -180,3 +180,28 @@ def test_ctrl_c_ends_live_despite_a_hanging_encoder(tmp_path):
     assert done.returncode == 1
     assert "did not end within 0.3 s" in done.stderr
     assert "0 frames, 0 skipped, 0 dropped" in done.stderr
+
+
+COMPILES = """
+import os, signal, sys, threading
+from splatwire.cli import _run_live as live
+from splatwire.cli.main import main
+from splatwire.ops import compiled
+
+def run(self):
+    compiled._COMPILATIONS.num_running += 1
+    os.kill(os.getpid(), signal.SIGINT)
+    threading.Event().wait()
+
+live.LiveIngest.run = run
+live.COMPILING_S = 0.3
+main(["live", sys.argv[1], "--port", "0"])
+"""
+
+
+def test_ctrl_c_ends_live_while_kernels_are_compiled(tmp_path):
+    words = [sys.executable, "-c", COMPILES, str(tmp_path)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "stopped while kernels were compiled" in done.stderr
+    assert "0 frames, 0 skipped, 0 dropped" in done.stderr

@@ -112,6 +112,26 @@ def test_compilation_is_logged_once_and_loading_is_not(tmp_path, monkeypatch, ca
     assert not caplog.records
 
 
+def test_a_compilation_is_visible_while_it_lasts(tmp_path, monkeypatch):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    found: list[bool] = []
+
+    @numba.extending.overload(_observed)
+    def _compiled(x):
+        found.append(compiled.is_compiling())
+        return lambda x: x
+
+    assert not compiled.is_compiling()
+    assert numba.njit(lambda x: _observed(x))(21) == 21
+    assert found
+    assert all(found)
+    assert not compiled.is_compiling()
+
+
+def _observed(x):
+    return x
+
+
 def _twice(x):
     return 2 * x
 

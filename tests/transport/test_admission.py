@@ -1,6 +1,7 @@
 """Limits of sessions, starts and answers for one client among many, independent of its ports and tokens."""
 
 import asyncio
+import logging
 import random
 import tracemalloc
 from collections import Counter
@@ -18,7 +19,7 @@ from splatwire.transport.protocol.admission import (
     network_of,
 )
 from splatwire.transport.protocol.datagrams import Bye, Challenge, Feedback, Hello, Refuse, Request, Welcome
-from splatwire.transport.protocol.sender import STARTS, TOO_MANY
+from splatwire.transport.protocol.sender import STARTS, TOO_MANY, UNKNOWN_STREAM
 from splatwire.transport.protocol.transfer import MAX_WELCOMES, WELCOME_S
 from splatwire.transport.protocol.wire import decode, encode
 from transport.network import SECRET, datagram_stream
@@ -33,8 +34,8 @@ def server(limits: ServerLimits = LIMITS) -> Server:
     return Server({"scene": PROGRAM}, secret=SECRET, random=random.Random(0).randbytes, limits=limits)
 
 
-def token(of: Server, address: Address, nonce: int, now: float) -> bytes:
-    frame = decode(of.receive(address, encode(Hello(nonce, "")), now))
+def token(of: Server, address: Address, nonce: int, now: float, name: str = "") -> bytes:
+    frame = decode(of.receive(address, encode(Hello(nonce, name)), now))
     assert isinstance(frame, Challenge)
     return frame.token
 
@@ -155,6 +156,26 @@ def test_transfer_starts_per_network_are_rate_limited():
     assert begun("192.0.2.1", 30.0) == 0
     assert begun("192.0.2.2", 30.0) == STARTS * LIMITS.per_network
     assert begun("192.0.2.1", WINDOW_S + 1) == STARTS * LIMITS.per_network
+
+
+@pytest.mark.parametrize("reliable", [False, True])
+def test_refusals_per_network_are_rate_limited(reliable, caplog):
+    """A client repeats requests for a stream that does not exist, which over QUIC cost one frame each."""
+    serving, here = server(), ("192.0.2.1", 1)
+    caplog.set_level(logging.INFO, "splatwire")
+
+    def answer(nonce: int, name: str, now: float) -> Welcome | Refuse:
+        proof = bytes(16) if reliable else token(serving, here, nonce, now, name)
+        request = encode(Request(nonce, proof, name))
+        return decode(serving.receive(here, request, now, reliable=reliable))
+
+    reasons = [answer(nonce, "other", nonce / 100).reason for nonce in range(200)]
+    allowed = STARTS * LIMITS.per_network
+    assert reasons == [UNKNOWN_STREAM] * allowed + [TOO_MANY] * (200 - allowed)
+    assert sum("transfer refused" in record.getMessage() for record in caplog.records) == allowed
+    assert serving.num_refused == 200
+    assert isinstance(answer(1000, "", 3.0), Welcome)
+    assert answer(1001, "other", WINDOW_S + 3).reason == UNKNOWN_STREAM
 
 
 def test_repeated_requests_are_answered_rarely_and_not_after_feedback():

@@ -7,10 +7,14 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from splatwire.bitstream import PacketId, make_packet
 from splatwire.transport import Receiver, ReceiverOptions, Server, ServerLimits, StreamReplaced, make_served_stream
+from splatwire.transport.protocol import nack
+from splatwire.transport.protocol.datagrams import Data, Feedback, TierHead, Welcome
 from splatwire.transport.protocol.events import Finished, Interrupted, Resumed
 from splatwire.transport.protocol.gap_tracker import MAX_ATTEMPTS, MAX_GAPS, GapTracker
 from splatwire.transport.protocol.protection import Protection
+from splatwire.transport.protocol.wire import decode, encode
 from transport.network import SECRET, datagram_stream
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
@@ -213,6 +217,31 @@ def test_path_that_passes_only_small_datagrams_gives_a_message():
     receiver = path.run(Receiver(5, 0.0, ReceiverOptions()))
     assert "MTU" in receiver.finished.reason
     assert path.now < 15.0
+
+
+@pytest.mark.parametrize("is_live", [True, False])
+def test_packets_of_a_live_stream_are_requested_a_limited_number_of_times(is_live):
+    tiers = (TierHead(60, 0, 0),)
+    welcome = Welcome(5, 1, 9, 1000, b"a" * 32, 256, 60, 1150, 0, tiers, is_live=is_live)
+    receiver, requests, now = Receiver(5, 0.0, reliable=True), 0, 0.1
+    receiver.poll(0.0)
+    receiver.receive(encode(welcome), now)
+    packet = make_packet(PacketId(0, 59), 1, b"", 9)
+    receiver.receive(encode(Data(1, 0, 59, packet.data)), now)
+    while now < 4.0:
+        now += 0.05
+        frames = (decode(data) for data in receiver.poll(now)[0])
+        requests += sum(isinstance(frame, Feedback) and 0 in frame.nacks for frame in frames)
+    assert requests == nack.MAX_ATTEMPTS if is_live else requests > 20
+
+
+def test_packets_that_are_not_requested_again_take_no_memory():
+    tracker, requested = nack.NackTracker(), []
+    tracker.max_attempts = nack.MAX_ATTEMPTS
+    for turn in range(200):
+        requested += tracker.due(range(tracker.exhausted, 1000), turn)
+    assert sorted(requested) == [n for n in range(1000) for _ in range(nack.MAX_ATTEMPTS)]
+    assert (tracker.exhausted, bool(tracker)) == (1000, False)
 
 
 def test_sequence_jump_is_one_gap_range():

@@ -6,7 +6,7 @@ import type { Head } from "../src/packets/container.ts";
 import { crc32 } from "../src/packets/crc32.ts";
 import { dataView, FrameReader, readWelcome, writeRequest } from "../src/transport/frames.ts";
 import { Transfer } from "../src/transport/transfer.ts";
-import { NOT_YET, REFUSE, VERSION } from "../src/transport/wire.ts";
+import { NOT_YET, OPEN, REFUSE, VERSION } from "../src/transport/wire.ts";
 import { welcome } from "./wire_messages.ts";
 
 const expected = process.env["EXPECTED"]
@@ -124,6 +124,30 @@ test("a report lists missing packets behind the latest one, each at limited inte
   assert.equal(lost(transfer.feedback(10)), 100 + 1 - 48);
   assert.equal(lost(transfer.feedback(20)), 0);
   assert.equal(lost(transfer.feedback(140)), 100 + 1 - 48);
+});
+
+test("packets of a live stream are requested a limited number of times, also after its end", () => {
+  for (const isLive of [true, false]) {
+    const transfer = new Transfer("", 7n, 0);
+    let numRequests = 0;
+    transfer.receive(
+      welcome((numbers, bytes) => {
+        numbers.setUint32(59, 1000, true);
+        bytes[69] = isLive ? OPEN : 0;
+      }),
+      0,
+    );
+    transfer.receive(empty(48), 5);
+    for (let now = 10; now < 4000; now += 50) {
+      if (now === 510)
+        transfer.receive(
+          welcome((numbers) => numbers.setUint32(59, 1000, true)),
+          now,
+        );
+      numRequests += dataView(transfer.feedback(now)).getUint16(21, true);
+    }
+    assert.ok(isLive ? numRequests === 8 : numRequests > 20, String(numRequests));
+  }
 });
 
 test("positions that packets contradict count as missing, and both are requested again", () => {

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from splatwire.cli._background import first_of, start_thread
 from splatwire.cli._files import STANDARD
@@ -16,6 +17,7 @@ from splatwire.cli._protection import plan_of_file, protection_of
 from splatwire.cli._sequence_options import sequence_options
 from splatwire.cli.live import Live
 from splatwire.errors import InvalidValueError
+from splatwire.ops.compiled import is_compiling
 from splatwire.sequence import SequenceOptions
 from splatwire.sequence.arriving import FolderSource, FrameSource, PipeSource
 from splatwire.sequence.live_encoder import LiveEncoder
@@ -27,10 +29,10 @@ from splatwire.transport.running_server import RunningServer
 NAME = "live"
 LAST_S = 3.0
 """Maximum time that clients can request lost packets after the last frame was encoded, seconds."""
-STOP_S = 10.0
-"""Maximum time for the encoder to end after Ctrl-C, seconds; it may be blocked by reading a file."""
+STOP_S, COMPILING_S = 10.0, 2.0
+"""Maximum time for the encoder to end after Ctrl-C, seconds: it may be blocked by reading a file, or compile kernels."""
 STUCK = 1
-"""Exit status if the encoder did not end in time."""
+"""Exit status if the encoder did not end in time, although it compiled nothing."""
 
 
 def run(command: Live) -> None:
@@ -41,10 +43,13 @@ def run(command: Live) -> None:
             f"{command.frames} is not a folder: give the folder of the frames, or - for file names on standard input"
         )
     protection = _protection(command)
-    if not asyncio.run(
+    status = asyncio.run(
         _serve(command, sequence_options(command.fps, command.group, command.quality, None), protection)
-    ):
-        os._exit(STUCK)  # the interpreter would wait for threads of the encoder, which may never end
+    )
+    if status is not None:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)  # the interpreter would wait for threads of the encoder, which may never end
 
 
 def _protection(command: Live) -> Protection:
@@ -59,8 +64,12 @@ def _protection(command: Live) -> Protection:
     return protection
 
 
-async def _serve(command: Live, options: SequenceOptions, protection: Protection) -> bool:
-    """Serves until a signal, or the end of the frames; returns False if the encoder did not end in time."""
+async def _serve(command: Live, options: SequenceOptions, protection: Protection) -> int | None:
+    """Serves until a signal, or the end of the frames.
+
+    Returns:
+        None if the encoder has ended; otherwise the exit status, with which the process should end at once.
+    """
     stop, loop, warn = stop_on_signals(), asyncio.get_running_loop(), Warnings()
     async with contextlib.AsyncExitStack() as stack:
         limits = ServerLimits(
@@ -79,15 +88,20 @@ async def _serve(command: Live, options: SequenceOptions, protection: Protection
         work = _encoding(command, options, protection, publish, stop.is_set, warn)
         with rate_limited_warnings(warn):
             encoding = start_thread(work.run, "encoding")
-            await first_of(encoding, stop, STOP_S)
+            await first_of(encoding, stop, min(COMPILING_S, STOP_S))
+            compiles = await _is_compiling_at_end(encoding)
         if encoding.done():
             encoding.result()
             await _await_last_packets(opened)
+        elif compiles:
+            warn("stopped while kernels were compiled: the frames since the last group were not sent")
         else:
             warn(f"the encoder did not end within {STOP_S:g} s and was abandoned")
     left_out = f", {work.num_skipped:,} skipped, {work.num_dropped:,} dropped"
     print_if_read(f"{work.num_frames} frames{left_out}, {opened.served()}")
-    return encoding.done()
+    if encoding.done():
+        return None
+    return 0 if compiles else STUCK
 
 
 def _encoding(command: Live, options: SequenceOptions, protection: Protection, publish: Callable[[ServedStream], None],
@@ -100,6 +114,18 @@ def _encoding(command: Live, options: SequenceOptions, protection: Protection, p
         source = FolderSource(Path(command.frames), warn)
     encoder = LiveEncoder(options, new_stream_id, protection)
     return LiveIngest(source, encoder, options, publish, stop, warn)
+
+
+async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
+    """Waits until the encoder has ended or `STOP_S` has passed, and returns False; returns True once it compiles."""
+    end = time.monotonic() + STOP_S - COMPILING_S
+    while not encoding.done():
+        if is_compiling():
+            return True
+        if (left := end - time.monotonic()) <= 0:
+            return False
+        await asyncio.wait({encoding}, timeout=min(left, 0.1))
+    return False
 
 
 async def _await_last_packets(opened: RunningServer) -> None:

@@ -199,10 +199,16 @@ def _cache_in(folder: Path) -> Iterator[None]:
 
 
 class _Compilations(event.Listener):
-    """Log of compiled kernels; functions that a kernel calls are not logged separately."""
+    """Log of compiled kernels; functions that a kernel calls are not logged separately.
+
+    Attributes:
+        depth: Number of nested compilations of a thread.
+        num_running: Number of compilations that have not ended, in all threads.
+    """
 
     def __init__(self) -> None:
         self.depth = threading.local()
+        self.num_running = 0
 
     def on_start(self, event: Any) -> None:
         depth = getattr(self.depth, "value", 0)
@@ -210,9 +216,19 @@ class _Compilations(event.Listener):
         if depth == 0 and function.__module__.startswith("splatwire."):
             LOG.info("compiling %s", function.__qualname__)
         self.depth.value = depth + 1
+        with _LOCK:
+            self.num_running += 1
 
     def on_end(self, event: Any) -> None:
         self.depth.value -= 1
+        with _LOCK:
+            self.num_running -= 1
 
 
-event.register("numba:compile", _Compilations())
+_COMPILATIONS = _Compilations()
+event.register("numba:compile", _COMPILATIONS)
+
+
+def is_compiling() -> bool:
+    """True if a thread of this process is compiling a kernel."""
+    return _COMPILATIONS.num_running > 0

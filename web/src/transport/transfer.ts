@@ -72,6 +72,8 @@ export class Transfer {
   readonly #nackedAt = new Map<number, number>();
   readonly #sequenceNackedAt = new Map<number, number>();
   readonly #nackCounts = new Map<number, number>();
+  /** True if the stream was live when the transfer began. The requests for each packet are then limited. */
+  #beganLive = false;
   #streamBefore: number | null = null;
   #largest = -1;
   #largestAt: number;
@@ -209,7 +211,6 @@ export class Transfer {
     const { packets, bundled } = this.welcome!,
       lost: number[] = [];
     const stop = this.ended ? packets : this.#highest + 1 - REORDER;
-    const { isLive } = this.welcome!;
     while (this.#lowest < packets && this.#packetStates[this.#lowest]) this.#lowest++;
     for (
       let place = this.head ? this.#lowest : Math.max(bundled, this.#lowest);
@@ -218,8 +219,10 @@ export class Transfer {
     ) {
       if (this.#packetStates[place] || now - (this.#nackedAt.get(place) ?? -1e9) < NACK_INTERVAL_MS) continue;
       const tries = this.#nackCounts.get(place) ?? 0;
-      if (isLive && tries === MAX_ATTEMPTS) {
+      if (this.#beganLive && tries === MAX_ATTEMPTS) {
         this.#packetStates[place] = 2; // a late motion packet is useless
+        this.#nackCounts.delete(place);
+        this.#nackedAt.delete(place);
         continue;
       }
       this.#nackCounts.set(place, tries + 1);
@@ -249,6 +252,7 @@ export class Transfer {
     const welcome = readWelcome(bytes, this.nonce);
     if (!welcome) return void (this.finished = IMPOSSIBLE);
     this.welcome = welcome;
+    this.#beganLive = welcome.isLive;
     this.#object = new InitSegment(welcome);
     this.#packetStates = new Uint8Array(welcome.packets);
     if (this.before) this.#goOn(this.before, welcome);

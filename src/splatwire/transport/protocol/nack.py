@@ -34,11 +34,14 @@ class NackTracker:
     """Time of the last NACK, and number of NACKs, of each missing packet.
 
     Attributes:
-        max_attempts: Maximum number of NACKs per packet; unlimited by default, `MAX_ATTEMPTS` for live streams.
+        max_attempts: Maximum number of NACKs per packet; unlimited by default, `MAX_ATTEMPTS` for streams that are live
+            when a transfer begins.
+        exhausted: Number of packets at the start of the sending order of which none is requested again.
     """
 
     def __init__(self) -> None:
         self.max_attempts = sys.maxsize
+        self.exhausted = 0
         self._last: dict[int, tuple[float, int]] = {}
 
     def attempts(self, index: int) -> int:
@@ -56,12 +59,18 @@ class NackTracker:
         """Returns up to `MAX_NACKS` missing packets without a recent NACK, and records a NACK for each at time `now`.
 
         Args:
-            missing: Indices of the missing packets in sending order.
+            missing: Indices of the missing packets in sending order, ascending, from `exhausted` on.
             now: Time, seconds.
         """
         out: list[int] = []
+        exhausted = True
         for index in missing:
             at, attempts = self._last.get(index, (-NACK_INTERVAL_S, 0))
+            exhausted = exhausted and attempts >= self.max_attempts
+            if exhausted:
+                self.exhausted = index + 1
+                self.forget(index)
+                continue
             if now - at >= NACK_INTERVAL_S and attempts < self.max_attempts:
                 self._last[index] = now, attempts + 1
                 out.append(index)

@@ -311,9 +311,8 @@ class Receiver(ReceiveState):
         self._begin_session(now)
         if before is not None:
             self._list_held(now)
-        self._nack_tracker.max_attempts = (
-            MAX_ATTEMPTS if before is not None and frame.is_live else self._nack_tracker.max_attempts
-        )
+        if frame.is_live:
+            self._nack_tracker.max_attempts = MAX_ATTEMPTS
         self._heard_at, self._feedback_at = now, now + FEEDBACK_S
         out = [] if before is None else [encode(Bye(before.session))]
         out += [*self._received_lists(now), self._feedback(now), *self._viewpoint_datagrams(now)]
@@ -533,4 +532,5 @@ class Receiver(ReceiveState):
         stop = self._collector.highest + 1 - REORDER
         if self._ended_at is not None:
             stop = self._welcome.num_packets
-        return tuple(self._nack_tracker.due(self._collector.missing(start, max(stop, 0)), now)), ()
+        missing = self._collector.missing(max(start, self._nack_tracker.exhausted), max(stop, 0))
+        return tuple(self._nack_tracker.due(missing, now)), ()

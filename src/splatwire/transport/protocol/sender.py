@@ -48,7 +48,7 @@ UNKNOWN_STREAM, SERVER_FULL, STOPPED, TOO_MANY = 1, 2, 3, 4
 
 STARTS = 2
 """Number of transfers that a network (IPv4 address or IPv6 /64) may start within `WINDOW_S`, as a multiple of the
-allowed concurrent transfers.
+allowed concurrent transfers; also the number of its refusals that are logged and answered with their own reason.
 """
 
 Key = tuple[Hashable, int]
@@ -98,6 +98,7 @@ class Server:
         self.total_pacer = None if total is None else Pacer(total)
         self._on_failure = on_failure
         self._starts = StartRateLimiter(STARTS * self._limits.per_network)
+        self._refusals = StartRateLimiter(STARTS * self._limits.per_network)
         self._transfers: dict[Key, ServerTransfer] = {}
         self._networks: dict[Key, Network] = {}
         self._sessions: dict[tuple[Hashable, int], Key] = {}
@@ -277,19 +278,31 @@ class Server:
                 self._transfers[key].on_handshake_rtt(age)
                 self._schedule(key)
             else:
-                self._refused(network, frame.name, refusal)
+                refusal = self._refused(network, frame, refusal, now)
                 return encode(Refuse(frame.nonce, refusal)) if refusal else None
         transfer = self._transfers[key]
         if not transfer.may_welcome(now):
             return None
         return transfer.welcome()
 
-    def _refused(self, network: Network, name: str, refusal: int) -> None:
-        """Counts and logs a refused request; a refusal without response (a repeated request) is not logged."""
-        if refusal:
-            self.num_refused += 1
-            client, reason = network_text(network), REFUSALS[refusal]
-            log_event(LOG, logging.INFO, "transfer refused", client=client, stream=name, reason=reason)
+    def _refused(self, network: Network, request: Request, refusal: int, now: float) -> int:
+        """Counts and logs a refused request; a refusal without response (a repeated request) is not logged.
+
+        After `STARTS` times the allowed concurrent transfers within `WINDOW_S`, refusals of a network are no longer
+        logged, and requests for missing or private streams are refused as too many.
+
+        Returns:
+            Index of the refusal to send in `datagrams.REFUSALS`; 0 for none.
+        """
+        if not refusal:
+            return 0
+        self.num_refused += 1
+        if not self._refusals.allowed(network, now):
+            return TOO_MANY if refusal in (UNKNOWN_STREAM, NEEDS_TOKEN) else refusal
+        self._refusals.note(network, request.nonce, now)
+        client, reason = network_text(network), REFUSALS[refusal]
+        log_event(LOG, logging.INFO, "transfer refused", client=client, stream=request.name, reason=reason)
+        return refusal
 
     def _begin(self, key: Key, frame: Request, now: float, reliable: bool, network: Network) -> int | None:
         """Starts a transfer, if the limits allow it.
