@@ -239,7 +239,7 @@ def test_packets_that_are_not_requested_again_take_no_memory():
     tracker, requested = nack.NackTracker(), []
     tracker.max_attempts = nack.MAX_ATTEMPTS
     for turn in range(200):
-        requested += tracker.due(range(tracker.exhausted, 1000), turn)
+        requested += tracker.due(range(tracker.exhausted, 1000), float(turn))
     assert sorted(requested) == [n for n in range(1000) for _ in range(nack.MAX_ATTEMPTS)]
     assert (tracker.exhausted, bool(tracker)) == (1000, False)
 

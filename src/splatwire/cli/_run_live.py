@@ -29,8 +29,10 @@ from splatwire.transport.running_server import RunningServer
 NAME = "live"
 LAST_S = 3.0
 """Maximum time that clients can request lost packets after the last frame was encoded, seconds."""
-STOP_S, COMPILING_S = 10.0, 2.0
-"""Maximum time for the encoder to end after Ctrl-C, seconds: it may be blocked by reading a file, or compile kernels."""
+STOP_S = 10.0
+"""Maximum time for the encoder to end after Ctrl-C, seconds; it may be blocked by reading a file."""
+COMPILING_S = 2.0
+"""Maximum time for an encoder that compiles kernels to end after Ctrl-C, seconds."""
 STUCK = 1
 """Exit status if the encoder did not end in time, although it compiled nothing."""
 
