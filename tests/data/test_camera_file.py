@@ -63,6 +63,8 @@ def change(**values):
         (change(w2c=(2 * np.eye(4)).tolist()), "'view_03' is not a rotation"),
         (change(w2c=np.diag([1, 1, -1, 1]).tolist()), "'view_03' is not a rotation"),
         (change(K=np.diag([-1, 1, 1]).tolist()), "'view_03' has no positive"),
+        (change(K=[[33, 4, 20], [0, 33, 12], [0, 0, 1]]), "of view 'view_03' are not .fx 0 cx; 0 fy cy; 0 0 1."),
+        (change(K=[[33, 0, 0], [0, 33, 0], [20, 12, 1]]), "of view 'view_03' are not"),
     ],
 )
 def test_wrong_files_are_refused(spoil, reason, cameras, tmp_path):
@@ -128,6 +130,7 @@ def entry(**values):
         (entry(img_name="\ud800"), "which is no text"),
         (entry(rotation=(2 * np.eye(3)).tolist()), "'view_03' is not a rotation"),
         (entry(position=[float("nan")] * 3), "'view_03' is not finite"),
+        (entry(FovX=0.5), "'view_03' has a 'FovX' of 0.5, but focal lengths of"),
     ],
 )
 def test_wrong_cameras_of_3dgs_are_refused(spoil, reason, cameras, tmp_path):

@@ -338,3 +338,22 @@ def test_intrinsics_of_another_picture_size_give_a_warning(factor, capture, capl
     rewritten(folder / "transforms.json", **{key: value * factor for key, value in terms.items()})
     open_dataset(folder)
     assert "the intrinsics may be those of another picture size" in caplog.text
+
+
+@pytest.mark.parametrize(("model", "flag"), [("OPENCV", True), ("OPENCV_FISHEYE", False), ("PINHOLE", 1)])
+def test_lenses_that_contradict_each_other_are_refused(model, flag, capture):
+    path = capture.write_nerfstudio() / "transforms.json"
+    with pytest.raises(DatasetError, match=f"'camera_model' '{model}' and 'is_fisheye' {bool(flag)}, which contradict"):
+        read_transforms(rewritten(path, camera_model=model, is_fisheye=flag))
+    read_transforms(rewritten(path, camera_model=model, is_fisheye=None))
+
+
+def test_frames_of_several_times_give_a_warning(capture, caplog):
+    path = capture.write_nerfstudio() / "transforms.json"
+    content = json.loads(path.read_text())
+    for step, problem in ((0, False), (0.25, True)):
+        for number, frame in enumerate(content["frames"]):
+            frame["time"] = number * step
+        path.write_text(json.dumps(content))
+        read_transforms(path)
+        assert ("its frames are of 12 times, 0 to 2.75" in caplog.text) == problem

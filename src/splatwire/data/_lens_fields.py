@@ -4,6 +4,7 @@ If fisheye photos or panoramas were read as pinhole photos, the trained scene wo
 the names of such fields, so they are found by patterns.
 """
 
+import math
 import re
 from collections.abc import Collection, Mapping
 
@@ -24,6 +25,46 @@ _TERMS = re.compile(
     re.I,
 )
 """Pattern of names of distortion and skew parameters."""
+
+_FIELD_OF_VIEW = re.compile(
+    r"camera[-_]angle[-_]([xy])|(?:cam(?:era)?[-_]?)?([xyhvd]?)[-_]?fov[-_]?([xyhvd]?)(?:[-_]?(?:deg|rad)\w*)?"
+    r"|field[-_]of[-_]view",
+    re.I,
+)
+"""Pattern of names of fields with an angle of view; a letter names its axis."""
+_SAME_ANGLE = 0.01
+"""Largest relative difference of focal lengths that are given in pixels and as an angle of view."""
+
+
+def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float], size: tuple[int, int]) -> str | None:
+    """Returns a description of an angle of view that contradicts the focal lengths of a camera, or None.
+
+    Angles above pi are in degrees. An angle without an axis may be horizontal, vertical or diagonal.
+
+    Args:
+        values: Fields of the camera.
+        focals: Focal lengths along x and y, pixels.
+        size: Width and height of the picture, pixels.
+    """
+    if not min(focals) > 0:
+        return None  # reported elsewhere
+    ratios = dict(zip("xy", (side / 2 / focal for side, focal in zip(size, focals, strict=True)), strict=True))
+    ratios |= {"d": math.hypot(*ratios.values()), "h": ratios["x"], "v": ratios["y"]}
+    for key, value in values.items():
+        named = _FIELD_OF_VIEW.fullmatch(key)
+        if named is None or isinstance(value, bool) or not isinstance(value, int | float) or value == 0:
+            continue
+        angle = value if abs(value) < math.pi else math.radians(value)
+        axis = "".join(letter for letter in named.groups() if letter).lower() or "xyd"
+        allowed = [ratios[letter] for letter in axis]
+        if not 0 < angle < math.pi or not any(
+            math.isclose(math.tan(angle / 2), ratio, rel_tol=_SAME_ANGLE) for ratio in allowed
+        ):
+            return (
+                f"has a '{key}' of {value:g}, but focal lengths of {focals[0]:g} and {focals[1]:g} pixels in a picture "
+                f"of {size[0]} x {size[1]}"
+            )
+    return None
 
 
 def unread_lens_fields(values: Mapping[str, object], known: Collection[str] = ()) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from splatwire.arguments import checked, checked_except
 from splatwire.data._checks import check_rigid, make_cameras, matrix, pinhole
-from splatwire.data._lens_fields import unread_lens_fields
+from splatwire.data._lens_fields import contradicting_angle, unread_lens_fields
 from splatwire.errors import DatasetError, check_kind
 from splatwire.files.atomic_write import atomic_write
 from splatwire.files.kinds import is_not
@@ -112,6 +112,8 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
         poses[number, :3, 3] = matrix(path, name, [view["position"]], (1, 3))[0]
         check_rigid(path, name, poses[number])
         fx, fy = matrix(path, name, [[view["fx"], view["fy"]]], (1, 2))[0]
+        if (why := contradicting_angle(view, (float(fx), float(fy)), (width, height))) is not None:
+            raise DatasetError(f"{path}: view '{name[:120]}' {why}: remove the wrong one")
         center = [[view.get("cx", width / 2), view.get("cy", height / 2)]]
         intrinsics[number] = pinhole(fx, fy, *matrix(path, name, center, (1, 2))[0])
     return make_cameras(path, names, np.linalg.inv(poses), intrinsics, width, height)

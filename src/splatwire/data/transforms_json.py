@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.data._checks import check_distinct, check_rigid, child, is_file, matrix, pinhole
-from splatwire.data._lens_fields import unread_lens_fields
+from splatwire.data._lens_fields import contradicting_angle, unread_lens_fields
 from splatwire.data.fisheye import FisheyeLens
 from splatwire.data.lens import NO_LENS, Lens, LensModel
 from splatwire.data.photos import photo_size
@@ -35,14 +35,6 @@ _MATRIX = re.compile(r"(?:cam(?:era)?[-_]?)?(?:intrinsics?(?:[-_]?matrix)?|K)|ca
 _ALIASES = {"fx": "fl_x", "fy": "fl_y"}
 _SAME_NUMBER = 1e-3
 """Largest relative difference of two statements of the same intrinsics."""
-_FIELD_OF_VIEW = re.compile(
-    r"camera[-_]angle[-_]([xy])|(?:cam(?:era)?[-_]?)?([xyhvd]?)[-_]?fov[-_]?([xyhvd]?)(?:[-_]?(?:deg|rad)\w*)?"
-    r"|field[-_]of[-_]view",
-    re.I,
-)
-"""Pattern of names of fields with an angle of view; a letter names its axis."""
-_SAME_ANGLE = 0.01
-"""Largest relative difference of focal lengths that are given in pixels and as an angle of view."""
 _CONVENTION = re.compile(r"(?:camera|pose|axis|axes|coord\w*|world)[-_ ]?(?:convention|system|frame|space)?", re.I)
 """Names of fields that may state other axes of the poses."""
 _CONVENTION_OF_FRAME = re.compile(r"\w+[-_ ](?:convention|system)", re.I)
@@ -128,6 +120,7 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
     if images is not None and not any(frame["file_path"].removeprefix("./").startswith(_IMAGES) for frame in frames):
         raise DatasetError(f"{path}: its paths do not begin with {_IMAGES}, which {images} would replace")
     _warn_of_conventions(path, content, frames)
+    _warn_of_times(path, frames)
     views = [_read_frame(path, content, frame, images) for frame in frames]
     check_distinct(path, [view.name for view in views], [view.image_path for view in views])
     return Transforms(views, _splits(path, content, views, images), _points(path, content))
@@ -151,6 +144,16 @@ def _warn_of_conventions(path: Path, content: dict[str, Any], frames: list[dict[
     texts = [(key, value) for key, value in stated if isinstance(value, str) and not _OPENGL.fullmatch(value)]
     for key, value in dict.fromkeys(texts):
         LOG.warning("%s: %.40s is %.40r: poses are read with OpenGL axes (y up, z backward)", path, key, value)
+
+
+def _warn_of_times(path: Path, frames: list[dict[str, Any]]) -> None:
+    """Logs a warning if frames have different times, as in datasets of moving scenes (D-NeRF)."""
+    times = {float(time) for frame in frames if isinstance(time := frame.get("time"), int | float)}
+    if len(times) > 1:
+        LOG.warning(
+            "%s: its frames are of %d times, %g to %g: they are read as photos of a scene that does not move",
+            path, len(times), min(times), max(times),
+        )  # fmt: skip
 
 
 def listed_photos(path: Path, images: str | None = None) -> dict[str, Path]:
@@ -274,37 +277,10 @@ def _intrinsics(path: Path, name: str, values: dict[str, Any], image_path: Path)
         if not 0 < angle < math.pi:
             raise DatasetError(f"{path}: view '{name}' has neither 'fl_x' nor a 'camera_angle_x' between 0 and pi")
         fx = fy = side / (2 * math.tan(angle / 2))
-    _check_angles(path, name, values, (fx, fy), (width, height))
+    if (why := contradicting_angle(values, (fx, fy), (width, height))) is not None:
+        raise DatasetError(f"{path}: view '{name}' {why}: remove the wrong one")
     cx, cy = _number(path, name, values, "cx", width / 2), _number(path, name, values, "cy", height / 2)
     return pinhole(fx, fy, cx, cy), width, height
-
-
-def _check_angles(
-    path: Path, name: str, values: dict[str, Any], focals: tuple[float, float], size: tuple[int, int]
-) -> None:
-    """Checks that angles of view among the fields of a frame are those of its focal lengths.
-
-    Angles above pi are in degrees. An angle without an axis may be horizontal, vertical or diagonal.
-
-    Raises:
-        DatasetError: If an angle is that of another lens.
-    """
-    ratios = dict(zip("xy", (side / 2 / focal for side, focal in zip(size, focals, strict=True)), strict=True))
-    ratios |= {"d": math.hypot(*ratios.values()), "h": ratios["x"], "v": ratios["y"]}
-    for key, value in values.items():
-        named = _FIELD_OF_VIEW.fullmatch(key)
-        if named is None or isinstance(value, bool) or not isinstance(value, int | float) or value == 0:
-            continue
-        angle = value if abs(value) < math.pi else math.radians(value)
-        axis = "".join(letter for letter in named.groups() if letter).lower() or "xyd"
-        allowed = [ratios[letter] for letter in axis]
-        if not 0 < angle < math.pi or not any(
-            math.isclose(math.tan(angle / 2), ratio, rel_tol=_SAME_ANGLE) for ratio in allowed
-        ):
-            raise DatasetError(
-                f"{path}: view '{name}' has a '{key}' of {value:g}, but focal lengths of {focals[0]:g} and "
-                f"{focals[1]:g} pixels in a picture of {size[0]} x {size[1]}: remove the wrong one"
-            )
 
 
 def _with_intrinsics(path: Path, name: str, fields: dict[str, Any]) -> dict[str, Any]:
@@ -376,7 +352,13 @@ def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
             "`colmap image_undistorter`"
         )
     values = values | _listed_terms(path, name, values)
-    fisheye = model in _FISHEYE or _as_bool(path, name, values, "is_fisheye")
+    flag = _as_bool(path, name, values, "is_fisheye")
+    if model and values.get("is_fisheye") is not None and flag != (model in _FISHEYE):
+        raise DatasetError(
+            f"{path}: view '{name}' has 'camera_model' {model[:60]!r} and 'is_fisheye' {flag}, which contradict each "
+            "other"
+        )
+    fisheye = model in _FISHEYE or flag
     keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     bend = [_number(path, name, values, key, 0.0) for key in keys]
     unread = [key for key in _TERMS if key not in keys and _number(path, name, values, key, 0.0) != 0]
