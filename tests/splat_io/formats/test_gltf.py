@@ -508,3 +508,19 @@ def test_a_cut_file_is_named_as_cut(tmp_path: Path) -> None:
     data = glb(some_splats(20, 0))
     with pytest.raises(DatasetError, match=f"is cut: it has 1,000 of {len(data):,} bytes"):
         opened(data[:1000], tmp_path / "a.glb")
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"extensions": {"CESIUM_RTC": {"center": [100, 0, 0]}}}, "CESIUM_RTC"),
+        ({"nodes": [{"mesh": 0, "extensions": {"MSFT_lod": {"ids": []}}}]}, "MSFT_lod"),
+        ({"scenes": [{"nodes": [0], "extensions": {"ACME_offset": {}}}]}, "ACME_offset"),
+        ({"extensions": {"KHR_lights_punctual": {"lights": []}}}, None),
+        ({"nodes": [{"mesh": 0, "extensions": {"KHR_node_visibility": {"visible": True}}}]}, None),
+    ],
+)
+def test_unknown_extensions_around_gaussians_give_a_warning(change, named, tmp_path, caplog):
+    read_splats(write(tmp_path / "a.glb", glb(some_splats(8, 1), change)))
+    assert (f"extensions {named} of the document or its nodes are not known" in caplog.text) == bool(named)
+    assert bool(caplog.messages) == bool(named)

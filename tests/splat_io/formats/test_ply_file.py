@@ -6,8 +6,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from splat_io.formats.handmade import FORMATS, ply
+from splat_io.formats.handmade import FORMATS, ply, some_splats, write
 from splatwire.errors import DatasetError
+from splatwire.io.formats import read_splats, write_splats
 from splatwire.io.formats.ply_file import read_ply, read_ply_elements
 
 HEAD = (
@@ -190,3 +191,40 @@ def test_types_beyond_the_standard_are_read(kind, dtype, tmp_path):
     (tmp_path / "a.ply").write_bytes(data)
     rows = read_ply_elements(tmp_path / "a.ply")["vertex"].rows
     assert (rows["x"].tolist(), rows["w_0"].tolist()) == ([1.5, 3.25], [3, 1000])
+
+
+def test_gaussians_of_a_second_element_give_a_warning(tmp_path, caplog):
+    write_splats([some_splats(20, 0)], tmp_path / "a.ply")
+    vertices = read_ply_elements(tmp_path / "a.ply")["vertex"].rows
+    for name, warned in (("camera", False), ("sky", True)):
+        other = vertices[["x", "y", "opacity"]][:7] if warned else np.zeros(3, [("x", "f4")])
+        other = np.array(other.tolist(), [(field, "f4") for field in other.dtype.names])
+        path = write(tmp_path / "b.ply", ply("binary_little_endian", {"vertex": vertices, name: other}))
+        assert read_splats(path).num_gaussians == 20
+        assert ("only the element vertex is read: 7 Gaussians of sky are left out" in caplog.text) == warned
+
+
+@pytest.mark.parametrize(
+    ("name", "warned"),
+    [("lod", True), ("beta", True), ("scale_t", True), ("rot_r_0", True), ("active", True), ("f_t_0", True),
+     ("label", False), ("segment", False), ("confidence", False), ("red", False)],
+)  # fmt: skip
+def test_columns_that_may_change_gaussians_give_a_warning(name, warned, tmp_path, caplog):
+    write_splats([some_splats(20, 0)], tmp_path / "a.ply")
+    vertices = read_ply_elements(tmp_path / "a.ply")["vertex"].rows
+    more = np.zeros(20, [*vertices.dtype.descr, (name, "f4")])
+    for field in vertices.dtype.names:
+        more[field] = vertices[field]
+    read_splats(write(tmp_path / "b.ply", ply("binary_little_endian", {"vertex": more})))
+    assert (f"properties {name} are not known and left out" in caplog.text) == warned
+
+
+def test_colours_from_0_to_1_as_coefficients_give_a_warning(tmp_path, caplog):
+    splats = some_splats(200, 0)
+    write_splats([splats], tmp_path / "a.ply")
+    read_splats(tmp_path / "a.ply")
+    assert not caplog.messages
+    splats.sh[:, 0] = np.linspace(0.02, 0.98, 600).reshape(200, 3)
+    write_splats([splats], tmp_path / "a.ply")
+    read_splats(tmp_path / "a.ply")
+    assert "all properties f_dc_* are from 0.02 to 0.98, so they may be colours from 0 to 1" in caplog.text

@@ -14,7 +14,7 @@ LOG = logging.getLogger(__name__)
 MAX_INSTANCES = 1 << 14
 """Maximum number of mesh instances of a scene."""
 _INSTANCING = "EXT_mesh_gpu_instancing"
-_VISIBILITY = "KHR_node_visibility"
+VISIBILITY = "KHR_node_visibility"
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +50,8 @@ def shown_instances(path: Path, document: dict[str, Any]) -> list[Instance]:
         if index in seen:
             raise DatasetError(f"{path}: node {index} has two parents, or is below itself")
         seen.add(index)
-        if node.get("extensions", {}).get(_VISIBILITY, {}).get("visible") is False:
-            LOG.warning("%s: node %d and those below it are hidden by %s and left out", path, index, _VISIBILITY)
+        if node.get("extensions", {}).get(VISIBILITY, {}).get("visible") is False:
+            LOG.warning("%s: node %d and those below it are hidden by %s and left out", path, index, VISIBILITY)
             continue
         matrix = above @ _local(path, index, node)
         if "mesh" in node:

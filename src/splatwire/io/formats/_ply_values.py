@@ -29,6 +29,8 @@ _MAX_SIZE = 0.25
 _SKEWED = 0.05
 """Ratio of minimum to median of positive scales; lower ratios are typical of sizes."""
 _SPREAD_QUANTILES = (0.05, 0.95)
+_NEAR_END = 0.1
+"""Largest distance of the extreme values of `f_dc_*` from 0 and 1 if they are colours from 0 to 1."""
 _MAX_COLOUR = 10.0
 """Largest plausible median of the coefficients of colours; colours from 0 to 1 have coefficients up to 1.8."""
 
@@ -145,7 +147,15 @@ def _warn_of_colours(path: Path, some: PlyElement) -> None:
         return
     values = some.columns("f_dc_", 3).astype(np.float64)
     values = values[np.isfinite(values)]
-    if not values.size or values.min() < 0 or np.median(values) <= _MAX_COLOUR:
+    if not values.size or values.min() < 0:
+        return
+    if values.min() < _NEAR_END and 1 - _NEAR_END < values.max() <= 1:
+        LOG.warning(
+            "%s: all properties f_dc_* are from %.4g to %.4g, so they may be colours from 0 to 1; they are read as "
+            "coefficients of harmonics: write (colour - 0.5) / 0.28209479",
+            path, values.min(), values.max(),
+        )  # fmt: skip
+    if np.median(values) <= _MAX_COLOUR:
         return
     LOG.warning(
         "%s: all properties f_dc_* are from %.4g to %.4g, so they may be colours from 0 to 255; they are read as "

@@ -43,7 +43,7 @@ from splatwire.io.formats._placement import warn_of_files_beside
 from splatwire.io.formats.compressed_ply import content_of_chunks, write_compressed_ply
 from splatwire.io.formats.content import FileContent, warn_of_distant_sites, warn_of_rounded_positions
 from splatwire.io.formats.outliers import DEFAULT, Outliers, check_outliers
-from splatwire.io.formats.ply import content_of_vertices, warn_of_colour_space, write_ply
+from splatwire.io.formats.ply import content_of_vertices, warn_of_colour_space, warn_of_other_gaussians, write_ply
 from splatwire.io.formats.ply_file import read_ply_elements
 from splatwire.io.formats.ply_note import PlyNote
 from splatwire.plugins import source_of
@@ -196,6 +196,7 @@ def _read_ply(path: Path) -> FileContent:
     if "vertex" not in elements:
         raise DatasetError(f"{path}: has no element vertex")
     warn_of_colour_space(elements)
+    warn_of_other_gaussians(elements)
     return content_of_vertices(elements["vertex"])
 
 

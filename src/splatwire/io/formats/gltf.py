@@ -31,7 +31,7 @@ from splatwire.io.formats._columns import (
     warn_of_logits,
 )
 from splatwire.io.formats._files import is_in_folder_of, mapped_file, warn_of_bytes_outside
-from splatwire.io.formats._gltf_nodes import Instance, entry, shown_instances
+from splatwire.io.formats._gltf_nodes import VISIBILITY, Instance, entry, shown_instances
 from splatwire.io.formats.content import FileContent
 from splatwire.ops.spherical_harmonics import MAX_DEGREE
 from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin
@@ -55,6 +55,8 @@ _KNOWN = {
 """Supported settings of the extension."""
 _SUPPORTED = (EXTENSION, EXT_SPLATWIRE, "KHR_mesh_quantization")
 """Extensions that a document may require."""
+_READ = (*_SUPPORTED, VISIBILITY)
+"""Extensions of a document or node that are read."""
 _UNKNOWN_ATTRIBUTE = re.compile(rf"{EXTENSION}:(?!(?:ROTATION|SCALE|OPACITY|SH_DEGREE_\d+_COEF_\d+)$)")
 _HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "KHR_xmp")
 """Name prefixes of extensions that do not affect Gaussians."""
@@ -187,10 +189,22 @@ class _Gltf:
             LOG.warning("%s: skins of nodes are left out: Gaussians stay where their attributes are", self._path)
         if self._document.get("animations"):
             LOG.warning("%s: its animations are left out", self._path)
+        self._warn_of_extensions(nodes)
         vanished = [instance for instance in shown if not instance.matrix[:3, :3].any()]
         if vanished:
             LOG.warning("%s: %d nodes that are scaled to nothing are left out", self._path, len(vanished))
         return [instance for instance in shown if instance.matrix[:3, :3].any()]
+
+    def _warn_of_extensions(self, nodes: list[dict[str, Any]]) -> None:
+        """Logs unknown extensions of the document, of its scenes and of its nodes, which may move or hide Gaussians."""
+        objects = [self._document, *self._document.get("scenes", []), *nodes]
+        names = {str(name) for one in objects for name in one.get("extensions", {})}
+        unknown = sorted(name for name in names if name not in _READ and not name.startswith(_HARMLESS))
+        if unknown:
+            LOG.warning(
+                "%s: extensions %s of the document or its nodes are not known: Gaussians may be elsewhere",
+                self._path, ", ".join(unknown)[:120],
+            )  # fmt: skip
 
     def _primitives(self, mesh: dict[str, Any]) -> list[dict[str, Any]]:
         """Returns the primitives of a mesh that are Gaussians.

@@ -44,7 +44,9 @@ _AXES = ("x", "y", "z")
 _FILTER = re.compile(r"filter[-_ ]?3d", re.IGNORECASE)
 """Property with the standard deviation of the Mip-Splatting filter."""
 _CHANGING = re.compile(
-    r"filter|mip|anti[-_]?alias|smooth|kernel|motion|trbf|omega|velocity|deleted|hidden|visib|^(?:t|time(?:stamp)?|state)$",
+    r"filter|mip|anti[-_]?alias|smooth|kernel|motion|trbf|omega|velocity|deleted|hidden|visib|^(?:t|time(?:stamp)?|state)$"
+    r"|^(?:active|mask|valid|selected|lod|level|life(?:time)?|duration|weight|exposure|brightness|tint|gamma|shape)(?:[-_]|$)"
+    r"|^(?:beta|f_t|f_asg|asg|rot_[rl]|sh_mask)(?:[-_]|$)|^(?:scal\w*|rot\w*|opacity)_t(?:[-_]|$)|^t_scal",
     re.IGNORECASE,
 )
 """Name patterns of properties that may change, move or hide Gaussians in an unknown way."""
@@ -108,6 +110,16 @@ def content_of_vertices(vertices: PlyElement) -> FileContent:
         warn_of_rounded_positions(path, splats, origin)
     metadata = stated_metadata(vertices.comments).moved_origin(NO_ORIGIN, origin)
     return FileContent(splats, origin, states_antialiasing(vertices.comments), metadata)
+
+
+def warn_of_other_gaussians(elements: dict[str, PlyElement]) -> None:
+    """Logs a warning if elements besides `vertex` also have Gaussians, which are not read."""
+    found = [one for one in elements.values() if one.name != "vertex" and {"x", "opacity"} <= set(one.names)]
+    if found:
+        LOG.warning(
+            "%s: only the element vertex is read: %s Gaussians of %s are left out",
+            found[0].path, f"{sum(len(one.rows) for one in found):,}", ", ".join(one.name for one in found)[:120],
+        )  # fmt: skip
 
 
 def warn_of_colour_space(elements: dict[str, PlyElement]) -> None:
