@@ -119,6 +119,7 @@ def splatwire(words, redirect):
         (["transmit", "{journey}/tiny.swz", "-o", "-"], ">&-", 2, "standard output is closed"),
         (["inspect", "{journey}/tiny.swz", "--json"], ">&-", 2, "standard output is closed"),
         (["--version"], ">&-", 0, ""),
+        (["encode", "--help"], ">&-", 0, ""),
         (["inspect", "/nowhere"], "2>&-", 2, ""),
         (["inspect", "-"], "</dev/zero", 2, "standard input is neither stream nor scene"),
     ],

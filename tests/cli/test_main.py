@@ -163,6 +163,19 @@ def test_ctrl_c_in_a_kernel_is_one_error_line(run, monkeypatch):
     assert (outcome.status, outcome.out, outcome.err) == (130, "", "splatwire: stopped\n")
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_polite_ends_in_a_kernel_keep_their_status(run, monkeypatch, number):
+    def ended(verb, options):
+        try:
+            sys.exit(128 + number)
+        except SystemExit as error:
+            raise SystemError("a kernel returned a result with an exception set") from error
+
+    monkeypatch.setattr(main_module, "_execute", ended)
+    outcome = run("demo")
+    assert (outcome.status, outcome.out, outcome.err) == (128 + number, "", "splatwire: stopped\n")
+
+
 @numba.njit(nogil=True)  # lets the timer thread run meanwhile
 def _long_kernel(values, count):
     total = 0.0

@@ -144,9 +144,9 @@ def _run(arguments: list[str]) -> int:
     except BrokenPipeError:
         raise
     except (Exception, KeyboardInterrupt) as error:
-        if _is_interruption(error):
+        if (status := _signal_status(error)) is not None:
             print("splatwire: stopped", file=sys.stderr)
-            return 130
+            return status
         if isinstance(error, SplatwireError):
             return _print_error(str(error))
         if problem := resource_problem(error):
@@ -171,11 +171,19 @@ def _print_damage(verb: Any) -> int:
     return DAMAGED
 
 
-def _is_interruption(error: BaseException | None) -> bool:
-    """Returns True if Ctrl-C caused an error: within a compiled kernel it is raised as a SystemError."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
+def _signal_status(error: BaseException) -> int | None:
+    """Returns the exit status if a signal caused an error; None for other errors.
+
+    Within a compiled kernel, KeyboardInterrupt (Ctrl-C) and SystemExit (SIGTERM, SIGHUP) become a SystemError.
+    """
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            return 130
+        if isinstance(cause, SystemExit) and isinstance(error, SystemError) and isinstance(cause.code, int):
+            return cause.code
+        cause = cause.__cause__ or cause.__context__
+    return None
 
 
 def _parse(arguments: list[str]) -> Any:
@@ -193,9 +201,20 @@ def _parse(arguments: list[str]) -> Any:
             raise InvalidValueError(f"the argument {where} is empty: is a variable of the shell not set?")
     from splatwire.cli import _parsing  # imports tyro
 
-    if arguments[0] in VERBS:
-        return _parsing.parse_verb(arguments[0], arguments[1:])
-    return _parsing.parse_any(arguments)
+    with _help_output():
+        if arguments[0] in VERBS:
+            return _parsing.parse_verb(arguments[0], arguments[1:])
+        return _parsing.parse_any(arguments)
+
+
+@contextmanager
+def _help_output() -> Iterator[None]:
+    """Discards help texts if standard output is closed, because tyro needs a stream."""
+    if sys.stdout is not None:
+        yield
+        return
+    with open(os.devnull, "w", encoding="utf-8") as nowhere, contextlib.redirect_stdout(nowhere):
+        yield
 
 
 def _execute(verb: str, options: Any) -> None:
