@@ -242,6 +242,27 @@ def test_small_scenes_keep_their_positions(size: float, tmp_path: Path) -> None:
     assert_close(found.means, small.means, atol=size / 500)
 
 
+@pytest.mark.parametrize("size", [1e-1, 1e-4, 1e-6, 1e-9])
+def test_a_compressed_ply_keeps_the_positions_of_small_scenes(size: float, tmp_path: Path) -> None:
+    splats = some_splats(200, 0)
+    small = replace(splats, means=splats.means * np.float32(size), scales=splats.scales * np.float32(size))
+    write_splats([small], tmp_path / "a.compressed.ply")
+    found = read_splats(tmp_path / "a.compressed.ply")
+    order = found.means[:, 0].argsort(), small.means[:, 0].argsort()
+    assert_close(found.means[order[0], 0], small.means[order[1], 0], atol=size / 200)
+
+
+@pytest.mark.parametrize("factor", [1e-10, 1e12])
+def test_scales_beyond_a_compressed_ply_give_a_warning(
+    factor: float, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    splats = some_splats(200, 0)
+    write_splats([replace(splats, scales=splats.scales * np.float32([1, 1, 1e-20]))], tmp_path / "a.compressed.ply")
+    assert not caplog.messages
+    write_splats([replace(splats, scales=splats.scales * np.float32(factor))], tmp_path / "a.compressed.ply")
+    assert "of 200 Gaussians are outside of 2.1e-09 to 4.85e+08, the range of this format" in caplog.text
+
+
 @pytest.mark.parametrize(("factor", "problem"), [(1e-4, "outside of 4.5e-05 to 379"), (1e5, "of 200 Gaussians")])
 def test_scales_beyond_the_range_give_a_warning(
     factor: float, problem: str, tmp_path: Path, caplog: pytest.LogCaptureFixture

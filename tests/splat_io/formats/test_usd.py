@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("pxr", reason="usd-core is not installed")
-from pxr import Gf, Usd, UsdGeom, UsdValidation, UsdVol, Vt
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdValidation, UsdVol, Vt
 
 from splatwire.errors import DatasetError
 from splatwire.io.formats import read_content, read_splats, write_splats
@@ -438,9 +438,19 @@ def other_particles(stage, _):
     stage.DefinePrim("/World/Other", "ParticleField")
 
 
+def projected(_, prim):
+    prim.CreateAttribute("projectionModeHint", Sdf.ValueTypeNames.Token).Set("tangential")
+
+
+def hidden_ids(_, prim):
+    prim.CreateAttribute("invisibleIds", Sdf.ValueTypeNames.Int64Array).Set([1, 2])
+
+
 @pytest.mark.parametrize(
     ("edit", "warning"),
     [
+        (projected, "attributes projectionModeHint of Gaussians are not known"),
+        (hidden_ids, "attributes invisibleIds of Gaussians are not known"),
         (logits, "so they may be logits"),
         (linear_colours, "its colours are linear (lin_rec709_scene)"),
         (animated, "animations of transforms and visibility are left out"),

@@ -37,6 +37,7 @@ from splatwire.io.formats.outliers import (
     warn_of_clipped,
     warn_of_errors,
     warn_of_outliers,
+    warn_of_scales,
 )
 from splatwire.io.formats.ply_comments import (
     OFFSET,
@@ -198,6 +199,7 @@ def write_compressed_ply(
     remarks += metadata_comments(metadata)
     splats = _sorted(join(path, parts), path, outliers)
     splats = _scales_and_colours(splats, path, outliers)
+    warn_of_scales(path, splats.scales, -_MAX_LOG_SCALE, _MAX_LOG_SCALE)
     warn_of_clipped(path, "harmonics", splats.sh[:, 1:], -_SH_RANGE / 2, _SH_RANGE / 2)
     total, splats = splats.num_gaussians, _order_by_density(splats, path)
     means, quats, scales, sh = splats.means, splats.quats, splats.scales, splats.sh
@@ -364,7 +366,7 @@ def _normalised(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     starts = np.arange(0, len(values), CHUNK)
     low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
     chunk = np.arange(len(values)) // CHUNK
-    span = np.where(high - low < 1e-5, 1, high - low)[chunk]
+    span = np.where(high > low, high - low, 1)[chunk]
     return np.concatenate([low, high], axis=1), ((values - low[chunk]) / span).clip(0, 1)
 
 

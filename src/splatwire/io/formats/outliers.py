@@ -39,6 +39,8 @@ _REACH = 4.0
 outlier."""
 _CLIPPED = 1 / 16
 """Distance of colours and harmonics from the range of a format up to which clipping is invisible."""
+_SHARE = 0.25
+"""Smallest scale of a format, as a share of the largest axis of a Gaussian, above which the Gaussian looks larger."""
 _FEWEST = 8
 """Minimum number of Gaussians for a scene to have outliers."""
 _DONE = {"clamp": "moved to the end of the range of the others", "prune": "left out", "keep": "kept (--outliers keep)"}
@@ -211,6 +213,26 @@ def warn_of_clipped(path: Path, what: str, values: np.ndarray, low: float, high:
             "the scene may look different; PLY keeps them",
             path, what, f"{int(outside.sum()):,}", f"{len(rows):,}", rows[outside].min(), rows[outside].max(), low,
             high,
+        )  # fmt: skip
+
+
+def warn_of_scales(path: Path, scales: np.ndarray, low: float, high: float) -> None:
+    """Logs a warning if Gaussians look different because their scales are clipped to the range of a format.
+
+    Args:
+        path: The file, for the message.
+        scales: Standard deviations, (N, 3).
+        low: Smallest logarithm of a scale that the format can represent.
+        high: Largest logarithm of a scale that the format can represent.
+    """
+    least, most = np.exp((low, high))
+    largest = scales.max(axis=1)
+    outside = (largest * _SHARE < least) | (largest > most * (1 + _SHARE))
+    if outside.any():
+        LOG.warning(
+            "%s: scales of %s of %s Gaussians are outside of %.2g to %.3g, the range of this format, and are clipped "
+            "to it: Gaussians look larger or smaller, so give the scene another size first",
+            path, f"{int(outside.sum()):,}", f"{len(outside):,}", least, most,
         )  # fmt: skip
 
 

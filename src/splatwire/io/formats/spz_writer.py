@@ -25,6 +25,7 @@ from splatwire.io.formats.outliers import (
     warn_of_clipped,
     warn_of_errors,
     warn_of_outliers,
+    warn_of_scales,
 )
 from splatwire.io.formats.spz import (
     ANTIALIASED,
@@ -51,8 +52,6 @@ _LOG_SCALES = (-10.0, 255 / 16 - 10)
 """Range of the logarithms of scales."""
 _HARMONICS = (-1.0, 127 / 128)
 """Range of the coefficients of harmonics above degree 0."""
-_SHARE = 0.25
-"""Smallest scale of the format, as a share of the largest axis of a Gaussian, above which the Gaussian looks larger."""
 _MOST = (1 << 23) - 1
 """Largest representable coordinate of a position, as a fixed-point integer."""
 _ZSTD_LEVEL = 12
@@ -93,7 +92,7 @@ def write_spz(
     if not all(1 <= number <= 8 for number in harmonic_bits):
         raise InvalidValueError(f"harmonics of an SPZ have 1 to 8 bits, of degree 1 and beyond, not {harmonic_bits}")
     splats = flip_axes(_treat_outliers(join(path, parts), path, outliers), SPZ_FLIPS)
-    _warn_of_scales(splats, path)
+    warn_of_scales(path, splats.scales, *_LOG_SCALES)
     edge = DC / (2 * COLOR_SCALE)
     warn_of_clipped(path, "base colours", 0.5 + DC * splats.sh[:, 0], 0.5 - edge, 0.5 + edge)
     warn_of_clipped(path, "harmonics", splats.sh[:, 1:], *_HARMONICS)
@@ -106,19 +105,6 @@ def write_spz(
     with atomic_output(path) as unfinished:
         write(unfinished, columns, header, records)
     return splats.num_gaussians
-
-
-def _warn_of_scales(splats: Splats, path: Path) -> None:
-    """Logs a warning if Gaussians look different because their scales are clipped to the range of the format."""
-    low, high = np.exp(_LOG_SCALES)
-    largest = splats.scales.max(axis=1)
-    outside = (largest * _SHARE < low) | (largest > high * (1 + _SHARE))
-    if outside.any():
-        LOG.warning(
-            "%s: scales of %s of %s Gaussians are outside of %.2g to %.3g, the range of SPZ, and are clipped to it: "
-            "Gaussians look larger or smaller, so give the scene another size first",
-            path, f"{int(outside.sum()):,}", f"{len(outside):,}", low, high,
-        )  # fmt: skip
 
 
 def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:

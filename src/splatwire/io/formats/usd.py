@@ -36,6 +36,10 @@ PRIM = "ParticleField3DGaussianSplat"
 _COEFFICIENTS, _DEGREE = "radiance:sphericalHarmonicsCoefficients", "radiance:sphericalHarmonicsDegree"
 _ARRAYS = {"positions": 3, "orientations": 4, "scales": 3, "opacities": 1, _COEFFICIENTS: 3}
 """Array attributes of a prim and the numbers of each entry; each may have the type half, with `h` after its name."""
+_PROJECTION, _PERSPECTIVE = "projectionModeHint", "perspective"
+_HARMLESS = (_PROJECTION, "sortingModeHint", "extent", "extentsHint", "visibility", "purpose", "colorSpace:name")
+_HARMLESS_SPACES = ("xformOp", "primvars:displayColor", "ui:", "userProperties:")
+"""Names of other attributes that have no effect here or are read elsewhere, and beginnings of such names."""
 _OWN = "splatwire"
 """Key of the layer's custom data with metadata and axes: JSON with an `asset` object as in glTF, and `flips`."""
 _STAND_INS = (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy)
@@ -188,6 +192,11 @@ class _Stage:
             LOG.warning("%s: %d prims with the purpose guide or proxy are left out", self._path, self._num_stand_ins)
         if self._num_others:
             LOG.warning("%s: %d particle fields that are no %s are left out", self._path, self._num_others, PRIM)
+        if unknown := sorted({name for prim in self._prims for name in _unknown_attributes(prim)}):
+            LOG.warning(
+                "%s: attributes %s of Gaussians are not known: the scene may look different",
+                self._path, ", ".join(unknown)[:120],
+            )  # fmt: skip
         spaces = {str(Usd.ColorSpaceAPI.ComputeColorSpaceName(prim, None)) for prim in self._prims}
         if linear := sorted(name for name in spaces if _LINEAR.match(name)):
             LOG.warning(
@@ -333,6 +342,16 @@ def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
     while above and not above.IsPseudoRoot():
         yield above
         above = above.GetParent()
+
+
+def _unknown_attributes(prim: Usd.Prim) -> list[str]:
+    """Returns the names of attributes with values that are not read, and of hints at another projection."""
+    names = [one.GetName() for one in prim.GetAuthoredAttributes() if one.HasAuthoredValue()]
+    known = {*_ARRAYS, *(f"{name}h" for name in _ARRAYS), _DEGREE, *_HARMLESS}
+    unknown = [name for name in names if name not in known and not name.startswith(_HARMLESS_SPACES)]
+    if str(prim.GetAttribute(_PROJECTION).Get() or _PERSPECTIVE) != _PERSPECTIVE:
+        unknown.append(_PROJECTION)
+    return unknown
 
 
 def _is_visible(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
