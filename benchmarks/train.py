@@ -56,7 +56,7 @@ class Marks:
         if now.iteration % MARK:
             return
         wall, cpu = time.perf_counter(), time.process_time()
-        self.rows.append({"it": now.iteration, "s": wall - self._start, "anchors": now.num_anchors,
+        self.rows.append({"it": now.iteration, "s": wall - self._start, "anchors": now.num_elements,
                           "l1": now.l1, "loss": now.loss, "its_per_s": MARK / (wall - self._wall),
                           "cpu_s_per_it": (cpu - self._cpu) / MARK,
                           "estimated_bytes": now.estimated_bytes})  # fmt: skip

@@ -16,7 +16,8 @@ from splatwire.cli.main import VERBS, main
 
 PACKAGES = (
     "api.coding", "api.scoring", "api.network",
-    "io", "types", "data", "neural.training", "neural.importers", "io.formats", "anchors", "codec", "bitstream",
+    "io", "types", "data", "neural.training", "neural.training.gaussians", "neural.importers", "io.formats",
+    "anchors", "codec", "bitstream",
     "channel", "concealment", "concealment.temporal", "paper", "render", "metrics", "evaluation", "evaluation.study",
     "anchors.export", "calibration", "planning", "rate_control", "finetuning", "sequence", "lod",
     "transport", "transport.protocol", "transport.http", "view",

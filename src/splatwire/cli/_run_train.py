@@ -2,26 +2,32 @@
 
 import dataclasses
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from PIL import Image
-
 from splatwire.cli._files import prepared_output
-from splatwire.cli._output import print_json, print_summary
+from splatwire.cli._output import print_json, print_summary, refuse_options
 from splatwire.cli._scenes import chosen_background
-from splatwire.cli._training import check_same_recipe, checked_size, parsed_size, watch
+from splatwire.cli._trained_gaussians import GAUSSIANS, check_gaussian_options, run_gaussians
+from splatwire.cli._training import (
+    ANCHOR_RECIPE,
+    CPU_ITERATIONS,
+    changed_options,
+    check_same_recipe,
+    checked_size,
+    parsed_size,
+    preset_of,
+    preview_writer,
+    stopped_early,
+    training_data,
+    watch,
+)
 from splatwire.cli.train import Train
-from splatwire.data import Dataset, dataset_layout, open_dataset
-from splatwire.data.rounding import without_origin
-from splatwire.errors import BackendUnavailableError, InvalidValueError, NoViewsError, UnknownNameError
-from splatwire.files.atomic_write import atomic_output
+from splatwire.data import Dataset
+from splatwire.errors import BackendUnavailableError, InvalidValueError, UnknownNameError
 from splatwire.io import open_scene, save_scene
 from splatwire.neural.render.gsplat_backend import check_gsplat
 from splatwire.neural.training import (
-    QualityReport,
     RunOptions,
     TrainConfig,
     TrainResult,
@@ -41,42 +47,36 @@ from splatwire.types.background import BLACK
 _DEVICES = ("auto", "cpu", "cuda")
 _PLACES = {"cpu": "CPU", "cuda": "GPU"}
 _PICTURES = (".png", ".jpg", ".jpeg", ".webp")
-_PRESET_OF_LAYOUT = {"blender": "synthetic_nerf", "bungeenerf": "bungeenerf"}
-CPU_ITERATIONS = 2400
-"""Default number of iterations on a CPU: training then takes minutes instead of days."""
+_OF_GAUSSIANS = ("gaussians", "degree", "quality")
+"""Options that apply only to explicit Gaussians."""
 FINE_TUNING_ITERATIONS = 720
 """Default number of iterations when training continues from a finished scene."""
 
 
 def run(command: Train) -> None:
     """Runs `splatwire train`."""
+    if command.model == GAUSSIANS:
+        check_gaussian_options(command)
+    else:
+        refuse_options(command, _OF_GAUSSIANS, f"is for --model {GAUSSIANS}")
     device = _check(command)
+    if command.model == GAUSSIANS:
+        run_gaussians(command, device, _PLACES[device])
+        return
     output = prepared_output(Path(command.output), suffix="")
     checkpoint = output.with_name(output.name + ".checkpoint")
     if command.resume:
         state, config = load_checkpoint(checkpoint)
-        check_same_recipe(_changed_options(command), _config(command), config)
+        check_same_recipe(changed_options(command), _config(command), config, ANCHOR_RECIPE)
         train, test = _datasets(command, config)
     else:
         state, config, train, test = _initial_training(command, _PLACES[device])
         save_checkpoint(state, config, checkpoint)  # reports an unwritable checkpoint now instead of in an hour
     options = RunOptions(checkpoint, command.checkpoint_interval)
-
-    def save_preview(report: QualityReport) -> None:
-        if command.preview:
-            pixels = np.rint(np.clip(report.preview, 0, 1) * 255).astype(np.uint8)
-            with atomic_output(command.preview) as unfinished:
-                Image.fromarray(pixels).save(unfinished)
-
-    with watch(save_preview) as listener:
+    with watch(preview_writer(command.preview)) as listener:
         result = train_scene(train, test, config, state=state, options=options, listener=listener, device=device)
     if result.stopped:
-        print(
-            f"stopped after iteration {result.state.iteration:,} of {config.milestones.iterations:,}; "
-            "the same command with --resume continues from there",
-            file=sys.stderr,
-        )
-        raise KeyboardInterrupt
+        raise stopped_early(result.state.iteration, config.milestones.iterations)
     save_scene(result.scene, output)
     _report(command, result, config)
 
@@ -143,18 +143,9 @@ def _check(command: Train) -> str:
     return check_device(command.device)
 
 
-def _changed_options(command: Train) -> list[str]:
-    """Returns the names of the options that the user changed from their defaults."""
-    fields = [field for field in dataclasses.fields(command) if field.default is not dataclasses.MISSING]
-    return [field.name.replace("_", "-") for field in fields if getattr(command, field.name) != field.default]
-
-
 def _config(command: Train) -> TrainConfig:
-    preset = command.preset
-    if preset == "auto":
-        preset = _PRESET_OF_LAYOUT.get(dataset_layout(Path(command.data)) or "", "mipnerf360")
     return create_config(
-        preset,
+        preset_of(command),
         model=command.model or DEFAULT_MODEL,
         lmbda=command.lmbda,
         size=0 if command.size is None else parsed_size(command.size),
@@ -170,23 +161,7 @@ def _config(command: Train) -> TrainConfig:
 
 
 def _datasets(command: Train, config: TrainConfig) -> tuple[Dataset, Dataset | None]:
-    def opened(split: str) -> Dataset:
-        found = open_dataset(
-            Path(command.data),
-            split=split,
-            images=command.images,
-            max_width=command.max_width,
-            test_views=config.test_views,
-            background=config.background,
-        )
-        return replace(found, cameras=without_origin(Path(command.data), found.cameras))  # anchors have no origin
-
-    train = opened("train")
-    try:
-        return train, opened("test")
-    except NoViewsError as error:
-        print(f"no test views: {error}", file=sys.stderr)
-        return train, None
+    return training_data(command, config.test_views, config.background)
 
 
 def _report(command: Train, result: TrainResult, config: TrainConfig) -> None:

@@ -4,23 +4,32 @@ import re
 import signal
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import MISSING, fields, replace
 from datetime import timedelta
 from operator import attrgetter
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
+import numpy as np
+from PIL import Image
 from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn
 from rich.progress import Progress as Bars
 from rich.table import Column
 
 from splatwire.cli._rich import console
 from splatwire.cli._terminal import printable_streams
-from splatwire.errors import InvalidValueError
-from splatwire.neural.training import Listener, Progress, QualityReport, TrainConfig
+from splatwire.cli.train import Train
+from splatwire.data import Dataset, dataset_layout, open_dataset
+from splatwire.data.rounding import without_origin
+from splatwire.errors import InvalidValueError, NoViewsError
+from splatwire.files.atomic_write import atomic_output
+from splatwire.neural.training import Listener, Progress, QualityReport
 from splatwire.neural.training.size import stream_bytes
 from splatwire.types import AnchorScene
 
+Config = TypeVar("Config")
 _SIZE = re.compile(r"(\d+(?:\.\d+)?) *(B|kB|KB|MB)?")
 _UNITS = {"": 1, "B": 1, "kB": 1000, "KB": 1000, "MB": 1_000_000}
 _NEAR = 0.03
@@ -29,7 +38,76 @@ _UNKNOWN = "-:--:--"
 _PLAIN_INTERVAL_S = 30.0
 """Interval of progress lines without a terminal, seconds."""
 
-_RECIPE = {
+_PRESET_OF_LAYOUT = {"blender": "synthetic_nerf", "bungeenerf": "bungeenerf"}
+CPU_ITERATIONS = 2400
+"""Default number of iterations on a CPU: training then takes minutes instead of days."""
+
+
+def preset_of(command: Train) -> str:
+    """Returns the preset of the options; `auto` chooses by the layout of the data."""
+    if command.preset != "auto":
+        return command.preset
+    return _PRESET_OF_LAYOUT.get(dataset_layout(Path(command.data)) or "", "mipnerf360")
+
+
+def training_data(
+    command: Train, test_views: str, background: tuple[float, float, float]
+) -> tuple[Dataset, Dataset | None]:
+    """Opens the training and test views of the options; prints a message if there are no test views.
+
+    Args:
+        command: Options of `splatwire train`.
+        test_views: Rule that selects the test views.
+        background: RGB behind transparent parts of photos.
+    """
+
+    def opened(split: str) -> Dataset:
+        found = open_dataset(
+            Path(command.data),
+            split=split,
+            images=command.images,
+            max_width=command.max_width,
+            test_views=test_views,
+            background=background,
+        )
+        return replace(found, cameras=without_origin(Path(command.data), found.cameras))  # training has no origin
+
+    train = opened("train")
+    try:
+        return train, opened("test")
+    except NoViewsError as error:
+        print(f"no test views: {error}", file=sys.stderr)
+        return train, None
+
+
+def changed_options(command: Train) -> list[str]:
+    """Returns the names of the options that the user changed from their defaults."""
+    given = [field for field in fields(command) if field.default is not MISSING]
+    return [field.name.replace("_", "-") for field in given if getattr(command, field.name) != field.default]
+
+
+def preview_writer(path: str | None) -> Callable[[QualityReport], None]:
+    """Returns a function that writes the picture of a test to a file; it does nothing without a path."""
+
+    def save(report: QualityReport) -> None:
+        if path:
+            pixels = np.rint(np.clip(report.preview, 0, 1) * 255).astype(np.uint8)
+            with atomic_output(path) as unfinished:
+                Image.fromarray(pixels).save(unfinished)
+
+    return save
+
+
+def stopped_early(iteration: int, iterations: int) -> KeyboardInterrupt:
+    """Prints how to continue a stopped training; returns the exception that ends the command."""
+    print(
+        f"stopped after iteration {iteration:,} of {iterations:,}; the same command with --resume continues from there",
+        file=sys.stderr,
+    )
+    return KeyboardInterrupt()
+
+
+ANCHOR_RECIPE: dict[str, Callable[[Any], object]] = {
     "preset": attrgetter("preset"),
     "model": attrgetter("model.__class__"),
     "lmbda": attrgetter("weights.rate"),
@@ -43,32 +121,40 @@ _RECIPE = {
     "background": attrgetter("background"),
     "seed": attrgetter("seed"),
 }
-"""Options of the training recipe, each with a function that returns its value from a training configuration."""
+"""Options of the recipe of anchors, each with a function that returns its value from a training configuration."""
+GAUSSIAN_RECIPE: dict[str, Callable[[Any], object]] = {
+    name: attrgetter(name) for name in ("preset", "gaussians", "degree", "iterations", "quality", "background", "seed")
+} | {"loss": attrgetter("loss"), "model": lambda config: "gaussians"}
+"""Options of the recipe of explicit Gaussians, as in `ANCHOR_RECIPE`."""
 
 
-def check_same_recipe(given: Iterable[str], asked: TrainConfig, kept: TrainConfig) -> None:
+def check_same_recipe(
+    given: Iterable[str], asked: Config, kept: Config, recipe: Mapping[str, Callable[[Config], object]]
+) -> None:
     """Raises an error if options would change the training settings (recipe) of a run resumed from a checkpoint.
 
     Args:
         given: Options set by the user.
         asked: Recipe that results from the options.
         kept: Recipe of the checkpoint.
+        recipe: Options of the recipe, with functions that return their values.
 
     Raises:
         InvalidValueError: If such an option differs from the recipe of the checkpoint.
     """
-    other = [name for name in given if name in _RECIPE and _RECIPE[name](asked) != _RECIPE[name](kept)]
+    other = [name for name in given if name in recipe and recipe[name](asked) != recipe[name](kept)]
     if other:
         options = ", ".join(f"--{name}" for name in other)
         raise InvalidValueError(f"{options}: the checkpoint was made with another value, which --resume keeps")
 
 
 @contextmanager
-def watch(on_test: Any) -> Iterator[Listener]:
+def watch(on_test: Any, last_task: str = "fitting the context model again") -> Iterator[Listener]:
     """Shows the progress of a training on standard error, and stops it with a checkpoint at Ctrl-C.
 
     Args:
         on_test: Called with the quality report of each test during the training.
+        last_task: Description of the part of the training after the last iteration.
 
     Yields:
         Callbacks for the training.
@@ -100,7 +186,7 @@ def watch(on_test: Any) -> Iterator[Listener]:
             on_test(report)
 
         def refining(share: float) -> None:
-            bars.update(task, description=f"fitting the context model again, {share:.0%}")
+            bars.update(task, description=f"{last_task}, {share:.0%}")
 
         before = signal.signal(signal.SIGINT, interrupted)
         try:
@@ -124,7 +210,7 @@ def line(now: Progress) -> str:
     """Formats the state of a training run as one line."""
     size = f", ~{now.estimated_bytes / 1e6:.2f} MB" if now.estimated_bytes is not None else ""
     speed = "" if now.iterations_per_second is None else f", {now.iterations_per_second:.1f} it/s"
-    return f"loss {now.loss:.4f}, L1 {now.l1:.4f}, {now.num_anchors:,} anchors{size}{speed}"
+    return f"loss {now.loss:.4f}, L1 {now.l1:.4f}, {now.num_elements:,} {now.elements}{size}{speed}"
 
 
 def time_left(now: Progress) -> str:

@@ -16,13 +16,22 @@ class Train:
     data: tyro.conf.Positional[str]
     """Dataset folder."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
-    """Scene file to write; checkpoints are written to the same name with .checkpoint added."""
+    """Scene file to write; checkpoints are written to the same name with .checkpoint added. With --model gaussians: a
+    PLY or another file of explicit Gaussians, or a stream (.swz)."""
     preset: str = "auto"
     """Recipe: mipnerf360, tanks_and_temples, deep_blending, bungeenerf or synthetic_nerf; auto chooses by the layout of
     the data."""
     model: str | None = None
-    """Context model: causal (format 2) or hacpp (format 1: larger streams, as used by the paper's interpolation and
-    network). Default: causal; a finished scene keeps its model."""
+    """Anchors with a context model, causal (format 2) or hacpp (format 1: larger streams, as used by the paper's
+    interpolation and network); or gaussians, explicit Gaussians for every player. Default: causal; a finished scene
+    keeps its model."""
+    gaussians: int | None = None
+    """With --model gaussians: number of Gaussians, default 100000. Bytes and time are about proportional to it."""
+    degree: int | None = None
+    """With --model gaussians: degree of the spherical harmonics, 0 to 3, default 3."""
+    quality: str | None = None
+    """With --model gaussians: quantisation quality of the stream, as in `encode`. The last part of the training adapts
+    the Gaussians to it. Default: default."""
     lmbda: float | None = None
     """Weight of the rate (lambda); larger values give smaller scenes. Default: the preset's; its unit depends on the
     model."""
@@ -31,7 +40,7 @@ class Train:
     training, starting from --lmbda."""
     iterations: int | None = None
     """Number of iterations; all phases are scaled in proportion. Default: 2400, or 720 if --init continues a scene
-    (published schedules have 30000). --loss adds 30 %."""
+    (published schedules have 30000). --loss adds 30 %; --model gaussians adds 25 %, at most 2000."""
     voxel_size: float | None = None
     """Spacing of anchors in world units; 0 derives it from the points. Default: the preset's."""
     growth_interval: int | None = None
@@ -41,7 +50,8 @@ class Train:
     quarter of the iterations, at most 600."""
     loss: tuple[str, ...] = ()
     """Loss models that the scene is trained for, as in `transmit` (bernoulli:0.2, gilbert:0.2,20), or first:SHARE, in
-    which only the most important share of the anchors arrives. Of several, one is drawn at random in each iteration."""
+    which only the most important share of the anchors arrives. Of several, one is drawn at random in each iteration.
+    With --model gaussians, one loss model."""
     loss_share: float | None = None
     """Share of the iterations with packet loss, default 0.5. Larger values reduce the effect of losses, and the quality
     without losses."""

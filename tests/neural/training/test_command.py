@@ -116,7 +116,7 @@ def test_damaged_photo_is_reported_before_the_first_iteration(
     def never(*words: object) -> None:
         raise AssertionError("an iteration began")
 
-    monkeypatch.setattr("splatwire.neural.training.trainer.TrainingStep.__call__", never)
+    monkeypatch.setattr("splatwire.neural.training.step.TrainingStep.__call__", never)
     shutil.copytree(folder, tmp_path / "data")
     damaged = sorted((tmp_path / "data" / "images").iterdir())[photo]
     damaged.write_bytes(damaged.read_bytes()[:-300])

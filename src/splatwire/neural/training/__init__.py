@@ -7,10 +7,11 @@ that performs one iteration (`TrainingStep`). `train_scene` repeats the iteratio
 from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.export import export_scene
+from splatwire.neural.training.loop import RunOptions
 from splatwire.neural.training.presets import PRESETS, create_config
 from splatwire.neural.training.progress import Listener, Progress
 from splatwire.neural.training.quality import QualityReport
-from splatwire.neural.training.trainer import RunOptions, TrainResult, train_scene
+from splatwire.neural.training.trainer import TrainResult, train_scene
 
 __all__ = [
     "PRESETS",

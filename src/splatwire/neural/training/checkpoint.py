@@ -79,16 +79,16 @@ def load_checkpoint(path: Path) -> tuple[TrainState, TrainConfig]:
 
 def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainState, TrainConfig]:
     config = config_from_json(header["config"])
-    voxels = _expect(tensors, "voxels", (tensors["voxels"].shape[0], 3), torch.int64)
+    voxels = expect(tensors, "voxels", (tensors["voxels"].shape[0], 3), torch.int64)
     shapes = parameter_shapes(config, len(voxels))
-    parameters = {name: _expect(tensors, f"parameters.{name}", shape) for name, shape in shapes.items()}
+    parameters = {name: expect(tensors, f"parameters.{name}", shape) for name, shape in shapes.items()}
     moments = {}
     for name, steps in header["steps"].items():
-        first, second = (_expect(tensors, f"{part}.{name}", shapes[name]) for part in ("first", "second"))
+        first, second = (expect(tensors, f"{part}.{name}", shapes[name]) for part in ("first", "second"))
         moments[name] = Moments(first, second, int(steps))
     num_offsets = config.model.layout.num_offsets
     empty = GrowthStatistics.zeros(len(voxels), num_offsets, torch.device("cpu"))
-    statistics = {name: _expect(tensors, f"statistics.{name}", tuple(rows.shape)) for name, rows in vars(empty).items()}
+    statistics = {name: expect(tensors, f"statistics.{name}", tuple(rows.shape)) for name, rows in vars(empty).items()}
     generator = torch.Generator()
     generator.set_state(tensors["generator"])
     state = TrainState(
@@ -98,13 +98,13 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
         parameters={name: value.requires_grad_() for name, value in parameters.items()},
         moments=moments,
         statistics=GrowthStatistics(**statistics),
-        bounds_min=_expect(tensors, "bounds_min", (3,)),
-        bounds_max=_expect(tensors, "bounds_max", (3,)),
+        bounds_min=expect(tensors, "bounds_min", (3,)),
+        bounds_max=expect(tensors, "bounds_max", (3,)),
         camera_extent=float.fromhex(header["camera_extent"]),
         generator=generator,
         queue=[int(view) for view in header["queue"]],
         steering=_steering(header["steering"]),
-        means={name: _expect(tensors, f"mean.{name}", shapes[name]) for name in header["means"]},
+        means={name: expect(tensors, f"mean.{name}", shapes[name]) for name in header["means"]},
     )
     return state, config
 
@@ -128,9 +128,12 @@ def _steering(value: list[float | None]) -> Steering:
     return Steering(*(None if part is None else float(part) for part in (log_rate, miss, ratio)))  # type: ignore[arg-type]
 
 
-def _expect(
-    tensors: dict[str, Tensor], name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32
-) -> Tensor:
+def expect(tensors: dict[str, Tensor], name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32) -> Tensor:
+    """Returns a tensor of a checkpoint.
+
+    Raises:
+        ValueError: If its shape or type differs, or a value is not finite.
+    """
     value = tensors[name]
     if tuple(value.shape) != shape or value.dtype != dtype:
         raise ValueError(f"'{name}' is {value.dtype} {tuple(value.shape)}, expected {dtype} {shape}")
@@ -145,9 +148,18 @@ def config_from_json(value: dict[str, Any]) -> TrainConfig:
     Raises:
         InvalidValueError: If the dictionaries are not a valid configuration.
     """
+    config: TrainConfig = record_from_json(TrainConfig, value)
+    return config
+
+
+def record_from_json(kind: Any, value: dict[str, Any]) -> Any:
+    """Converts nested dictionaries to an instance of a dataclass; the inverse of `dataclasses.asdict`.
+
+    Raises:
+        InvalidValueError: If the dictionaries do not have the fields of the class.
+    """
     try:
-        config: TrainConfig = _record(TrainConfig, value)
-        return config
+        return _record(kind, value)
     except MALFORMED as error:
         raise InvalidValueError(f"not the recipe of a training run: {error}") from error
 

@@ -57,12 +57,12 @@ def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
         DatasetError: If the cameras or points are unusable; the message states the reason.
     """
     generator = torch.Generator().manual_seed(config.seed)
-    _check_cameras(dataset.cameras, _folder(dataset))
-    points = _points(dataset, config, generator)
+    check_cameras(dataset)
+    points, _ = initial_points(dataset, config.random_points, generator)
     voxel_size = config.voxel_size or _derived_voxel_size(points)
     voxels = _voxels(points, voxel_size)
     positions = torch.from_numpy(voxel_positions(voxels, voxel_size))
-    _check_visible(dataset, positions)
+    check_visible(dataset, positions)
     parameters = {**anchor_parameters(voxels, voxel_size, config), **_networks(config, generator)}
     causal = isinstance(config.model, CausalConfig)
     bounds_min, bounds_max = position_bounds(voxels) if causal else grid_bounds(positions)
@@ -137,7 +137,7 @@ def anchor_parameters(voxels: Int64[Tensor, "N 3"], voxel_size: float, config: T
         config: The configuration.
     """
     layout = config.model.layout
-    squared = _mean_squared_distance(torch.from_numpy(voxel_positions(voxels, voxel_size))).clamp(
+    squared = mean_squared_distance(torch.from_numpy(voxel_positions(voxels, voxel_size))).clamp(
         min=_MIN_SQUARED_DISTANCE
     )
     return {
@@ -153,7 +153,13 @@ def _folder(dataset: Dataset) -> Path:
     return dataset.image_paths[0].parent if dataset.image_paths else Path()
 
 
-def _check_cameras(cameras: Cameras, place: Path) -> None:
+def check_cameras(dataset: Dataset) -> None:
+    """Checks that a scene can be trained from the cameras of a dataset.
+
+    Raises:
+        DatasetError: If there are fewer than two views, a camera is not finite, or all cameras have the same place.
+    """
+    cameras, place = dataset.cameras, _folder(dataset)
     if cameras.num_views < 2:
         raise DatasetError(f"{place}: training needs at least 2 views, and there is {cameras.num_views}")
     if not (np.isfinite(cameras.viewmats).all() and np.isfinite(cameras.Ks).all()):
@@ -162,20 +168,36 @@ def _check_cameras(cameras: Cameras, place: Path) -> None:
         raise DatasetError(f"{place}: all cameras stand at the same place: depth cannot be learnt from them")
 
 
-def _points(dataset: Dataset, config: TrainConfig, generator: torch.Generator) -> Tensor:
+def initial_points(
+    dataset: Dataset, random_points: int, generator: torch.Generator
+) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 3"] | None]:
+    """Returns the points that a training begins with: those of the dataset, or random ones if it has none.
+
+    Args:
+        dataset: Training views and points.
+        random_points: Number of random points; at most one per `_PIXELS_PER_POINT` pixels of a view.
+        generator: Random generator, on the CPU.
+
+    Returns:
+        Positions, float64, and RGB in [0, 1], None for random points.
+
+    Raises:
+        DatasetError: If the dataset has fewer than four usable points.
+    """
     if dataset.points is not None and dataset.points.num_points:
-        points = torch.as_tensor(dataset.points.positions).double()
-        points = points[torch.isfinite(points).all(dim=1)]
+        points, colors = torch.as_tensor(dataset.points.positions).double(), torch.as_tensor(dataset.points.colors)
+        finite = torch.isfinite(points).all(dim=1)
+        points = points[finite]
         if len(points) < 4:
             raise DatasetError(
                 f"{_folder(dataset)}: the reconstruction has {len(points)} usable points; at least 4 are needed"
             )
-        return points
+        return points, colors[finite].float()
     center, distance = _view_center(dataset.cameras)
     pixels = dataset.cameras.width * dataset.cameras.height
-    count = min(config.random_points, max(pixels // _PIXELS_PER_POINT, _FEWEST_POINTS))
+    count = min(random_points, max(pixels // _PIXELS_PER_POINT, _FEWEST_POINTS))
     unit = torch.rand(count, 3, generator=generator, dtype=torch.float64)
-    return center + (2 * unit - 1) * distance * _BOX_SHARE
+    return center + (2 * unit - 1) * distance * _BOX_SHARE, None
 
 
 def _view_center(cameras: Cameras) -> tuple[Float[Tensor, "3"], float]:
@@ -204,13 +226,14 @@ def _derived_voxel_size(points: Float[Tensor, "P 3"]) -> float:
 
     It is the median over points of the mean squared distance to three neighbours. As in HAC++, no square root is taken.
     """
-    size = float(_mean_squared_distance(torch.unique(points, dim=0)).median())
+    size = float(mean_squared_distance(torch.unique(points, dim=0)).median())
     if not (math.isfinite(size) and size > 0):
         raise DatasetError("the points give no voxel size: name one")
     return size
 
 
-def _mean_squared_distance(positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N"]:
+def mean_squared_distance(positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N"]:
+    """Returns the mean squared distance of each position to its three nearest others; 0.01 for a single one."""
     points = positions.double().numpy()
     neighbours = min(3, len(points) - 1)
     if neighbours < 1:
@@ -219,7 +242,7 @@ def _mean_squared_distance(positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N"
     return torch.from_numpy(np.square(distances).mean(axis=1))
 
 
-def _check_visible(dataset: Dataset, positions: Float[Tensor, "N 3"]) -> None:
+def check_visible(dataset: Dataset, positions: Float[Tensor, "N 3"]) -> None:
     """Checks that at least half of the cameras see an anchor; if not, poses and points do not fit together.
 
     Raises:

@@ -4,16 +4,17 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from statistics import median
+from typing import Any
 
 import torch
 
 from splatwire.arguments import CheckedFields
-from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.grid import sign_bits
 from splatwire.neural.training.quality import QualityReport
 from splatwire.neural.training.rate import binary_entropy_bits
 from splatwire.neural.training.state import TrainState
 from splatwire.neural.training.step import StepReport
+from splatwire.types import AnchorScene
 
 _MEMORY = 0.98
 """Weight of the previous value in the running means (exponential moving average)."""
@@ -33,21 +34,23 @@ class Progress:
         iterations: Total number of iterations.
         loss: Running mean of the loss.
         l1: Running mean of the mean absolute error of rendered pictures.
-        num_anchors: Number of anchors.
+        num_elements: Number of anchors or Gaussians.
         estimated_bytes: Estimated size of the encoded scene; None before the context phase.
         seconds: Seconds since this training was started or resumed.
         iterations_per_second: Speed from the median of the last iterations, which excludes those that compiled
             kernels; None in the first iterations.
+        elements: Name of the elements in messages.
     """
 
     iteration: int
     iterations: int
     loss: float
     l1: float
-    num_anchors: int
+    num_elements: int
     estimated_bytes: int | None
     seconds: float
     iterations_per_second: float | None
+    elements: str = AnchorScene.ELEMENTS
 
 
 _NETWORKS = ("heads", "prior", "channel", "causal")
@@ -75,23 +78,28 @@ class RunningMeans:
     """Running means of the results of training iterations (loss, error, bits).
 
     Attributes:
-        config: The configuration.
+        iterations: Number of iterations of the training.
         interval: Number of iterations between two updates of the means. An update reads all reports since the previous
             update.
+        estimate: Function that estimates the bytes of the encoded scene from the state and the bits per element; None
+            if the bits are unknown.
+        elements: Name of the elements in messages.
         means: The running means by name.
         recent: Durations of the last iterations, seconds.
         unread: Reports of the iterations since the last update.
         size: Estimated bytes of the encoded scene at the last update; None before the context phase.
     """
 
-    config: TrainConfig
+    iterations: int
     interval: int = 1
+    estimate: Callable[[Any, float], int] | None = None
+    elements: str = AnchorScene.ELEMENTS
     means: dict[str, float] = field(default_factory=dict)
     recent: deque[float] = field(default_factory=lambda: deque(maxlen=_RECENT))
     unread: list[StepReport] = field(default_factory=list)
     size: int | None = None
 
-    def after(self, state: TrainState, report: StepReport, elapsed: float, seconds: float) -> Progress:
+    def after(self, state: Any, report: StepReport, elapsed: float, seconds: float) -> Progress:
         """Adds the report of an iteration; returns the progress of the training.
 
         Args:
@@ -101,27 +109,24 @@ class RunningMeans:
             seconds: Duration of all iterations since the training was started or resumed, seconds.
         """
         self.unread.append(report)
-        if (
-            not self.means
-            or state.iteration % self.interval == 0
-            or state.iteration == self.config.milestones.iterations
-        ):
+        if not self.means or state.iteration % self.interval == 0 or state.iteration == self.iterations:
             self._read_reports(state)
         means = self.means
         self.recent.append(elapsed)
         enough = len(self.recent) >= _FEWEST
         return Progress(
             iteration=state.iteration,
-            iterations=self.config.milestones.iterations,
+            iterations=self.iterations,
             loss=means["loss"],
             l1=means["l1"],
-            num_anchors=state.num_anchors,
+            num_elements=state.num_elements,
             estimated_bytes=self.size,
             seconds=seconds,
             iterations_per_second=1 / max(median(self.recent), 1e-9) if enough else None,
+            elements=self.elements,
         )
 
-    def _read_reports(self, state: TrainState) -> None:
+    def _read_reports(self, state: Any) -> None:
         """Adds all new reports to the running means.
 
         The reports are copied from the device at once, because each copy waits for the device.
@@ -138,8 +143,9 @@ class RunningMeans:
             for name, value in found.items():
                 means[name] = _MEMORY * means.get(name, value) + (1 - _MEMORY) * value
         last, self.unread = self.unread[-1], []
-        threshold = self.config.mask_threshold
-        self.size = None if last.sample_bits is None else estimate_bytes(state, means["bits"], threshold)
+        self.size = None
+        if self.estimate is not None and last.sample_bits is not None:
+            self.size = self.estimate(state, means["bits"])
 
 
 @torch.no_grad()

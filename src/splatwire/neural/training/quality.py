@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from splatwire.anchors.appearance import Scene
 from splatwire.data import Dataset
 from splatwire.metrics import psnr, ssim
 from splatwire.ops.arrays import to_numpy
 from splatwire.render.base import Renderer
 from splatwire.render.render import iterate_views
-from splatwire.types import AnchorScene
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class QualityReport:
 
 
 def assess_scene(
-    scene: AnchorScene, dataset: Dataset, num_views: int, iteration: int, renderer: str | Renderer = "cpu"
+    scene: Scene, dataset: Dataset, num_views: int, iteration: int, renderer: str | Renderer = "cpu"
 ) -> QualityReport:
     """Renders evenly spaced views of a dataset and compares the pictures with the photos.
 

@@ -166,6 +166,11 @@ class TrainState:
         return int(self.voxels.shape[0])
 
     @property
+    def num_elements(self) -> int:
+        """Number of anchors, N."""
+        return self.num_anchors
+
+    @property
     def positions(self) -> Float[Tensor, "N 3"]:
         """World coordinates of the anchors."""
         return (self.voxels.double() * self.voxel_size).float()  # as `voxel_positions`, on the device of the voxels

@@ -1,4 +1,4 @@
-"""The training loop: views in random order, tests, checkpoints, progress reports."""
+"""Training of anchors from posed photos."""
 
 import time
 from dataclasses import dataclass
@@ -6,41 +6,23 @@ from pathlib import Path
 
 import torch
 
-from splatwire.arguments import CheckedFields, checked
+from splatwire.arguments import checked
 from splatwire.data import Dataset
-from splatwire.errors import DatasetError, DivergedError, InvalidValueError, shown
 from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.checkpoint import save_checkpoint
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.export import export_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import Kernels, choose_kernels
-from splatwire.neural.training.photos import PhotoStore, check_photos
-from splatwire.neural.training.progress import Listener, RunningMeans
-from splatwire.neural.training.quality import QualityReport, assess_scene
+from splatwire.neural.training.loop import RunOptions, TrainingLoop, training_device
+from splatwire.neural.training.losses import Photo
+from splatwire.neural.training.progress import Listener, RunningMeans, estimate_bytes
+from splatwire.neural.training.quality import QualityReport
 from splatwire.neural.training.refine import refine_context
 from splatwire.neural.training.size import steer
 from splatwire.neural.training.state import TrainState, move_state
-from splatwire.neural.training.step import TrainingStep
-from splatwire.render.backends import create_renderer
+from splatwire.neural.training.step import StepReport, TrainingStep
 from splatwire.types import AnchorScene, Cameras
-
-
-@dataclass(frozen=True)
-class RunOptions(CheckedFields):
-    """Options for checkpoints and tests, which have no influence on the trained scene.
-
-    Attributes:
-        checkpoint: Path of the checkpoint file; None for no checkpoints.
-        checkpoint_interval: Number of iterations between checkpoints.
-        test_interval: Number of iterations between tests; 0 for a single test at the end.
-        max_test_views: Maximum number of views per test; the test at the end renders all views.
-    """
-
-    checkpoint: Path | None = None
-    checkpoint_interval: int = 1000
-    test_interval: int = 1000
-    max_test_views: int = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,18 +42,6 @@ class TrainResult:
     test: QualityReport | None
     stopped: bool
     seconds: float
-
-
-def training_device(name: str) -> torch.device:
-    """Returns the torch device of a name such as `cpu`, `cuda` or `cuda:1`.
-
-    Raises:
-        InvalidValueError: If torch has no such device.
-    """
-    try:
-        return torch.device(name)
-    except (RuntimeError, ValueError) as error:
-        raise InvalidValueError(f"device: torch has no device {shown(name)}; use cpu or cuda") from error
 
 
 @checked
@@ -105,83 +75,52 @@ def train_scene(
     options, listener = options or RunOptions(), listener or Listener()
     place = training_device(device)
     kernels = choose_kernels(place)
-    run = _TrainingLoop(config, options, listener, train, test, place, kernels)
-    photos = PhotoStore(train, place, kernels.prepare_photo)
-    if test is not None:
-        check_photos(test)
+    loop = TrainingLoop(options, listener, train, test, place, kernels)
+    photos = loop.read_photos()
     if state is None:
         state = initial_state(train, config)
-    if max(state.queue, default=0) >= train.num_views:
-        raise DatasetError("the checkpoint is of a run with more training views than there are here")
-    state = move_state(state, place)
-    stopped = run.loop(state, photos)
-    if options.checkpoint is not None:
-        save_checkpoint(state, config, options.checkpoint)
-    report = None if test is None or stopped else run.test(state, test.num_views)
+    model = _AnchorTraining(move_state(state, place), config, train.cameras, kernels)
+    stopped = loop.run(model, photos)
+    state, report = model.state, None
+    if test is not None and not stopped:
+        report = loop.test(model.scene(place), state.iteration, test.num_views)
     scene = export_scene(state, config)
     if not stopped:
         started = time.perf_counter()
         scene = refine_context(scene, config.refine, progress=listener.refining)
-        run.seconds += time.perf_counter() - started
-    return TrainResult(scene, state, report, stopped, run.seconds)
+        loop.seconds += time.perf_counter() - started
+    return TrainResult(scene, state, report, stopped, loop.seconds)
 
 
-@dataclass
-class _TrainingLoop:
-    """The training loop, with everything that is constant during it: configuration, datasets, device and listener."""
+class _AnchorTraining:
+    """Training of anchors, as the loop uses it (`loop.ModelTraining`).
 
-    config: TrainConfig
-    options: RunOptions
-    listener: Listener
-    train: Dataset
-    test_views: Dataset | None
-    device: torch.device
-    kernels: Kernels
-    seconds: float = 0.0
+    Args:
+        state: State of the training, on the training device; changed in place.
+        config: The configuration.
+        cameras: The training cameras. They are copied to the device once, not in every iteration.
+        kernels: Implementations of the expensive operations for that device.
+    """
 
-    def loop(self, state: TrainState, photos: PhotoStore) -> bool:
-        """Trains until the last iteration; returns True if the listener stopped the training before."""
-        step, means = (
-            TrainingStep(self.config, self._cameras(), self.kernels),
-            RunningMeans(self.config, self.kernels.report_interval),
+    def __init__(self, state: TrainState, config: TrainConfig, cameras: Cameras, kernels: Kernels) -> None:
+        self.state, self._config, self.iterations = state, config, config.milestones.iterations
+        self._step = TrainingStep(config, to_tensors(cameras, state.device), kernels)
+        self.means = RunningMeans(
+            self.iterations,
+            kernels.report_interval,
+            lambda state, bits: estimate_bytes(state, bits, config.mask_threshold),
         )
-        while state.iteration < self.config.milestones.iterations:
-            started = time.perf_counter()
-            if not state.queue:
-                state.queue = torch.randperm(self.train.num_views, generator=state.generator).tolist()
-            view = state.queue.pop()
-            report = step(state, view, photos.photo(view))
-            steer(state, self.config, step.size_estimate)
-            elapsed = time.perf_counter() - started
-            self.seconds += elapsed
-            self.listener.progress(means.after(state, report, elapsed, self.seconds))
-            if self.listener.should_stop():
-                return state.iteration < self.config.milestones.iterations
-            self._keep(state)
-        return False
 
-    def test(self, state: TrainState, num_views: int) -> QualityReport | None:
-        """Measures the quality of test views and reports it to the listener; returns None without test views."""
-        if self.test_views is None:
-            return None
-        scene = export_scene(state, self.config, self.device)
-        renderer = create_renderer("cpu" if self.device.type == "cpu" else "gsplat")
-        report = assess_scene(scene, self.test_views, num_views, state.iteration, renderer)
-        self.listener.tested(report)
+    def step(self, view: int, photo: Photo) -> StepReport:
+        """Performs one iteration, and adjusts lambda to the target size."""
+        report = self._step(self.state, view, photo)
+        steer(self.state, self._config, self._step.size_estimate)
         return report
 
-    def _cameras(self) -> Cameras:
-        """Returns the training cameras on the training device, which saves copying them in every iteration."""
-        cameras = self.train.cameras
-        return to_tensors(cameras, self.device)
+    def save(self, path: Path) -> None:
+        """Writes a checkpoint."""
+        save_checkpoint(self.state, self._config, path)
 
-    def _keep(self, state: TrainState) -> None:
-        last = state.iteration == self.config.milestones.iterations
-        if last:
-            return
-        if self.options.checkpoint is not None and state.iteration % self.options.checkpoint_interval == 0:
-            if not all(bool(torch.isfinite(value).all()) for value in state.parameters.values()):
-                raise DivergedError(state.iteration)
-            save_checkpoint(state, self.config, self.options.checkpoint)
-        if self.options.test_interval and state.iteration % self.options.test_interval == 0:
-            self.test(state, self.options.max_test_views)
+    def scene(self, device: torch.device) -> AnchorScene:
+        """Returns the scene of the present state."""
+        return export_scene(self.state, self._config, device)

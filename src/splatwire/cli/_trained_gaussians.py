@@ -1,0 +1,163 @@
+"""Implementation of `splatwire train --model gaussians`: trains explicit Gaussians from photos with known cameras."""
+
+import dataclasses
+import sys
+from pathlib import Path
+from typing import Any
+
+from splatwire.bitstream import write_stream
+from splatwire.bitstream.stream import FILE_SUFFIX
+from splatwire.cli._files import prepared_output
+from splatwire.cli._options import quality_option
+from splatwire.cli._output import print_json, print_summary, refuse_options
+from splatwire.cli._scenes import chosen_background
+from splatwire.cli._training import (
+    CPU_ITERATIONS,
+    GAUSSIAN_RECIPE,
+    changed_options,
+    check_same_recipe,
+    preset_of,
+    preview_writer,
+    stopped_early,
+    training_data,
+    watch,
+)
+from splatwire.cli.train import Train
+from splatwire.codec import add_concealment, encode_scene
+from splatwire.codec.gaussians.quality import quality_of
+from splatwire.codec.viewpoint import SECTION as VIEWPOINT
+from splatwire.codec.viewpoint import viewpoint_section
+from splatwire.data import Dataset
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.io import open_scene, save_scene
+from splatwire.io.formats import format_for
+from splatwire.neural.training import RunOptions
+from splatwire.neural.training.gaussians import (
+    GaussianConfig,
+    GaussianResult,
+    load_gaussian_checkpoint,
+    save_gaussian_checkpoint,
+    train_gaussians,
+)
+from splatwire.neural.training.gaussians.config import tuning_iterations
+from splatwire.neural.training.gaussians.initial import initial_gaussians
+from splatwire.neural.training.gaussians.state import GaussianState
+from splatwire.neural.training.initial import points_of
+from splatwire.neural.training.presets import PRESETS
+from splatwire.types import SplatScene
+from splatwire.types.background import BLACK
+
+GAUSSIANS = "gaussians"
+"""Value of `--model` for explicit Gaussians."""
+_OF_ANCHORS = ("lmbda", "size", "voxel_size", "growth_interval", "refine", "loss_share")
+"""Options that apply only to anchors."""
+
+
+def check_gaussian_options(command: Train) -> None:
+    """Checks the options of a training of explicit Gaussians.
+
+    Raises:
+        InvalidValueError: If an option applies only to anchors, or a value is not valid.
+        UnknownNameError: If the file name has no suffix of a format of explicit Gaussians.
+    """
+    refuse_options(command, _OF_ANCHORS, "is for anchors: the size of explicit Gaussians follows from --gaussians")
+    if len(command.loss) > 1:
+        raise InvalidValueError("--model gaussians takes one --loss")
+    if not command.output.lower().endswith(FILE_SUFFIX):
+        form = format_for(command.output)
+        if form.scene_type not in (None, SplatScene):
+            raise InvalidValueError(f"{command.output}: {form.what} does not hold explicit Gaussians")
+    _config(command)
+
+
+def run_gaussians(command: Train, device: str, place: str) -> None:
+    """Trains explicit Gaussians, writes them, and prints the result.
+
+    Args:
+        command: Options of `splatwire train`.
+        device: Name of the training device.
+        place: Name of the device in messages.
+    """
+    output = prepared_output(Path(command.output))
+    checkpoint = output.with_name(output.name + ".checkpoint")
+    if command.resume:
+        state, config = load_gaussian_checkpoint(checkpoint)
+        check_same_recipe(changed_options(command), _config(command), config, GAUSSIAN_RECIPE)
+        train, test = training_data(command, config.test_views, config.background)
+    else:
+        state, config, train, test = _initial_training(command, place)
+        save_gaussian_checkpoint(state, config, checkpoint)  # reports an unwritable checkpoint at once
+    options = RunOptions(checkpoint, command.checkpoint_interval)
+    with watch(preview_writer(command.preview), "fine-tuning with the rounding of the codec") as listener:
+        result = train_gaussians(train, test, config, state=state, options=options, listener=listener, device=device)
+    if result.stopped:
+        raise stopped_early(result.state.iteration, config.iterations)
+    num_bytes = None
+    if output.name.lower().endswith(FILE_SUFFIX):
+        stream = add_concealment(encode_scene(result.scene), VIEWPOINT, viewpoint_section(train.cameras))
+        write_stream(stream, output)
+        num_bytes = stream.num_bytes
+    else:
+        save_scene(result.scene, output)
+    _report(command, result, config, num_bytes)
+
+
+def _initial_training(command: Train, place: str) -> tuple[GaussianState, GaussianConfig, Dataset, Dataset | None]:
+    """Prepares a new training: returns the initial state, the configuration, and the training and test datasets."""
+    config = _config(command)
+    start = None if command.init is None else open_scene(command.init)
+    train, test = training_data(command, config.test_views, config.background)
+    if start is not None:
+        train = dataclasses.replace(train, points=points_of(start))
+    chosen = " (chosen by the data)" if command.preset == "auto" else ""
+    print(
+        f"recipe {config.preset}{chosen}, {config.gaussians:,} Gaussians, {config.iterations:,} iterations and "
+        f"{config.tuning:,} more with the rounding of the codec, on the {place}",
+        file=sys.stderr,
+    )
+    if train.points is None or not train.points.num_points:
+        print("the dataset has no points: the first Gaussians get random positions", file=sys.stderr)
+    return initial_gaussians(train, config), config, train, test
+
+
+def _config(command: Train) -> GaussianConfig:
+    preset = preset_of(command)
+    if preset not in PRESETS:
+        raise UnknownNameError("preset", preset, PRESETS)
+    iterations = CPU_ITERATIONS if command.iterations is None else command.iterations
+    given: dict[str, Any] = {
+        name: value for name in ("gaussians", "degree") if (value := getattr(command, name)) is not None
+    }
+    return GaussianConfig(
+        preset=preset,
+        iterations=iterations,
+        tuning=tuning_iterations(max(iterations, 0)),
+        quality=quality_of(quality_option(command.quality or "default")),
+        loss=command.loss[0] if command.loss else None,
+        background=chosen_background(command.background) or BLACK,
+        test_views=PRESETS[preset].test_views,
+        seed=command.seed,
+        **given,
+    )
+
+
+def _report(command: Train, result: GaussianResult, config: GaussianConfig, num_bytes: int | None) -> None:
+    test, scene = result.test, result.scene
+    if command.json:
+        print_json(
+            {
+                "output": command.output,
+                "iterations": result.state.iteration,
+                "num_gaussians": scene.num_gaussians,
+                "degree": scene.splats.degree,
+                "test_psnr": test.psnr if test else None,
+                "test_ssim": test.ssim if test else None,
+                **({"stream_bytes": num_bytes} if num_bytes else {}),
+                "seconds": result.seconds,
+                "recipe": dataclasses.asdict(config),
+            }
+        )
+        return
+    quality = f", test PSNR {test.psnr:.2f} dB, SSIM {test.ssim:.4f}" if test else ""
+    quality += f", {num_bytes:,} bytes" if num_bytes else ""
+    print_summary(f"{scene.num_gaussians:,} Gaussians{quality}, {result.seconds:,.0f} s -> {command.output}")

@@ -1,0 +1,90 @@
+"""Checkpoints of a training of explicit Gaussians: the whole state as one file of tensors with a JSON header.
+
+On the same machine with the same number of threads, a resumed training gives bit for bit the result of an uninterrupted
+training.
+"""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from splatwire.anchors.tensor_file import read_tensors, write_tensors
+from splatwire.arguments import checked
+from splatwire.errors import MALFORMED, BitstreamError
+from splatwire.neural.model.tensors import to_tensors
+from splatwire.neural.training.checkpoint import expect, record_from_json
+from splatwire.neural.training.gaussians.config import GaussianConfig
+from splatwire.neural.training.gaussians.state import GaussianState, parameter_shapes
+from splatwire.neural.training.state import Moments
+
+FORMAT = "splatwire-gaussian-checkpoint"
+VERSION = 1
+
+
+@checked
+def save_gaussian_checkpoint(state: GaussianState, config: GaussianConfig, path: Path) -> None:
+    """Writes the state and the configuration of a training to a checkpoint file, atomically.
+
+    Args:
+        state: State of the training.
+        config: The configuration.
+        path: Path of the file; its folder must exist.
+
+    Raises:
+        OSError: If the file cannot be written.
+    """
+    tensors = {
+        "generator": state.generator.get_state(),
+        **{f"parameters.{name}": value for name, value in state.parameters.items()},
+        **{f"first.{name}": moments.first for name, moments in state.moments.items()},
+        **{f"second.{name}": moments.second for name, moments in state.moments.items()},
+    }
+    header = {
+        "format": FORMAT,
+        "version": VERSION,
+        "iteration": state.iteration,
+        "camera_extent": state.camera_extent.hex(),
+        "queue": state.queue,
+        "steps": {name: moments.steps for name, moments in state.moments.items()},
+        "config": dataclasses.asdict(config),
+    }
+    write_tensors(tensors, header, path)
+
+
+@checked
+def load_gaussian_checkpoint(path: Path) -> tuple[GaussianState, GaussianConfig]:
+    """Reads a file of `save_gaussian_checkpoint`; tensors are on the CPU and equal bit for bit.
+
+    Raises:
+        UnsupportedVersionError: If this release does not support the file's version.
+        BitstreamError: If the file is absent or not a checkpoint, or an entry is missing or does not fit.
+    """
+    arrays, header = read_tensors(path, FORMAT, VERSION)
+    try:
+        return _state(header, to_tensors(arrays))
+    except MALFORMED as error:
+        raise BitstreamError(f"{path}: the checkpoint is damaged: {error}") from error
+
+
+def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[GaussianState, GaussianConfig]:
+    config: GaussianConfig = record_from_json(GaussianConfig, header["config"])
+    shapes = parameter_shapes(tensors["parameters.means"].shape[0], config.degree)
+    parameters = {name: expect(tensors, f"parameters.{name}", shape) for name, shape in shapes.items()}
+    moments = {}
+    for name, steps in header["steps"].items():
+        first, second = (expect(tensors, f"{part}.{name}", shapes[name]) for part in ("first", "second"))
+        moments[name] = Moments(first, second, int(steps))
+    generator = torch.Generator()
+    generator.set_state(tensors["generator"])
+    state = GaussianState(
+        int(header["iteration"]),
+        {name: value.requires_grad_() for name, value in parameters.items()},
+        moments,
+        float.fromhex(header["camera_extent"]),
+        generator,
+        [int(view) for view in header["queue"]],
+    )
+    return state, config

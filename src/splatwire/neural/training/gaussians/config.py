@@ -1,0 +1,161 @@
+"""Configuration of a training of explicit Gaussians."""
+
+import math
+from dataclasses import dataclass, field
+
+from splatwire.arguments import check_fields
+from splatwire.channel import parse_loss
+from splatwire.codec.gaussians.quality import QUALITIES, Quality
+from splatwire.errors import InvalidValueError
+from splatwire.neural.training.config import LearningRate
+from splatwire.ops.spherical_harmonics import MAX_DEGREE
+
+MIN_ITERATIONS = 20
+MAX_GAUSSIANS = 4_000_000
+"""Maximum number of Gaussians of a training, as of anchors."""
+TUNING_SHARE, MAX_TUNING = 0.25, 2000
+"""Iterations of the fine-tuning with the codec's rounding: share of all iterations, and their maximum number."""
+
+
+@dataclass(frozen=True)
+class GaussianRates:
+    """Learning rates by parameter; that of the centres is multiplied by the extent of the cameras.
+
+    The rates are those of 3DGS. Those of harmonics above degree 0 are a twentieth of the rate of degree 0.
+
+    Attributes:
+        means: Centres.
+        log_scales: Logarithms of the standard deviations.
+        quats: Quaternions.
+        logits: Logits of the opacities.
+        base: Harmonics of degree 0.
+        harmonics: Harmonics above degree 0.
+    """
+
+    means: LearningRate = LearningRate(1.6e-4, 1.6e-6)  # noqa: RUF009 - frozen
+    log_scales: LearningRate = LearningRate(0.005, 0.005)  # noqa: RUF009 - frozen
+    quats: LearningRate = LearningRate(0.001, 0.001)  # noqa: RUF009 - frozen
+    logits: LearningRate = LearningRate(0.05, 0.05)  # noqa: RUF009 - frozen
+    base: LearningRate = LearningRate(0.0025, 0.0025)  # noqa: RUF009 - frozen
+    harmonics: LearningRate = LearningRate(0.000125, 0.000125)  # noqa: RUF009 - frozen
+
+
+@dataclass(frozen=True)
+class RelocationRules:
+    """Rules for moving, adding and disturbing Gaussians (3DGS-MCMC).
+
+    Attributes:
+        start: Share of the iterations after which Gaussians are moved and added.
+        growth_end: Share of the iterations until which the number of Gaussians reaches the budget.
+        end: Share of the iterations after which no Gaussians are moved.
+        interval: Maximum number of iterations between two changes.
+        changes: Minimum number of intervals of a training; short trainings have shorter intervals.
+        growth: Relative increase of the number of Gaussians per change. It is larger if the budget would otherwise not
+            be reached.
+        dead_opacity: Opacity up to which a Gaussian is moved to another one.
+        noise: Standard deviation of the position noise in the first iteration, in variances of the Gaussian divided by
+            the extent of the cameras. It decreases with the learning rate of the centres.
+    """
+
+    start: float = 0.02
+    growth_end: float = 0.5
+    end: float = 0.85
+    interval: int = 100
+    changes: int = 60
+    growth: float = 0.05
+    dead_opacity: float = 0.005
+    noise: float = 80.0
+
+
+@dataclass(frozen=True)
+class GaussianConfig:
+    """The complete configuration of a training of explicit Gaussians.
+
+    Attributes:
+        preset: Name of the preset whose rule for the test views is used.
+        gaussians: Budget: number of Gaussians of the trained scene, at least 1.
+        degree: Degree of the spherical harmonics, 0 to 3.
+        iterations: Number of iterations before the fine-tuning, at least `MIN_ITERATIONS`.
+        tuning: Number of iterations of the fine-tuning, in which the codec's rounding is simulated; 0 for none.
+        quality: Quality setting of the codec for the fine-tuning.
+        loss: Loss model that the fine-tuning simulates, in the syntax of `splatwire.channel.parse_loss`; None for no
+            packet loss.
+        dssim: Weight of 1 - SSIM in the loss; the weight of the mean absolute error is 1 - `dssim`.
+        opacity_weight: Weight of the mean opacity in the loss.
+        scale_weight: Weight of the mean standard deviation in the loss, relative to the extent of the cameras.
+        degree_steps: Shares of the iterations after which the degree of the harmonics rises to 1, 2 and 3.
+        rates: Learning rates.
+        relocation: Rules for moving and adding Gaussians.
+        background: RGB of the background.
+        test_views: Rule that selects the test views.
+        seed: Seed of all random numbers, at least 0.
+
+    Raises:
+        InvalidValueError: If a value is out of range.
+    """
+
+    preset: str = "mipnerf360"
+    gaussians: int = 100_000
+    degree: int = MAX_DEGREE
+    iterations: int = 2400
+    tuning: int = 600
+    quality: Quality = QUALITIES["default"]
+    loss: str | None = None
+    dssim: float = 0.2
+    opacity_weight: float = 0.01
+    scale_weight: float = 0.05
+    degree_steps: tuple[float, float, float] = (0.1, 0.2, 0.3)
+    rates: GaussianRates = field(default_factory=GaussianRates)
+    relocation: RelocationRules = RelocationRules()
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    test_views: str = "every_8th"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not 1 <= self.gaussians <= MAX_GAUSSIANS:
+            raise InvalidValueError(f"a training takes 1 to {MAX_GAUSSIANS:,} Gaussians, not {self.gaussians:,}")
+        if not 0 <= self.degree <= MAX_DEGREE:
+            raise InvalidValueError(f"spherical harmonics have degree 0 to {MAX_DEGREE}, not {self.degree}")
+        if self.iterations < MIN_ITERATIONS or self.tuning < 0:
+            raise InvalidValueError(f"a training takes {MIN_ITERATIONS} iterations or more, not {self.iterations}")
+        if self.seed < 0:
+            raise InvalidValueError(f"a seed is 0 or more, not {self.seed}")
+        if self.loss is not None:
+            parse_loss(self.loss)
+            if not self.tuning:
+                raise InvalidValueError("losses are simulated in the fine-tuning, which has no iterations here")
+
+    def degree_at(self, iteration: int) -> int:
+        """Returns the degree of the harmonics that are trained in an iteration, counted from 1."""
+        reached = sum(iteration > share * self.iterations for share in self.degree_steps)
+        return min(reached, self.degree)
+
+    @property
+    def change_interval(self) -> int:
+        """Number of iterations between two changes of the set of Gaussians."""
+        rules = self.relocation
+        return min(rules.interval, max(self.iterations // rules.changes, 1))
+
+    def relocates(self, iteration: int) -> bool:
+        """True if Gaussians are moved and added after an iteration."""
+        rules, share = self.relocation, iteration / self.iterations
+        return rules.start <= share <= rules.end and iteration % self.change_interval == 0
+
+    def wanted(self, iteration: int, count: int) -> int:
+        """Returns the number of Gaussians after the change that follows an iteration.
+
+        The budget is reached at the end of the growth phase or before.
+
+        Args:
+            iteration: The iteration, counted from 1.
+            count: Number of Gaussians before the change, at least 1.
+        """
+        left = max(int(self.relocation.growth_end * self.iterations - iteration) // self.change_interval, 0) + 1
+        factor = max((self.gaussians / count) ** (1 / left), 1 + self.relocation.growth)
+        return max(min(self.gaussians, math.ceil(count * factor)), count)
+
+
+def tuning_iterations(iterations: int) -> int:
+    """Returns the usual number of iterations of the fine-tuning after a training."""
+    return min(math.ceil(TUNING_SHARE * iterations), MAX_TUNING)

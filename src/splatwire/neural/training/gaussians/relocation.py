@@ -1,0 +1,117 @@
+"""Moving, adding and disturbing Gaussians during training (3DGS-MCMC, arXiv 2404.09591, formulas of the paper).
+
+A Gaussian of opacity near 0 is moved to the place of a visible one, which is then replaced by several Gaussians that
+together look like it. Additional Gaussians are made in the same way, until the budget is reached.
+"""
+
+import math
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from splatwire.neural.training.gaussians.state import GaussianState
+from splatwire.neural.training.kernels import Uniform
+from splatwire.ops.quaternions import rotation_rows
+
+MAX_COPIES = 51
+"""Maximum number of Gaussians that one Gaussian is replaced by at a time; the sums of more are less exact."""
+_LEAST_OPACITY, _MOST_OPACITY = 0.005, 1 - 1e-6
+_GATE, _GATE_OPACITY = 100.0, 0.005
+"""Steepness of the logistic function of the opacity that multiplies the position noise, and the opacity at its half."""
+
+
+def shared_appearance(
+    opacities: Float[Tensor, "M"], copies: Int64[Tensor, "M"]
+) -> tuple[Float[Tensor, "M"], Float[Tensor, "M"]]:
+    """Computes opacity and size of equal Gaussians at one place that together look like one Gaussian.
+
+    The opacity at the centre stays the same. The size is chosen so that the integral of the opacity along a line
+    through the centre stays the same, too (paper, section on relocation).
+
+    Args:
+        opacities: Opacity of the single Gaussian, in (0, 1).
+        copies: Number of Gaussians that replace it, 1 to `MAX_COPIES`.
+
+    Returns:
+        Opacity of each Gaussian, and the factor on its standard deviations.
+    """
+    exact = opacities.double()
+    shared = 1 - (1 - exact) ** (1 / copies)
+    total, power = torch.zeros_like(exact), torch.ones_like(exact)
+    most = int(copies.max()) if len(copies) else 0
+    # The double sum of binomials over the copies is a single sum: sum over i of C(i - 1, k) equals C(copies, k + 1).
+    for k in range(most):
+        power = power * shared
+        binomials = torch.tensor([math.comb(n, k + 1) for n in range(most + 1)], dtype=torch.float64).to(exact.device)
+        total += (-1) ** k * binomials[copies] * power / math.sqrt(k + 1)
+    return shared.to(opacities), (exact / total).to(opacities)
+
+
+@torch.no_grad()
+def relocate(state: GaussianState, wanted: int, dead_opacity: float) -> None:
+    """Moves Gaussians of opacity near 0 to visible ones, and adds Gaussians in the same way.
+
+    The places are drawn at random, with a probability proportional to the opacity. Adam's moments of all moved, added
+    and replaced Gaussians are set to 0.
+
+    Args:
+        state: State of the training; changed in place.
+        wanted: Number of Gaussians afterwards, at least the present one.
+        dead_opacity: Opacity up to which a Gaussian is moved.
+    """
+    opacities = state.opacities.cpu()
+    dead = (opacities <= dead_opacity).nonzero()[:, 0]
+    alive = (opacities > dead_opacity).nonzero()[:, 0]
+    count = state.num_gaussians
+    added = wanted - count
+    if not len(alive) or not len(dead) + added:
+        return
+    drawn = torch.multinomial(opacities[alive], len(dead) + added, replacement=True, generator=state.generator)
+    sources = alive[drawn]
+    numbers = torch.bincount(sources, minlength=count) + 1
+    targets = torch.cat([dead, torch.arange(count, count + added)])
+    split = (numbers > 1).nonzero()[:, 0]
+    place = state.device
+    for name, values in state.parameters.items():
+        rows = torch.cat([values.detach(), values.new_zeros(added, *values.shape[1:])])
+        state.parameters[name] = rows
+    parameters = state.parameters
+    shared, factor = shared_appearance(
+        opacities[split].clamp(_LEAST_OPACITY, _MOST_OPACITY), numbers[split].clamp(max=MAX_COPIES)
+    )
+    parameters["logits"][split.to(place)] = torch.logit(shared.clamp(_LEAST_OPACITY, _MOST_OPACITY)).to(place)
+    parameters["log_scales"][split.to(place)] += factor.log().to(place)[:, None]
+    for name, values in parameters.items():
+        values[targets.to(place)] = values[sources.to(place)]
+        state.parameters[name] = values.requires_grad_()
+    fresh = torch.cat([targets, split]).to(place)
+    for moments in state.moments.values():
+        for part in ("first", "second"):
+            old = getattr(moments, part)
+            rows = torch.cat([old, old.new_zeros(added, *old.shape[1:])])
+            rows[fresh] = 0
+            setattr(moments, part, rows)
+
+
+@torch.no_grad()
+def add_noise(state: GaussianState, size: float, uniform: Uniform) -> None:
+    """Adds random displacements to the centres of nearly transparent Gaussians, so that they find useful places.
+
+    A displacement is a normal random vector times the covariance of the Gaussian, as in the paper.
+
+    Args:
+        state: State of the training; changed in place.
+        size: Factor on the displacements, per world unit.
+        uniform: Function that draws uniform random numbers in [0, 1).
+    """
+    parameters = state.parameters
+    numbers = uniform(parameters["means"].shape, state.generator, state.device)
+    normal = torch.erfinv((2 * numbers - 1).clamp(-1 + 1e-6, 1 - 1e-6)) * math.sqrt(2)
+    gate = torch.sigmoid(-_GATE * (state.opacities - _GATE_OPACITY))
+    quats = torch.nn.functional.normalize(parameters["quats"], dim=1)
+    rotation = torch.stack([torch.stack(row, dim=1) for row in rotation_rows(*quats.unbind(dim=1))], dim=1)
+    variances = (2 * parameters["log_scales"]).exp()
+    local = (rotation * normal[:, :, None]).sum(dim=1) * variances
+    displaced = (rotation * local[:, None, :]).sum(dim=2)
+    parameters["means"] += displaced * (size * gate)[:, None]

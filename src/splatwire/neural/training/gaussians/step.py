@@ -1,0 +1,120 @@
+"""One training iteration of explicit Gaussians: renders a view and updates all parameters."""
+
+import math
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from splatwire.errors import DivergedError
+from splatwire.neural.model.tensors import to_tensors
+from splatwire.neural.training.gaussians.config import GaussianConfig
+from splatwire.neural.training.gaussians.relocation import add_noise, relocate
+from splatwire.neural.training.gaussians.state import GaussianState
+from splatwire.neural.training.kernels import COMPILED, Kernels
+from splatwire.neural.training.losses import Photo
+from splatwire.neural.training.schedule import learning_rate_at
+from splatwire.neural.training.state import Moments
+from splatwire.neural.training.step import StepReport
+from splatwire.ops.spherical_harmonics import DC, num_functions, sh_functions
+from splatwire.types import Cameras, Gaussians
+
+
+class GaussianStep:
+    """Performs training iterations on a state, which is changed in place.
+
+    Args:
+        config: The configuration.
+        cameras: The training cameras, on the device of the state.
+        kernels: Implementations of the expensive operations for that device.
+    """
+
+    def __init__(self, config: GaussianConfig, cameras: Cameras, kernels: Kernels = COMPILED) -> None:
+        self._config, self._cameras, self._kernels = config, to_tensors(cameras), kernels
+        self._centers = self._cameras.centers
+        self._background = self._cameras.Ks.new_tensor(config.background)
+
+    def __call__(self, state: GaussianState, view: int, photo: Photo) -> StepReport:
+        """Performs one iteration with one view.
+
+        Args:
+            state: State of the training; changed in place.
+            view: Index of the view.
+            photo: Photo of the view.
+
+        Raises:
+            DivergedError: If the loss is not finite; on a device, up to `Kernels.report_interval` iterations later.
+        """
+        config = self._config
+        state.iteration += 1
+        degree = config.degree_at(state.iteration)
+        gaussians = seen_gaussians(state.parameters, degree, self._centers[view].to(state.parameters["means"]))
+        cameras, one = self._cameras, slice(view, view + 1)
+        camera = replace(cameras, viewmats=cameras.viewmats[one], Ks=cameras.Ks[one], names=cameras.names[one])
+        background = self._background.to(gaussians.means)
+        image = self._kernels.draw(gaussians, camera, background=background, watched=False).image
+        loss, l1 = self._kernels.photometric_loss(image, photo, config.dssim)
+        loss = loss + config.opacity_weight * gaussians.opacities.mean()
+        loss = loss + config.scale_weight / state.camera_extent * gaussians.scales.mean()
+        self._check(state, loss)
+        loss.backward()
+        rate = self._update(state)
+        if config.relocates(state.iteration):
+            wanted = config.wanted(state.iteration, state.num_gaussians)
+            relocate(state, wanted, config.relocation.dead_opacity)
+        noise = config.relocation.noise * rate / config.rates.means.initial / state.camera_extent
+        add_noise(state, noise, self._kernels.random.uniform)
+        return StepReport(loss.detach(), l1, None, 0, torch.tensor(state.num_gaussians))
+
+    def _check(self, state: GaussianState, loss: Float[Tensor, ""]) -> None:
+        last = state.iteration == self._config.iterations
+        if (last or state.iteration % self._kernels.report_interval == 0) and not math.isfinite(float(loss.detach())):
+            raise DivergedError(state.iteration)
+
+    def _update(self, state: GaussianState) -> float:
+        """Updates every parameter that has a gradient by one step of Adam.
+
+        Returns:
+            The learning rate of the centres, without the factor for the extent of the cameras.
+        """
+        share = state.iteration / self._config.iterations
+        rates = {name: learning_rate_at(rate, share) for name, rate in vars(self._config.rates).items()}
+        updates = []
+        for name, parameter in state.parameters.items():
+            if parameter.grad is None:
+                continue
+            if name not in state.moments:
+                state.moments[name] = Moments(torch.zeros_like(parameter), torch.zeros_like(parameter))
+            rate = rates[name.split(".")[0]] * (state.camera_extent if name == "means" else 1.0)
+            updates.append((parameter, parameter.grad, state.moments[name], rate))
+            parameter.grad = None
+        self._kernels.adam_update(updates)
+        return rates["means"]
+
+
+def seen_gaussians(parameters: dict[str, Tensor], degree: int, center: Float[Tensor, "3"]) -> Gaussians:
+    """Returns the Gaussians with the colours seen by a camera; differentiable.
+
+    The viewing directions count as constants.
+
+    Args:
+        parameters: Trained tensors (`GaussianState.parameters`).
+        degree: Degree of the harmonics that are used.
+        center: Centre of the camera, world units.
+    """
+    means = parameters["means"]
+    colors = 0.5 + DC * parameters["base"]
+    if degree:
+        x, y, z = torch.nn.functional.normalize(means.detach() - center, dim=1).unbind(dim=1)
+        functions = sh_functions(x, y, z, degree)
+        for band in range(1, degree + 1):
+            basis = torch.stack(functions[num_functions(band - 1) : num_functions(band)], dim=1)
+            colors = colors + (basis[:, :, None] * parameters[f"harmonics.{band}"]).sum(dim=1)
+    return Gaussians(
+        means,
+        torch.nn.functional.normalize(parameters["quats"], dim=1),
+        parameters["log_scales"].exp(),
+        torch.sigmoid(parameters["logits"]),
+        torch.relu(colors),
+    )

@@ -1,0 +1,184 @@
+"""The training loop of all models: views in random order, tests, checkpoints, progress reports."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import torch
+from torch import Tensor
+
+from splatwire.anchors.appearance import Scene
+from splatwire.arguments import CheckedFields
+from splatwire.data import Dataset
+from splatwire.errors import DatasetError, DivergedError, InvalidValueError, shown
+from splatwire.neural.training.kernels import Kernels
+from splatwire.neural.training.losses import Photo
+from splatwire.neural.training.photos import PhotoStore, check_photos
+from splatwire.neural.training.progress import Listener, RunningMeans
+from splatwire.neural.training.quality import QualityReport, assess_scene
+from splatwire.neural.training.step import StepReport
+from splatwire.render.backends import create_renderer
+
+
+@dataclass(frozen=True)
+class RunOptions(CheckedFields):
+    """Options for checkpoints and tests, which have no influence on the trained scene.
+
+    Attributes:
+        checkpoint: Path of the checkpoint file; None for no checkpoints.
+        checkpoint_interval: Number of iterations between checkpoints.
+        test_interval: Number of iterations between tests; 0 for a single test at the end.
+        max_test_views: Maximum number of views per test; the test at the end renders all views.
+    """
+
+    checkpoint: Path | None = None
+    checkpoint_interval: int = 1000
+    test_interval: int = 1000
+    max_test_views: int = 8
+
+
+@runtime_checkable
+class ModelState(Protocol):
+    """Protocol of the state of a training, as the loop uses it.
+
+    Attributes:
+        iteration: Number of completed iterations.
+        parameters: Trained tensors by name.
+        generator: Source of all random numbers, on the CPU.
+        queue: Indices of the training views not yet used in the current round over all views.
+    """
+
+    iteration: int
+    parameters: dict[str, Tensor]
+    generator: torch.Generator
+    queue: list[int]
+
+    @property
+    def num_elements(self) -> int:
+        """Number of anchors or Gaussians."""
+
+
+@runtime_checkable
+class ModelTraining(Protocol):
+    """Protocol of a model in training, as the loop uses it.
+
+    Attributes:
+        state: State of the training.
+        iterations: Number of iterations.
+        means: Running means for progress reports.
+    """
+
+    state: Any
+    iterations: int
+    means: RunningMeans
+
+    def step(self, view: int, photo: Photo) -> StepReport:
+        """Performs one iteration with the photo of a view."""
+
+    def save(self, path: Path) -> None:
+        """Writes a checkpoint."""
+
+    def scene(self, device: torch.device) -> Scene:
+        """Returns the scene that the present state describes, on the CPU; computes it on a device."""
+
+
+def training_device(name: str) -> torch.device:
+    """Returns the torch device of a name such as `cpu`, `cuda` or `cuda:1`.
+
+    Raises:
+        InvalidValueError: If torch has no such device.
+    """
+    try:
+        return torch.device(name)
+    except (RuntimeError, ValueError) as error:
+        raise InvalidValueError(f"device: torch has no device {shown(name)}; use cpu or cuda") from error
+
+
+@dataclass
+class TrainingLoop:
+    """The training loop, with everything that is constant during it.
+
+    Attributes:
+        options: Options for checkpoints and tests.
+        listener: Callbacks.
+        train: Training views.
+        test_views: Test views; None for no tests.
+        device: The training device.
+        kernels: Implementations of the expensive operations for that device.
+        seconds: Duration of the iterations so far, seconds, without tests.
+    """
+
+    options: RunOptions
+    listener: Listener
+    train: Dataset
+    test_views: Dataset | None
+    device: torch.device
+    kernels: Kernels
+    seconds: float = 0.0
+
+    def read_photos(self) -> PhotoStore:
+        """Reads all photos.
+
+        Raises:
+            DatasetError: If a photo or mask is missing or damaged.
+        """
+        photos = PhotoStore(self.train, self.device, self.kernels.prepare_photo)
+        if self.test_views is not None:
+            check_photos(self.test_views)
+        return photos
+
+    def run(self, model: ModelTraining, photos: PhotoStore) -> bool:
+        """Trains until the last iteration, and writes a checkpoint at the end.
+
+        Returns:
+            True if the listener stopped the training before.
+
+        Raises:
+            DatasetError: If the state is of a training with more views.
+            DivergedError: If the loss or a parameter is not finite.
+            OSError: If a checkpoint cannot be written.
+        """
+        if max(model.state.queue, default=0) >= self.train.num_views:
+            raise DatasetError("the checkpoint is of a run with more training views than there are here")
+        stopped = self._iterate(model, photos)
+        if self.options.checkpoint is not None:
+            model.save(self.options.checkpoint)
+        return stopped
+
+    def _iterate(self, model: ModelTraining, photos: PhotoStore) -> bool:
+        state = model.state
+        while state.iteration < model.iterations:
+            started = time.perf_counter()
+            if not state.queue:
+                state.queue = torch.randperm(self.train.num_views, generator=state.generator).tolist()
+            view = state.queue.pop()
+            report = model.step(view, photos.photo(view))
+            elapsed = time.perf_counter() - started
+            self.seconds += elapsed
+            self.listener.progress(model.means.after(state, report, elapsed, self.seconds))
+            if self.listener.should_stop():
+                return bool(state.iteration < model.iterations)
+            self._keep(model)
+        return False
+
+    def test(self, scene: Scene, iteration: int, num_views: int) -> QualityReport | None:
+        """Measures the quality of test views and reports it to the listener; returns None without test views."""
+        if self.test_views is None:
+            return None
+        renderer = create_renderer("cpu" if self.device.type == "cpu" else "gsplat")
+        report = assess_scene(scene, self.test_views, num_views, iteration, renderer)
+        self.listener.tested(report)
+        return report
+
+    def _keep(self, model: ModelTraining) -> None:
+        """Writes a checkpoint and tests the scene, at the intervals of the options."""
+        state, options = model.state, self.options
+        if state.iteration == model.iterations:
+            return
+        if options.checkpoint is not None and state.iteration % options.checkpoint_interval == 0:
+            if not all(bool(torch.isfinite(value).all()) for value in state.parameters.values()):
+                raise DivergedError(state.iteration)
+            model.save(options.checkpoint)
+        if options.test_interval and state.iteration % options.test_interval == 0 and self.test_views is not None:
+            self.test(model.scene(self.device), state.iteration, options.max_test_views)
