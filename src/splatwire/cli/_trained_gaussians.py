@@ -39,7 +39,7 @@ from splatwire.neural.training.gaussians import (
     save_gaussian_checkpoint,
     train_gaussians,
 )
-from splatwire.neural.training.gaussians.config import tuning_iterations
+from splatwire.neural.training.gaussians.config import GaussianRates, tuning_iterations
 from splatwire.neural.training.gaussians.initial import initial_gaussians
 from splatwire.neural.training.gaussians.state import GaussianState
 from splatwire.neural.training.initial import points_of
@@ -132,6 +132,7 @@ def _config(command: Train) -> GaussianConfig:
         preset=preset,
         iterations=iterations,
         tuning=tuning_iterations(max(iterations, 0)),
+        rates=GaussianRates().for_length(max(iterations, 1)),
         quality=quality_of(quality_option(command.quality or "default")),
         loss=command.loss[0] if command.loss else None,
         background=chosen_background(command.background) or BLACK,

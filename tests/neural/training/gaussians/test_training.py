@@ -23,6 +23,7 @@ from splatwire.neural.training.gaussians import (
     save_gaussian_checkpoint,
     train_gaussians,
 )
+from splatwire.neural.training.gaussians.config import GaussianRates
 from splatwire.neural.training.gaussians.initial import initial_gaussians
 from splatwire.neural.training.gaussians.step import GaussianStep, seen_gaussians
 from splatwire.neural.training.kernels import HOST_RANDOMNESS, plain_kernels
@@ -63,11 +64,11 @@ def test_held_out_views_improve(dataset: Dataset, with_points: bool) -> None:
     train, test = dataset.select([0, 1, 2, 4, 5, 6]), dataset.select([3, 7])
     if not with_points:
         train = dataclasses.replace(train, points=None)
-    config = GaussianConfig(gaussians=400, iterations=400, tuning=100)
+    config = GaussianConfig(gaussians=400, iterations=300, tuning=80, rates=GaussianRates().for_length(300))
     before = assess_scene(initial_gaussians(train, config).scene(3, BLACK), test, 2, 0).psnr
     result = train_gaussians(train, test, config)
     assert result.test is not None
-    assert result.test.psnr > before + 5
+    assert result.test.psnr > before + 3
     assert result.state.num_gaussians == 400
 
 
@@ -119,7 +120,8 @@ def test_losses_change_the_fine_tuning_only(dataset: Dataset, uninterrupted: Gau
 def test_degree_limits_the_harmonics(dataset: Dataset) -> None:
     result = train_gaussians(dataset, None, dataclasses.replace(CONFIG, degree=1))
     assert result.scene.splats.degree == 1
-    assert float(np.abs(result.scene.splats.sh[:, 1:]).max()) > 0
+    assert "harmonics.2" not in result.state.parameters
+    assert float(result.state.parameters["harmonics.1"].detach().abs().max()) > 0
     assert [CONFIG.degree_at(i) for i in (1, 6, 7, 13, 19, 60)] == [0, 0, 1, 2, 3, 3]
 
 
@@ -154,7 +156,7 @@ def test_plain_kernels_with_gsplat_give_the_same_steps(dataset: Dataset, monkeyp
         ({"degree": 4}, "degree 0 to 3, not 4"),
         ({"iterations": 19}, "20 iterations or more, not 19"),
         ({"seed": -1}, "0 or more, not -1"),
-        ({"loss": "some"}, "some"),
+        ({"loss": "bernoulli:2"}, "share from 0 to 1, not 2"),
         ({"loss": "bernoulli:0.2", "tuning": 0}, "fine-tuning"),
     ],
 )

@@ -1,0 +1,116 @@
+"""The verb `train --model gaussians` on photos in the nerfstudio layout."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatwire.cli.main import main
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.io import open_scene
+from splatwire.neural.training.gaussians import load_gaussian_checkpoint
+from splatwire.types import SplatScene
+
+
+def _words(folder: Path, output: Path, *more: object) -> list[str]:
+    words = ["train", folder, "-o", output, "--model", "gaussians", "--iterations", 20, "--gaussians", 200, *more]
+    return [str(word) for word in words]
+
+
+def _run(words: list[str]) -> int:
+    with pytest.raises(SystemExit) as stopped:
+        main(words)
+    return int(stopped.value.code or 0)
+
+
+@pytest.mark.slow
+def test_file_and_stream_hold_the_same_gaussians(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ply, swz, preview = tmp_path / "a.ply", tmp_path / "a.swz", tmp_path / "a.png"
+    assert _run(_words(folder, ply, "--json", "--preview", preview)) == 0
+    captured = capsys.readouterr()
+    result = json.loads(captured.out)
+    assert "the first Gaussians get random positions" in captured.err
+    assert (result["iterations"], result["degree"], result["recipe"]["gaussians"]) == (20, 3, 200)
+    assert result["test_psnr"] > 5
+    assert preview.stat().st_size > 0
+    assert load_gaussian_checkpoint(tmp_path / "a.ply.checkpoint")[0].num_gaussians == 200
+    assert _run(_words(folder, swz, "--json")) == 0
+    assert json.loads(capsys.readouterr().out)["stream_bytes"] == swz.stat().st_size
+    scene, decoded = open_scene(ply), open_scene(swz)
+    assert isinstance(scene, SplatScene)
+    assert scene.num_gaussians == result["num_gaussians"]
+    again = decode_stream(encode_scene(scene)).scene
+    for name, value in vars(decoded.splats).items():
+        np.testing.assert_array_equal(getattr(again.splats, name), value)
+
+
+@pytest.mark.slow
+def test_a_finished_run_resumes_and_keeps_its_recipe(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ply = tmp_path / "a.ply"
+    assert _run(_words(folder, ply)) == 0
+    first = ply.read_bytes()
+    ply.unlink()
+    assert _run(_words(folder, ply, "--resume")) == 0
+    assert ply.read_bytes() == first
+    capsys.readouterr()
+    assert _run(_words(folder, ply, "--resume", "--seed", 3, "--loss", "bernoulli:0.2")) == 2
+    assert "--loss, --seed: the checkpoint was made with another value" in capsys.readouterr().err
+    words = ["train", str(folder), "-o", str(ply.with_suffix(".scene")), "--resume"]
+    ply.with_name("a.scene.checkpoint").write_bytes(ply.with_name("a.ply.checkpoint").read_bytes())
+    assert _run(words) == 2
+    assert "splatwire-checkpoint" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_training_starts_from_the_gaussians_of_a_file(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(_words(folder, tmp_path / "a.ply", "--json")) == 0
+    assert _run(_words(folder, tmp_path / "b.ply", "--json", "--init", tmp_path / "a.ply")) == 0
+    captured = capsys.readouterr()
+    assert captured.err.count("random positions") == 1
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (("--lmbda", "0.1"), "--lmbda is for anchors"),
+        (("--size", "1MB"), "--size is for anchors"),
+        (("--loss-share", "0.3"), "--loss-share is for anchors"),
+        (("--gaussians", "0"), "1 to 4,000,000 Gaussians, not 0"),
+        (("--degree", "5"), "degree 0 to 3, not 5"),
+        (("--quality", "fine"), "near-lossless"),
+        (("--iterations", "3"), "20 iterations or more, not 3"),
+        (("--loss", "bernoulli:0.1", "bernoulli:0.2"), "one --loss"),
+        (("--loss", "first:0.2"), "first:0.2"),
+        (("--preset", "mip"), "mipnerf360"),
+        (("--resume",), "no such file"),
+    ],
+)
+def test_invalid_options_are_one_error_line(
+    more: tuple[str, ...], message: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = sorted(tmp_path.iterdir())
+    assert _run(_words(folder, tmp_path / "a.ply", *more)) == 2
+    assert message in capsys.readouterr().err
+    assert sorted(tmp_path.iterdir()) == kept
+
+
+def test_a_name_of_another_kind_of_file_is_refused(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(_words(folder, tmp_path / "a.scene")) == 2
+    assert "unknown format of explicit Gaussians" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--gaussians", "--degree", "--quality"])
+def test_options_of_gaussians_are_refused_for_anchors(
+    option: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(["train", str(folder), "-o", str(tmp_path / "a.scene"), option, "1"]) == 2
+    assert f"{option} is for --model gaussians" in capsys.readouterr().err
