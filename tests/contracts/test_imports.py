@@ -8,7 +8,8 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NEURAL = (
-    "splatwire.neural", "splatwire.paper", "splatwire.cli._run_train", "splatwire.cli._training",
+    "splatwire.neural", "splatwire.paper", "splatwire.cli._run_train", "splatwire.cli._trained_gaussians",
+    "splatwire.cli._training",
     "splatwire.cli._run_calibrate_gnn",
 )  # fmt: skip
 """The neural part, the paper's, and the verbs that train, which need torch."""
