@@ -1,4 +1,5 @@
 import json
+import math
 import os
 from pathlib import Path
 
@@ -31,7 +32,8 @@ def test_cameras_round_trip_bit_identically(cameras, tmp_path):
 
 def official(cameras):
     views = [
-        {"name": n, "width": 40, "height": 24, "K": K.tolist(), "w2c": viewmat.tolist(), "FoVx": 1.0}
+        {"name": n, "width": 40, "height": 24, "K": K.tolist(), "w2c": viewmat.tolist()}
+        | {"FoVx": 2 * math.atan(20 / K[0, 0])}
         for n, K, viewmat in zip(cameras.names, cameras.Ks, cameras.viewmats, strict=True)
     ]
     return {"convention": "w2c", "cameras": views}
@@ -63,6 +65,8 @@ def change(**values):
         (change(w2c=(2 * np.eye(4)).tolist()), "'view_03' is not a rotation"),
         (change(w2c=np.diag([1, 1, -1, 1]).tolist()), "'view_03' is not a rotation"),
         (change(K=np.diag([-1, 1, 1]).tolist()), "'view_03' has no positive"),
+        (change(c2w=np.eye(4).tolist()), "'view_03' has 'c2w', which contradicts its other fields"),
+        (change(fov=3.0), "'view_03' has a 'fov' of 3"),
         (change(K=[[33, 4, 20], [0, 33, 12], [0, 0, 1]]), "of view 'view_03' are not .fx 0 cx; 0 fy cy; 0 0 1."),
         (change(K=[[33, 0, 0], [0, 33, 0], [20, 12, 1]]), "of view 'view_03' are not"),
     ],
@@ -130,6 +134,8 @@ def entry(**values):
         (entry(img_name="\ud800"), "which is no text"),
         (entry(rotation=(2 * np.eye(3)).tolist()), "'view_03' is not a rotation"),
         (entry(position=[float("nan")] * 3), "'view_03' is not finite"),
+        (entry(K=[[99, 0, 20], [0, 99, 12], [0, 0, 1]]), "'view_03' has 'K', which contradicts its other fields"),
+        (entry(w2c=np.eye(4).tolist()), "'view_03' has 'w2c', which contradicts its other fields"),
         (entry(FovX=0.5), "'view_03' has a 'FovX' of 0.5, but focal lengths of"),
     ],
 )
@@ -196,3 +202,41 @@ def test_a_lens_of_a_3dgs_camera_gives_a_warning(fields, named, tmp_path, caplog
         assert not caplog.text
     else:
         assert f"fields about a lens are left out: {named};" in caplog.text
+
+
+def test_fields_that_repeat_a_camera_are_accepted(cameras, tmp_path, caplog):
+    content = cameras_of_3dgs(cameras)
+    for view, viewmat, K in zip(content, cameras.viewmats, cameras.Ks, strict=True):
+        more = {
+            "w2c": viewmat.tolist(),
+            "c2w": np.linalg.inv(viewmat).tolist(),
+            "K": K.tolist(),
+            "convention": "OpenCV",
+        }
+        view.update(more)
+    (tmp_path / "cameras.json").write_text(json.dumps(content))
+    assert_close(load_cameras(tmp_path / "cameras.json").viewmats, cameras.viewmats, rtol=1e-6, atol=1e-6)
+    assert not caplog.messages
+
+
+def test_other_axes_of_cameras_give_one_warning(cameras, tmp_path, caplog):
+    content = cameras_of_3dgs(cameras)
+    for view in content:
+        view["coordinate_system"] = "opengl"
+    (tmp_path / "cameras.json").write_text(json.dumps(content))
+    load_cameras(tmp_path / "cameras.json")
+    assert caplog.text.count("coordinate_system is 'opengl': poses are read with OpenCV axes") == 1
+
+
+def test_own_cameras_of_another_convention_or_size_are_named(cameras, tmp_path, caplog):
+    save_cameras(cameras, tmp_path / "c.json")
+    content = json.loads((tmp_path / "c.json").read_text())
+    load_cameras(tmp_path / "c.json")
+    assert not caplog.messages
+    (tmp_path / "c.json").write_text(json.dumps(content | {"convention": "viewmat: camera to world"}))
+    load_cameras(tmp_path / "c.json")
+    assert "convention is 'viewmat: camera to world'" in caplog.text
+    content["cameras"][2] |= {"width": 20, "height": 12}
+    (tmp_path / "c.json").write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match="2 different image sizes"):
+        load_cameras(tmp_path / "c.json")

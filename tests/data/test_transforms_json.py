@@ -357,3 +357,24 @@ def test_frames_of_several_times_give_a_warning(capture, caplog):
         path.write_text(json.dumps(content))
         read_transforms(path)
         assert ("its frames are of 12 times, 0 to 2.75" in caplog.text) == problem
+
+
+@pytest.mark.parametrize(
+    ("fields", "warned"),
+    [
+        ({"world_to_camera": True}, True),
+        ({"transform_matrix_type": "w2c"}, True),
+        ({"is_w2c": False}, False),
+        ({"transform_matrix_type": "c2w"}, False),
+    ],
+)
+def test_poses_from_world_to_camera_give_a_warning(fields, warned, capture, caplog):
+    read_transforms(rewritten(capture.write_nerfstudio() / "transforms.json", **fields))
+    assert ("states poses from world to camera: they are read as camera to world" in caplog.text) == warned
+
+
+def test_a_pinhole_camera_with_distortion_is_refused(capture):
+    path = capture.write_nerfstudio() / "transforms.json"
+    read_transforms(rewritten(path, camera_model="PINHOLE", k1=0))
+    with pytest.raises(DatasetError, match="'camera_model' 'PINHOLE' and the distortion of a lens"):
+        read_transforms(rewritten(path, camera_model="PINHOLE", k1=0.05))

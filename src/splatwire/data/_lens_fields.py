@@ -35,6 +35,9 @@ _FIELD_OF_VIEW = re.compile(
 _SAME_ANGLE = 0.01
 """Largest relative difference of focal lengths that are given in pixels and as an angle of view."""
 
+CONVENTION = re.compile(r"(?:camera|pose|axis|axes|coord\w*|world)[-_ ]?(?:convention|system|frame|space)?", re.I)
+"""Names of fields that may state other axes of the poses."""
+
 
 def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float], size: tuple[int, int]) -> str | None:
     """Returns a description of an angle of view that contradicts the focal lengths of a camera, or None.

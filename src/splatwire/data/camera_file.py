@@ -3,6 +3,8 @@
 import json
 import logging
 import os
+import re
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ import numpy as np
 
 from splatwire.arguments import checked, checked_except
 from splatwire.data._checks import check_rigid, make_cameras, matrix, pinhole
-from splatwire.data._lens_fields import contradicting_angle, unread_lens_fields
+from splatwire.data._lens_fields import CONVENTION, contradicting_angle, unread_lens_fields
 from splatwire.errors import DatasetError, check_kind
 from splatwire.files.atomic_write import atomic_write
 from splatwire.files.kinds import is_not
@@ -25,6 +27,12 @@ LOG = logging.getLogger(__name__)
 FORMAT = "splatwire-cameras"
 VERSION = 1
 _MAX_NAME = 200
+_SAME = 1e-3
+"""Largest relative difference of two statements of the same pose or intrinsics."""
+_POSES = {"w2c": False, "viewmat": False, "world_to_camera": False, "c2w": True, "camera_to_world": True}
+"""Names of fields with a pose, and True for those from camera to world."""
+_OPENCV = re.compile(r"opencv|colmap|rdf|3dgs|^w2c$", re.I)
+"""Pattern of statements about axes and poses that agree with how files are read."""
 _CONVENTION = "viewmat: world to camera, OpenCV axes; K: pixels, the centre of the top-left pixel is (0.5, 0.5)"
 
 
@@ -88,7 +96,13 @@ def load_cameras(path: str | os.PathLike[str]) -> Cameras:
     viewmats = np.stack([matrix(path, view["name"], view.get(pose_key), (4, 4)) for view in views])
     intrinsics = np.stack([matrix(path, view["name"], view.get("K"), (3, 3)) for view in views])
     width, height = _size(path, [content] if own else views)
-    return make_cameras(path, names, viewmats, intrinsics, width, height)
+    if own:
+        _size(path, [content, *(view for view in views if {"width", "height"} & set(view))])
+    found = make_cameras(path, names, viewmats, intrinsics, width, height)
+    _warn_of_conventions(path, [content, *views])
+    for name, view, viewmat, K in zip(names, views, viewmats, intrinsics, strict=True):
+        _check_statements(path, name, view, viewmat, K, (width, height))
+    return found
 
 
 def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
@@ -112,11 +126,61 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
         poses[number, :3, 3] = matrix(path, name, [view["position"]], (1, 3))[0]
         check_rigid(path, name, poses[number])
         fx, fy = matrix(path, name, [[view["fx"], view["fy"]]], (1, 2))[0]
-        if (why := contradicting_angle(view, (float(fx), float(fy)), (width, height))) is not None:
-            raise DatasetError(f"{path}: view '{name[:120]}' {why}: remove the wrong one")
         center = [[view.get("cx", width / 2), view.get("cy", height / 2)]]
         intrinsics[number] = pinhole(fx, fy, *matrix(path, name, center, (1, 2))[0])
-    return make_cameras(path, names, np.linalg.inv(poses), intrinsics, width, height)
+    viewmats = np.linalg.inv(poses)
+    found = make_cameras(path, names, viewmats, intrinsics, width, height)
+    _warn_of_conventions(path, views)
+    for name, view, viewmat, K in zip(names, views, viewmats, intrinsics, strict=True):
+        _check_statements(path, name, view, viewmat, K, (width, height))
+    return found
+
+
+def _check_statements(
+    path: Path, name: str, view: dict[str, Any], viewmat: np.ndarray, K: np.ndarray, size: tuple[int, int]
+) -> None:
+    """Checks that fields of a camera which are not read do not contradict its pose and intrinsics.
+
+    Args:
+        path: The file, for messages.
+        name: Name of the view.
+        view: Fields of the camera.
+        viewmat: World-to-camera matrix that is used, (4, 4).
+        K: Intrinsics that are used, (3, 3).
+        size: Width and height of the picture, pixels.
+
+    Raises:
+        DatasetError: If another matrix or an angle of view of the camera is a different one.
+    """
+    if (why := contradicting_angle(view, (float(K[0, 0]), float(K[1, 1])), size)) is not None:
+        raise DatasetError(f"{path}: view '{name[:120]}' {why}: remove the wrong one")
+    for key, inverse in _POSES.items():
+        with suppress(DatasetError, np.linalg.LinAlgError):  # a field of another kind
+            other = matrix(path, name, view.get(key), (4, 4))
+            other = np.linalg.inv(other) if inverse else other
+            if not np.allclose(other, viewmat, rtol=_SAME, atol=_SAME):
+                break
+    else:
+        key = "K"
+        with suppress(DatasetError):
+            if np.allclose(matrix(path, name, view.get(key), (3, 3)), K, rtol=_SAME, atol=_SAME):
+                return
+        if not isinstance(view.get(key), list):
+            return
+    raise DatasetError(f"{path}: view '{name[:120]}' has '{key}', which contradicts its other fields: remove one")
+
+
+def _warn_of_conventions(path: Path, holders: list[dict[str, Any]]) -> None:
+    """Logs a warning about fields that name other axes than those of OpenCV, or another direction of the poses."""
+    stated = [
+        (key, value)
+        for holder in holders
+        for key, value in holder.items()
+        if (key == "convention" or CONVENTION.fullmatch(key)) and isinstance(value, str)
+    ]
+    for key, value in dict.fromkeys(stated):
+        if value != _CONVENTION and not _OPENCV.search(value):
+            LOG.warning("%s: %.40s is %.60r: poses are read with OpenCV axes (y down, z forward)", path, key, value)
 
 
 def _warn_of_lenses(path: Path, views: list[dict[str, Any]]) -> None:

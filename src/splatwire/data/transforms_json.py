@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.data._checks import check_distinct, check_rigid, child, is_file, matrix, pinhole
-from splatwire.data._lens_fields import contradicting_angle, unread_lens_fields
+from splatwire.data._lens_fields import CONVENTION, contradicting_angle, unread_lens_fields
 from splatwire.data.fisheye import FisheyeLens
 from splatwire.data.lens import NO_LENS, Lens, LensModel
 from splatwire.data.photos import photo_size
@@ -35,11 +35,12 @@ _MATRIX = re.compile(r"(?:cam(?:era)?[-_]?)?(?:intrinsics?(?:[-_]?matrix)?|K)|ca
 _ALIASES = {"fx": "fl_x", "fy": "fl_y"}
 _SAME_NUMBER = 1e-3
 """Largest relative difference of two statements of the same intrinsics."""
-_CONVENTION = re.compile(r"(?:camera|pose|axis|axes|coord\w*|world)[-_ ]?(?:convention|system|frame|space)?", re.I)
-"""Names of fields that may state other axes of the poses."""
 _CONVENTION_OF_FRAME = re.compile(r"\w+[-_ ](?:convention|system)", re.I)
-"""Names of such fields in a frame, in which `camera` may be the name of a camera."""
+"""Names of fields of a frame that may state other axes of the poses, in which `camera` may be the name of a camera."""
 _OPENGL = re.compile(r".*(?:opengl|blender|nerf|instant|ngp|rub).*", re.I)
+_WORLD_TO_CAMERA = re.compile(r"(?:is[-_]?)?(?:w2c|world[-_]?(?:to|2)[-_]?cam(?:era)?)", re.I)
+"""Names of flags, and values of fields, that state poses from world to camera."""
+_PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
 _MAX_BEND = 1e3
 _MAX_NUMBER = 1e12
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -136,12 +137,24 @@ def _warn_of_conventions(path: Path, content: dict[str, Any], frames: list[dict[
         content: JSON object of the file.
         frames: JSON objects of the frames. Equal fields of several frames are logged once.
     """
-    stated = [(key, value) for key, value in content.items() if _CONVENTION.fullmatch(key)]
+    stated = [(key, value) for key, value in content.items() if CONVENTION.fullmatch(key)]
     for frame in frames:
         stated += [
-            (key, frame[key]) for key in frame if _CONVENTION_OF_FRAME.fullmatch(key) and _CONVENTION.fullmatch(key)
+            (key, frame[key]) for key in frame if _CONVENTION_OF_FRAME.fullmatch(key) and CONVENTION.fullmatch(key)
         ]
     texts = [(key, value) for key, value in stated if isinstance(value, str) and not _OPENGL.fullmatch(value)]
+    for holder in (content, *frames):
+        turned = [
+            key
+            for key, value in holder.items()
+            if (value is True and _WORLD_TO_CAMERA.fullmatch(key))
+            or (isinstance(value, str) and _WORLD_TO_CAMERA.fullmatch(value))
+        ]
+        if turned:
+            LOG.warning(
+                "%s: %.40s states poses from world to camera: they are read as camera to world", path, turned[0]
+            )
+            break
     for key, value in dict.fromkeys(texts):
         LOG.warning("%s: %.40s is %.40r: poses are read with OpenGL axes (y up, z backward)", path, key, value)
 
@@ -366,6 +379,11 @@ def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
         raise DatasetError(
             f"{path}: view '{name}' has a lens ({unread[0]}) beyond {', '.join(keys)}: undistort the photos first, for "
             "example with `colmap image_undistorter`"
+        )
+    if model in _PINHOLES and any(bend):
+        raise DatasetError(
+            f"{path}: view '{name}' has 'camera_model' {model!r} and the distortion of a lens, which contradict "
+            "each other"
         )
     if max(map(abs, bend)) > _MAX_BEND:
         raise DatasetError(f"{path}: view '{name}' has lens parameters that are no sensible numbers")
