@@ -459,6 +459,34 @@ test("a file truncated on the server ends early with the available packets", asy
   assert.ok(server.asked.length < 12);
 });
 
+test("a file that repeats one packet without end is given up with the packets that arrived", async () => {
+  const [first, second] = packetOffsets(STILL).map((offset) => offset - 4);
+  let mostSent = 0;
+  const endless = (): Response => {
+    let sent = 0;
+    return new Response(
+      new ReadableStream<Uint8Array>({
+        start: (controller) => controller.enqueue(STILL.slice(0, first)),
+        pull: (controller) => {
+          const packet = STILL.subarray(first, second),
+            piece = new Uint8Array(1000 * packet.length);
+          for (let n = 0; n < 1000; n++) piece.set(packet, n * packet.length);
+          sent += piece.length;
+          mostSent = Math.max(mostSent, sent);
+          if (sent > 2 ** 26) controller.close();
+          else controller.enqueue(piece);
+        },
+      }),
+    );
+  };
+  const server = new Server(endless),
+    { text, complete, reception } = await visit();
+  assert.match(text, /not in the file/);
+  assert.deepEqual([complete, reception.store.count], [false, 1]);
+  assert.ok(mostSent < 2 ** 24, `${mostSent} bytes`);
+  assert.ok(server.asked.length < 12);
+});
+
 test("a listener without a `changed` method receives a replaced file", async () => {
   const server = new Server((asked, n) => part(n < 2 ? STILL : otherStream(STILL), asked)),
     store = new PacketStore();

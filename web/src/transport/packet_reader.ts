@@ -111,6 +111,8 @@ export class PacketReader {
   intact = 0;
   /** The first intact packet. */
   first: ReceivedPacket | null = null;
+  /** Number of bytes since the last new packet. */
+  #repeated = 0;
 
   /**
    * Reads from the beginning of the file or, if `head` is given, from the packet at `offset`. `keep` is true if the
@@ -155,8 +157,13 @@ export class PacketReader {
   #take(packets: ReceivedPacket[]): void {
     this.intact += packets.length;
     this.first ??= packets[0] ?? null;
+    const { count } = this.store;
     if (packets.length) this.listener.packets(packets);
     if (this.store.complete) return; // bytes after the last packet are ignored
+    for (const { bytes } of packets) this.#repeated += SIZE_BYTES + bytes.length;
+    if (this.store.count > count) this.#repeated = 0;
+    if (this.#repeated > this.store.packetBytes + MAX_SKIPPED)
+      throw new Damaged("the file repeats its packets without end");
     if (this.#scanner!.broken) throw new Damaged("the rest of the file is damaged");
   }
 

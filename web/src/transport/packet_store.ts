@@ -48,6 +48,8 @@ export class PacketStore {
   readonly #orders = new Map<string, (number | undefined)[]>();
   /** Number of intact packets that contradict stored ones, as after a change of the stream. */
   conflicts = 0;
+  /** Size of the received packets in a file, bytes. */
+  packetBytes = 0;
 
   /** Number of received packets. */
   get count(): number {
@@ -99,7 +101,7 @@ export class PacketStore {
     this.#orders.clear();
     this.#map = new FileMap();
     this.#isOwnOrder = false;
-    this.conflicts = 0;
+    this.conflicts = this.packetBytes = 0;
   }
 
   /** Adds packets with their positions. Returns the new ones and ignores damaged ones. */
@@ -114,6 +116,7 @@ export class PacketStore {
         known = this.#packets.get(identity);
       if (!known && this.#intake!.admit(packet)) {
         this.#packets.set(identity, one);
+        this.packetBytes += SIZE_BYTES + one.bytes.length;
         fresh.push(one);
       } else if (!known || !isEqual(known.bytes, one.bytes)) {
         this.conflicts++;
