@@ -203,3 +203,14 @@ def test_frames_of_splat4d_are_relative_to_one_origin(tmp_path, caplog):
     write(frames, tmp_path / "a.splat4d")
     for frame, expected in zip(open_sequence(tmp_path / "a.splat4d").read(), clip(degree=0), strict=True):
         assert_close(frame.splats, expected.splats, scales=0.04, colors=0.06)
+
+
+@needs_splat4d
+def test_a_splat4d_file_with_a_damaged_header_is_one_short_error(tmp_path, monkeypatch):
+    monkeypatch.setenv("RUST_BACKTRACE", "1")
+    write(clip(degree=0), tmp_path / "a.splat4d")
+    data = (tmp_path / "a.splat4d").read_bytes()
+    (tmp_path / "b.splat4d").write_bytes(data.replace(b'"gops"', b'"gapz"', 1))
+    with pytest.raises(DatasetError, match="missing field `gops`") as caught:
+        list(open_sequence(tmp_path / "b.splat4d").read())
+    assert "main" not in str(caught.value)

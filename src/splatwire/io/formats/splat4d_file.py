@@ -6,6 +6,7 @@ A file begins with `SP4D`, a version and the size of a JSON header as `u32`, and
 
 import json
 import logging
+import os
 import shutil
 import struct
 import subprocess
@@ -123,6 +124,9 @@ def _run(path: Path, *words: str) -> None:
     program = str(beside) if beside.exists() else shutil.which(_PROGRAM)
     if program is None:
         raise BackendUnavailableError(_PROGRAM, "pip install 'splatwire[clips]'")
-    done = subprocess.run([program, *words], capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
+    done = subprocess.run(
+        [program, *words], capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL,
+        env=os.environ | {"RUST_BACKTRACE": "0"},
+    )  # fmt: skip
     if done.returncode:
-        raise DatasetError(f"{path}: {_PROGRAM}: {' '.join(done.stderr.split())[-300:] or done.returncode}")
+        raise DatasetError(f"{path}: {_PROGRAM}: {' '.join(done.stderr.split())[:300] or done.returncode}")
